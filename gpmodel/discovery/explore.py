@@ -145,7 +145,7 @@ def candidates_of(
     found: dict[str, Candidate] = {}
     for item in chain.from_iterable(run.front for run in runs):
         for program in (item.program, *(fitted(part, item.site) for part in parts(item.program))):
-            cost = search.cost_with_constants(program, len(sites), residual.measured)
+            cost = search.cost(program.complexity, len(sites))
             candidate = as_candidate(program, sites[item.site], names, cost)
             if candidate is not None and without_poles(residual.criteria, candidate, states, between):
                 found.setdefault(candidate.name, candidate)

@@ -189,8 +189,7 @@ def _as_laws(
     between = states.between()
     places = len(sites_of(residual.calibration.model.mechanism))
     for program in programs:
-        own = (1, curve.cost) if curve.family else (places, 0.0)
-        cost = search.cost_with_constants(program, own[0], residual.measured) + own[1]
+        cost = search.cost(program.complexity, 1 if curve.family else places) + curve.cost * bool(curve.family)
         candidate = as_candidate(program, task.site, task.written, cost)
         if candidate and without_poles(residual.criteria, candidate, states, between):
             yield ShortLaw(program, task, replace(candidate, found_by="formula"))

@@ -8,7 +8,6 @@ from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.settings import Budget, SelectionScheme, Tournament
 from gpmodel.executor import Workers
 from gpmodel.forks import Forks
-from gpmodel.formula.program import Program
 
 
 @dataclass(frozen=True)
@@ -61,11 +60,6 @@ class Search:
     def cost(self, nodes: int, places: int) -> float:
         """Nats of a program: of its nodes, and of the place that it acts at among so many."""
         return self.nats_per_node * nodes + math.log(places)
-
-    def cost_with_constants(self, program: Program, places: int, measured: int) -> float:
-        """Nats of a program whose constants were fitted to so many values: ½ ln M for each more (Schwarz 1978)."""
-        fitted = sum(value != round(value) for value in program.constants)
-        return self.cost(program.complexity, places) + 0.5 * fitted * math.log(measured)
 
     def budget(self, opening: bool) -> Budget:
         """Budget of one run; a small one in an opening round where named effects are offered."""

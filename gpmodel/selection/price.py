@@ -6,7 +6,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gpmodel.evidence.criteria import Criteria
+from gpmodel.formula.expression import Expression
 from gpmodel.selection.group import FEW, Group, is_curve
+
+READABLE = 12
+"""Operations, inputs and constants that are read in a formula at most; a longer one is no plainer than a curve."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,9 @@ class Price:
         return self.limits.minimum_nats + self.to_describe(group) + (float(np.mean(read)) if read else 0.0)
 
     def to_read(self, group: Group) -> float:
-        """What a reader loses by a curve that names no part, once formulas of it are offered."""
-        curve = group.name in self.with_formulas and is_curve(group) and len(group.effects) > FEW
-        return self.limits.naming_margin * curve
+        """What a reader loses by a curve that names no part, once formulas of it are offered, or by a long formula."""
+        names = {group.name, *(part.name for part in group.parts)}
+        curve = is_curve(group) and len(group.effects) > FEW and not names.isdisjoint(self.with_formulas)
+        basis = group.place.basis
+        long = not group.family and isinstance(basis, Expression) and basis.length > READABLE
+        return self.limits.naming_margin * (curve or (long and len(group.effects) <= FEW))
