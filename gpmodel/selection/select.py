@@ -54,27 +54,23 @@ def select(
         groups = singles(offering, calibration.model.mechanism, chosen.offered.screening.shapes)
         new, before = _smooth_terms(chosen.look.active, offering), chosen.names
         step: Step = grow
-        exchanged = False
         while True:
             chosen = _among(chosen, groups, new, step)
-            known = {group.name for group in chosen.look.active.pool.groups}
-            if chosen.names != before:
-                before = chosen.names
-                active = chosen.look.active
+            active, changed, before = chosen.look.active, chosen.names != before, chosen.names
+            known = {group.name for group in active.pool.groups}
+            if changed:
                 proposals = [partial(_smooth_terms, active, offering), partial(waves_left, active, offering.grids)]
                 new = [group for found in called(workers, proposals) for group in found if group.name not in known]
-            elif not exchanged:
-                exchanged, new = True, []
-                step = exchange
-                continue
+            elif step is grow:
+                new = []
             else:
                 further, curves = propose(chosen) if propose else ((), frozenset())
                 new = [group for group in further if group.name not in known]
-                if not new:
+                if not new and step is exchange:
                     return chosen
                 chosen = replace(chosen, offered=chosen.offered.with_formulas_of(curves))
-            if exchanged:
-                step = partial(exchange, new=frozenset(group.name for group in new))
+            if not changed or step is not grow:
+                step = partial(exchange, new=frozenset(group.name for group in new)) if new else exchange
 
 
 def nothing_selected(
