@@ -1,0 +1,64 @@
+"""Arms of every kind with geometric errors alone: each file is predict to a micrometre, or refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pinocchio as pin
+
+import gpmodel as gp
+from gpmodel.application.exports.make import Exports, parts_of, together
+from gpmodel.application.exports.rigid import measured_link
+from gpmodel.application.exports.sample import Place, fresh_poses
+from robots.library import EXAMPLE_ARMS
+
+HERE = Path(__file__).parent
+POSES, NOISE, GEOMETRY = 80, "0.03 mm", "0.3 mm"
+ARMS = ("irb6400r", "irb6400r-2.8", *EXAMPLE_ARMS, "wrist.toml", "mimic.urdf", "two_arms.toml")
+"""With a parallel bar; of one joint a motor; with a coupled wrist; with a mimic joint; of two arms."""
+
+
+def geometry(arm: str) -> dict[str, float | str | None]:
+    """By file its largest error, µm, or why there is none; of a URDF by Pinocchio, too."""
+    path = str(HERE / arm) if (HERE / arm).is_file() else arm
+    several = arm == "two_arms.toml"
+    instrument = "points" if several else "tracker"
+    made = gp.simulate(path, poses=POSES, noise=NOISE, geometry_sigma=GEOMETRY, instrument=instrument)
+    model = gp.calibrate(path, made.table, holdout=0).model
+    exports = together([part() for part in parts_of(model.saved, Place.of(model.saved))[:-1]])
+    found = {e.file: None if np.isnan(e.largest) else 1e6 * e.largest for e in exports.made}
+    if not several:
+        found["calibrated.urdf by Pinocchio"] = by_pinocchio(model, exports)
+    print(arm, found, sep="\n", flush=True)
+    return {**found, **exports.refused}
+
+
+def by_pinocchio(model: gp.Model, exports: Exports) -> float:
+    """Largest distance of calibrated.urdf from predict, µm, its mimic joints moved by Pinocchio."""
+    text = next(e.text for e in exports.made if e.file == "calibrated.urdf")
+    arm, placed = pin.buildModelFromXML(text, mimic=True), model.saved.placement
+    data, at, tips = arm.createData(), arm.getFrameId(measured_link(text), pin.FrameType.BODY), []
+    poses = fresh_poses(model.saved, 100, np.random.default_rng(1))
+    for row in poses.q:
+        q = pin.neutral(arm)
+        for name, value in zip(poses.joints, row, strict=True):
+            joint = arm.joints[arm.getJointId(name)]
+            q[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
+        pin.framesForwardKinematics(arm, data, q)
+        tips.append((placed.registration[""] @ data.oMf[at].homogeneous @ placed.tool[""])[:3, 3])
+    headers = [f"{j.name} [{'rad' if j.kind == 'revolute' else 'm'}]" for j in model.mechanism.joints]
+    wanted = model.predict(pd.DataFrame(poses.q, columns=headers))
+    return float(1e6 * np.linalg.norm(tips - wanted[["x [mm]", "y [mm]", "z [mm]"]].to_numpy() / 1e3, axis=1).max())
+
+
+def worst(arms: dict[str, dict[str, float | str | None]]) -> str:
+    """By file the worst of all arms, and of how many it is refused."""
+    lines = ["| geometry alone | arms | worst, µm | refused |", "|---|---|---|---|"]
+    for file in dict.fromkeys(file for found in arms.values() for file in found):
+        known = [found[file] for found in arms.values() if file in found]
+        numbers = [v for v in known if isinstance(v, float)]
+        refused = sum(isinstance(v, str) for v in known)
+        lines.append(
+            f"| `{file}` | {len(known) - refused} | {f'{max(numbers):.1g}' if numbers else '–'} | {refused or ''} |"
+        )
+    return "\n".join(lines)
