@@ -13,6 +13,7 @@ from gpmodel.api.fitted import FittedResult
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model, model_file
 from gpmodel.api.table import TableLike, read_table, specified
+from gpmodel.application.heldout import with_discrepancy
 from gpmodel.application.joint_posterior import of_the_ball
 from gpmodel.application.model_file import check_table, load_model, saved_model
 from gpmodel.arrays import IntArray
@@ -56,14 +57,18 @@ class CalibrationResult(FittedResult):
     @cached_property
     def record(self) -> Report:
         """The same as report.json has it, but for the errors of the exports, which are made with it."""
-        record = replace(from_calibration(self.calibrated, self.origin), model_sha256=self.model.sha256)
+        ladder = replace(self.calibrated, saved=self.model.saved)
+        record = replace(from_calibration(ladder, self.origin), model_sha256=self.model.sha256)
         return replace(record, verdict=f"{record.verdict} {self.note}".strip())
 
-    @property
+    @cached_property
     def model(self) -> Model:
         """What predicts, compensates and is saved, fitted to all poses."""
-        poses, train = self.calibrated.poses, self.calibrated.train
-        return Model(saved_model(self.calibrated.final, poses, np.setdiff1d(np.arange(len(poses)), train)))
+        final, poses = self.fit
+        saved = saved_model(final, poses, np.setdiff1d(np.arange(len(poses)), self.calibrated.train))
+        stated = poses.dataset.instrument
+        noise = None if stated is None else stated.noise(poses.dataset.position)
+        return Model(with_discrepancy(saved, final, poses, noise=noise))
 
     @property
     def fit(self) -> tuple[Calibration, Poses]:

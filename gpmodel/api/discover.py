@@ -15,6 +15,7 @@ from gpmodel.api.fitted import FittedResult
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
 from gpmodel.api.table import TableLike, in_metres, read_table, specified
+from gpmodel.application.heldout import with_discrepancy
 from gpmodel.application.model_file import check_kept, saved_model
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.folds import discover_by_folds
@@ -57,13 +58,18 @@ class DiscoveryResult(FittedResult):
     @cached_property
     def record(self) -> Report:
         """Everything the report says, as one value; the errors of the exports are made when it is written."""
-        return replace(from_discovery(self.found, self.origin), model_sha256=self.model.sha256)
+        record = from_discovery(self.found, self.origin, self.model.saved)
+        return replace(record, model_sha256=self.model.sha256)
 
-    @property
+    @cached_property
     def model(self) -> Model:
         """What predicts, compensates and is saved, fitted to all poses."""
-        unseen = None if self.found.folds else self.found.heldout
-        return Model(saved_model(self.found.final, self.found.poses, unseen))
+        found, data = self.found, self.found.poses.dataset
+        saved = saved_model(found.final, found.poses, None if found.folds else found.heldout)
+        noise = self.origin.noise
+        if noise is None and data.instrument is not None:
+            noise = data.instrument.noise(data.position)
+        return Model(with_discrepancy(saved, found.final, found.poses, found.unseen, noise))
 
     @property
     def fit(self) -> tuple[Calibration, Poses]:

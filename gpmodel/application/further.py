@@ -51,9 +51,13 @@ class ErrorBounds:
     largest: Bound
 
 
-def further_poses(fit: Calibration, poses: Poses) -> ErrorBounds | None:
+def further_poses(fit: Calibration, poses: Poses, spread: float | None = None) -> ErrorBounds | None:
     """Of a model fitted to `poses`; None where joint values are approximate, positions are not whole, what the model
-    remembers is not known there, or hardly more was measured than fitted."""
+    remembers is not known there, or hardly more was measured than fitted.
+
+    spread: of one coordinate of a reading about the model, m, with its discrepancy; without it `fit.sigma`. A search
+    fits a part of the noise, so that its residuals are too small by that ratio.
+    """
     data = poses.dataset
     whole = np.flatnonzero(np.isfinite(data.position).all(axis=1))
     use, far = np.setdiff1d(whole, fit.outliers), np.intersect1d(whole, fit.outliers)
@@ -73,7 +77,8 @@ def further_poses(fit: Calibration, poses: Poses) -> ErrorBounds | None:
     drawn = at_joint_values(known, drawn_between(saved.mechanism, low, high, POSES, rng), rng)
     there = prepare(saved.mechanism, drawn.subset(closing(fit.model, drawn, fit.theta)))
     observed = observe(fit.model, there, fit.theta, fit.placement)
-    return _over_worlds(point_columns(saved, there, observed), fit.covariance.values, noise, rng)
+    excess = 1.0 if spread is None else spread / fit.sigma
+    return _over_worlds(point_columns(saved, there, observed), fit.covariance.values, noise, excess, rng)
 
 
 def _coordinates(fit: Calibration, problem: Linearised, use: IntArray) -> float:
@@ -96,12 +101,14 @@ def left_out(fit: Calibration, problem: Linearised, use: IntArray) -> tuple[Arra
     return problem.residual[own] / left[:, None], known / left
 
 
-def _over_worlds(columns: Array, covariance: Array, noise: Tails, rng: np.random.Generator) -> ErrorBounds:
-    """columns: (N, 3, K) of the predicted points."""
+def _over_worlds(
+    columns: Array, covariance: Array, noise: Tails, excess: float, rng: np.random.Generator
+) -> ErrorBounds:
+    """columns: (N, 3, K) of the predicted points. excess: factor on the noise."""
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     drawn = root @ rng.normal(size=(len(root), WORLDS))
-    off = np.moveaxis(columns @ drawn, 2, 0) + noise.drawn((WORLDS, len(columns), 3), rng)
+    off = np.moveaxis(columns @ drawn, 2, 0) + excess * noise.drawn((WORLDS, len(columns), 3), rng)
     distance = np.linalg.norm(off, axis=2)
     rms, within = np.sqrt(np.mean(distance**2, axis=1)), np.percentile(distance, 95, axis=1)
     return ErrorBounds(len(columns), CONFIDENCE, _bound(rms), _bound(within), _bound(distance.max(axis=1)))

@@ -37,7 +37,8 @@ class SavedModel:
     and effects together. rotation_weight: m a radian is worth. sigma: m, one component; freedom: its degrees of
     freedom, infinite where it is no estimate. pose: whether rotations were measured. input_units: of the extra columns
     the effects read. ranges: lowest and highest value, SI or the table's unit, of joints and columns the effects read,
-    over the poses fitted. measured: the table fitted to, where it is kept.
+    over the poses fitted. measured: the table fitted to, where it is kept. noise, discrepancy: m, one component, of the
+    instrument and of the model's form (see `calibration.discrepancy`); None and zero where nobody estimated them.
     """
 
     model: ErrorModel
@@ -52,6 +53,13 @@ class SavedModel:
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     measured: Measured | None = None
     freedom: float = np.inf
+    noise: float | None = None
+    discrepancy: float = 0.0
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation, m, of one coordinate of a reading about the model with its true parameters."""
+        return max(self.sigma, float(np.hypot(self.noise or 0.0, self.discrepancy)))
 
     @property
     def mechanism(self) -> Mechanism:
@@ -143,6 +151,8 @@ def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
         "anchors_m": dict(saved.placement.anchors),
         "lever_m": saved.rotation_weight,
         "sigma_m": saved.sigma,
+        "noise_m": saved.noise,
+        "discrepancy_m": saved.discrepancy,
         "freedom": saved.freedom,
         "pose": saved.pose,
         "input_units": dict(saved.input_units),
@@ -238,6 +248,8 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
         ranges=part.ranges,
         measured=None if part.measured is None else measured_from(part.measured, mechanism),
         freedom=np.inf if part.freedom is None else part.freedom,
+        noise=part.noise_m,
+        discrepancy=part.discrepancy_m,
     )
 
 

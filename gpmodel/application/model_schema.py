@@ -141,7 +141,10 @@ class MeasuredPart(msgspec.Struct, frozen=True):
 
 
 class ModelPart(msgspec.Struct, frozen=True):
-    """The whole of model.json but its seal; keys it does not know are passed over."""
+    """The whole of model.json but its seal; keys it does not know are passed over.
+
+    noise_m, discrepancy_m: null and zero in files of versions that did not estimate them.
+    """
 
     kind: str
     schema: int
@@ -160,6 +163,8 @@ class ModelPart(msgspec.Struct, frozen=True):
     input_units: Columns
     measured: MeasuredPart | None = None
     freedom: Freedom | None = None
+    noise_m: Deviation | None = None
+    discrepancy_m: Deviation = 0.0
 
     def __post_init__(self) -> None:
         for label, transforms in (("registration", self.registration), ("tool", self.tool)):

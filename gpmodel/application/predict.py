@@ -12,6 +12,7 @@ from gpmodel.application.usable import check_finite, outside
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.unmeasured_joints import free_joints, solve_joints
 from gpmodel.model.error_model import Poses, observe, prepare
+from gpmodel.model.observed import Observed
 from gpmodel.numerics.se3 import rotation_vector
 from gpmodel.progress import Progress, Say, silent
 from gpmodel.table.dataset import Dataset
@@ -47,11 +48,16 @@ def batches(count: int) -> list[IntArray]:
     return np.array_split(np.arange(count), -(-count // AT_ONCE))
 
 
+def observed_by(saved: SavedModel, given: Poses) -> tuple[Poses, Observed]:
+    """Predict every reading at some poses, and these with their approximate joint values solved."""
+    poses = solve_joints(saved.model, given, saved.theta, saved.placement)
+    return poses, observe(saved.model, poses, saved.theta, saved.placement)
+
+
 def _predicted(saved: SavedModel, given: Poses, solved: bool) -> dict[str, Array]:
     """The same of some of the poses. solved: whether solved joint values are columns as well."""
     check_finite(saved, given)
-    poses = solve_joints(saved.model, given, saved.theta, saved.placement)
-    observed = observe(saved.model, poses, saved.theta, saved.placement)
+    poses, observed = observed_by(saved, given)
     tip = observed.tip
     columns = {f"{a} [mm]": 1e3 * tip[:, i, 3] for i, a in enumerate("xyz")}
     if saved.pose:

@@ -152,7 +152,7 @@ def recheck(session: Session) -> Recheck:
     known = ~free & (at >= 0)
     covariance = saved.covariance.values[np.ix_(at[known], at[known])]
     values, vectors = np.linalg.eigh(covariance) if known.any() else (np.zeros(0), np.zeros((0, 0)))
-    sigma = max(saved.sigma, REACHED)
+    sigma = max(saved.spread, REACHED)
     rows = blocks.means(problem.columns)
     u, s, _ = np.linalg.svd(rows[:, known] @ (vectors * np.sqrt(np.maximum(values, 0.0))) / sigma, full_matrices=False)
     spread = Spread(sigma, u, s)

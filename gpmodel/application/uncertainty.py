@@ -14,22 +14,22 @@ from gpmodel.model.observed import Observed
 
 
 def point_deviation(saved: SavedModel, poses: Poses, observed: Observed, *, placed: bool = True) -> Array:
-    """Standard deviation (N,), m, of the predicted point: √ trace(J Σ Jᵀ) over everything fitted.
+    """Standard deviation (N,), m, of the predicted point: √ (trace(J Σ Jᵀ) + 3 d²) over everything fitted.
 
-    It says how well the parameters are known, not what the instrument adds. placed: whether registration and tool are
-    in it, as in the instrument's frame. NaN where nobody fitted the model.
+    It holds the uncertainty of the parameters and the model discrepancy d, not what the instrument adds. placed:
+    whether registration and tool are in it, as in the instrument's frame. NaN where nobody fitted the model.
     """
     return np.asarray(np.linalg.norm(coordinate_deviations(saved, poses, observed, placed=placed), axis=1))
 
 
 def coordinate_deviations(saved: SavedModel, poses: Poses, observed: Observed, *, placed: bool = True) -> Array:
-    """The same of each coordinate (N, 3) along the axes of the instrument: √ diag(J Σ Jᵀ)."""
+    """The same of each coordinate (N, 3) along the axes of the instrument: √ (diag(J Σ Jᵀ) + d²)."""
     if len(saved.stderr) and not saved.covariance.placement:
         return np.full((len(poses), 3), np.nan)
     first = 0 if placed else len(saved.covariance.placement)
     columns = point_columns(saved, poses, observed)[:, :, first:]
     variance: Array = np.sum((columns @ saved.covariance.values[first:, first:]) * columns, axis=2)
-    return np.sqrt(np.maximum(variance, 0.0))
+    return np.sqrt(np.maximum(variance, 0.0) + saved.discrepancy**2)
 
 
 def point_columns(saved: SavedModel, poses: Poses, observed: Observed, more: Sequence[Effect] = ()) -> Array:

@@ -29,6 +29,20 @@ class Step:
     finding: int | None = None
 
 
+@dataclass(frozen=True)
+class Unseen:
+    """A fit to the poses `seen`, and the poses `unseen` that it was not fitted to."""
+
+    fit: Calibration
+    seen: Poses
+    unseen: Poses
+
+    @property
+    def known(self) -> Poses:
+        """The unseen poses of set-ups and tools that the fit knows."""
+        return self.unseen.subset(known_rows(self.seen.dataset, self.unseen.dataset))
+
+
 Models = Sequence[tuple[str, tuple[Effect, ...]]]
 """Names of models and all effects of each."""
 

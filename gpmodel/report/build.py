@@ -1,13 +1,15 @@
 """What every report says, whatever call made it: the one builder, of a ladder of fits and the model that is shipped."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gpmodel.application.further import further_poses
-from gpmodel.arrays import Array, IntArray
-from gpmodel.calibration.comparison import Step
+from gpmodel.application.heldout import predicted_errors, unseen_errors
+from gpmodel.application.model_file import SavedModel
+from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.calibration.comparison import Step, Unseen
 from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.calibration.rivals import hidden_rivals
 from gpmodel.calibration.unmeasured_joints import free_joints
@@ -21,7 +23,7 @@ from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.report import fitted
 from gpmodel.report.iso9283 import positioning, repeatability
 from gpmodel.report.origin import Origin, data_record, floor_mm, instrument_record, mechanism_record, versions
-from gpmodel.report.schema import Kind, MimicRecord, Report, StepRecord
+from gpmodel.report.schema import Kind, MimicRecord, PredictedRecord, Report, StepRecord
 from gpmodel.report.schema_poses import ReadingRecord
 
 
@@ -31,6 +33,8 @@ class Ladder:
 
     final: fitted to all poses, or to the rows `final_rows`.
     named: effects beside the standard model that were asked for; they are no parameters of it.
+    saved: what is written as model.json; none where nothing is. shipped: number of its step.
+    parts: fits of that step with the poses they have not seen; without them the step's own.
     """
 
     poses: Poses
@@ -39,6 +43,9 @@ class Ladder:
     final: Calibration
     named: tuple[Effect, ...] = ()
     final_rows: IntArray | None = None
+    saved: SavedModel | None = None
+    shipped: int = -1
+    parts: tuple[Unseen, ...] | None = None
 
     @property
     def of_final(self) -> Poses:
@@ -46,14 +53,39 @@ class Ladder:
         return self.poses if self.final_rows is None else self.poses.subset(self.final_rows)
 
     @property
+    def unseen(self) -> tuple[Unseen, ...]:
+        """Fits of the shipped step with the poses they have not seen."""
+        held = np.setdiff1d(np.arange(len(self.poses)), self.train)
+        if self.parts is not None or not len(held):
+            return self.parts or ()
+        fit = self.steps[self.shipped].calibration
+        return (Unseen(fit, self.poses.subset(self.train), self.poses.subset(held)),)
+
+    def as_predicted(self) -> "Ladder":
+        """The ladder whose shipped step has the held-out errors that `predict` makes."""
+        parts = self.unseen
+        if self.saved is None or not parts:
+            return self
+        errors, steps = unseen_errors(self.poses, parts, as_measured=True), list(self.steps)
+        rows = np.concatenate([part.unseen.dataset.row for part in parts])
+        at = np.isin(self.poses.dataset.row, rows)
+        steps[self.shipped] = replace(steps[self.shipped], heldout_error=errors[at])
+        return replace(self, steps=tuple(steps))
+
+    @property
     def outliers(self) -> IntArray:
         """Indices (K,) of the poses left out as outliers of the final fit or of the last fit to training poses."""
         of_final = self.final.outliers if self.final_rows is None else self.final_rows[self.final.outliers]
         return np.union1d(of_final, self.train[self.steps[-1].calibration.outliers])
 
+    @property
+    def counts(self) -> Mask:
+        """Which of the poses (N,) count in an error: all but the outliers."""
+        return np.isin(np.arange(len(self.poses)), self.outliers, invert=True)
+
     def records(self) -> Iterator[StepRecord]:
         """Errors of each step, the outliers left out of all of them."""
-        counts = np.isin(np.arange(len(self.poses)), self.outliers, invert=True)
+        counts = self.counts
         held = np.setdiff1d(np.arange(len(self.poses)), self.train)
         for step in self.steps:
             heldout = held if len(step.heldout_error) == len(held) else np.arange(len(self.poses))
@@ -69,6 +101,7 @@ class Ladder:
 
 def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
     """The part of a Report that every call has, under the table's own names; each adds what is its own."""
+    ladder = ladder.as_predicted()
     poses, steps, final = ladder.poses, ladder.steps, ladder.final
     data, names = poses.dataset, names_of(poses.dataset)
     told = final.freedom + final.rank if free_joints(final.model.mechanism) else None
@@ -89,13 +122,15 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
         status=final.status,
         reason=final.reason,
         sigma_mm=1e3 * final.sigma,
+        discrepancy_mm=None if ladder.saved is None else 1e3 * ladder.saved.discrepancy,
         freedom=final.freedom,
         noise_floor_mm=floor,
         noise_from=source,
         instrument=instrument_record(data),
         repeatability=repeatability(data),
         positioning=positioning(poses, ladder.train, ladder.steps),
-        further=further_poses(final, ladder.of_final),
+        further=further_poses(final, ladder.of_final, None if ladder.saved is None else ladder.saved.spread),
+        predicted=_predicted(ladder),
         plots=fitted.plots(poses, ladder.train, ladder.steps),
         hidden=tuple(translate(rival.words(kinds), names) for rival in rivals),
         readings=reading_records(poses, [[_judged(step.calibration, ladder)] for step in (steps[0], steps[-1])]),
@@ -103,6 +138,16 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
         mimics=tuple(MimicRecord(translate(r.constant, names), translate(r.candidate.name, names)) for r in rivals),
         seconds=origin.seconds,
     )
+
+
+def _predicted(ladder: Ladder) -> PredictedRecord | None:
+    """What `predict` misses by, in every one of the two ways."""
+    saved, poses = ladder.saved, ladder.poses
+    if saved is None:
+        return None
+    held = [unseen_errors(poses, ladder.unseen, as_measured=way) for way in (True, False)]
+    model = [predicted_errors(saved, poses, as_measured=way) for way in (True, False)]
+    return PredictedRecord(*(fitted.statistics_mm(errors[ladder.counts]) for errors in (*held, *model)))
 
 
 OWN_UNIT = {"m": ("mm", 1e3), "rad": ("deg", float(np.degrees(1.0))), "px": ("px", 1.0)}

@@ -98,7 +98,11 @@ def certificate(report: Report, particulars: Particulars, tolerance_mm: float | 
     return Certificate(
         title=f"Calibration certificate: {particulars.machine or report.mechanism.name}",
         particulars=particulars.lines(),
-        scope=(*_scope(report), ("tolerance", _judged(errors_before_and_after(report, every=True), tolerance_mm))),
+        scope=(
+            *_scope(report),
+            ("predictions", words.predicted(report)),
+            ("tolerance", _judged(errors_before_and_after(report, every=True), tolerance_mm)),
+        ),
         poses=f"{count} {unit} {kind}" if report.held else f"{count} {unit}, {kind}",
         statistics=() if errors is None else (*statistics(errors), *_further(report)),
         repeatability=_repeatability(report),

@@ -7,6 +7,7 @@ from operator import itemgetter
 
 import numpy as np
 
+from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
 from gpmodel.calibration.unobservable import unobservable_families
 from gpmodel.discovery.acceptance import Hypothesis
@@ -32,12 +33,14 @@ from gpmodel.report.schema_search import (
 from gpmodel.report.shapes import shape_record
 
 
-def from_discovery(discovery: Discovery, origin: Origin) -> Report:
-    """Everything the loop found, tried and left, under the table's own names."""
+def from_discovery(discovery: Discovery, origin: Origin, saved: SavedModel | None = None) -> Report:
+    """Everything the loop found, tried and left, under the table's own names. saved: what is written as model.json."""
     poses, final = discovery.poses, discovery.final
     names = names_of(poses.dataset)
     unobservable = tuple(translate(name, names) for name in unobservable_families(final, poses))
-    common = build("discover", Ladder(poses, discovery.train, discovery.steps, final), origin)
+    parts = discovery.unseen
+    ladder = Ladder(poses, discovery.train, discovery.steps, final, (), None, saved, discovery.shipped, parts)
+    common = build("discover", ladder, origin)
     if discovery.folds:
         common = _by_folds(common, discovery)
     report = replace(

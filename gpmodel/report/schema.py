@@ -24,6 +24,8 @@ from gpmodel.wording import counted
 
 SCHEMA = 1
 REGISTRATION, STANDARD = "registration", "standard"
+VISIBLE = 1e-3
+"""Share of an error by which another one has to differ to be stated beside it: the last digit that is printed."""
 NoiseSource = Literal["repeats", "instrument", "specification"]
 Kind = Literal["calibrate", "discover", "evolve"]
 
@@ -40,6 +42,26 @@ class ErrorsMm:
     def known(self) -> bool:
         """Whether there was anything to compute it from."""
         return self.rms_mm is not None
+
+
+@dataclass(frozen=True)
+class PredictedRecord:
+    """3-D errors of the shipped model as `predict` makes them: as measured (`--session`), and without an option.
+
+    heldout: at held-out poses, by fits without these poses. model: at all poses, by model.json, which is fitted to
+    them. Without an option the errors of the instrument are left out and the robot is as the session left it.
+    """
+
+    heldout_as_measured: ErrorsMm = ErrorsMm()
+    heldout: ErrorsMm = ErrorsMm()
+    model_as_measured: ErrorsMm = ErrorsMm()
+    model: ErrorsMm = ErrorsMm()
+
+    @property
+    def differs(self) -> bool:
+        """Whether predictions without an option have another error than what the instrument reads."""
+        session, plain = self.model_as_measured.rms_mm, self.model.rms_mm
+        return session is not None and plain is not None and abs(plain - session) > VISIBLE * session
 
 
 @dataclass(frozen=True)
@@ -154,7 +176,8 @@ class Report:
     the search ended. placement: the tool point in the flange and the root in the instrument's frame, number by number,
     rotations as vectors. unobservable: effects hidden by joint values solved at every pose. hidden: what a constant of
     the standard model could equally be, and the poses that would tell; mimics: the same by name. further: what is to be
-    expected on further poses. readings: each kind beside points in its own unit; unseen: what they cannot show.
+    expected on further poses. predicted: the errors of `predict`. discrepancy_mm: of one
+    component, of the model's form. readings: each kind beside points in its own unit; unseen: what they cannot show.
     sigma_mm: of one component; freedom: degrees of freedom of it. model_sha256: seal of the model.json that belongs to
     it.
     """
@@ -180,6 +203,7 @@ class Report:
     reason: str = ""
     stopped: str = ""
     sigma_mm: NotNegative | None = None
+    discrepancy_mm: NotNegative | None = None
     freedom: NotNegative | None = None
     model_sha256: str = ""
     noise_floor_mm: NotNegative | None = None
@@ -188,6 +212,7 @@ class Report:
     repeatability: Repeatability | None = None
     positioning: Positioning | None = None
     further: ErrorBounds | None = None
+    predicted: PredictedRecord | None = None
     confirmation: Confirmation | None = None
     unobservable: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()

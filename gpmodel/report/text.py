@@ -18,6 +18,7 @@ def summary(report: Report) -> str:
     blocks = (
         ("Verdict", [wrapped(" ".join(filter(None, (report.verdict, verdict.behind(report)))))]),
         ("3-D error, mm", list(_ladder(report))),
+        ("Predictions", [wrapped(said)] if (said := words.predicted(report)) else []),
         ("Readings, each in its own unit, RMS", list(_readings(report))),
         ("Noise floor", [wrapped(words.noise_floor(report))]),
         ("Instrument", [wrapped(instrument_words.instrument(report))] if report.instrument else []),

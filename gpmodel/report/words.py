@@ -31,6 +31,22 @@ def noise_floor(report: Report) -> str:
     return f"{wording.length(report.noise_floor_mm)} RMS {_SOURCES.get(report.noise_from or '', '')}".rstrip()
 
 
+def predicted(report: Report) -> str:
+    """State the error of plain `predict` beside that of the ladder; empty where they are equal."""
+    found = report.predicted
+    if found is None or not found.differs:
+        return ""
+    plain, measured = (
+        (found.heldout, found.heldout_as_measured) if report.held else (found.model, found.model_as_measured)
+    )
+    where = "held-out poses" if report.held else "the poses fitted to"
+    return (
+        f"predict without an option: {wording.length(plain.rms_mm)} RMS on {where}. It leaves out the errors of the "
+        f"instrument and takes the robot as the session left it. As measured (--session): "
+        f"{wording.length(measured.rms_mm)} RMS, the last step above"
+    )
+
+
 def interval(report: Report) -> str:
     """What ± σ is, and the factor of it that is the 95 % interval."""
     factor = coverage_factor(np.inf if report.freedom is None else report.freedom)

@@ -1,0 +1,85 @@
+"""Errors at poses that no fit has seen, as `predict` makes them, and the model discrepancy that they show."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gpmodel.application.further import left_out
+from gpmodel.application.model_file import SavedModel, saved_model
+from gpmodel.application.predict import observed_by
+from gpmodel.application.uncertainty import coordinate_deviations
+from gpmodel.application.usable import usable
+from gpmodel.arrays import Array, IntArray
+from gpmodel.calibration.comparison import Unseen
+from gpmodel.calibration.discrepancy import FEWEST, noise_within
+from gpmodel.calibration.result import Calibration, problem_at
+from gpmodel.model.error_model import Poses, pose_error
+from gpmodel.numerics.outliers import outlier_limit
+
+
+def predicted_errors(saved: SavedModel, poses: Poses, *, as_measured: bool) -> Array:
+    """Compute the 3-D error (N,), m, of a model at measured poses by what `predict` calls.
+
+    as_measured: with the errors of the instrument and of the session, as for the rows of the session itself.
+    """
+    return pose_error(observed_by(usable(saved, session=as_measured), poses)[1], poses.dataset)
+
+
+def unseen_errors(poses: Poses, parts: Sequence[Unseen], *, as_measured: bool) -> Array:
+    """Compute the 3-D error (N,), m, of every pose by the fit that did not see it; NaN where there is none."""
+    out = np.full(len(poses), np.nan)
+    for part in parts:
+        asked = part.known
+        if len(asked):
+            at = np.isin(poses.dataset.row, asked.dataset.row)
+            out[at] = predicted_errors(saved_model(part.fit, part.seen), asked, as_measured=as_measured)
+    return out
+
+
+def with_discrepancy(
+    saved: SavedModel, fit: Calibration, poses: Poses, parts: Sequence[Unseen] = (), noise: float | None = None
+) -> SavedModel:
+    """Add noise and model discrepancy of one coordinate, m, to a model fitted to `poses`.
+
+        discrepancy² = max(0, mean square of unseen coordinates - noise² - variance by the parameters)
+
+    parts: fits with poses they have not seen; without them each pose is left out in turn. noise: of the instrument as
+    it is stated; without it `noise_within`. Poses without x, y and z say nothing of either.
+    """
+    if poses.dataset.joints_approximate or not len(_whole(poses)):
+        return saved
+    noise = noise_within(fit, poses) if noise is None else noise
+    found = [_by_parameters(part) for part in parts] or [_one_left_out(fit, poses)]
+    squares, known = (np.concatenate(values) for values in zip(*found, strict=True))
+    error = np.sqrt(squares.sum(axis=1))
+    if 3 * len(error) < FEWEST:
+        return replace(saved, noise=noise)
+    near = error <= outlier_limit(error)
+    variance = float(np.mean(squares[near]) - noise**2 - np.mean(known[near]))
+    return replace(saved, noise=noise, discrepancy=float(np.sqrt(max(0.0, variance))))
+
+
+def _whole(poses: Poses) -> IntArray:
+    return np.flatnonzero(np.isfinite(poses.dataset.position).all(axis=1))
+
+
+def _by_parameters(part: Unseen) -> tuple[Array, Array]:
+    """Squares (K, 3) of the errors of unseen coordinates, m², and their variance (K, 3) by the fit's parameters."""
+    asked = part.known
+    asked = asked.subset(_whole(asked))
+    if not len(asked):
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    saved = usable(saved_model(part.fit, part.seen), session=True)
+    poses, observed = observed_by(saved, asked)
+    left = poses.dataset.position - observed.tip[:, :3, 3]
+    return left**2, coordinate_deviations(saved, poses, observed) ** 2
+
+
+def _one_left_out(fit: Calibration, poses: Poses) -> tuple[Array, Array]:
+    """The squares and variances of every fitted pose by the fit without it."""
+    rows = np.setdiff1d(_whole(poses), fit.outliers)
+    if fit.freedom < FEWEST:
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    left, blur = left_out(fit, problem_at(fit, poses), rows)
+    return left**2, np.repeat(fit.sigma**2 * blur[:, None], 3, axis=1)

@@ -1,0 +1,83 @@
+"""The sigma of a prediction holds what the model lacks, and no more than the parameters where it lacks nothing."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_cases import robot
+from model_cases import fitted, sealed
+
+from gpmodel.application.heldout import with_discrepancy
+from gpmodel.application.later import settled
+from gpmodel.application.model_file import SavedModel, load_model, model_content, saved_model
+from gpmodel.application.predict import observed_by
+from gpmodel.application.recheck import recheck
+from gpmodel.application.uncertainty import coordinate_deviations
+from gpmodel.application.usable import usable
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.files import plain
+from gpmodel.model.error_model import ErrorModel, Poses, prepare
+from gpmodel.model.sites import geometric_effects
+
+NOISE = 3e-5
+POSES, FRESH = 60, 200
+
+
+def measured(effects: tuple[str, ...], seed: int, stated: float | None = None) -> tuple[SavedModel, SavedModel, Poses]:
+    """A standard model with and without its discrepancy, and fresh poses where the robot truly is."""
+    mechanism, made = robot(POSES + FRESH, seed, effects=effects, noise=0.0)
+    exact, noise = made.dataset, np.random.default_rng(seed).normal(0.0, NOISE, (POSES, 3))
+    known = exact.subset(np.arange(POSES))
+    poses = prepare(mechanism, replace(known, position=known.position + noise))
+    fit = calibrate(ErrorModel(mechanism, geometric_effects(mechanism)), poses)
+    saved = saved_model(fit, poses)
+    fresh = prepare(mechanism, exact.subset(np.arange(POSES, POSES + FRESH)))
+    return with_discrepancy(saved, fit, poses, noise=stated), saved, fresh
+
+
+def covered(saved: SavedModel, poses: Poses) -> float:
+    """Share of the coordinates within two standard deviations of where the robot is."""
+    here, observed = observed_by(usable(saved), poses)
+    off = observed.tip[:, :3, 3] - here.dataset.position
+    return float(np.mean(np.abs(off) < 2.0 * coordinate_deviations(saved, here, observed)))
+
+
+@pytest.mark.parametrize("stated", [None, pytest.param(NOISE, marks=pytest.mark.long)])
+def test_sigma_holds_the_error_of_a_model_that_lacks_an_effect(stated: float | None) -> None:
+    made = [measured(("base_compliance=4e-8",), seed, stated) for seed in (1, 2)]
+    without = np.mean([covered(saved, fresh) for _, saved, fresh in made])
+    share = np.mean([covered(whole, fresh) for whole, _, fresh in made])
+    assert without < 0.85
+    assert 0.90 < share < 0.99
+
+
+def test_sigma_of_a_complete_model_is_that_of_its_parameters() -> None:
+    made = [measured((), seed) for seed in (1, 2)]
+    with_it, without = (np.mean([covered(m[k], m[2]) for m in made]) for k in (0, 1))
+    assert without > 0.90
+    assert with_it - without < 0.03
+    for whole, saved, _ in made:
+        assert whole.spread == pytest.approx(saved.sigma, rel=0.05)
+
+
+def test_it_is_kept_in_the_model_file_and_zero_in_an_older_one(tmp_path: Path) -> None:
+    saved = replace(fitted("geometry")[0], noise=2e-5, discrepancy=3e-5)
+    path = tmp_path / "model.json"
+    content = plain(model_content(saved))
+    path.write_text(sealed(content))
+    again = load_model(path)
+    assert (again.noise, again.discrepancy) == (2e-5, 3e-5)
+    path.write_text(sealed(content, noise_m=..., discrepancy_m=...))
+    older = load_model(path)
+    assert (older.noise, older.discrepancy, older.spread) == (None, 0.0, older.sigma)
+
+
+def test_verification_expects_the_same_error() -> None:
+    """χ² of fresh readings is near its degrees of freedom with the discrepancy, and far beyond them without."""
+    whole, saved, fresh = measured(("base_compliance=4e-8",), 1)
+    noise = np.random.default_rng(9).normal(0.0, NOISE, fresh.dataset.position.shape)
+    later = replace(fresh.dataset, position=fresh.dataset.position + noise)
+    ratio = [found.chi_square / found.degrees for found in (recheck(settled(m, later)) for m in (whole, saved))]
+    assert ratio[0] < 1.3
+    assert ratio[1] > ratio[0]
