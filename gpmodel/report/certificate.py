@@ -56,18 +56,22 @@ Parameter = tuple[str, str, str, str]
 """Name, value, σ and unit."""
 SMALL_PRINT = (
     "Accuracy in the manner of ISO 9283 (1998): distance between measured and predicted position of the tool point, "
-    "one measurement a pose, over the poses named; mean, mean + 3 s and maximum are of these distances. Before is "
-    "registration and tool point alone, with the nominal geometry; after is predicted by the model below, of the "
-    "machine as it was measured: measure again with its corrections and certify that (gpmodel verify) for an accuracy "
-    "that is measured. Further poses are any within the measured ranges of the joints, as this instrument would read "
-    "them; each bound holds by itself, by a Monte Carlo over the fitted numbers and the noise (JCGM 101)."
+    "one measurement a pose, over the poses named; mean, mean + 3 s and maximum are of these distances. "
+    "Registration only is registration and tool point with the nominal geometry. After is predicted by the model "
+    "below, of the machine as it was measured: measure again with its corrections and certify that (gpmodel verify) "
+    "for an accuracy that is measured. Further poses are any within the measured ranges of the joints, as this "
+    "instrument would read them; each bound holds by itself, by a Monte Carlo over the fitted numbers and the noise "
+    "(JCGM 101)."
 )
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """Everything the certificate prints, as text; lines without any are filled in by hand. statistics: name, before,
-    after. predicted: whether after is. errors: (N, 2), mm, before and after; without rows where they are unknown."""
+    """Everything the certificate prints, as text; lines without any are filled in by hand.
+
+    statistics: name, before, after. before: what the first of them is of. predicted: whether the second is.
+    errors: (N, 2), mm, before and after; without rows where they are unknown.
+    """
 
     title: str
     particulars: tuple[Line, ...]
@@ -82,19 +86,19 @@ class Certificate:
     errors: Array
     tolerance_mm: float | None
     predicted: bool = True
+    before: str = "registration only"
     small_print: str = SMALL_PRINT
 
     @property
     def heads(self) -> tuple[str, str]:
         """Over the columns of the statistics."""
-        return "before, mm", "after, predicted, mm" if self.predicted else "after, mm"
+        return f"{self.before}, mm", "after, predicted, mm" if self.predicted else "after, mm"
 
 
 def certificate(report: Report, particulars: Particulars, tolerance_mm: float | None = None) -> Certificate:
     """The certificate of a calibration or a discovery. tolerance_mm: what no pose may be off by."""
     errors = errors_before_and_after(report)
     count, unit = report.data.heldout if report.held else report.data.train, report.data.unit
-    kind = "held out: no step of the calibration saw them" if report.held else f"the {unit} the model was fitted to"
     return Certificate(
         title=f"Calibration certificate: {particulars.machine or report.mechanism.name}",
         particulars=particulars.lines(),
@@ -103,7 +107,7 @@ def certificate(report: Report, particulars: Particulars, tolerance_mm: float | 
             ("predictions", words.predicted(report)),
             ("tolerance", _judged(errors_before_and_after(report, every=True), tolerance_mm)),
         ),
-        poses=f"{count} {unit} {kind}" if report.held else f"{count} {unit}, {kind}",
+        poses=f"{count} {unit}{_unseen(report)}",
         statistics=() if errors is None else (*statistics(errors), *_further(report)),
         repeatability=_repeatability(report),
         effects=() if report.shipped == STANDARD else _printed(report.effects),
@@ -116,9 +120,21 @@ def certificate(report: Report, particulars: Particulars, tolerance_mm: float | 
     )
 
 
+def _unseen(report: Report) -> str:
+    """Which fit the errors of the certificate are of."""
+    if report.data.folds:
+        folds = report.data.folds
+        return f", each predicted by a calibration made without it ({folds}-fold); the final fit is to all of them"
+    if report.held:
+        return " held out: the calibration that predicts them was made without them; the final fit is to all poses"
+    return f", the {report.data.unit} the model was fitted to"
+
+
 def html(found: Certificate, kicker: str) -> str:
     """The certificate as a page that prints to one or two sides of A4. kicker: the mechanism's name."""
-    picture = histogram(found.errors, found.tolerance_mm, found.predicted) if len(found.errors) else None
+    picture = (
+        histogram(found.errors, found.tolerance_mm, (found.before, found.predicted)) if len(found.errors) else None
+    )
     drawing = drawn([picture])[picture.name] if picture else ""
     return render("certificate.html.j2", c=found, kicker=kicker, picture=picture, drawing=drawing)
 
@@ -172,12 +188,12 @@ def _repeatability(report: Report) -> tuple[Line, ...]:
     else:
         kind = "held out" if accurate.heldout else "fitted, as if left out one by one"
         for when, mm, stderr in (
-            ("before", accurate.before_mm, accurate.before_stderr_mm),
+            ("registration only", accurate.before_mm, accurate.before_stderr_mm),
             ("after", accurate.after_mm, accurate.after_stderr_mm),
         ):
             said = _with_uncertainty(mm, stderr, accurate.poses - 1)
-            lines.append((f"pose accuracy AP {when}, mean", f"{said}, {accurate.poses} poses {kind}"))
-        lines.append(("pose accuracy AP after, worst pose", f"{wording.millimetres(accurate.after_max_mm)} mm"))
+            lines.append((f"pose accuracy AP, {when}, mean", f"{said}, {accurate.poses} poses {kind}"))
+        lines.append(("pose accuracy AP, after, worst pose", f"{wording.millimetres(accurate.after_max_mm)} mm"))
     return (*lines, floor)
 
 

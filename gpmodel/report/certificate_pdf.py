@@ -92,7 +92,7 @@ def _chart(figure: Figure, found: Certificate, top: float, height: float, scale:
     with rc_context({"font.size": 7 * scale, "legend.fontsize": 7 * scale, "axes.labelsize": 7 * scale,
                      "xtick.labelsize": 7 * scale, "ytick.labelsize": 7 * scale}):  # fmt: skip
         axes = figure.add_axes((CHART[0], top - height, CHART[1] - CHART[0], height))
-        draw(axes, found.errors, found.tolerance_mm, found.predicted)
+        draw(axes, found.errors, found.tolerance_mm, (found.before, found.predicted))
 
 
 def _write(figure: Figure, x: float, y: float, text: str, look: TextStyle) -> None:

@@ -25,8 +25,8 @@ def _accuracy(found: Certificate) -> Iterator[str]:
     if not found.statistics:
         return
     yield wording.wrapped(f"over {found.poses}")
-    heads = ("", *(head.removesuffix(", mm") for head in found.heads))
-    yield from ("    {:<47}{:>10}{:>18}".format(*row) for row in (heads, *found.statistics))
+    yield "    {:>57}{:>18}".format(*(head.removesuffix(", mm") for head in found.heads))
+    yield from ("    {:<47}{:>10}{:>18}".format(*row) for row in found.statistics)
 
 
 def _lines(entries: Sequence[Line]) -> Iterator[str]:

@@ -16,23 +16,27 @@ BINS = 24
 """Bars from no error to the largest."""
 
 
-def histogram(errors: Array, tolerance_mm: float | None, predicted: bool) -> Picture:
+Heads = tuple[str, bool]
+"""What the errors before are of, and whether those after are predicted."""
+
+
+def histogram(errors: Array, tolerance_mm: float | None, heads: Heads) -> Picture:
     """Of errors (N, 2), mm, before and after, in the same bins."""
     worst = errors.max(axis=0)
     return Picture(
         "errors", "Error before and after", 5.2, 1.9,
-        f"Histogram of {len(errors)} measured errors: before at most {worst[0]:.3f} mm, after {worst[1]:.3f} mm.",
-        "", lambda figure: draw(figure.subplots(), errors, tolerance_mm, predicted),
+        f"Histogram of {len(errors)} measured errors: {heads[0]} at most {worst[0]:.3f} mm, after {worst[1]:.3f} mm.",
+        "", lambda figure: draw(figure.subplots(), errors, tolerance_mm, heads),
     )  # fmt: skip
 
 
-def draw(axes: Axes, errors: Array, tolerance_mm: float | None, predicted: bool) -> None:
+def draw(axes: Axes, errors: Array, tolerance_mm: float | None, heads: Heads) -> None:
     """The same on axes of a page or a sheet."""
     from matplotlib.ticker import MaxNLocator
 
     bins = np.linspace(0.0, max(float(errors.max()), tolerance_mm or 0.0, 1e-9) * 1.0001, BINS + 1).tolist()
-    axes.hist(errors[:, 0], bins, histtype="step", color=BEFORE, lw=1.4, label="before")
-    after = "after, predicted" if predicted else "after"
+    axes.hist(errors[:, 0], bins, histtype="step", color=BEFORE, lw=1.4, label=heads[0])
+    after = "after, predicted" if heads[1] else "after"
     axes.hist(errors[:, 1], bins, color=AFTER_LIGHT, ec=AFTER, lw=0.6, label=after)
     if tolerance_mm is not None:
         axes.axvline(tolerance_mm, color=INK, lw=1.0, ls=(0, (3, 3)), label="tolerance")

@@ -12,6 +12,7 @@ from gpmodel.arrays import IntArray
 from gpmodel.report.picture import AFTER, AXIS, BEFORE, INK, MUTED, NULL, PAPER, Picture, numbers, rows_only, signed
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import HistogramRecord, RoundRecord
+from gpmodel.report.words import significant_inputs
 from gpmodel.wording import shortened
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ def pictures(report: Report) -> Iterator[Picture]:
     """The pictures of the search that this report has numbers for."""
     histograms = [h for h in report.histograms if h.inputs]
     for k, histogram in enumerate(histograms, 1):
-        standing = ", ".join(histogram.significant) or "none"
+        standing = significant_inputs(histogram)
         shown, unread = len(_shown(histogram)), len(histogram.inputs) - len(_shown(histogram))
         rest = f" Nothing refers, or hardly anything, to the other {unread} inputs." if unread else ""
         yield Picture(

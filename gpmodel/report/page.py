@@ -114,7 +114,7 @@ def _tiles(report: Report) -> Iterator[dict[str, str]]:
     first, standard = report.step(REGISTRATION), report.step(STANDARD)
     last = report.ladder[-1] if report.ladder and report.ladder[-1].beyond_standard else None
     if first is not None:
-        yield _tile("registration and tool", first, "start")
+        yield _tile("registration only", first, "start")
     if standard is not None:
         yield _tile("standard model", standard, "before" if last else "after")
     if last is not None:

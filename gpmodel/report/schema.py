@@ -237,10 +237,11 @@ class Report:
         """A rung of the ladder in words."""
         if rung.effect is not None and rung.effect < len(self.effects):
             return f"+ {self.effects[rung.effect].name}"
-        return {REGISTRATION: "registration and tool", STANDARD: "standard model"}.get(rung.step, rung.step)
+        return {REGISTRATION: "registration only", STANDARD: "standard model"}.get(rung.step, rung.step)
 
     def before_and_after(self) -> tuple[str, str]:
-        """Names of the steps that show what was gained: standard to last, or registration to standard."""
+        """Names of the steps before and after: the standard model and the last, or registration only and the standard
+        model where nothing is beyond it."""
         names = [rung.step for rung in self.ladder] or [STANDARD]
         before = STANDARD if self.ladder and self.ladder[-1].beyond_standard and STANDARD in names else names[0]
         return before, names[-1]

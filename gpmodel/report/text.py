@@ -113,7 +113,7 @@ def _relative(effect: EffectRecord) -> str:
 
 def _inputs(report: Report) -> Iterator[str]:
     for number, histogram in enumerate(report.histograms, 1):
-        standing = ", ".join(histogram.significant) or "none"
+        standing = words.significant_inputs(histogram)
         yield wrapped(standing if len(report.histograms) == 1 else f"round {number}: {standing}")
         if said := words.removed(histogram):
             yield wrapped(said)

@@ -9,7 +9,7 @@ from gpmodel import wording
 from gpmodel.hierarchy.further import PRIOR
 from gpmodel.model.memory import read_by
 from gpmodel.report import suspect_words
-from gpmodel.report.schema import REGISTRATION, STANDARD, Report
+from gpmodel.report.schema import STANDARD, Report
 
 COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 MOST_NAMED = 6
@@ -38,8 +38,16 @@ def of_discovery(report: Report) -> str:
             f"{wording.length(before)}{_beside_noise(report, before)}."
         ).capitalize() + _left_out(report)
     confirmed = f" and {'are' if len(report.effects) > 1 else 'is'} confirmed" if report.confirmation else ""
-    change = f"{wording.change(before, after)} on {_where(report)}{_beside_noise(report, after)}"
+    change = f"{_change(report)} on {_where(report)}{_beside_noise(report, after)}"
     return f"{effects.capitalize()} {were} missing{confirmed}: {change}.{_left_out(report)}"
+
+
+def _change(report: Report) -> str:
+    """The error before, by the name of its step, and after: `standard model 0.148 → 0.036 mm`."""
+    before, after = (report.step(name) for name in report.before_and_after())
+    if before is None or after is None or before is after:
+        return f"{wording.length(report.ladder[-1].errors.rms_mm)} RMS"
+    return f"{report.title(before)} {wording.change(before.errors.rms_mm, after.errors.rms_mm)}"
 
 
 def behind(report: Report) -> str:
@@ -125,15 +133,14 @@ def _beside_noise(report: Report, rms: float | None) -> str:
 
 
 def of_calibration(report: Report) -> str:
-    """What was fitted, and the error from registration alone to the last step."""
-    first, last = report.step(REGISTRATION) or report.ladder[0], report.ladder[-1]
+    """What was fitted, and the error before and after."""
+    last = report.ladder[-1]
     what = wording.listed(["the standard model", *(e.name for e in report.effects)][: 1 + MOST_SIZED])
     if len(report.effects) > MOST_SIZED:
         what = f"the standard model and {_count(len(report.effects))} effects"
     beside = f" and {last.step}" if last.step == PRIOR else ""
-    change = wording.change(first.errors.rms_mm, last.errors.rms_mm)
     where = f"{_where(report)}{_beside_noise(report, last.errors.rms_mm)}"
-    return f"Calibrated with {what}{beside}: {change} on {where}.{_left_out(report)}"
+    return f"Calibrated with {what}{beside}: {_change(report)} on {where}.{_left_out(report)}"
 
 
 def of_evolution(report: Report) -> str:

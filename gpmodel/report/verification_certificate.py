@@ -8,18 +8,19 @@ from gpmodel import wording
 from gpmodel.report.certificate import Certificate, Line, repeated, statistics
 from gpmodel.report.particulars import Particulars
 from gpmodel.report.verification import Verification
-from gpmodel.report.verification_words import facts, tolerance, verdict
+from gpmodel.report.verification_words import NOMINAL, facts, tolerance, verdict
 
 SMALL_PRINT = (
     "Accuracy in the manner of ISO 9283 (1998): distance between measured and predicted position of the tool point "
     "over the rows of a table that was measured after the model was fitted; mean, mean + 3 s and maximum are of these "
-    "distances. Before is registration and tool point alone, with the nominal geometry; after is the model, its "
-    "registration found anew. The interval of the RMS holds for poses drawn like these."
+    "distances. Nominal is the nominal geometry at the joint values that were driven, registration and tool point "
+    "found anew: it is not the machine before its calibration. After is the model, its registration found anew."
 )
 OF_READINGS = (
     "Errors are of what was read: how far a touch is off its surface or its point, the ends of a bar off their "
     "distance, in mm; a pixel or a degree counts as many mm as in the fit of the model. The tool point itself was not "
-    "measured, as ISO 9283 asks. Before is with the nominal geometry; after is the model."
+    "measured, as ISO 9283 asks. Nominal is the nominal geometry at the joint values that were driven; after is the "
+    "model."
 )
 
 
@@ -42,6 +43,7 @@ def certificate(record: Verification, particulars: Particulars) -> Certificate:
         errors=errors,
         tolerance_mm=record.tolerance_mm,
         predicted=False,
+        before=NOMINAL,
         small_print=OF_READINGS if record.kinds else SMALL_PRINT,
     )
 

@@ -26,6 +26,8 @@ MOST_ROWS, MOST_PRINTED = 400, 8
 """Rows on the page and on a terminal, the worst; verify.csv has all of them."""
 UNLIKELY = 0.001
 """Chance of a row below which it is marked: of twenty rows one in fifty tables."""
+NOMINAL = "nominal, as driven"
+"""Nominal geometry at the joint values that were driven, in a table; it is not the machine before its calibration."""
 LOST = 50.0
 """mm that nominal geometry leaves of no arm of the same type: joint columns, units or the type itself are others."""
 
@@ -48,7 +50,7 @@ def verdict(record: Verification) -> str:
     if record.verdict == "holds":
         said = (
             f"The model holds: {record.data.counted} measured afterwards miss it by {after} RMS, "
-            f"{promised} are promised, {without} without it."
+            f"{promised} are promised, {without} by nominal geometry at the driven joint values."
         )
         if record.changes:
             said += f" Not the machine but its set-up or the instrument: {'; '.join(map(change, record.changes))}."
@@ -59,7 +61,7 @@ def verdict(record: Verification) -> str:
     else:
         said = (
             f"This is another machine, or much of it was changed: {after} RMS with the model, "
-            f"{without} without it, {promised} are promised."
+            f"{without} by nominal geometry at the driven joint values, {promised} are promised."
         )
         if (record.without.rms_mm or 0.0) > LOST:
             said += " Not even the nominal geometry fits: other units, another order of joints, or another type?"
@@ -121,7 +123,7 @@ def facts(record: Verification) -> Iterator[tuple[str, str]]:
         )
         yield (
             f"{kind.name}, {kind.rows} rows",
-            f"{with_model} {kind.unit} RMS, {promised} promised, {without} without the model",
+            f"{with_model} {kind.unit} RMS, {promised} promised, {without} by nominal geometry",
         )
     for found in record.changes:
         rivals = f"; explains it as well: {', '.join(found.rivals)}" if found.rivals else ""
@@ -155,10 +157,10 @@ def _errors(record: Verification, errors: ErrorsMm) -> str:
 def text(record: Verification) -> str:
     """Verdict, what it rests on, and the worst rows, in 80 columns."""
     errors = (
-        ("without the model", _errors(record, record.without)), ("with the model", _errors(record, record.after)),
+        (NOMINAL, _errors(record, record.without)), ("with the model", _errors(record, record.after)),
         ("promised", f"RMS {size(record, record.promised_mm)}"),
     )  # fmt: skip
-    heads = f"    {'row':>6}{'without':>10}{'with':>9}{'promised':>10}{'chance':>12}   {record.shown[0]}"
+    heads = f"    {'row':>6}{'nominal':>10}{'model':>9}{'promised':>10}{'chance':>12}   {record.shown[0]}"
     blocks = (
         ("Verdict", [wording.wrapped(verdict(record))]),
         ("Errors", [f"    {title:<19}{said}" for title, said in errors]),
@@ -181,9 +183,9 @@ def picture(record: Verification) -> Picture:
     return Picture(
         "verification", "Error of every pose", 7.6, 3.0,
         f"Error of every row: {_errors(record, record.after)} with the model, "
-        f"{_errors(record, record.without)} without it.",
-        "Dots: error of each row with the model (blue) and with nominal geometry (grey); the line is what the "
-        "model promises, twice its RMS. The scale is logarithmic.",
+        f"{_errors(record, record.without)} with nominal geometry at the driven joint values.",
+        "Dots: error of each row with the model (blue) and with nominal geometry at the driven joint values (grey). "
+        "The line is what the model promises, twice its RMS. The scale is logarithmic.",
         partial(_draw, record=record),
     )  # fmt: skip
 

@@ -1,5 +1,6 @@
 """Sentences that text and pages share: noise floor, confirmation, rivals, the two tests of an input, places."""
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -208,6 +209,24 @@ def input_tests(histogram: HistogramRecord) -> Iterator[str]:
             f"(p {wording.chance(by_count)}); shuffled ones save as much as the best of them with "
             f"p {wording.chance(by_strength, histogram.shuffled_runs)}"
         )
+
+
+def rms_removed(gain: float) -> float:
+    """Share of the RMS that goes with a share `gain` of the sum of squares."""
+    return 1.0 - math.sqrt(max(0.0, 1.0 - gain))
+
+
+def significant_inputs(histogram: HistogramRecord) -> str:
+    """The significant inputs of a histogram; where none are, whether so few runs could show one.
+
+    Of R runs and S shuffled ones, an input in all of the first and none of the second has p = I / C(R + S, R), for I
+    inputs.
+    """
+    if histogram.significant:
+        return ", ".join(histogram.significant)
+    runs = (histogram.runs, histogram.shuffled_runs)
+    least = len(histogram.inputs) / math.comb(sum(runs), runs[0])
+    return "too few runs to tell" if all(runs) and least >= histogram.significance else "none"
 
 
 def removed(histogram: HistogramRecord) -> str:

@@ -162,7 +162,7 @@ def test_calibrate_says_what_the_command_says(tmp_path: Path) -> None:
     (found,) = rows[rows["name"] == "base compliance"].to_dict("records")
     assert found["value"] == pytest.approx(3e-7, abs=4 * found["stderr"])
     assert fit.ladder()["step"].tolist() == [
-        "registration and tool", "standard model", "base_compliance",
+        "registration only", "standard model", "base_compliance",
     ]  # fmt: skip
 
     assert "<table" in fit._repr_html_()

@@ -66,7 +66,10 @@ def test_the_verdict_says_what_was_added_or_that_nothing_was() -> None:
     assert report("nothing").effects == ()
     standard, after = (report("gear").ladder[k].heldout.rms_mm for k in (1, -1))
     said = report("gear").verdict
-    assert said == f"One effect was missing and is confirmed: {standard:.3f} → {after:.3f} mm on held-out poses."
+    assert (
+        said
+        == f"One effect was missing and is confirmed: standard model {standard:.3f} → {after:.3f} mm on held-out poses."
+    )
 
 
 def test_the_same_run_gives_the_same_report() -> None:

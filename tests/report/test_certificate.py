@@ -77,13 +77,22 @@ def test_the_page_has_the_particulars_the_accuracy_the_parameters_and_the_record
     for said in (
         "IRB 6400R", "64-10291", "tracker", "A. N. &lt;Other&gt;", made.data.sha256, made.command,
         f"RMS {' '.join(wording.millimetres(root_mean_square(of)) for of in found.T)}",
-        "held out: no step of the calibration saw them", effect.name,
+        "held out: the calibration that predicts them was made without them", effect.name,
         wording.measured(effect.value, effect.stderr, effect.unit).value, "not stated: no pose was measured",
         wording.measured(made.placement[0].value, made.placement[0].stderr, "m", in_list=True).value, "tool x", "J1",
         "workspace covered", "standard uncertainty (k = 1)", "is the 95 % interval (k = ",
     ):  # fmt: skip
         assert said in words
     assert "https://" not in text
+
+
+def test_poses_held_out_in_turn_are_not_called_unseen() -> None:
+    """The model that is certified is fitted to them: only the calibrations that predict them have not seen them."""
+    made = calibrated()
+    turned = dataclasses.replace(made, data=dataclasses.replace(made.data, folds=5))
+    said = certificate.certificate(turned, Particulars()).poses
+    assert "each predicted by a calibration made without it (5-fold)" in said
+    assert "saw" not in said
 
 
 def test_poses_the_model_was_fitted_to_are_called_that() -> None:

@@ -81,9 +81,20 @@ def test_the_noise_floor_is_where_the_error_is_not_just_mentioned(share: float, 
 
 def test_a_calibration_says_what_it_gained() -> None:
     report = calibrated()
-    first, last = report.ladder[0].heldout.rms_mm, report.ladder[-1].heldout.rms_mm
-    change = f"{first:.3f} → {last:.3f} mm on held-out poses."
+    first, last = (report.ladder[k].heldout.rms_mm for k in (1, -1))
+    change = f"standard model {first:.3f} → {last:.3f} mm on held-out poses."
     assert of_calibration(report) == f"Calibrated with the standard model and {report.effects[0].name}: {change}"
+
+
+def test_before_is_the_step_below_what_was_added_and_has_its_name() -> None:
+    """One definition in every title: without an effect the standard model is what was added."""
+    report = calibrated()
+    plain = replace(report, ladder=report.ladder[:2], effects=())
+    first, last = (rung.heldout.rms_mm for rung in plain.ladder)
+    change = f"registration only {first:.3f} → {last:.3f} mm on held-out poses."
+    assert of_calibration(plain) == f"Calibrated with the standard model: {change}"
+    bare = replace(plain, ladder=plain.ladder[:1])
+    assert of_calibration(bare).endswith(f": {first:.3f} mm RMS on held-out poses.")
 
 
 def test_unit_loads_have_the_tables_names_of_joints() -> None:

@@ -9,7 +9,7 @@ from gpmodel.report.instrument_words import beside_specification, instrument
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_poses import InstrumentRecord
 from gpmodel.report.schema_search import EffectRecord, HistogramRecord, TermRecord
-from gpmodel.report.words import found, input_tests, place, places, written
+from gpmodel.report.words import found, input_tests, place, places, rms_removed, significant_inputs, written
 
 
 @pytest.mark.parametrize(
@@ -93,3 +93,15 @@ def test_the_noise_found_is_said_beside_the_noise_expected() -> None:
     said = instrument(Report(instrument=stated, sigma_mm=0.031))
     assert "16.50 µm expected, 31 µm found" in said.replace("0.031 mm", "31 µm"), said
     assert instrument(Report(sigma_mm=0.031)) == ""
+
+
+@pytest.mark.parametrize(("runs", "shuffled", "said"), [(2, 2, "too few runs to tell"), (8, 8, "none"), (0, 0, "none")])
+def test_no_significant_input_says_whether_so_few_runs_could_show_one(runs: int, shuffled: int, said: str) -> None:
+    found = HistogramRecord(inputs=("J1", "J2", "J3"), runs=runs, shuffled_runs=shuffled, significance=0.05)
+    assert significant_inputs(found) == said
+
+
+def test_a_share_of_squares_is_stated_as_a_share_of_the_rms() -> None:
+    """0.128 mm RMS that falls to 0.032 mm is 94 % of the squares and 75 % of the error."""
+    assert rms_removed(1.0 - (0.032 / 0.128) ** 2) == pytest.approx(0.75)
+    assert rms_removed(1.1) == 1.0

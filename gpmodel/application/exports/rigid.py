@@ -3,6 +3,7 @@
 import re
 import tempfile
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,9 +11,11 @@ import numpy as np
 
 from gpmodel.application.exports.chain import coupled
 from gpmodel.application.exports.sample import measured_table, tips_of
+from gpmodel.application.measured import Measured
 from gpmodel.application.model_file import SavedModel, saved_model
 from gpmodel.application.usable import of_the_session, placed_now, usable
 from gpmodel.arrays import Array
+from gpmodel.calibration.comparison import known_rows
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.characters import harmless
@@ -22,13 +25,18 @@ from gpmodel.mechanism.protocol import INSTRUMENT, ExportsUrdf, Mechanism, bare_
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, prepare
 from gpmodel.model.naming import translate
 from gpmodel.numerics.least_squares import root_mean_square
+from gpmodel.table.bundles import bundles
+from gpmodel.table.split import JUDGED, folds
 from gpmodel.wording import length
+
+FOLDS = 5
+"""Parts that are left out in turn where no poses were held out, as of `discover`."""
 
 
 @dataclass(frozen=True)
 class Rigid:
     """fit: to all rows. placement: registration and tool as they are now. twists: constant error twist (6,), m and rad,
-    of every slot that has one. heldout: 3-D errors on rows held out of a fit to the others, m. missing: effects left
+    of every slot that has one. heldout: 3-D errors on rows by fits without them, m. missing: effects left
     out, by the names of the table of the fit. tips: of several arms the measured link that each tool is on."""
 
     fit: Calibration
@@ -49,16 +57,31 @@ def refitted(saved: SavedModel) -> Rigid:
     aside = {e.name for e in of_the_session(saved)}
     kept = tuple(e for e in saved.model.effects if e.constant or e.name in aside or e.of_the_instrument)
     model = ErrorModel(saved.mechanism, kept)
-    heldout = np.zeros(0)
-    measured = saved.measured
-    if measured is not None and len(measured.heldout):
-        seen = calibrate(model, poses.subset(measured.training))
-        heldout = errors_on(seen, poses.subset(measured.heldout))
+    heldout = _held_out(model, poses, saved.measured)
     fit = calibrate(model, poses)
     values = zip(saved.model.effects, saved.theta, strict=True)
     missing = tuple(translate(e.name, saved.names) for e, value in values if e not in kept and value != 0.0)
     placement = placed_now(usable(saved_model(fit, poses))).placement
     return Rigid(fit, placement, _constant_twists(fit, poses.subset(np.arange(1))), heldout, missing, tips_of(saved))
+
+
+def _held_out(model: ErrorModel, poses: Poses, measured: Measured | None) -> Array:
+    """Compute 3-D errors (H,), m, on the poses held out; where none were, on each by a fit without its fold."""
+    if measured is None:
+        return np.zeros(0)
+    parts = [measured.heldout]
+    if not len(measured.heldout):
+        count = min(FOLDS, int(bundles(poses.dataset).max()) + 1)
+        fold = folds(poses.dataset, count, np.random.default_rng(JUDGED)) if count > 1 else np.zeros(0)
+        parts = [np.flatnonzero(fold == k) for k in range(count)]
+    errors = [np.zeros(0)]
+    for rows in parts:
+        seen, unseen = poses.subset(np.setdiff1d(np.arange(len(poses)), rows)), poses.subset(rows)
+        known = unseen.subset(known_rows(seen.dataset, unseen.dataset))
+        with suppress(InputError):
+            errors.append(errors_on(calibrate(model, seen), known) if len(known) else np.zeros(0))
+    found = np.concatenate(errors)
+    return found[np.isfinite(found)]
 
 
 def _constant_twists(fit: Calibration, one: Poses) -> dict[str, Array]:
