@@ -50,7 +50,9 @@ def with_discrepancy(
     if poses.dataset.joints_approximate or not len(_whole(poses)):
         return saved
     noise = noise_within(fit, poses) if noise is None else noise
-    found = [_by_parameters(part) for part in parts] or [_one_left_out(fit, poses)]
+    found = [_by_parameters(part) for part in parts]
+    if 3 * sum(len(squares) for squares, _ in found) < FEWEST:
+        found = [_one_left_out(fit, poses)]
     squares, known = (np.concatenate(values) for values in zip(*found, strict=True))
     error = np.sqrt(squares.sum(axis=1))
     if 3 * len(error) < FEWEST:

@@ -41,10 +41,12 @@ def noise_within(fit: Calibration, poses: Poses) -> float:
         return fit.sigma
     ours = poses.subset(rows)
     problem = problem_at(fit, ours)
+    if problem.left is not None:
+        return fit.sigma
     point = np.nonzero(problem.weights > 0)[1] < 3
     fitted = rank.orthonormal(problem.columns[point][:, problem.free(fit.kept)])
     rest = np.linalg.qr(fitted, mode="complete")[0][:, fitted.shape[1] :]
-    if problem.left is not None or rest.shape[1] < FEWEST:
+    if rest.shape[1] < FEWEST:
         return fit.sigma
     values, vectors = np.linalg.eigh(rest.T @ _kernel(fit, ours, problem) @ rest)
     squares = (vectors.T @ (rest.T @ problem.residual[point])) ** 2
