@@ -12,4 +12,4 @@ def test_each_pose_is_left_out_of_a_fit_of_the_geometry_once() -> None:
     fitted_to = root_mean_square(rigid.fit.error)
     assert len(rigid.heldout) == len(dataset)
     assert fitted_to < root_mean_square(rigid.heldout) < 3.0 * fitted_to
-    assert "Error on held-out poses" in note_of(rigid)
+    assert "Error on held-out poses" in note_of(rigid, "calibrated.urdf")
