@@ -26,6 +26,8 @@ FEWEST = 10
 """Coordinates beyond the unknowns from which noise and discrepancy are told apart at all."""
 LENGTHS = (0.3, 0.08)
 """Correlation lengths of an unknown function in ranges of a joint: those of one period over the range, and of four."""
+ORDER = 4
+"""Joints that an unknown function reads at most; with two, one more robot in a hundred lies outside two sigma."""
 RATIOS = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 41)])
 """Values of γ that are tried: below a hundredth the discrepancy is a tenth of the noise and moves no σ."""
 
@@ -33,8 +35,8 @@ RATIOS = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 41)])
 def noise_within(fit: Calibration, poses: Poses) -> float:
     """Estimate the standard deviation (m) of the noise of one coordinate, discrepancy excluded; at most `fit.sigma`.
 
-    Average of the variance without discrepancy and of that with the likeliest γ, weighted by their probabilities: one
-    more unknown costs half the logarithm of the degrees of freedom. Source: Schwarz (1978).
+    Average of the variance without discrepancy and of that with the likeliest γ, by their Akaike weights: one more
+    unknown costs one nat. Source: Burnham and Anderson (2002), 2.9.
     """
     rows = _independent(fit, poses)
     if poses.dataset.joints_approximate or not len(rows):
@@ -54,7 +56,7 @@ def noise_within(fit: Calibration, poses: Poses) -> float:
     variance = np.mean(squares / scaled, axis=1)
     likelihood = -0.5 * (len(squares) * np.log(variance) + np.log(scaled).sum(axis=1))
     best = int(np.argmax(likelihood))
-    odds = np.exp(likelihood[best] - likelihood[0] - 0.5 * np.log(len(squares)))
+    odds = np.exp(likelihood[best] - likelihood[0] - 1.0)
     share = variance[best] / variance[0]
     return float(fit.sigma * np.sqrt(min(1.0, (1.0 + odds * share) / (1.0 + odds))))
 
@@ -71,7 +73,7 @@ def _independent(fit: Calibration, poses: Poses) -> IntArray:
 def _kernel(fit: Calibration, poses: Poses, problem: Linearised) -> Array:
     """K (3N, 3N) of mean variance one: Σ over axes of c cᵀ, each block times the correlation of two poses.
 
-    The correlation is a sum over joints of exp(-d²/2) and its square, which has the products of two joints.
+    The correlation is a sum over joints of exp(-d²/2) and its powers up to ORDER, with their products of joints.
     """
     effects = geometric_effects(fit.model.mechanism)
     columns = effect_columns(effects, fit.model, poses, problem.observed)[:, :3].reshape(-1, len(effects))
@@ -81,5 +83,6 @@ def _kernel(fit: Calibration, poses: Poses, problem: Linearised) -> Array:
     span = np.ptp(q, axis=0)
     gaps = (q[:, None] - q[None])[:, :, span > 0] / span[span > 0]
     alike = np.mean([np.exp(-0.5 * (gaps / length) ** 2).mean(axis=2) for length in LENGTHS], axis=0)
-    kernel = (columns @ columns.T) * np.kron(alike + alike**2, np.ones((3, 3)))
+    powers = np.sum([alike**power for power in range(1, ORDER + 1)], axis=0)
+    kernel = (columns @ columns.T) * np.kron(powers, np.ones((3, 3)))
     return np.asarray(kernel * len(kernel) / np.trace(kernel))

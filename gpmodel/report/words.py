@@ -224,9 +224,9 @@ def significant_inputs(histogram: HistogramRecord) -> str:
     """
     if histogram.significant:
         return ", ".join(histogram.significant)
-    runs = (histogram.runs, histogram.shuffled_runs)
-    least = len(histogram.inputs) / math.comb(sum(runs), runs[0])
-    return "too few runs to tell" if all(runs) and least >= histogram.significance else "none"
+    runs, shuffled = histogram.runs or 0, histogram.shuffled_runs or 0
+    least = len(histogram.inputs) / math.comb(runs + shuffled, runs)
+    return "too few runs to tell" if runs and shuffled and least >= histogram.significance else "none"
 
 
 def removed(histogram: HistogramRecord) -> str:
