@@ -15,7 +15,7 @@ from gpmodel.api.fitted import FittedResult
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
 from gpmodel.api.table import TableLike, in_metres, read_table, specified
-from gpmodel.application.heldout import with_discrepancy
+from gpmodel.application.heldout import unseen_of, with_discrepancy
 from gpmodel.application.model_file import check_kept, saved_model
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.folds import discover_by_folds
@@ -69,7 +69,7 @@ class DiscoveryResult(FittedResult):
         noise = self.origin.noise
         if noise is None and data.instrument is not None:
             noise = data.instrument.noise(data.position)
-        return Model(with_discrepancy(saved, found.final, found.poses, found.unseen, noise))
+        return Model(with_discrepancy(saved, found.final, found.poses, unseen_of(found), noise))
 
     @property
     def fit(self) -> tuple[Calibration, Poses]:

@@ -14,8 +14,24 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.comparison import Unseen
 from gpmodel.calibration.discrepancy import FEWEST, noise_within
 from gpmodel.calibration.result import Calibration, problem_at
+from gpmodel.discovery.result import Discovery
 from gpmodel.model.error_model import Poses, pose_error
 from gpmodel.numerics.outliers import outlier_limit
+
+
+def shipped(found: Discovery) -> int:
+    """Number of the step that is shipped: the last where the held-out poses confirm it, else the standard model."""
+    return len(found.steps) - 1 if found.confirmed else 1
+
+
+def unseen_of(found: Discovery) -> tuple[Unseen, ...]:
+    """Fits of the shipped step with the poses they have not seen: one a fold, or one of the poses held out."""
+    number = shipped(found)
+    return tuple(
+        Unseen(part.step(number).calibration, part.poses.subset(part.train), part.poses.subset(part.heldout))
+        for part in found.parts or (found,)
+        if len(part.heldout)
+    )
 
 
 def predicted_errors(saved: SavedModel, poses: Poses, *, as_measured: bool) -> Array:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.calibration.comparison import Step, Unseen
+from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.explore import Exploration
@@ -114,20 +114,6 @@ class Discovery:
     def step(self, number: int) -> Step:
         """A step of the ladder; of fewer the last stands for further ones."""
         return self.steps[min(number, len(self.steps) - 1)]
-
-    @property
-    def shipped(self) -> int:
-        """Number of the step that is shipped: the last where the held-out poses confirm it, else the standard model."""
-        return len(self.steps) - 1 if self.confirmed else 1
-
-    @property
-    def unseen(self) -> tuple[Unseen, ...]:
-        """Fits of the shipped step with the poses they have not seen: one a fold, or one of the poses held out."""
-        return tuple(
-            Unseen(part.step(self.shipped).calibration, part.poses.subset(part.train), part.poses.subset(part.heldout))
-            for part in self.parts or (self,)
-            if len(part.heldout)
-        )
 
     @property
     def found(self) -> Calibration:

@@ -7,6 +7,7 @@ from operator import itemgetter
 
 import numpy as np
 
+from gpmodel.application.heldout import shipped, unseen_of
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
 from gpmodel.calibration.unobservable import unobservable_families
@@ -38,8 +39,8 @@ def from_discovery(discovery: Discovery, origin: Origin, saved: SavedModel | Non
     poses, final = discovery.poses, discovery.final
     names = names_of(poses.dataset)
     unobservable = tuple(translate(name, names) for name in unobservable_families(final, poses))
-    parts = discovery.unseen
-    ladder = Ladder(poses, discovery.train, discovery.steps, final, (), None, saved, discovery.shipped, parts)
+    parts = unseen_of(discovery)
+    ladder = Ladder(poses, discovery.train, discovery.steps, final, (), None, saved, shipped(discovery), parts)
     common = build("discover", ladder, origin)
     if discovery.folds:
         common = _by_folds(common, discovery)

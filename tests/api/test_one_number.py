@@ -12,6 +12,7 @@ from cli_cases import numbers, table
 import gpmodel as gp
 from gpmodel.api.calibrate import CalibrationResult
 from gpmodel.api.model import Model
+from gpmodel.application.heldout import unseen_of
 from gpmodel.application.model_file import saved_model
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.report.certificate import errors_before_and_after
@@ -87,11 +88,11 @@ def test_a_choice_in_folds_states_the_errors_of_each_model_at_the_poses_it_has_n
     frame = table(60, name="ur5")
     result = gp.discover("ur5", frame, folds=3, search=gp.Search(runs=0), candidates=gp.catalogue[:1])
     found = np.full(len(frame), np.nan)
-    for part in result.found.unseen:
+    for part in unseen_of(result.found):
         Model(saved_model(part.fit, part.seen)).save(tmp_path / "part.json")
         rows = part.unseen.dataset.row - 1
         found[rows] = errors(gp.load_model(tmp_path / "part.json"), frame, rows, True)
-    assert len(result.found.unseen) == 3
+    assert len(unseen_of(result.found)) == 3
     assert result.record.ladder[-1].heldout.rms_mm == pytest.approx(root_mean_square(found), abs=EXACT)
     result.model.save(tmp_path / "model.json")
     whole = errors(gp.load_model(tmp_path / "model.json"), frame, np.arange(len(frame)), False)
