@@ -16,6 +16,7 @@ from gpmodel.errors import InputError
 from gpmodel.model.error_model import ErrorModel, measured_minus, observe
 from gpmodel.model.instruments import with_observations
 from gpmodel.model.sites import geometric_effects
+from gpmodel.numerics.rank import orthonormal, remove
 from gpmodel.table.dataset import Dataset
 
 STEP = 2e-6
@@ -24,6 +25,7 @@ SIZELESS = ("planes", "spheres", "points")
 
 @pytest.mark.parametrize("instrument", OTHERS)
 def test_columns_are_the_derivatives_of_the_readings(instrument: str) -> None:
+    """Bars follow their touches: both are compared less what a bar's own place takes up."""
     made = simulated(instrument, 18)
     poses, saved = ready(made), made.truth.saved
     effects = geometric_effects(saved.mechanism)
@@ -32,6 +34,7 @@ def test_columns_are_the_derivatives_of_the_readings(instrument: str) -> None:
     placement = replace(saved.placement, anchors=there.own)
     problem = linearise(model, poses, theta, placement, 1.0, np.ones(len(poses), dtype=bool))
     scale = problem.weights[problem.weights > 0]
+    own = orthonormal(problem.columns[:, [k for k, n in enumerate(problem.placement_names) if n.startswith("pair")]])
     for k in range(problem.columns.shape[1]):
         step, moved = np.zeros(problem.columns.shape[1]), []
         for side in (1, -1):
@@ -39,8 +42,10 @@ def test_columns_are_the_derivatives_of_the_readings(instrument: str) -> None:
             near = placement_after(problem.observed, placement, step[: problem.placement])
             seen = observe(model, poses, theta + step[problem.placement :], near)
             moved.append(measured_minus(seen, poses.dataset)[problem.weights > 0] * scale)
-        numeric = (moved[1] - moved[0]) / (2 * STEP)
-        np.testing.assert_allclose(problem.columns[:, k], numeric, atol=1e-6 * max(np.abs(numeric).max(), 1e-3))
+        numeric, column = (moved[1] - moved[0]) / (2 * STEP), problem.columns[:, k]
+        if instrument == "bar":
+            numeric, column = (remove(own, values[:, None])[:, 0] for values in (numeric, column))
+        np.testing.assert_allclose(column, numeric, atol=1e-6 * max(np.abs(numeric).max(), 1e-3))
 
 
 @pytest.mark.long
