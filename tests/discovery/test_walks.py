@@ -22,10 +22,8 @@ def test_what_a_walk_of_few_waves_leaves_is_no_step(seed: int, tmp_path: Path) -
 
 
 @pytest.mark.long
-def test_a_drift_that_bends_in_every_direction_is_one_finding(tmp_path: Path) -> None:
-    """The line along one axis and the rest of the drift had been selected together, and kept the whole out."""
+def test_a_drift_that_bends_in_every_direction_is_a_drift_and_nothing_else(tmp_path: Path) -> None:
     make("drift", 61, tmp_path)
     table = read_table(tmp_path / "table.csv", tmp_path / "robot.urdf", in_order=True)
     answer = discover(tmp_path / "robot.urdf", table, search=Search(runs=0))
-    (finding,) = answer.findings
-    assert finding.catalogue == "set_up_drift"
+    assert {finding.catalogue for finding in answer.findings} == {"drift"}
