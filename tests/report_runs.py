@@ -6,7 +6,7 @@ import numpy as np
 from effect_cases import measure, mechanism
 from loop_cases import found, quick
 
-from gpmodel.calibration.comparison import climb, growing
+from gpmodel.calibration.comparison import climb, growing, step_of
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.problems import slot_task
 from gpmodel.evolution.input_histogram import histogram
@@ -20,7 +20,7 @@ from gpmodel.model.sites import standard_effects
 from gpmodel.report.build import Ladder
 from gpmodel.report.from_calibration import from_calibration
 from gpmodel.report.from_discovery import from_discovery
-from gpmodel.report.from_evolution import from_evolution
+from gpmodel.report.from_evolution import compensation, from_evolution
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
 from gpmodel.table.split import hold_out
@@ -67,7 +67,10 @@ def evolved() -> Report:
     done = run_all(plan.tasks(task.problem), Threads(1), KeptRuns(), lambda _: None)
     runs = [plan.run(number, found, task.problem, task.heldout) for number, found in done]
     counted = histogram([run.record() for run in runs], task.problem.inputs.names, 0.05)
-    return from_evolution(fit, poses, train, (runs, counted), Origin("gpmodel evolve measured.csv", 0, 2.0))
+    unseen = poses.subset(np.setdiff1d(np.arange(len(poses)), train))
+    start = Ladder(poses, train, [step_of("standard", fit, poses.subset(train), unseen)], fit, final_rows=train)
+    origin = Origin("gpmodel evolve measured.csv", 0, 2.0)
+    return from_evolution(start, runs, counted, origin, compensation(runs, task.problem))
 
 
 REPORTS = {

@@ -29,6 +29,7 @@ from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import Budget, Settings, thesis_settings
+from gpmodel.families.candidate import SEQUENCE
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.sites import sites_of
 from gpmodel.selection.programs import as_candidate, without_poles
@@ -62,7 +63,8 @@ def in_slot_space(case: Case, model: Calibration, chosen: Namespace, rng: np.ran
         problem = SlotProblem(inputs, targets(residual, sites, np.arange(len(train))), parsimony=2.0)
         found = evolve(problem, how, rng)
         offered = [
-            as_candidate(f.program, sites[f.site], plain, 2.0 * f.complexity + np.log(len(sites))) for f in found.front
+            as_candidate(f.program, sites[f.site], plain, 2.0 * f.complexity + np.log(len(sites)), SEQUENCE)
+            for f in found.front
         ]
         usable = [
             c for c in offered if c is not None and without_poles(Criteria(), c, train.states, train.states.between())

@@ -133,8 +133,6 @@ def discover(
     seed = whole(seed, "seed")
     condition_limit = limit(condition_limit, "condition_limit", 1.0)
     offers = distinct(listed(candidates, "candidates", "(*gp.catalogue, mine)"))
-    if not search.runs and not offers:
-        raise InputError("no runs and no candidates leave nothing to look for, expected one of them", "search")
     called(progress, "progress")
     arm = mechanism_of(mechanism)
     geometry = _geometry(arm, standard)

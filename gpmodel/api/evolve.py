@@ -11,17 +11,20 @@ import numpy as np
 import pandas as pd
 
 from gpmodel._version import __version__
-from gpmodel.api.arguments import among, called, limit, share, texts, whole
-from gpmodel.api.calibrate import checked_poses, split
+from gpmodel.api.arguments import among, called, file_path, limit, listed, share, texts, whole
+from gpmodel.api.calibrate import checked_poses, named_group, split
 from gpmodel.api.display import Shown, aligned
 from gpmodel.api.evolve_settings import Effort, Space, default_strategies, evolved, selecting, settings_for
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
+from gpmodel.api.model import Model, load_model
 from gpmodel.api.results import save_record, write_results
 from gpmodel.api.table import TableLike
 from gpmodel.arrays import IntArray
+from gpmodel.calibration.comparison import Models, step_of
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.problems import TrainingProblem, cartesian_task, slot_task
+from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evolution.input_histogram import Histogram, histogram
 from gpmodel.evolution.representation import Representation
@@ -31,14 +34,18 @@ from gpmodel.executor import Workers
 from gpmodel.extras import extra_for
 from gpmodel.files import to_json, write_text
 from gpmodel.forks import Forks
+from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import choice_of
+from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import standard_effects
 from gpmodel.progress import Say, Teller, silent
 from gpmodel.report import words
-from gpmodel.report.from_evolution import from_evolution
+from gpmodel.report.build import Ladder
+from gpmodel.report.from_evolution import compensation, from_evolution
 from gpmodel.report.origin import Origin
-from gpmodel.report.schema import Report
+from gpmodel.report.schema import STANDARD, Report
+from gpmodel.report.schema_search import CompensationRecord
 
 COMMAND = "gpmodel.evolve"
 Norm = Literal["max", "rms"]
@@ -52,24 +59,28 @@ COUNTED = ("inputs", "runs", "counts", "shuffled_runs", "shuffled", "operators",
 class EvolutionResult(Shown):
     """Finished runs on the residual and on shuffled ones, and the inputs their best programs refer to.
 
-    fit: the standard model whose residual was evolved on, of the rows `train` of `poses`. sites: where a slot's shape
-    could act. request: what was asked.
+    start: the models fitted to the training poses, the last of which leaves the residual that was evolved on. sites:
+    where a slot's shape could act. request: what was asked. best: the best program at the training poses.
     """
 
     _with_rows = False
     runs: tuple[Run, ...]
     histogram: Histogram
-    fit: Calibration
-    poses: Poses
-    train: IntArray
+    start: Ladder
     sites: tuple[str, ...]
     request: Mapping[str, object]
     origin: Origin
+    best: CompensationRecord
+
+    @property
+    def fit(self) -> Calibration:
+        """The model whose residual was evolved on."""
+        return self.start.final
 
     @cached_property
     def record(self) -> Report:
         """The same as report.json has it."""
-        return from_evolution(self.fit, self.poses, self.train, (self.runs, self.histogram), self.origin)
+        return from_evolution(self.start, self.runs, self.histogram, self.origin, self.best)
 
     @property
     def verdict(self) -> str:
@@ -116,6 +127,8 @@ class EvolutionResult(Shown):
                 aligned([("", "run", "gain", "held out", "nodes", "site"), *best]),
                 "\nRuns that refer to each input (on shuffled errors)",
                 aligned([head, *rows]),
+                "\nRuns that use each operator",
+                aligned(words.operators(self.record.histograms[0])),
                 said,
                 f"stands out of chance: {found}" if found else "no input stands out of chance",
             ]
@@ -154,13 +167,15 @@ class EvolutionResult(Shown):
 
     def __repr__(self) -> str:
         found = ", ".join(self.histogram.significant) or "none"
-        return f"<{len(self.runs)} runs on {self.poses.dataset.source}: inputs that stand out of chance: {found}>"
+        return f"<{len(self.runs)} runs on {self.start.poses.dataset.source}: inputs that stand out of chance: {found}>"
 
 
 def evolve(
     mechanism: MechanismLike,
     table: TableLike,
     *,
+    model: str | Path | Model | None = None,
+    effects: Sequence[str | Effect] = (),
     strategies: Sequence[Representation] | None = None,
     space: Space = "cartesian",
     runs: int = 5,
@@ -178,18 +193,16 @@ def evolve(
     progress: Say = silent,
     command: str = COMMAND,
 ) -> EvolutionResult:
-    """Evolve programs on what the standard model leaves; every run again on shuffled errors (thesis, chapter 5).
+    """Evolve programs on the residual of a model; every run again on shuffled errors (thesis, chapter 5).
 
-    mechanism, table: as loaded and read, or what they are loaded and read from.
+    mechanism, table: as loaded and read, or what they are loaded and read from. model: of `calibrate` or `discover`, or
+    its folder or file, fitted again to the training poses; None for the standard model. effects: as of `calibrate`.
     space: "cartesian", compensators of the tip; "slot", the shape and place of an effect. strategies: Linear and Tree,
     None for the thesis' own in Cartesian space and the defaults at a slot. runs: of each. population, generations,
     seconds: of one run, None for the defaults (64K sequences, 8K trees; 1024 and 512 at a slot; 100 generations).
-    selection: gp.Truncation or gp.Tournament, None for the thesis' best 5 % and, at a slot, tournaments.
-    norm: of a compensator's errors; its x, y, z are in mm. A compensator is scored on every training pose, so that
-    the model it starts from is fitted to every one of them, outliers included. workers: runs side by side, 0 for one
-    a core; executor: runs them elsewhere; no number depends on either. journal: keeps finished runs, to go on from
-    them to the same numbers.
-    Raises InputError for an argument out of range.
+    selection: gp.Truncation or gp.Tournament, None for the thesis' best 5 % and, at a slot, tournaments. norm: of a
+    compensator's errors; its x, y, z are in mm. It is scored on every training pose, so that its model is fitted to all
+    of them, outliers included. workers, executor, journal: as of `discover`. Raises InputError for one out of range.
     """
     fraction, seed, count = share(holdout, "holdout"), whole(seed, "seed"), whole(runs, "runs", 1)
     space, norm = among(space, SPACES, "space"), among(norm, NORMS, "norm")
@@ -200,22 +213,62 @@ def evolve(
     effort = _effort(population, generations, seconds, selection)
     settings = settings_for(space, default_strategies(space) if strategies is None else evolved(strategies), effort)
     arm = mechanism_of(mechanism)
-    geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
-    arm, poses = checked_poses(arm, table, geometry)
-    train, held = split(poses.dataset, fraction, seed)
-    started = time.perf_counter()
-    seen = poses.subset(train)
-    fit = calibrate(ErrorModel(arm, geometry), seen, robust=space == "slot", seed=seed)
-    task = cartesian_task(fit, poses, train, held, norm) if space == "cartesian" else slot_task(fit, arm, seen, seed)
+    named, patterns = listed(effects, "effects", "['base_compliance']"), texts(standard, "standard", "('J* R?',)")
+    known = standard_effects(arm, patterns) if model is None else _effects_of(model, arm, patterns)
+    arm, poses = checked_poses(arm, table, tuple(e for e in known if e.constant))
+    models = _models(known, [named_group(effect, arm, poses) for effect in named])
+    (train, held), started = split(poses.dataset, fraction, seed), time.perf_counter()
+    start = _start(poses, train, models, (arm, space == "slot", seed))
+    task = _task(start, held, norm, space, seed)
     request = {
         "sha256": poses.dataset.sha256, "mechanism": choice_of(arm).name, "space": space, "norm": norm,
-        "seed": seed, "holdout": fraction, "standard": list(standard),
+        "seed": seed, "holdout": fraction, "standard": list(standard), "effects": [e.name for e in start.named],
         "settings": [repr(s) for s in settings.values()],
     }  # fmt: skip
     done = _finished(Plan(settings, count, seed), task, side_by_side, journal or KeptRuns(), Teller(progress))
     counted = histogram([run.record() for run in done], task.problem.inputs.names, Criteria().input_significance)
     origin = Origin(command, seed, time.perf_counter() - started)
-    return EvolutionResult(done, counted, fit, poses, train, tuple(task.problem.sites), request, origin)
+    sites, best = tuple(task.problem.sites), compensation(done, task.problem)
+    return EvolutionResult(done, counted, start, sites, request, origin, best)
+
+
+def _effects_of(model: object, arm: Mechanism, standard: tuple[str, ...]) -> tuple[Effect, ...]:
+    """The effects of a saved model of a mechanism. Raises InputError where it is of another, or beside `standard`."""
+    if standard != ("*",):
+        raise InputError("a model says its geometry; expected no patterns beside it", "standard")
+    known = model if isinstance(model, Model) else load_model(file_path(model, "model"), arm)
+    if [j.name for j in known.mechanism.joints] != [j.name for j in arm.joints]:
+        raise InputError(f"is of {known.mechanism.name}; expected one of {arm.name}", "model")
+    return known.saved.model.effects
+
+
+def _models(known: tuple[Effect, ...], groups: Models) -> Models:
+    """The geometry, and the whole model where it has more: the other known effects and groups of further ones."""
+    geometry, effects = (tuple(e for e in known if e.constant == side) for side in (True, False))
+    groups = [*((e.name, (e,)) for e in effects), *groups]
+    effects = tuple(effect for _, group in groups for effect in group)
+    names = [effect.name for effect in effects]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise InputError(f"'{twice[0]}' is there twice, expected each effect once", "effects")
+    whole = [(", ".join(name for name, _ in groups), (*geometry, *effects))] if groups else []
+    return [(STANDARD, geometry), *whole]
+
+
+def _task(start: Ladder, held: IntArray, norm: Norm, space: Space, seed: int) -> TrainingProblem:
+    """The residual of the training poses as a problem of the search."""
+    if space == "cartesian":
+        return cartesian_task(start.final, start.poses, start.train, held, norm)
+    return slot_task(start.final, start.final.model.mechanism, start.of_final, seed)
+
+
+def _start(poses: Poses, train: IntArray, models: Models, how: tuple[Mechanism, bool, int]) -> Ladder:
+    """Fit the models to the training poses. how: mechanism, whether outliers are left out, seed."""
+    arm, robust, seed = how
+    seen, unseen = poses.subset(train), poses.subset(np.setdiff1d(np.arange(len(poses)), train))
+    fits = [(name, calibrate(ErrorModel(arm, of), seen, robust=robust, seed=seed)) for name, of in models]
+    named = tuple(e for e in models[-1][1] if e not in models[0][1])
+    steps = [step_of(name, fit, seen, unseen) for name, fit in fits]
+    return Ladder(poses, train, steps, fits[-1][1], named, final_rows=train)
 
 
 def _finished(

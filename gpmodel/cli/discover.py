@@ -42,7 +42,7 @@ WATCHED = 0.5
 @click.argument("table", type=shared.PATH, required=False)
 @shared.mechanism_options(required=False)
 @click.option("--runs", type=click.IntRange(0), default=Search().runs, show_default=True,
-              help="How hard to look: GP runs of each representation in a round; 0: catalogue alone.")  # fmt: skip
+              help="GP runs of each representation in a round; 0: catalogue, smooth terms, formulas.")  # fmt: skip
 @shared.representation_option("linear")
 @click.option("--minutes", "--stop-after", "minutes", type=shared.Number(above=0.0), metavar="T",
               help="After T minutes no new round begins; what is found is reported. [default: no limit]")  # fmt: skip
@@ -56,7 +56,7 @@ WATCHED = 0.5
 @shared.instrument_option
 @shared.joints_option
 @shared.condition_limit_option
-@click.option("--no-catalogue", is_flag=True, help="Offer no named family: what is found is what was evolved.")
+@click.option("--no-catalogue", is_flag=True, help="Offer smooth terms, formulas and programs alone, no families.")
 @shared.seed_option
 @shared.workers_option
 @shared.scheduler_option
@@ -75,8 +75,6 @@ def discover(
     """Find what the model of MECHANISM is missing on the poses of TABLE."""
     _check_watched(watch, {"batch": batch, "rows": rows}, resume)
     check_split(asked["holdout"], asked["folds"])
-    if asked["no_catalogue"] and not asked["runs"]:
-        raise InputError("leaves nothing to look for beside --no-catalogue; expected one of them alone", "runs")
     request = Typed(table, mechanism, folder, resume, asked).request(settings())
     if request is None:
         return

@@ -33,6 +33,8 @@ VARIED = ("operators", "crossover", "mutation", "length", "depth")
 @click.command()
 @click.argument("table", type=shared.PATH, required=False)
 @shared.mechanism_options(required=False)
+@click.option("--model", type=shared.PATH, help="Result or model.json to start from, in place of the standard model.")
+@click.option("--effect", "effects", multiple=True, metavar="NAME", help="Of the model evolved on, as of calibrate.")
 @shared.representation_option("linear,tree")
 @click.option("--space", type=click.Choice(["cartesian", "slot"]), default="cartesian", show_default=True,
               help="Compensate the tip, or find the shape and the place of an effect.")  # fmt: skip
@@ -62,12 +64,14 @@ def evolve(
     table: Path | None, mechanism: LoadedMechanism | None, workers: int | None, scheduler: str | None,
     folder: Path | None, resume: Path | None, quiet: bool, **asked: Any,
 ) -> None:  # fmt: skip
-    """Evolve programs on what the standard model leaves of TABLE; count the inputs they refer to.
+    """Evolve programs on the residual of TABLE; count the inputs they refer to.
 
-    Every run is done again on shuffled errors: an input counts only where it stands out of those.
+    The residual is that of the standard model, or of another with --model or --effect. Every run is done again on
+    shuffled errors: an input counts only where it stands out of those.
     With --out: evolve.json, programs.txt, and report.html with what it is made of.
     """
-    asked["standard"] = list(asked["standard"])
+    asked |= {name: list(asked[name]) for name in ("standard", "effects")}
+    asked["model"] = None if asked["model"] is None else str(asked["model"])
     request = Typed(table, mechanism, folder, resume, asked).request(settings())
     if request is None:
         return

@@ -29,6 +29,8 @@ from gpmodel.texts import parse_json, read_limited, seal
 Journal = TypeVar("Journal")
 NO_NUMBERS = ("resume", "folder", "quiet", "workers", "scheduler", "minutes")
 """Options that a search which is finished may be asked again with: none of its numbers would be another."""
+FILES = (*SIGHTS, "model")
+"""Options that name a file or the folder of a result."""
 CALLED = {"effects": "effect", "joints": "joint"}
 """Options by another name than their values."""
 JOINT = "joint "
@@ -95,7 +97,7 @@ class Request:
             **{
                 f"--{CALLED.get(name, name).replace('_', '-')}": list(value) if isinstance(value, tuple) else value
                 for name, value in self.options.items()
-                if name not in ("joints", *SIGHTS)
+                if name not in ("joints", *FILES)
             },
             **{f"--{kind}": _content(model_file(path)) for kind, path in _named_in(self.options).items()},
             "the search": seal({"settings": repr(self.settings)}),
@@ -204,8 +206,8 @@ def _made_by(result: Path) -> str | None:
 
 
 def _named_in(options: Mapping[str, Any]) -> dict[str, Path]:
-    """The files that options name: those of SIGHTS, and the result of each ball joint that was measured alone."""
-    sights = {name: Path(options[name]) for name in SIGHTS if options.get(name)}
+    """The files that options name: those of FILES, and the result of each ball joint that was measured alone."""
+    sights = {name: Path(options[name]) for name in FILES if options.get(name)}
     joints = (said.partition("=") for said in options.get("joints") or ())
     return sights | {f"{JOINT}{ball}": Path(result) for ball, _, result in joints if result}
 
@@ -213,7 +215,7 @@ def _named_in(options: Mapping[str, Any]) -> dict[str, Path]:
 def _with_files(options: Mapping[str, Any], files: Mapping[str, Path]) -> dict[str, Any]:
     """The options with files where they are now."""
     joints = tuple(f"{kind.removeprefix(JOINT)}={path}" for kind, path in files.items() if kind.startswith(JOINT))
-    now: dict[str, Any] = {name: str(files[name]) for name in SIGHTS if name in files}
+    now: dict[str, Any] = {name: str(files[name]) for name in FILES if name in files}
     return dict(options) | now | ({"joints": joints} if joints else {})
 
 

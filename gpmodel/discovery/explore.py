@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import chain
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from gpmodel.evolution.representation import label
 from gpmodel.evolution.runs import KeptRuns, Task, run_all
 from gpmodel.evolution.search import Evolution
 from gpmodel.evolution.settings import Settings
-from gpmodel.families.candidate import Candidate
+from gpmodel.families.candidate import Candidate, maker_of
 from gpmodel.formula.program import Program
 from gpmodel.model.sites import Site
 from gpmodel.numerics.least_squares import MANY_COLUMNS
@@ -143,10 +142,11 @@ def candidates_of(
         return polish(part, problem.targets, site, columns, tuple(held))[0]
 
     found: dict[str, Candidate] = {}
-    for item in chain.from_iterable(run.front for run in runs):
+    makers = [maker_of(label(run.settings.representation)) for run in runs]
+    for maker, item in ((maker, item) for maker, run in zip(makers, runs, strict=True) for item in run.front):
         for program in (item.program, *(fitted(part, item.site) for part in parts(item.program))):
             cost = search.cost(program.complexity, len(sites))
-            candidate = as_candidate(program, sites[item.site], names, cost)
+            candidate = as_candidate(program, sites[item.site], names, cost, maker)
             if candidate is not None and without_poles(residual.criteria, candidate, states, between):
                 found.setdefault(candidate.name, candidate)
     return tuple(found.values())

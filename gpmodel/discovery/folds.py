@@ -20,6 +20,7 @@ from gpmodel.evidence.confirmation import paired
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.units import independent_units
 from gpmodel.executor import called
+from gpmodel.families.candidate import is_program
 from gpmodel.forks import Forks, called_beside
 from gpmodel.model.error_model import Poses
 from gpmodel.progress import Teller, silent
@@ -79,7 +80,7 @@ def _repeated(found: Discovery, choices: Sequence[Discovery], criteria: Criteria
 
 def _evolved(found: Discovery) -> bool:
     """Whether a finding has no name, and something that was evolved passed, of which it may be made."""
-    return any(finding.candidate.found_by == "evolved" for finding in found.findings)
+    return any(is_program(finding.candidate.found_by) for finding in found.findings)
 
 
 def _errors(poses: Poses, parts: Sequence[Discovery], number: int) -> Array:

@@ -18,7 +18,7 @@ from gpmodel.evidence.score import scores
 from gpmodel.evolution.laws import laws_at, shorter
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import SlotProblem
-from gpmodel.families.candidate import Candidate
+from gpmodel.families.candidate import Candidate, formula_of
 from gpmodel.families.catalogue import names
 from gpmodel.formula.program import Program
 from gpmodel.formula.simplification import simplify
@@ -72,7 +72,8 @@ def _at_one_site(candidates: Iterable[Candidate]) -> Iterator[tuple[tuple[str, .
         if len(sites) == 1 and len(parts) > 1 and len(read) <= most:
             names, cost = tuple(c.name for c in parts), sum(c.cost for c in parts)
             said = " and ".join(names)
-            whole = replace(parts[0], name=said, effects=effects, family="", found_by="evolved", cost=cost, inner=None)
+            maker = formula_of(c.found_by for c in parts)
+            whole = replace(parts[0], name=said, effects=effects, family="", found_by=maker, cost=cost, inner=None)
             yield names, whole
 
 
@@ -107,8 +108,8 @@ class ShortLaw:
     def simplified(self) -> Candidate:
         """The effect as computer algebra writes it; it takes longer than all that is asked of a law before."""
         program, task = simplify(self.program), self.task
-        found = as_candidate(program, task.site, task.written, self.candidate.cost)
-        return replace(found, found_by="formula") if found else self.candidate
+        cost, maker = self.candidate.cost, self.candidate.found_by
+        return as_candidate(program, task.site, task.written, cost, maker) or self.candidate
 
 
 def formulas(left: Residual, curves: Sequence[Candidate], search: Search) -> Iterator[ShortLaw]:
@@ -190,9 +191,9 @@ def _as_laws(
     places = len(sites_of(residual.calibration.model.mechanism))
     for program in programs:
         cost = search.cost(program.complexity, 1 if curve.family else places) + curve.cost * bool(curve.family)
-        candidate = as_candidate(program, task.site, task.written, cost)
+        candidate = as_candidate(program, task.site, task.written, cost, formula_of([curve.found_by]))
         if candidate and without_poles(residual.criteria, candidate, states, between):
-            yield ShortLaw(program, task, replace(candidate, found_by="formula"))
+            yield ShortLaw(program, task, candidate)
 
 
 def _shortened(

@@ -15,7 +15,7 @@ from gpmodel.evidence.residual import Residual
 from gpmodel.evidence.score import scores
 from gpmodel.evolution.chance import chance, larger
 from gpmodel.executor import called
-from gpmodel.families.candidate import Candidate
+from gpmodel.families.candidate import Candidate, is_program
 from gpmodel.selection.result import Kept
 
 
@@ -71,6 +71,6 @@ def _judged(residual: Residual, candidate: Candidate, kept: Kept, nulls: tuple[A
     nats = kept.gain - candidate.cost
     score = replace(scores(residual, [candidate])[0], nats=nats)
     by_chance = chance(nats - residual.criteria.head_start * (not candidate.family), nulls[0])
-    if kept.group.found_by == "evolved" and len(nulls[1]):
+    if is_program(kept.group.found_by) and len(nulls[1]):
         by_chance = larger(by_chance, chance(nats, nulls[1]))
     return tested(residual, candidate, score, by_chance, before)

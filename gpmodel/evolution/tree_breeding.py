@@ -45,7 +45,8 @@ class TreeBreeding:
 
     ``style`` is "koza" (subtree exchange, grown subtrees, node replacement) or "thesis" (the depth-first
     crossover and the two mutations of section 5.2.2, completed so that a tree is always whole). Starts are
-    ramped half-and-half between ``shallow`` and ``start_depth``; no tree grows deeper than ``depth``.
+    ramped half-and-half between ``shallow`` and ``start_depth``; no tree grows deeper than ``depth``. start: inputs
+    that one tree each of the first individual returns, so that the compensator that changes nothing competes.
     """
 
     layout: Layout
@@ -54,6 +55,7 @@ class TreeBreeding:
     shallow: int = 1
     start_depth: int = 4
     crossover: float = 0.6
+    start: tuple[str, ...] = ()
 
     @cached_property
     def primitives(self) -> gp.PrimitiveSet:
@@ -92,12 +94,14 @@ class TreeBreeding:
     def initial(self, population: int, rng: np.random.Generator) -> Trees:
         """A random population."""
         with _deap_random(rng):
-            return Trees(
-                tuple(
-                    Individual(tuple(gp.PrimitiveTree(self.toolbox.start()) for _ in range(self.layout.outputs)))
-                    for _ in range(population)
-                )
-            )
+            drawn = [
+                Individual(tuple(gp.PrimitiveTree(self.toolbox.start()) for _ in range(self.layout.outputs)))
+                for _ in range(population)
+            ]
+        if self.start:
+            leaves = {leaf.name: leaf for leaf in self.primitives.terminals[self.primitives.ret]}
+            drawn[0] = Individual(tuple(gp.PrimitiveTree([leaves[name]]) for name in self.start))
+        return Trees(tuple(drawn))
 
     def offspring(
         self, parents: Population, mothers: NDArray[np.intp], fathers: NDArray[np.intp], rng: np.random.Generator

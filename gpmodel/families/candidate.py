@@ -1,6 +1,7 @@
 """A candidate: one thing that the model may be missing, and the shapes that many of them share."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -21,6 +22,28 @@ large."""
 
 Kind = Literal["single", "harmonic", "vector", "curve"]
 
+CATALOGUE, NAMED, SMOOTH_TERM = "catalogue", "named", "smooth term"
+FORMULA, FORMULA_OF_PROGRAM = "formula", "formula of a program"
+SEQUENCE, TREE = "sequence", "tree"
+"""Makers of a candidate: the catalogue; the user; a smooth term without a formula; the enumeration of short formulas,
+applied to a smooth term or an effect, or to an evolved program; genetic programming, by its representation."""
+
+
+def maker_of(representation: str) -> str:
+    """Maker of a program by the label of its representation."""
+    return {"linear": SEQUENCE}.get(representation, representation)
+
+
+def is_program(found_by: str) -> bool:
+    """Whether a maker is genetic programming in some representation."""
+    return found_by not in {CATALOGUE, NAMED, SMOOTH_TERM, FORMULA, FORMULA_OF_PROGRAM}
+
+
+def formula_of(makers: Iterable[str]) -> str:
+    """Maker of a formula that replaces candidates of some makers."""
+    unevolved = {CATALOGUE, NAMED, SMOOTH_TERM, FORMULA}
+    return FORMULA if unevolved.issuperset(makers) else FORMULA_OF_PROGRAM
+
 
 def without_phase(name: str) -> str:
     """The name that the sine and the cosine of one error share: `gear error, J4` of `gear error, J4, sin`."""
@@ -32,7 +55,7 @@ class Candidate:
     """One thing the model may be missing: effects that come together, each with its own unknown.
 
     family: the name of its family, empty for what nobody has named. cost: nats of description beyond the data: the log
-    of how many alternatives it was chosen from. found_by: catalogue or evolved. explanation: what it would be
+    of how many alternatives it was chosen from. found_by: its maker. explanation: what it would be
     physically and who says so, as its family has it. inner: the constants inside its bases, if there are any.
     believed: its priors are standard deviations that somebody stated, and no larger ones are tried.
     """
@@ -41,7 +64,7 @@ class Candidate:
     effects: tuple[Effect, ...]
     family: str
     cost: float
-    found_by: str = "catalogue"
+    found_by: str = CATALOGUE
     explanation: str = ""
     inner: NonlinearParameters | None = None
     believed: bool = False

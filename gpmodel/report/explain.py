@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from gpmodel import wording
 from gpmodel.errors import InputError
+from gpmodel.families.candidate import NAMED
 from gpmodel.mechanism.protocol import INSTRUMENT
 from gpmodel.model.memory import constant_of, read_by
 from gpmodel.report import words
@@ -126,7 +127,7 @@ def _cause(effect: EffectRecord) -> str:
     """What would cause it, as its family says; else how it came into the model."""
     if effect.explanation:
         return sentence(effect.explanation)
-    if effect.found_by == "named":
+    if effect.found_by == NAMED:
         return "No family of the catalogue describes it: it was named by the user, not found."
     return "No mechanism is known for it: it follows the error, and no family of the catalogue describes it."
 

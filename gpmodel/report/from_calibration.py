@@ -5,7 +5,7 @@ from dataclasses import replace
 from itertools import groupby
 
 from gpmodel.calibration.result import resolved
-from gpmodel.families.candidate import Candidate, without_phase
+from gpmodel.families.candidate import NAMED, Candidate, without_phase
 from gpmodel.model.effect import Effect
 from gpmodel.model.naming import names_of, translate
 from gpmodel.report import verdict
@@ -19,7 +19,7 @@ from gpmodel.report.schema_search import EffectRecord
 
 def from_calibration(ladder: Ladder, origin: Origin) -> Report:
     """Ladder, parameters and named effects, under the table's own names."""
-    report = replace(build("calibrate", ladder, origin), effects=tuple(_effects(ladder)))
+    report = replace(build("calibrate", ladder, origin), effects=tuple(named_effects(ladder)))
     return replace(report, verdict=verdict.of_calibration(report))
 
 
@@ -27,12 +27,12 @@ def _together(named: tuple[Effect, ...]) -> Iterator[Candidate]:
     """Each effect by itself, but for a sine and the cosine of the same, which are one finding as in a discovery."""
     for name, group in groupby(named, key=lambda effect: without_phase(effect.name)):
         effects = tuple(group)
-        pair = Candidate(name, effects, effects[0].family, 0.0, found_by="named")
-        alone = (Candidate(e.name, (e,), e.family, 0.0, found_by="named") for e in effects)
+        pair = Candidate(name, effects, effects[0].family, 0.0, found_by=NAMED)
+        alone = (Candidate(e.name, (e,), e.family, 0.0, found_by=NAMED) for e in effects)
         yield from (pair,) if pair.kind == "harmonic" else alone
 
 
-def _effects(ladder: Ladder) -> Iterator[EffectRecord]:
+def named_effects(ladder: Ladder) -> Iterator[EffectRecord]:
     """What was named: at every place it acts, what is not determined without a deviation."""
     final, names = ladder.final, names_of(ladder.poses.dataset)
     candidates = tuple(_together(ladder.named))

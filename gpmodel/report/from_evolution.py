@@ -1,22 +1,21 @@
-"""The Report of compensators evolved on what a fitted model leaves."""
+"""The Report of programs evolved on the residual of a fitted model."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from gpmodel.arrays import IntArray
-from gpmodel.calibration.comparison import step_of
-from gpmodel.calibration.result import Calibration
 from gpmodel.evolution.input_histogram import Histogram
+from gpmodel.evolution.problems import COORDINATES, CartesianProblem, Problem
 from gpmodel.evolution.runs import Run
-from gpmodel.model.error_model import Poses
+from gpmodel.formula.parse import parse
 from gpmodel.model.naming import names_of, translate
 from gpmodel.report import fitted, verdict
 from gpmodel.report.build import Ladder, build
+from gpmodel.report.from_calibration import named_effects
 from gpmodel.report.origin import Origin
-from gpmodel.report.schema import STANDARD, Report
-from gpmodel.report.schema_search import HistogramRecord, ProgramRecord
+from gpmodel.report.schema import Report
+from gpmodel.report.schema_search import CompensationRecord, HistogramRecord, ProgramRecord
 
 
 def histogram_record(counted: Histogram, names: Mapping[str, str]) -> HistogramRecord:
@@ -26,6 +25,7 @@ def histogram_record(counted: Histogram, names: Mapping[str, str]) -> HistogramR
         counts=dict(counted.counts),
         shuffled=counted.referring_by_chance(),
         p_values=counted.p_values,
+        operators={kind: dict(used) for kind, used in counted.operators.items()},
         count_p=counted.count_p,
         strength_p=counted.strength_p,
         runs=sum(counted.runs.values()),
@@ -36,23 +36,39 @@ def histogram_record(counted: Histogram, names: Mapping[str, str]) -> HistogramR
 
 
 def from_evolution(
-    fit: Calibration, poses: Poses, train: IntArray, evolved: tuple[Sequence[Run], Histogram], origin: Origin
+    start: Ladder, runs: Sequence[Run], counted: Histogram, origin: Origin, best: CompensationRecord
 ) -> Report:
-    """The fit, the best program of every run, and the inputs they refer to.
+    """The models fitted, the best program of every run, and the inputs they refer to.
 
-    fit: of the training rows of `poses`. evolved: the finished runs and their histogram of referenced inputs.
+    start: models of the training poses, the last of which leaves the residual.
     """
-    runs, counted = evolved
     real, null = (removed(runs, shuffled) for shuffled in (False, True))
-    names = names_of(poses.dataset)
-    unseen = poses.subset(np.setdiff1d(np.arange(len(poses)), train))
-    step = step_of(STANDARD, fit, poses.subset(train), unseen)
+    names = names_of(start.poses.dataset)
     report = replace(
-        build("evolve", Ladder(poses, train, (step,), fit, final_rows=train), origin),
+        build("evolve", start, origin),
+        effects=tuple(named_effects(start)),
         histograms=(replace(histogram_record(counted, names), removed=real, shuffled_removed=null),),
         runs=tuple(_run(run, names) for run in runs),
+        compensation=replace(best, inputs=tuple(names.get(x, x) for x in best.inputs)),
     )
     return replace(report, verdict=verdict.of_evolution(report))
+
+
+def compensation(runs: Sequence[Run], problem: Problem) -> CompensationRecord:
+    """The outputs of the best program at the training poses, over every input it refers to.
+
+    Of a compensator the shift of the point, mm; of a slot's shape the values before its coefficients.
+    """
+    best = max((run for run in runs if not run.shuffled), key=lambda run: run.gain)
+    program, columns = parse(best.program), problem.inputs.mapping()
+    values = np.asarray(program.evaluate(columns), dtype=float).reshape(len(program.outputs), -1)
+    outputs = tuple(str(program.select([k])) for k in range(len(program.outputs)))
+    if isinstance(problem, CartesianProblem):
+        values, outputs = values - problem.inputs.select(COORDINATES).values, tuple(f"Δ{c}, mm" for c in COORDINATES)
+    read = tuple(name for name in problem.inputs.names if name in program.inputs)
+    columns_read = tuple(fitted.finite(columns[name]) for name in read)
+    values_read = tuple(fitted.finite(row) for row in values)
+    return CompensationRecord(f"{best.representation} {best.number + 1}", read, columns_read, outputs, values_read)
 
 
 def removed(runs: Sequence[Run], shuffled: bool) -> float | None:

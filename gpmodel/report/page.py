@@ -12,6 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from gpmodel import wording
 from gpmodel.report import (
     charts_errors,
+    charts_evolution,
     charts_findings,
     charts_search,
     charts_space,
@@ -33,7 +34,7 @@ MOST_POSES = 400
 
 def pictures(report: Report) -> Iterator[Picture]:
     """Every picture this report has the numbers for."""
-    for charts in (charts_errors, charts_space, charts_search, charts_findings):
+    for charts in (charts_errors, charts_space, charts_search, charts_evolution, charts_findings):
         yield from charts.pictures(report)
 
 

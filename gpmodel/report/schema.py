@@ -12,6 +12,7 @@ from gpmodel.arrays import Count, NotNegative, Share
 from gpmodel.evidence.confirmation import Confirmation
 from gpmodel.report.schema_poses import InstrumentRecord, PlotRecord, Positioning, ReadingRecord, Repeatability
 from gpmodel.report.schema_search import (
+    CompensationRecord,
     Correlation,
     EffectRecord,
     HistogramRecord,
@@ -195,6 +196,7 @@ class Report:
     rounds: tuple[RoundRecord, ...] = ()
     suspects: tuple[SuspectRecord, ...] = ()
     runs: tuple[ProgramRecord, ...] = ()
+    compensation: CompensationRecord | None = None
     parameters: tuple[ParameterRecord, ...] = ()
     placement: tuple[ParameterRecord, ...] = ()
     rank_curve: tuple[RankRecord, ...] = ()

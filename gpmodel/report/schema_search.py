@@ -138,10 +138,10 @@ class EffectRecord:
 class HistogramRecord:
     """Runs whose best program refers to each input: `counts` by representation, `shuffled` on shuffled residuals.
 
-    significance: limit of the p-values. count_p, strength_p: the two tests behind p_values (the larger of them): how
-    often an input is referred to, and what the best run that refers to it saves. runs, shuffled_runs: how many there
-    were. removed, shuffled_removed: the share of what it is scored by that the best program of a run removes, median
-    over the runs.
+    operators: runs by representation that use each operator. significance: limit of the p-values. count_p, strength_p:
+    the two tests behind p_values (the larger of them): how often an input is referred to, and what the best run that
+    refers to it saves. runs, shuffled_runs: how many there were. removed, shuffled_removed: the share of what it is
+    scored by that the best program of a run removes, median over the runs.
     """
 
     inputs: tuple[str, ...] = ()
@@ -154,6 +154,7 @@ class HistogramRecord:
     significance: Share = 0.05
     runs: Count | None = None
     shuffled_runs: Count | None = None
+    operators: dict[str, dict[str, Count]] = field(default_factory=dict)
     removed: float | None = None
     shuffled_removed: float | None = None
 
@@ -232,3 +233,17 @@ class ProgramRecord:
     evaluations: Count = 0
     seconds: NotNegative = 0.0
     history: dict[str, tuple[float | None, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class CompensationRecord:
+    """The best program at the training poses.
+
+    columns: (K, N) of the inputs that it refers to. values: (m, N) of its outputs.
+    """
+
+    run: str = ""
+    inputs: tuple[str, ...] = ()
+    columns: tuple[tuple[float | None, ...], ...] = ()
+    outputs: tuple[str, ...] = ()
+    values: tuple[tuple[float | None, ...], ...] = ()

@@ -150,4 +150,6 @@ def of_evolution(report: Report) -> str:
     best = max((run.gain for run in real if run.gain is not None), default=None)
     inputs = ", ".join(histogram.significant)
     found = f"The residual refers to {inputs}" if inputs else "No input is significant"
+    if report.effects:
+        found = f"Given {wording.listed([e.name for e in report.effects])}: {found[0].lower()}{found[1:]}"
     return f"{found}; the best of {len(real)} programs removes {wording.percent(best)} of what they are scored by."

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gpmodel import wording
+from gpmodel.families.candidate import CATALOGUE, FORMULA, FORMULA_OF_PROGRAM, NAMED, SEQUENCE, SMOOTH_TERM, TREE
 from gpmodel.mechanism.protocol import INSTRUMENT
 from gpmodel.numerics.interval import COVERAGE, coverage_factor
 from gpmodel.report.schema import Report
@@ -15,9 +16,11 @@ MARGIN = f"{100 * RIVAL_MARGIN:.0f} %"
 MOST_EXPLAINED = 3
 """Inputs whose test is said in words; the table has all."""
 _FOUND_BY = {
-    "catalogue": "the catalogue of effects", "evolved": "genetic programming", "named": "named beforehand",
-    "formula": "a search of short formulas",
-    "surface": "a free function of its inputs; no shorter law predicts as well",
+    CATALOGUE: "the catalogue of effects", NAMED: "named beforehand",
+    SMOOTH_TERM: "a smooth term of its inputs; no formula predicts as well",
+    FORMULA: "enumeration of short formulas for a smooth term or an effect; nothing was evolved for it",
+    FORMULA_OF_PROGRAM: "enumeration of short formulas for a program of genetic programming",
+    SEQUENCE: "genetic programming (sequence of instructions)", TREE: "genetic programming (tree)",
 }  # fmt: skip
 _SOURCES = {
     "repeats": "from the repeats in the table", "instrument": "from the instrument's figure",
@@ -227,6 +230,13 @@ def significant_inputs(histogram: HistogramRecord) -> str:
     runs, shuffled = histogram.runs or 0, histogram.shuffled_runs or 0
     least = len(histogram.inputs) / math.comb(runs + shuffled, runs)
     return "too few runs to tell" if runs and shuffled and least >= histogram.significance else "none"
+
+
+def operators(histogram: HistogramRecord) -> list[tuple[str, ...]]:
+    """A table: best programs that use each operator, by representation, the most used first."""
+    used = {name for counts in histogram.operators.values() for name in counts}
+    rows = [(name, *(str(counts.get(name, 0)) for counts in histogram.operators.values())) for name in sorted(used)]
+    return [("operator", *histogram.operators), *sorted(rows, key=lambda row: -sum(map(int, row[1:])))]
 
 
 def removed(histogram: HistogramRecord) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.calibration.priors import GEOMETRY_REACH
-from gpmodel.families.candidate import Candidate
+from gpmodel.families.candidate import SMOOTH_TERM, Candidate
 from gpmodel.families.catalogue import family
 from gpmodel.formula.expression import Basis
 from gpmodel.model.effect import Effect
@@ -75,7 +75,7 @@ class Group(Candidate):
 def is_curve(candidate: Candidate) -> bool:
     """Whether a candidate says how an error looks and names no part: a smooth term, or one of a generic family."""
     known = family(candidate.family)
-    return candidate.found_by == "surface" or (known is not None and known.generic)
+    return candidate.found_by == SMOOTH_TERM or (known is not None and known.generic)
 
 
 def spread_of(effect: Effect, shapes: Shapes) -> float:

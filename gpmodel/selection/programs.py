@@ -20,7 +20,7 @@ DIGITS = 5
 """Significant digits of an evolved constant; the coefficient in front of the basis is fitted anew, with σ."""
 
 
-def as_candidate(program: Program, site: Site, names: Mapping[str, str], cost: float) -> Candidate | None:
+def as_candidate(program: Program, site: Site, names: Mapping[str, str], cost: float, maker: str) -> Candidate | None:
     """A program as effects at its site, one an output; None where it is no function of any input."""
     texts = [expression_text(program.select([k]), names) for k in range(len(program.outputs))]
     texts = [t for t in dict.fromkeys(texts)]
@@ -32,7 +32,7 @@ def as_candidate(program: Program, site: Site, names: Mapping[str, str], cost: f
     if not bases:
         return None
     effects = [site.effect("", basis, axis_unit(site.axis)) for basis in bases]
-    return Candidate(law_name(effects), numbered(effects), "", cost, "evolved")
+    return Candidate(law_name(effects), numbered(effects), "", cost, maker)
 
 
 def parts(program: Program) -> list[Program]:

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from gpmodel.arrays import Array, IntArray
 from gpmodel.evidence.gain import best, fitted, rotated, with_own_noise
 from gpmodel.evolution.smooth import Sines
-from gpmodel.families.candidate import Candidate
+from gpmodel.families.candidate import SMOOTH_TERM, Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, axis_unit
 from gpmodel.model.memory import read_by
@@ -72,7 +72,7 @@ class FreeFunction:
             text = "*".join(w.text(k) for w, k in zip(self.sines, row, strict=True))
             terms = site.effect("", Expression(text), "").terms
             effects.append(Effect(f"{name}, {number}", terms, axis_unit(site.axis), "", spread))
-        return group_of(Candidate(name, tuple(effects), "", cost, "surface"), shapes)
+        return group_of(Candidate(name, tuple(effects), "", cost, SMOOTH_TERM), shapes)
 
 
 def principal(column: Array) -> Array:

@@ -159,7 +159,6 @@ BAD: dict[str, tuple[list[str], str]] = {
     "minutes without end": (["{table}", "--mechanism", "irb6400r", "--minutes", "inf"], "--minutes"),
     "minutes that are no number": (["{table}", "--mechanism", "irb6400r", "--stop-after", "nan"], "--minutes"),
     "fewer runs than none": (["{table}", "--mechanism", "irb6400r", "--runs", "-1"], "--runs"),
-    "nothing to look for": (["{table}", "--mechanism", "irb6400r", "--runs", "0", "--no-catalogue"], "--runs"),
     "two ways to hold out": (
         ["{table}", "--mechanism", "irb6400r", "--watch", "--folds", "3", "--holdout", "0.2"],
         "--folds",

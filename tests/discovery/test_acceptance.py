@@ -22,7 +22,7 @@ RULE = Criteria()
 
 def unnamed() -> tuple[Candidate, ...]:
     """The shapes of the catalogue as if they had been evolved."""
-    return tuple(replace(c, family="", found_by="evolved") for c in pool() if not c.has_priors)
+    return tuple(replace(c, family="", found_by="sequence") for c in pool() if not c.has_priors)
 
 
 def strongest(planted: str, null: np.ndarray = LOW, criteria: Criteria = RULE) -> Hypothesis:

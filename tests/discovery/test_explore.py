@@ -126,7 +126,7 @@ def test_exploring_offers_distinct_finite_effects_that_read_known_inputs() -> No
         offered = entry.exploration.candidates
         assert len({c.name for c in offered}) == len(offered) > 0
         for candidate in offered:
-            assert candidate.found_by == "evolved"
+            assert candidate.found_by == "sequence"
             assert candidate.family == ""
             assert candidate.cost > 0
             assert set(candidate.effects[0].inputs) <= set(answer.poses.states.columns)
@@ -146,7 +146,7 @@ def test_every_round_in_which_something_could_be_accepted_has_its_own_null() -> 
     for entry in quick().rounds:
         null = entry.exploration.null_nats
         asked = entry.number == 1 or any(
-            h.score.nats > Criteria().minimum_nats for h in entry.hypotheses if h.candidate.found_by == "evolved"
+            h.score.nats > Criteria().minimum_nats for h in entry.hypotheses if h.candidate.found_by == "sequence"
         )
         assert not asked or np.isfinite(null).sum() >= 2
         assert sum(entry.exploration.histogram.shuffled_runs.values()) == len(null)
@@ -156,7 +156,7 @@ def test_every_round_in_which_something_could_be_accepted_has_its_own_null() -> 
 def test_nothing_is_accepted_of_a_round_without_a_null() -> None:
     for entry in [*found("nothing", 0).rounds, *found("windup", 0).rounds]:
         if not len(entry.exploration.null_nats):
-            assert not any(h.accepted for h in entry.hypotheses if h.candidate.found_by == "evolved")
+            assert not any(h.accepted for h in entry.hypotheses if h.candidate.found_by == "sequence")
 
 
 def test_an_opening_round_beside_a_catalogue_has_the_smaller_budget() -> None:

@@ -145,7 +145,7 @@ def test_what_was_evolved_is_asked_of_repetitions_that_evolve_where_others_do_no
 ) -> None:
     like = found("windup", 0)
     finding = like.findings[0]
-    made = replace(finding.candidate, family="", found_by="evolved") if evolved else finding.candidate
+    made = replace(finding.candidate, family="", found_by="sequence") if evolved else finding.candidate
     law = replace(finding.hypothesis, candidate=made)
     like = replace(like, findings=(replace(finding, hypothesis=law),), steps=like.steps[:3])
     ways = Told(like, first), Told(like, second)

@@ -22,7 +22,7 @@ from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import scores
 from gpmodel.evolution.pareto import Solution, scored
 from gpmodel.evolution.problems import SlotProblem
-from gpmodel.families.candidate import Candidate
+from gpmodel.families.candidate import Candidate, formula_of
 from gpmodel.formula.expression import Expression
 from gpmodel.formula.parse import parse
 from gpmodel.model.effect import Effect, effect_at
@@ -39,7 +39,7 @@ def at(text: str, slot: str = "J4.moving", family: str = "") -> Effect:
 
 
 def evolved(*texts: str, slot: str = "J4.moving") -> list[Candidate]:
-    return [Candidate(t, (at(t, slot),), "", 20.0, "evolved") for t in texts]
+    return [Candidate(t, (at(t, slot),), "", 20.0, "sequence") for t in texts]
 
 
 def named(family: str, *texts: str) -> Candidate:
@@ -68,7 +68,9 @@ def judged(fresh: bool) -> Judged:
     def fit(found: Sequence[Candidate], start: Calibration | None = None) -> Calibration:
         return calibrate(ErrorModel(arm, (*geometry, *(e for c in found for e in c.effects))), truth.poses, start=start)
 
-    program = Candidate("evolved", (effect_at("evolved", "J4.moving", "Rz", Expression(AWKWARD)),), "", 30.0, "evolved")
+    program = Candidate(
+        "evolved", (effect_at("evolved", "J4.moving", "Rz", Expression(AWKWARD)),), "", 30.0, "sequence"
+    )
     search, criteria = Search(runs=0, workers=1), Criteria(shuffles=19)
     problem = Problem(fit(()), fit, truth.poses, (), search, criteria)
     fitted, _ = choose(problem, (program,), frozenset({"evolved"} if fresh else ()))
@@ -185,3 +187,22 @@ def test_of_one_column_read_in_two_ways_each_is_asked_by_itself(
     monkeypatch.setattr(searching, "laws_at", none)
     assert not list(formulas(left, [curve], Search(workers=1)))
     assert asked == inputs
+
+
+@pytest.mark.parametrize(
+    ("makers", "expected"),
+    [
+        (("catalogue",), "formula"),
+        (("smooth term",), "formula"),
+        (("formula", "named"), "formula"),
+        (("sequence",), "formula of a program"),
+        (("smooth term", "tree"), "formula of a program"),
+        (("formula of a program",), "formula of a program"),
+        (("a representation of a user",), "formula of a program"),
+    ],
+)
+def test_a_formula_says_whether_it_replaces_an_evolved_program(makers: tuple[str, ...], expected: str) -> None:
+    parts = [replace(c, found_by=m) for c, m in zip(evolved("sin(J4)", "cos(J4)"), makers, strict=False)]
+    assert formula_of(makers) == expected
+    together = sites_together(*parts, replace(*evolved("J4"), found_by="formula"))
+    assert [c.found_by for c in together.values()] == [expected]

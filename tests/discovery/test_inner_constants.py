@@ -20,7 +20,7 @@ TRUE = 0.5
 
 def law(text: str, family: str = "") -> Candidate:
     return Candidate(
-        text, (effect_at(text, "J3.moving", "Ry", Expression(text), "rad", family),), family, 4.0, "evolved"
+        text, (effect_at(text, "J3.moving", "Ry", Expression(text), "rad", family),), family, 4.0, "sequence"
     )
 
 

@@ -69,7 +69,7 @@ def test_a_named_effect_gets_its_name_and_its_size() -> None:
 def test_what_no_family_describes_is_an_expression_that_was_evolved() -> None:
     first = found("windup", 0).findings[0].candidate
     assert first.family == ""
-    assert first.found_by in ("evolved", "formula")
+    assert first.found_by in ("formula", "formula of a program", "sequence")
     assert "torque_J3" in first.name
 
 
@@ -144,7 +144,7 @@ def test_what_is_evolved_and_never_chosen_does_not_keep_the_search_going(monkeyp
     def another(*_: object) -> tuple[Candidate, ...]:
         name = f"sin({17 + len(asked)}*J6) on J6.moving Rz"
         effect = effect_at(name, "J6.moving", "Rz", Expression(f"sin({17 + len(asked)}*J6)"))
-        asked.append(Candidate(name, (effect,), "", 15.0, "evolved"))
+        asked.append(Candidate(name, (effect,), "", 15.0, "sequence"))
         assert len(asked) <= 2, "no end"
         return (asked[-1],)
 

@@ -26,7 +26,7 @@ GROSS = (3,)
 
 def at_drive(name: str, *texts: str) -> Candidate:
     effects = tuple(effect_at(f"{name}, {t}", "J4.moving", "Rz", Expression(t)) for t in texts)
-    return Candidate(name, effects, "", 20.0, "surface")
+    return Candidate(name, effects, "", 20.0, "smooth term")
 
 
 CURVE = at_drive("curve", *(f"{f}({k}*J4)" for k in (1, 2, 3) for f in ("sin", "cos")))

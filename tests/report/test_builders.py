@@ -58,7 +58,7 @@ def test_a_finding_that_matches_no_family_says_so() -> None:
     first = report("windup").effects[0]
     assert first.catalogue is None
     assert first.explanation == "matches no named effect"
-    assert first.found_by in ("evolved", "formula")
+    assert first.found_by in ("formula", "formula of a program", "sequence")
 
 
 def test_the_verdict_says_what_was_added_or_that_nothing_was() -> None:

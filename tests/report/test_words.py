@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from gpmodel import wording
+from gpmodel.families.candidate import CATALOGUE, FORMULA, NAMED, SEQUENCE, SMOOTH_TERM, TREE
 from gpmodel.report.instrument_words import beside_specification, instrument
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_poses import InstrumentRecord
@@ -105,3 +106,9 @@ def test_a_share_of_squares_is_stated_as_a_share_of_the_rms() -> None:
     """0.128 mm RMS that falls to 0.032 mm is 94 % of the squares and 75 % of the error."""
     assert rms_removed(1.0 - (0.032 / 0.128) ** 2) == pytest.approx(0.75)
     assert rms_removed(1.1) == 1.0
+
+
+@pytest.mark.parametrize("maker", [CATALOGUE, NAMED, SMOOTH_TERM, FORMULA, SEQUENCE, TREE])
+def test_genetic_programming_is_named_only_where_a_program_was_evolved(maker: str) -> None:
+    said = found(Report(), EffectRecord("a", found_by=maker, round=1))
+    assert ("genetic programming" in said) == (maker in {SEQUENCE, TREE})

@@ -27,7 +27,7 @@ def on(joint: str, axis: str, text: str) -> Effect:
     return effect_at(f"{text} on {joint}.moving {axis}", f"{joint}.moving", axis, Expression(text))
 
 
-LAW = Candidate("exp(-4*square(J3)) on J3.moving Ry", (on("J3", "Ry", "exp(-4*square(J3))"),), "", 15.0, "evolved")
+LAW = Candidate("exp(-4*square(J3)) on J3.moving Ry", (on("J3", "Ry", "exp(-4*square(J3))"),), "", 15.0, "sequence")
 
 
 @cache

@@ -60,7 +60,7 @@ def hinge(cost: float) -> Candidate:
     """Joint 3 gives way beyond half a radian, as evolved in two terms."""
     bases = ("max(J3, 0.5)", "J3")
     effects = tuple(effect_at(f"both [{k}]", "J3.moving", "Ry", Expression(b)) for k, b in enumerate(bases, 1))
-    return Candidate(" and ".join(bases) + " on J3.moving Ry", effects, "", cost, "evolved")
+    return Candidate(" and ".join(bases) + " on J3.moving Ry", effects, "", cost, "sequence")
 
 
 def test_terms_evolved_together_are_offered_one_by_one_where_one_has_a_name() -> None:
@@ -85,7 +85,7 @@ def test_terms_that_share_no_input_are_laws_of_their_own() -> None:
     place = "J3.moving Ry"
     texts = ("J1", "sin(J2)", "J1*J4", "J2 + J5")
     effects = tuple(effect_at(t, "J3.moving", "Ry", Expression(t)) for t in texts)
-    both = Candidate(f"{' and '.join(texts)} on {place}", effects, "", 30.0, "evolved")
+    both = Candidate(f"{' and '.join(texts)} on {place}", effects, "", 30.0, "sequence")
     found = laws(both, nats)
     assert [(law.name, law.cost) for law in found] == [
         (f"J1 and J1*J4 on {place}", 8.0), (f"sin(J2) and J2 + J5 on {place}", 10.0)

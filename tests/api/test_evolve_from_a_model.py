@@ -1,0 +1,95 @@
+"""Evolution goes on where a model went in: from named effects or from a saved model."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fleet_cases import machines
+
+import gpmodel as gp
+from gpmodel.api.evolve import EvolutionResult
+from gpmodel.report.page import pictures
+from gpmodel.table.dataset import Dataset
+
+ARM, BASE, JOINT = "irb6400r", "base_compliance", "joint_compliance J2"
+
+
+@cache
+def table() -> Dataset:
+    """An arm whose base and joint 2 yield."""
+    return machines(0, 1)["R-01"]
+
+
+def evolved(**asked: object) -> EvolutionResult:
+    return gp.evolve(ARM, table(), strategies=(gp.Linear(),), runs=1, population=40, generations=2, workers=1,
+                     space="slot", **asked)  # type: ignore[arg-type]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "effects", [(BASE,), *(pytest.param(of, marks=pytest.mark.long) for of in ((), (BASE, JOINT)))]
+)
+def test_the_residual_is_that_of_the_model_with_its_effects(effects: tuple[str, ...]) -> None:
+    report = evolved(effects=effects).record
+    expected = gp.calibrate(ARM, table(), effects).record
+    assert len(report.effects) == len(effects)
+    assert report.ladder[-1].heldout.rms_mm == pytest.approx(expected.ladder[-1].heldout.rms_mm, rel=1e-6)
+    assert report.verdict.startswith("Given ") == bool(effects)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("saved", [False, True])
+def test_a_saved_model_is_what_its_effects_are(saved: bool, tmp_path: Path) -> None:
+    model = gp.calibrate(ARM, table(), [BASE]).model
+    model.save(tmp_path / "model.json")
+    found = evolved(model=tmp_path / "model.json" if saved else model, effects=[JOINT])
+    named = evolved(effects=[BASE, JOINT])
+    assert [e.name for e in found.record.effects] == [e.name for e in named.record.effects]
+    assert found.fit.error == pytest.approx(named.fit.error)
+    assert [run.program for run in found.runs] == [run.program for run in named.runs]
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"model": "nowhere"}, "nowhere"),
+        ({"effects": ["no_such"]}, "no_such"),
+        ({"effects": [BASE, BASE]}, "there twice"),
+        ({"model": "that", "standard": ("J*",)}, "standard: a model says its geometry"),
+    ],
+)
+def test_what_is_no_model_or_effect_is_refused(asked: dict[str, object], message: str) -> None:
+    with pytest.raises(gp.InputError, match=message):
+        evolved(**asked)
+
+
+@pytest.mark.long
+def test_the_page_has_fitness_operators_and_the_best_program_over_its_inputs() -> None:
+    result = gp.evolve(ARM, table(), strategies=(gp.Linear.thesis(),), runs=1, population=200, generations=3, workers=1)
+    best, report = result.best, result.record
+    assert {"fitness", "operators", "compensation"} <= {p.name for p in pictures(report)}
+    used = {name for counts in report.histograms[0].operators.values() for name in counts}
+    assert all(name in result.summary() for name in used)
+    gain = max(run.gain for run in result.runs if not run.shuffled)
+    shift, error = np.array(best.values, dtype=float), _errors(result)
+    assert 1.0 - np.linalg.norm(error - shift, axis=0).max() / np.linalg.norm(error, axis=0).max() == pytest.approx(
+        gain, abs=1e-4
+    )
+
+
+def _errors(result: EvolutionResult) -> np.ndarray:
+    """Measured less modelled points (3, N) of the training poses, mm, in the root frame."""
+    from gpmodel.discovery.problems import cartesian_problem
+
+    problem = cartesian_problem(result.fit, result.start.poses, result.start.train)
+    return np.asarray(problem.measured - problem.inputs.select(("x", "y", "z")).values)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(3))
+def test_a_tree_is_never_worse_than_no_compensation(seed: int) -> None:
+    found = gp.evolve(ARM, table(), strategies=(gp.Tree.thesis(),), runs=1, population=60, generations=2, workers=1,
+                      seed=seed)  # fmt: skip
+    for run in found.runs:
+        assert run.gain >= 0.0
+        assert run.history["best"][0] <= 1e3 * float(found.fit.error.max()) * (1.0 + 1e-9) or run.shuffled
