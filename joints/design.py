@@ -11,7 +11,7 @@ from joints.budget import KINDS, error_budget, sources_of
 from joints.contact import Body, first_yield_pressure, hertz
 from joints.description import SECTIONS, read_joint, spherical_joint
 from joints.dynamics import ball_mass
-from joints.fed_film import FedFilm, fed_film
+from joints.fed_film import FedFilm, fed_film, left_a_cycle_later
 from joints.film import edge_gap
 from joints.film_design import design_film
 from joints.film_settings import film_geometry, orifice_law
@@ -173,7 +173,7 @@ def _film(s: dict[str, Settings]) -> Iterator[Limit]:
     yield Limit("film", "inlet pressure for the lift", inlet, supply, "atm")
     moved, mass, magnets = moving_film(s)
     least = moved.least_damped(mass, magnets, geometry.orifices * s["film"]["orifice"]["pocket"])
-    left = float(np.exp(2 * np.pi * least.real / abs(least)))
+    left = left_a_cycle_later(least)
     yield Limit("hammer", "share of a vibration that is left a cycle later", left, 1.0, "")
     change = float(gap_growth(**s["thermal"]["gap"], temperature_change=s["thermal"]["temperature_change"]))
     yield _length("film", "gap that growth takes or adds", abs(change), float(edge_gap(geometry, demand["lift"])))

@@ -28,6 +28,8 @@ from joints.reynolds import compressible_film
 
 NODES = 120
 """Of equal angle within and beyond the ring: eigenvalues to three digits."""
+STEEPEST = 50.0
+"""Exponent beyond which a vibration is gone within a cycle, or not bounded."""
 POCKETS = np.geomspace(0.01, 100.0, 25)
 """Pockets among which the smallest that hammers is sought, in volumes of the gap."""
 
@@ -61,7 +63,7 @@ class FedFilm:
         """The eigenvalue s [1/s] of the smallest damping ratio, -Re s / |s|, its imaginary part not negative.
 
         mass: kg. stiffness: of the magnets, N/m. Below 0 the ball hammers, where s is real it is sucked in or blown
-        out. Of a vibration exp(2 pi Re s / |s|) is left a cycle later.
+        out.
         """
         n, stored, m = len(self.volume), self._stored(pocket), positive("mass", mass, "kg")
         above, within, below = self.conduct
@@ -97,6 +99,12 @@ class FedFilm:
         """Diagonal of S (n,), m^3/Pa."""
         added: Array = not_negative("air pocket", pocket, "m^3") * (np.arange(len(self.volume)) == self.ring)
         return (self.volume + added) / ATMOSPHERE
+
+
+def left_a_cycle_later(root: complex) -> float:
+    """Share exp(2 pi Re s / Im s) of a vibration s [1/s] left a cycle later; bounded where nothing vibrates."""
+    rate = 2 * np.pi * root.real / max(root.imag, abs(root) / STEEPEST)
+    return float(np.exp(np.clip(rate, -STEEPEST, STEEPEST)))
 
 
 def fed_film(geometry: FilmGeometry, load: float, orifice: Orifice, displacement: float) -> FedFilm:

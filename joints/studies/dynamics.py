@@ -22,7 +22,7 @@ from joints.dynamics import (
 from joints.fed_film import FedFilm, fed_film, squeeze_impedance, squeeze_number
 from joints.film_design import design_film
 from joints.film_settings import film_geometry, orifice_law
-from joints.friction import Losses, amplitude, energy_per_cycle, magnet_stiffness
+from joints.friction import Losses, largest_motion, magnet_stiffness, steady_state
 from joints.limits import not_negative, positive, require
 from joints.measured import curve_of
 from joints.reynolds import spherical_film
@@ -34,6 +34,8 @@ _HEADS = (
     "Peak over static", "Bandwidth [Hz]",
 )  # fmt: skip
 
+SOUGHT = 40
+"""Frequencies over the range of the response among which the largest motion is sought, before it is refined."""
 RATIO_DIGITS = 5
 """Of a damping ratio: where hammer begins it is 0 but for rounding."""
 
@@ -125,20 +127,19 @@ def _lossy(s: Settings, load: float, system: BallOnFilm, frequency: Array) -> tu
         "film and magnets": Losses(0.0, pull, s["loss_factor"]),
         "the same, with the friction of a sliding joint": Losses(grip, pull, s["loss_factor"]),
     }
+    sought = np.geomspace(frequency[0], frequency[-1], SOUGHT)
     numbers = {}
     for name, losses in cases.items():
-        moved = amplitude(system, losses, force, frequency)
-        lost = energy_per_cycle(system, losses, float(moved[0]), float(frequency[0]))
+        slow = steady_state(system, losses, force, float(frequency[0]))
         numbers[name] = {
             "friction_N": losses.friction,
-            "break_away_N": losses.break_away,
-            "slow_motion_um": float(moved[0]) * MICRO,
-            "largest_motion_um": float(moved.max()) * MICRO,
-            "slow_loss_uJ": float(sum(lost.values())) * MICRO,
+            "slow_motion_um": slow.amplitude * MICRO,
+            "largest_motion_um": largest_motion(system, losses, force, sought) * MICRO,
+            "slow_loss_uJ": slow.lost * MICRO,
         }
-    heads = ("Joint", "Friction [N]", "Break-away [N]", "Slow motion [um]", "Largest motion [um]", "Lost a cycle [uJ]")
+    heads = ("Joint", "Friction [N]", "Slow motion [um]", "Largest motion [um]", "Lost a cycle [uJ]")
     title = f"Friction and magnet hysteresis under {force:g} N, spherical film's stiffness"
-    note = f"slow: at {frequency[0]:.3g} Hz; no motion where friction holds the joint"
+    note = f"slow: at {frequency[0]:.3g} Hz; under less force than its friction the joint does not move"
     return Table(title, heads, [(name, *row.values()) for name, row in numbers.items()], note), numbers
 
 

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from gpmodel.errors import InputError
-from joints.fed_film import FedFilm, fed_film
+from joints.fed_film import FedFilm, fed_film, left_a_cycle_later
 from joints.film import FilmGeometry
 from joints.orifice import ATMOSPHERE, LinearOrifice, NozzleOrifice, Orifice
 from joints.reynolds import compressible_film
@@ -126,3 +126,11 @@ def test_hammer_begins_where_a_vibration_neither_grows_nor_dies(law: str) -> Non
 def test_impossible_questions_are_refused(call: Callable[[FedFilm], object], words: str) -> None:
     with pytest.raises(InputError, match=words):
         call(film())
+
+
+@pytest.mark.parametrize(
+    ("root", "left"),
+    [(-1 + 10j, np.exp(-0.2 * np.pi)), (1 + 10j, np.exp(0.2 * np.pi)), (-3 + 0j, np.exp(-50)), (3 + 0j, np.exp(50))],
+)
+def test_of_a_vibration_is_left_what_its_decrement_says(root: complex, left: float) -> None:
+    assert left_a_cycle_later(root) == pytest.approx(left)
