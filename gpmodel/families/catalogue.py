@@ -114,7 +114,7 @@ def explained(name: str) -> str:
 
 
 def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:
-    """Effects of `family`, `family JOINT` or a candidate's full name, as written on a command line.
+    """Effects of `family`, `family JOINT`, a candidate's or a single effect's full name, as on a command line.
 
     Raises InputError for an unknown name, or one with no instance on this mechanism and table.
     """
@@ -122,6 +122,9 @@ def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]
     exact = [c for c in pool if c.name == name]
     if exact:
         return exact[0].effects
+    single = next((e for c in pool for e in c.effects if e.name == name), None)
+    if single is not None:
+        return (single,)
     first, *words = name.split() or [""]
     of_family = [c for c in pool if c.family == first]
     if first not in names():

@@ -155,15 +155,23 @@ class Dataset:
         )
 
 
+SAME_MASS = 1e-9
+"""Relative difference of masses written with nine digits or more."""
+
+
 def with_payload(dataset: Dataset, payload: float | None) -> Dataset:
     """The same poses with `payload` (kg) carried at every row, where one is given.
 
-    Raises InputError when the table has its own.
+    Raises InputError where a payload column of the table has another mass.
     """
     if payload is None:
         return dataset
     if dataset.payload_given:
-        raise InputError(f"given, and {dataset.source} has a payload column; expected one of the two", "payload")
+        other = dataset.payload[np.abs(dataset.payload - payload) > SAME_MASS * payload]
+        if len(other):
+            there = f"the payload column of {dataset.source} has {other[0]:g} kg"
+            raise InputError(f"{payload:g} kg, and {there}; expected one of the two", "payload")
+        return dataset
     return replace(dataset, payload=np.full(len(dataset), payload))
 
 

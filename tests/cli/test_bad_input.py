@@ -8,6 +8,8 @@ import pandas as pd
 import pytest
 from cli_cases import numbers, one_line, run, table, write
 
+import gpmodel as gp
+
 GOOD = table()
 JOINTS = [f"J{i} [deg]" for i in range(1, 7)]
 LENGTHS = ["x [mm]", "y [mm]", "z [mm]"]
@@ -190,7 +192,12 @@ def test_one_group_left_to_fit_is_refused(tmp_path: Path) -> None:
 def test_payload_said_twice_is_refused(tmp_path: Path) -> None:
     path = write(GOOD.assign(**{"payload [kg]": "10"}), tmp_path / "measured.csv")
     line = one_line(run("calibrate", path, "--mechanism", "irb6400r", "--payload", "5kg"), 2)
-    assert "--payload: given, and measured.csv has a payload column" in line
+    assert "--payload: 5 kg, and the payload column of measured.csv has 10 kg" in line
+
+
+def test_a_payload_said_twice_alike_is_taken_once(tmp_path: Path) -> None:
+    path = write(GOOD.assign(**{"payload [kg]": "10"}), tmp_path / "measured.csv")
+    assert set(gp.read_table(path, gp.load_mechanism("irb6400r", payload="10kg")).payload) == {10.0}
 
 
 @pytest.mark.usefixtures("brief")

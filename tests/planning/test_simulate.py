@@ -41,6 +41,15 @@ def test_a_pair_has_the_amplitude_asked_for() -> None:
     assert np.linalg.norm(made.theta[-2:]) == pytest.approx(100 * np.pi / 648000)
 
 
+def test_names_that_the_truth_prints_are_taken_again() -> None:
+    """A pair is printed as its sine and cosine, each with a value of its own."""
+    _, made = robot(10, effects=("gear_harmonic J4=100 arcsec",))
+    names = [e.name for e in made.model.effects[-2:]]
+    _, again = robot(10, effects=tuple(f"{n}={v!r} rad" for n, v in zip(names, made.theta[-2:].tolist(), strict=True)))
+    assert [e.name for e in again.model.effects[-2:]] == names
+    assert again.theta[-2:] == pytest.approx(made.theta[-2:])
+
+
 def test_noise_is_what_was_asked_for() -> None:
     quiet, noisy = (robot(4000, noise=s)[1].dataset.position for s in (0.0, 5e-5))
     assert np.std(noisy - quiet) == pytest.approx(5e-5, rel=0.03)
