@@ -11,10 +11,13 @@ from gpmodel.calibration.result import resolved, without_outlier_marks
 from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
 from gpmodel.calibration.weigh import weighed
 from gpmodel.checks.counting import measured_values, unknowns
+from gpmodel.checks.digits import computed
 from gpmodel.checks.misfit import spread_of
 from gpmodel.checks.mixed_up import mixed_up
 from gpmodel.checks.notes import not_read, notes
+from gpmodel.checks.rotations import rotations_flaw
 from gpmodel.checks.warnings import built_wrong, poor_fit, warnings_of
+from gpmodel.checks.weak_columns import misread
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
@@ -81,7 +84,9 @@ def check_dataset(
     wrong = [Remark("warning", text, another) for text in built_wrong(fit)]
     wrong += [Remark("warning", text, "too few poses") for text in _too_few_held(mechanism, poses.dataset, standard)]
     wrong += [Remark("warning", text, "the standard model leaves too much") for text in poor_fit(fit)]
-    warnings = [Remark("warning", text) for text in warnings_of(mechanism, poses, bare, fit)]
+    by_nominal = root_mean_square(bare.fitted_error)
+    wrong += [Remark("warning", text, "nothing was measured") for text in computed(by_nominal, poses.dataset)]
+    warnings = [Remark("warning", text) for text in warnings_of(mechanism, poses, fit)]
     said = notes(mechanism, poses.dataset, (bare, fit), noise_floor(data))
     sampled = (f"judged on {len(rows)} of {len(data)} rows, in even stretches",) if many else ()
     return [*wrong, *warnings, *(Remark("note", text) for text in (*sampled, *said))]
@@ -114,6 +119,10 @@ def _errors(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -
     if beyond:
         yield from beyond
         return
+    for told in (misread(mechanism, data, standard), rotations_flaw(mechanism, data)):
+        if told:
+            yield f"{data.source}: {told}"
+            return
     if free_joints(mechanism) and (flaw := points_flaw(data)):
         yield flaw
         return

@@ -49,9 +49,13 @@ class Registered:
         """The best registration beside a tool point."""
         return cls(*se3.fit_rotation(tips(frames, tool), position), tool)
 
+    def points(self, frames: Array) -> Array:
+        """Predicted positions (N, 3), m."""
+        return np.asarray(tips(frames, self.tool) @ self.turn.T + self.shift)
+
     def errors(self, frames: Array, position: Array) -> Array:
         """Distance (N,), m, of measured positions from the predicted ones."""
-        return np.asarray(np.linalg.norm(position - tips(frames, self.tool) @ self.turn.T - self.shift, axis=1))
+        return np.asarray(np.linalg.norm(position - self.points(frames), axis=1))
 
 
 def tips(frames: Array, tool: Array) -> Array:

@@ -6,7 +6,7 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, Mask
 from gpmodel.mechanism.protocol import Mechanism
 
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "cm": 1e-2}
@@ -26,7 +26,7 @@ class Reading:
     scale: float = 1.0
 
 
-def of_joints(mechanism: Mechanism, q: Array, p: Array, only: Array | None = None) -> Iterator[Reading]:
+def of_joints(mechanism: Mechanism, q: Array, p: Array, only: Mask | None = None) -> Iterator[Reading]:
     """The other angle unit, the other sign, two columns swapped, an angle counted from its neighbour's.
 
     only: (n,) bool, the joints that may be read otherwise; None for all.

@@ -4,10 +4,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gpmodel.calibration.result import Calibration, resolved
+from gpmodel.calibration.result import Calibration
+from gpmodel.checks.digits import rounded
 from gpmodel.checks.order import order_matters
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.model.error_model import Poses, measured_minus, observe
+from gpmodel.model.error_model import Poses
 from gpmodel.model.measured_torque import unused_torques
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.outliers import outlier_limit
@@ -21,9 +22,6 @@ SMALL_RANGE = np.radians(20.0)
 POOR = 2e-3
 """Metres that the standard model leaves of a table before it is called poor: of a robot 0.1 to 1 mm are left."""
 
-COARSE_ROTATION = 0.1
-"""Radians: rotations that miss by more are in other axes or another convention."""
-
 BUILT_WRONG = 1e-2
 """Metres or radians: links are machined and joints zeroed better than that; an arm described wrongly is farther off."""
 
@@ -34,25 +32,21 @@ FEWEST_REPEATS = 5
 """Replicated rows from which a spread can be judged."""
 
 
-def warnings_of(mechanism: Mechanism, poses: Poses, bare: Calibration, fit: Calibration) -> Iterator[str]:
-    """One sentence each: loads that nothing reads, rotations that do not fit, joints that hardly move, rows that repeat
-    others or should but do not, outliers, and an order of the rows that matters.
+def warnings_of(mechanism: Mechanism, poses: Poses, fit: Calibration) -> Iterator[str]:
+    """One sentence each: loads that nothing reads, joints that hardly move, rows that repeat others or
+    should but do not, outliers, residuals that rounding explains, and an order of the rows that matters.
 
-    bare: fit of registration and tool. fit: of the standard model.
+    fit: of the standard model.
     """
     data = poses.dataset
     yield from _unmeasured(data)
     yield from unused_torques(mechanism, data)
-    if data.has_rotation and (turn := _rotation_error(bare, poses)) > COARSE_ROTATION:
-        yield (
-            f"rx, ry, rz miss the mechanism's rotations by {np.degrees(turn):.3g} deg; expected rotation vectors "
-            f"(axis times angle) in the axes of x, y, z"
-        )
     yield from _small_ranges(mechanism, data)
     yield from _repeats(data)
     yield from _implausible_repeats(data)
     yield from _outliers(fit, data)
     yield from order_matters(fit, poses)
+    yield from rounded(root_mean_square(fit.fitted_error), data)
     if fit.status != "converged":
         yield f"the standard model's fit {fit.status}: {fit.reason}"
 
@@ -110,12 +104,6 @@ def _implausible_repeats(data: Dataset) -> Iterator[str]:
             f"rows {some(data.row[far].tolist())} repeat a pose but lie up to {1e3 * away.max():.3g} mm from its "
             f"other rows where {1e3 * np.median(away[again]):.3g} mm is usual"
         )
-
-
-def _rotation_error(fit: Calibration, poses: Poses) -> float:
-    """Median angle, rad, between measured and predicted rotations."""
-    residual = measured_minus(observe(fit.model, resolved(fit, poses), fit.theta, fit.placement), poses.dataset)[:, 3:6]
-    return float(np.nanmedian(np.linalg.norm(residual, axis=1)))
 
 
 def _small_ranges(mechanism: Mechanism, data: Dataset) -> Iterator[str]:

@@ -123,10 +123,12 @@ def with_rotations(turn: np.ndarray) -> tuple[Mechanism, Dataset]:
     return mechanism, replace(made.dataset, rotation=rotation_vector(tip[:, :3, :3]) @ turn.T)
 
 
-def test_rotations_that_fit_pass_and_those_in_other_axes_are_warned_of() -> None:
+def test_rotations_that_fit_pass_and_those_in_other_axes_are_refused() -> None:
     assert warnings_of(*with_rotations(np.eye(3))) == []
     quarter = exp(np.array([0.0, 0.0, 0.0, 0.0, 0.0, np.pi / 2]))[:3, :3]
-    assert any("rx, ry, rz miss" in text for text in warnings_of(*with_rotations(quarter)))
+    (refused,) = check_dataset(*with_rotations(quarter))
+    assert refused.severity == "error"
+    assert "rx, ry, rz miss" in refused.text
 
 
 @pytest.mark.parametrize(("arm", "expected"), [("irb6400r", 27), ("ur5", 27), ("panda", 31)])

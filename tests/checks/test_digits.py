@@ -1,0 +1,30 @@
+"""Positions that a controller computed are no measurement, and rounding is no error of a machine."""
+
+import pytest
+from cli_cases import table
+
+import gpmodel as gp
+
+SOUND = table(60, name="ur5")
+
+
+def rounded(decimals: int, of: str) -> object:
+    frame = SOUND.astype(float)
+    columns = [c for c in frame if f"[{of}]" in c]
+    return frame.assign(**{c: frame[c].round(decimals) for c in columns})
+
+
+@pytest.mark.parametrize("decimals", [1, 3])
+def test_positions_of_the_nominal_arm_are_called_computed(decimals: int) -> None:
+    own = table(60, name="ur5", noise=0.0, geometry_sigma=0.0).astype(float)
+    judged = gp.check("ur5", own.assign(**{f"{a} [mm]": own[f"{a} [mm]"].round(decimals) for a in "xyz"}))
+    said = " ".join(judged.summary().split())
+    assert ("these positions are computed, not measured" in said) == (decimals == 3)
+    assert bool(judged.unfit) == (decimals == 3)
+
+
+@pytest.mark.parametrize(("decimals", "of"), [(1, "deg"), (0, "mm")])
+def test_a_residual_that_rounding_explains_is_said_to_be_rounding(decimals: int, of: str) -> None:
+    said = " ".join(gp.check("ur5", rounded(decimals, of)).summary().split())
+    assert "rounding explains what is left" in said
+    assert "rounding" not in gp.check("ur5", SOUND).summary()
