@@ -17,7 +17,7 @@ from gpmodel.calibration.start import start_placement
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import ClosedLoops, closed
 from gpmodel.mechanism.workspace import random_poses
-from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
+from gpmodel.model.error_model import ErrorModel, Placement, closing, observe, prepare
 from gpmodel.model.sites import geometric_effects, standard_effects
 from gpmodel.planning.simulate import simulate
 from gpmodel.testing import check_mechanism
@@ -120,8 +120,9 @@ def test_pinocchios_constraint_models_close_the_same_loops_and_move_the_tool_ali
 def test_columns_are_central_differences_of_the_closed_machine_at_finite_errors(size: float, tolerance: float) -> None:
     arm, rng = hexapod(), np.random.default_rng(4)
     effects = geometric_effects(arm)
-    poses = prepare(arm, simulate(arm, random_poses(arm, 8, rng), (), rng).dataset)
+    data = simulate(arm, random_poses(arm, 16, rng), (), rng).dataset
     model, theta = ErrorModel(arm, effects), size * rng.normal(size=len(effects))
+    poses = prepare(arm, data.subset(closing(model, data, theta)[:8]))
     placed = Placement({"": np.eye(4)}, {"": np.eye(4)}, {})
 
     def tips(at: Array) -> Array:
