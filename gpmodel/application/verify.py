@@ -18,6 +18,7 @@ from gpmodel.application.recheck import Recheck, recheck
 from gpmodel.application.usable import outside, placed_now, usable
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.checks.digits import computed
 from gpmodel.checks.mixed_up import mixed_up
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
@@ -103,6 +104,8 @@ def verified(saved: SavedModel, dataset: Dataset) -> Verified:
             f"{share:.2g} of its noise; expected positions measured afterwards"
         )
     alone = calibrate(ErrorModel(saved.mechanism, ()), found.session.poses)
+    for text in computed(root_mean_square(alone.fitted_error), found.session.poses.dataset):
+        raise InputError(f"{dataset.source}: {text}")
     other_tool = _another_tool(found, alone.placement)
     found = found if other_tool is None else other_tool
     tried = possible_changes(found)

@@ -17,10 +17,15 @@ ENOUGH = 1.5
 """Times the rounding that a residual may be which it explains."""
 
 
+def written_to_a_digit(data: Dataset) -> bool:
+    """Whether all positions (N, 3) end at one decimal, as those written by a controller do."""
+    return _last_digits(data)[0] > 0
+
+
 def computed(left: float, data: Dataset) -> Iterator[str]:
     """A table of a controller's own forward kinematics. left: RMS, m, of registration and tool alone."""
     rounding = _rounding(data)
-    if _last_digits(data)[0] > 0 and left < min(ENOUGH * rounding, FINEST):
+    if written_to_a_digit(data) and left < min(ENOUGH * rounding, FINEST):
         yield (
             f"these positions are computed, not measured: registration and tool leave {1e6 * left:.2g} µm, the "
             "rounding of their digits; expected positions of an instrument, not those the controller shows"

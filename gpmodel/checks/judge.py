@@ -11,7 +11,7 @@ from gpmodel.calibration.result import resolved, without_outlier_marks
 from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
 from gpmodel.calibration.weigh import weighed
 from gpmodel.checks.counting import measured_values, unknowns
-from gpmodel.checks.digits import computed
+from gpmodel.checks.digits import computed, written_to_a_digit
 from gpmodel.checks.misfit import spread_of
 from gpmodel.checks.mixed_up import mixed_up
 from gpmodel.checks.notes import not_read, notes
@@ -62,8 +62,8 @@ def check_dataset(
 
     standard: the geometric effects that would be fitted (default: all). Of more than MOST_FITTED rows whatever needs a
     fit is judged on as many, in stretches spread evenly over the table, and a note says so. Errors: joint values beyond
-    limits, units or columns mixed up, poses all alike, fewer measured values than unknowns. Warnings: see
-    `built_wrong`, `poor_fit` and `warnings_of`. Notes: see `notes`.
+    limits, units or columns mixed up, poses all alike, fewer measured values than unknowns, computed positions.
+    Warnings: see `built_wrong`, `poor_fit` and `warnings_of`. Notes: see `notes`.
     """
     standard = geometric_effects(mechanism) if standard is None else standard
     many = len(data) > MOST_FITTED
@@ -74,8 +74,8 @@ def check_dataset(
         return errors
     rows = evenly(len(data))
     poses = weighed(mechanism, prepare(mechanism, data.subset(rows) if many else data))
-    if unlike := [Remark("error", text) for text in _unlike_readings(mechanism, poses)]:
-        return unlike
+    if unsound := [Remark("error", text) for text in _unsound(mechanism, poses)]:
+        return unsound
     if many:
         tell(f"fitting registration and the standard model to {len(rows)} rows")
     bare = calibrate(ErrorModel(mechanism, ()), poses)
@@ -84,8 +84,6 @@ def check_dataset(
     wrong = [Remark("warning", text, another) for text in built_wrong(fit)]
     wrong += [Remark("warning", text, "too few poses") for text in _too_few_held(mechanism, poses.dataset, standard)]
     wrong += [Remark("warning", text, "the standard model leaves too much") for text in poor_fit(fit)]
-    by_nominal = root_mean_square(bare.fitted_error)
-    wrong += [Remark("warning", text, "nothing was measured") for text in computed(by_nominal, poses.dataset)]
     warnings = [Remark("warning", text) for text in warnings_of(mechanism, poses, fit)]
     said = notes(mechanism, poses.dataset, (bare, fit), noise_floor(data))
     sampled = (f"judged on {len(rows)} of {len(data)} rows, in even stretches",) if many else ()
@@ -103,8 +101,25 @@ def evenly(count: int) -> IntArray:
 def refuse(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...] | None = None) -> None:
     """Raises InputError with the first error check_dataset would find."""
     standard = geometric_effects(mechanism) if standard is None else standard
-    for text in (*_errors(mechanism, poses.dataset, standard), *_unlike_readings(mechanism, poses)):
+    for text in (*_errors(mechanism, poses.dataset, standard), *_unsound(mechanism, poses)):
         raise InputError(text)
+
+
+def _unsound(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
+    """Reasons not to go on that a fit of registration and tool shows."""
+    yield from _unlike_readings(mechanism, poses)
+    yield from _computed(mechanism, poses)
+
+
+def _computed(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
+    """Positions that the nominal mechanism computes; a fit is made only of a table whose digits end."""
+    if not written_to_a_digit(poses.dataset):
+        return
+    part = poses.subset(evenly(len(poses)))
+    fit = calibrate(ErrorModel(mechanism, ()), part, robust=False)
+    yield from (
+        f"{poses.dataset.source}: {text}" for text in computed(root_mean_square(fit.fitted_error), part.dataset)
+    )
 
 
 def _errors(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> Iterator[str]:

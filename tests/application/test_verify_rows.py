@@ -41,6 +41,12 @@ def test_positions_that_the_model_computed_are_refused(model: Path, tmp_path: Pa
     assert "the positions were computed, not measured" in said
 
 
+def test_positions_that_the_controller_computed_are_refused(model: Path) -> None:
+    shown = table(20, seed=9, noise=0.0, geometry_sigma=0.0).astype(float)
+    with pytest.raises(gp.InputError, match="these positions are computed, not measured"):
+        gp.verify(model, shown.assign(**{name: shown[name].round(3) for name in POINTS}))
+
+
 def test_gross_errors_are_named_before_the_model_is_said_to_hold(model: Path) -> None:
     bad = EVERY.iloc[55:].astype(dict.fromkeys(POINTS, float))
     bad.iloc[[3, 9], bad.columns.get_indexer(["x [mm]"])] = numbers(bad, "x [mm]")[[3, 9]][:, None] + 50.0

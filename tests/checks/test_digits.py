@@ -1,5 +1,7 @@
 """Positions that a controller computed are no measurement, and rounding is no error of a machine."""
 
+from collections.abc import Callable
+
 import pytest
 from cli_cases import table
 
@@ -14,13 +16,22 @@ def rounded(decimals: int, of: str) -> object:
     return frame.assign(**{c: frame[c].round(decimals) for c in columns})
 
 
+def of_the_controller(decimals: int) -> object:
+    own = table(60, name="ur5", noise=0.0, geometry_sigma=0.0).astype(float)
+    return own.assign(**{f"{a} [mm]": own[f"{a} [mm]"].round(decimals) for a in "xyz"})
+
+
 @pytest.mark.parametrize("decimals", [1, 3])
 def test_positions_of_the_nominal_arm_are_called_computed(decimals: int) -> None:
-    own = table(60, name="ur5", noise=0.0, geometry_sigma=0.0).astype(float)
-    judged = gp.check("ur5", own.assign(**{f"{a} [mm]": own[f"{a} [mm]"].round(decimals) for a in "xyz"}))
-    said = " ".join(judged.summary().split())
-    assert ("these positions are computed, not measured" in said) == (decimals == 3)
-    assert bool(judged.unfit) == (decimals == 3)
+    judged = gp.check("ur5", of_the_controller(decimals))
+    assert ("these positions are computed, not measured" in " ".join(judged.summary().split())) == (decimals == 3)
+    assert judged.valid == (decimals != 3)
+
+
+@pytest.mark.parametrize("fit", [gp.calibrate, gp.discover])
+def test_nothing_is_fitted_to_computed_positions(fit: Callable[..., object]) -> None:
+    with pytest.raises(gp.InputError, match="these positions are computed, not measured"):
+        fit("ur5", of_the_controller(3))
 
 
 @pytest.mark.parametrize(("decimals", "of"), [(1, "deg"), (0, "mm")])
