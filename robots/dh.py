@@ -42,6 +42,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import numpy as np
@@ -133,8 +134,7 @@ def _chain(top: TomlTable, common: _Common, frame: str) -> SerialChain:
 
 
 def _coupled(top: TomlTable, names: tuple[str, ...], signs: Array) -> Array:
-    """Motions (n, n) by joint coordinates. Raises InputError for two couplings of one pair, and where a joint that
-    follows is followed itself."""
+    """Motions (n, n) by joint coordinates. Raises InputError for two couplings of one pair and for a circle of them."""
     coupling, pairs = np.diag(signs), dict[tuple[str, str], str]()
     for table in top.tables("coupling"):
         pair = table.choice("joint", names), table.choice("follows", names)
@@ -146,12 +146,14 @@ def _coupled(top: TomlTable, names: tuple[str, ...], signs: Array) -> Array:
         coupling[names.index(pair[0]), names.index(pair[1])] = factor
         pairs[pair] = table.where
         table.done()
-    followers = {joint for joint, _ in pairs}
-    for (joint, follows), where in pairs.items():
-        if follows in followers:
-            raise InputError(
-                f"{where}: {joint} follows {follows}, which follows another joint; expected one that does not"
-            )
+    graph: dict[str, set[str]] = {}
+    for joint, follows in pairs:
+        graph.setdefault(joint, set()).add(follows)
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        circle = " follows ".join(reversed(error.args[1]))
+        raise InputError(f"{list(pairs.values())[-1]}: {circle}; expected joints that follow in no circle") from None
     return coupling
 
 

@@ -9,7 +9,7 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.checks.misfit import Registered, core, flange, gross, least_misfit, registered, spread_of
 from gpmodel.checks.readings import of_joints, of_lengths, of_the_mechanism
 from gpmodel.mechanism.branches import branched
-from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.protocol import Mechanism, closed
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.outliers import OUTLIER_SHARE
 from gpmodel.table.dataset import Dataset
@@ -76,7 +76,9 @@ def _better(mechanism: Mechanism, q: Array, p: Array, now: float, sizes: tuple[f
     """The reading that fits best, where one fits FAR_BETTER. sizes: spread of the points and of the flange, m."""
     best, text = now, None
     longest = float(np.abs(mechanism.transforms(q)[..., :3, 3]).max())
-    readings = [of_joints(mechanism, q, p), of_lengths(q, p, *sizes)]
+    readings = [of_lengths(q, p, *sizes)]
+    if not closed(mechanism):  # other joint values of closed loops meet nowhere
+        readings = [of_joints(mechanism, q, p), *readings]
     if not TINY < longest < GIANT:
         readings = [of_the_mechanism(mechanism.name, q, p)]
     for reading in chain.from_iterable(readings):

@@ -11,7 +11,7 @@ from gpmodel.checks.misfit import Registered, flange, least_misfit, registered
 from gpmodel.checks.mixed_up import FEWEST_ROWS, MOST_ROWS, comparable_rows, typical
 from gpmodel.checks.readings import Reading, of_joints
 from gpmodel.mechanism.branches import branched
-from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.protocol import Mechanism, closed
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, measured_minus, observe, prepare
 from gpmodel.numerics.least_squares import root_mean_square
@@ -37,7 +37,8 @@ def misread(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -
     """
     rows = comparable_rows(data)
     rows = rows[:: max(1, len(rows) // MOST_ROWS)]
-    if len(rows) < FEWEST_ROWS or branched(mechanism) or not all(j.measured for j in mechanism.joints):
+    turned = all(j.measured for j in mechanism.joints) and not closed(mechanism)
+    if len(rows) < FEWEST_ROWS or branched(mechanism) or not turned:
         return None
     frames = flange(mechanism, data.q[rows])
     most, errors = typical(frames, data.position[rows])

@@ -53,4 +53,4 @@ class Tree:
             self.own_constants, kinds=inputs.kinds,
         )  # fmt: skip
         deepest = min(DEEPEST_START, self.depth)
-        return TreeBreeding(layout, self.style, self.depth, SHALLOW, deepest, self.crossover, start)
+        return TreeBreeding(layout, self.style, self.depth, SHALLOW, deepest, self.crossover)

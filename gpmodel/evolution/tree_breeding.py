@@ -45,8 +45,7 @@ class TreeBreeding:
 
     ``style`` is "koza" (subtree exchange, grown subtrees, node replacement) or "thesis" (the depth-first
     crossover and the two mutations of section 5.2.2, completed so that a tree is always whole). Starts are
-    ramped half-and-half between ``shallow`` and ``start_depth``; no tree grows deeper than ``depth``. start: inputs
-    that one tree each of the first individual returns, so that the compensator that changes nothing competes.
+    ramped half-and-half between ``shallow`` and ``start_depth``; no tree grows deeper than ``depth``.
     """
 
     layout: Layout
@@ -55,7 +54,6 @@ class TreeBreeding:
     shallow: int = 1
     start_depth: int = 4
     crossover: float = 0.6
-    start: tuple[str, ...] = ()
 
     @cached_property
     def primitives(self) -> gp.PrimitiveSet:
@@ -94,14 +92,12 @@ class TreeBreeding:
     def initial(self, population: int, rng: np.random.Generator) -> Trees:
         """A random population."""
         with _deap_random(rng):
-            drawn = [
-                Individual(tuple(gp.PrimitiveTree(self.toolbox.start()) for _ in range(self.layout.outputs)))
-                for _ in range(population)
-            ]
-        if self.start:
-            leaves = {leaf.name: leaf for leaf in self.primitives.terminals[self.primitives.ret]}
-            drawn[0] = Individual(tuple(gp.PrimitiveTree([leaves[name]]) for name in self.start))
-        return Trees(tuple(drawn))
+            return Trees(
+                tuple(
+                    Individual(tuple(gp.PrimitiveTree(self.toolbox.start()) for _ in range(self.layout.outputs)))
+                    for _ in range(population)
+                )
+            )
 
     def offspring(
         self, parents: Population, mothers: NDArray[np.intp], fathers: NDArray[np.intp], rng: np.random.Generator

@@ -52,8 +52,9 @@ def select(
     with threadpool_limits(limits=1, user_api="blas"):
         chosen = nothing_selected(calibration, poses, prices or Price(), offering.grids)
         groups = singles(offering, calibration.model.mechanism, chosen.offered.screening.shapes)
-        new, before = _smooth_terms(chosen.look.active, offering), chosen.names
+        new = _smooth_terms(chosen.look.active, offering)
         step: Step = grow
+        before: frozenset[str] | None = None
         while True:
             chosen = _among(chosen, groups, new, step)
             active, changed, before = chosen.look.active, chosen.names != before, chosen.names

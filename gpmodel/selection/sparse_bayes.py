@@ -107,6 +107,8 @@ def _regrown(
     fewer: Active, forbidden: frozenset[int], lost: float, first: frozenset[int] | None = None
 ) -> Active | None:
     """The model grown without some groups, from the best of the first; None where nothing makes up for the loss."""
+    if lost < 0.0:
+        return named_by_site(grow(fewer, forbidden, reading=True))
     free = _relaxed(fewer)
     gains, variances, fit = scan(free)
     gains[[*fewer.variances, *forbidden]] = -np.inf

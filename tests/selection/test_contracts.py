@@ -15,7 +15,7 @@ from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import prepare
 from gpmodel.selection.active import Active
 from gpmodel.selection.group import Shapes, group_of
-from gpmodel.selection.sparse_bayes import select
+from gpmodel.selection.sparse_bayes import exchange as select
 
 COST = 4.0
 OFFERED = {
