@@ -19,6 +19,8 @@ from robots.urdf_tree import MOVING, UrdfJoint, UrdfTree, read_tree
 
 FINGER_DEPTH = 3
 ARM_DEPTH = 3
+MOST_TURN = 30.0
+"""Radians: five turns either way are more than the cables of an arm allow, and 30 degrees less than its joints do."""
 
 
 def read_urdf(
@@ -167,6 +169,11 @@ def _limits(joint: UrdfJoint, path: Path) -> tuple[float, float]:
         raise InputError(
             f"{path}: joint '{joint.name}': lower limit {lower:g} above upper limit {upper:g}; "
             "expected lower <= upper, in rad or m"
+        )
+    if joint.kind == "revolute" and max((abs(x) for x in (lower, upper) if np.isfinite(x)), default=0.0) > MOST_TURN:
+        raise InputError(
+            f"{path}: joint '{joint.name}': limits {lower:g} to {upper:g} rad look like degrees; expected rad, or a "
+            "continuous joint where it has none"
         )
     return lower, upper
 

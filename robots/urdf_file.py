@@ -13,6 +13,9 @@ LARGEST_FILE = 16 << 20
 MOST_JOINTS = 300
 """Of which a chain may be made; a humanoid with its hands has 100."""
 
+ELEMENTS = ("link", "joint", "inertial", "mass", "origin", "parent", "child", "axis", "limit", "mimic", "calibration")
+"""That are read; XML tells capital letters from small ones."""
+
 
 class _Plain(ET.TreeBuilder):
     """Elements alone: a document type, which could define entities that grow without end, is refused."""
@@ -33,6 +36,9 @@ def parse_xml(path: Path) -> ET.Element:
         raise InputError(f"{path}: not well-formed XML ({error}); expected a URDF file") from error
     if root.tag != "robot":
         raise InputError(f"{path}: the root element is <{root.tag}>, expected <robot> as in a URDF file")
+    for element in (*root, *root.iterfind("link/*"), *root.iterfind("link/inertial/*"), *root.iterfind("joint/*")):
+        if (tag := str(element.tag)) not in ELEMENTS and tag.lower() in ELEMENTS:
+            raise InputError(f"{path}: <{tag}> is no element of a URDF; expected <{tag.lower()}>")
     if len(root.findall("joint")) > MOST_JOINTS:
         raise InputError(f"{path}: more than {MOST_JOINTS} joints; expected the description of one machine")
     if any("xacro" in str(element.tag) for element in root.iter()):

@@ -200,8 +200,16 @@ def _joint(joint: ET.Element) -> UrdfJoint:
     follows = None if mimic is None else _mimic(mimic, name, "length" if kind == "prismatic" else "angle")
     return UrdfJoint(
         name, kind, parent, child, origin_of(joint), vector / length if length else vector, limits, follows,
-        tuple(f"<calibration> of joint {name}" for _ in joint.findall("calibration")),
+        _not_read(joint, name, kind),
     )  # fmt: skip
+
+
+def _not_read(joint: ET.Element, name: str, kind: str) -> tuple[str, ...]:
+    """What of a joint's element is left out, or missing and taken as URDF says."""
+    said = [f"<calibration> of joint {name}" for _ in joint.findall("calibration")]
+    if kind in MOVING and joint.find("axis") is None:
+        said.append(f"the axis of joint {name}, which the file does not give; 1 0 0 is taken, as URDF says")
+    return tuple(said)
 
 
 def _mimic(mimic: ET.Element, name: str, dimension: str) -> Mimic:

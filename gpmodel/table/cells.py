@@ -31,6 +31,10 @@ EMPTY = "{}: the file is empty; expected a header line and one row per pose"
 
 COMMENTS = ("#", "//", "%", "!")
 """How comments begin; no name of a column does."""
+NAMES = "expected names with units, as J1 [deg]"
+MOST_ABOVE, FEWEST_UNITS = 50, 3
+"""Lines in which a header is looked for, and units that make one of a line: x, y and z have as many."""
+_UNIT = re.compile(r"[\[(][^\W\d_][^\])]*[\])](?=\s*(?:[,;\t\"]|$))", re.MULTILINE)
 _NUMBER = re.compile(r"^[-+]?\d+,\d+(?:[eE][-+]?\d+)?$")
 
 
@@ -96,7 +100,9 @@ def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
     separator = max(counts, key=lambda s: counts[s])
     names = next(csv.reader([header], delimiter=separator, skipinitialspace=True))
     if header.startswith(COMMENTS) or not np.isnan(pd.to_numeric(names[0].replace(",", "."), errors="coerce")):
-        raise InputError(f"{path.name}, line 1: {header[:40]!r} is no header; expected names with units, as J1 [deg]")
+        raise InputError(f"{path.name}, line 1: {header[:40]!r} is no header; {_header_line(text)}")
+    if not _UNIT.search(header) and (below := _header_line(text)) != NAMES:
+        raise InputError(f"{path.name}, line 1: {header[:40]!r} is no header; {below}")
     _check_names(names, path)
     try:
         with warnings.catch_warnings():
@@ -117,6 +123,13 @@ def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
     if separator != ",":
         frame = frame.map(lambda x: x.replace(",", ".") if isinstance(x, str) and _NUMBER.match(x.strip()) else x)
     return frame
+
+
+def _header_line(text: str) -> str:
+    """Say what was expected of the first line: names with units, and which of the first lines has them."""
+    first = (i for i, line in enumerate(text.splitlines()[:MOST_ABOVE], 1) if len(_UNIT.findall(line)) >= FEWEST_UNITS)
+    line = next(first, 0)
+    return f"{NAMES}; line {line} has them, delete those above it" if line > 1 else NAMES
 
 
 def _check_end(frame: pd.DataFrame, last: list[str], separator: str, path: Path) -> None:

@@ -28,6 +28,7 @@ ABSOLUTE_ZERO = {"degC": -273.15, "degF": -459.67, "K": 0.0}
 _DIMENSION = {"revolute": "angle", "prismatic": "length"}
 _OWN = ("x", "y", "z", "rx", "ry", "rz", "payload")
 """Names that say what a column is, beside LABELS."""
+_PARENTHESES = re.compile(r"^(?P<name>.*?)\s*\(\s*(?P<unit>[^\W\d_][^()]*?|°.*?|%)\s*\)$")
 _NAMELESS = re.compile(r"^Unnamed: \d+$")
 
 
@@ -171,7 +172,17 @@ def _split_columns(frame: pd.DataFrame, path: Path) -> dict[str, tuple[str | Non
         if name in columns:
             raise InputError(f"{path.name}: column '{name}' appears twice; expected each name once")
         columns[name] = (unit, frame.iloc[:, i])
+    _check_brackets(columns, path)
     return columns
+
+
+def _check_brackets(columns: dict[str, tuple[str | None, pd.Series]], path: Path) -> None:
+    """Raises InputError naming all columns of numbers whose unit is in parentheses."""
+    found = {name: _PARENTHESES.match(name) for name, (unit, cells) in columns.items() if unit is None}
+    wrong = [m for n, m in found.items() if m and known_unit(m["unit"]) and _has_numbers(columns[n][1])]
+    if wrong:
+        names = ", ".join(f"'{m[0]}'" for m in wrong)
+        raise InputError(f"{path.name}: unit in parentheses: {names}; write '{wrong[0]['name']} [{wrong[0]['unit']}]'")
 
 
 def _joint_columns(
