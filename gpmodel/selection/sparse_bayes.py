@@ -12,6 +12,7 @@ Sources: Tipping and Faul (2003), for groups of columns in place of single ones;
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 
@@ -149,10 +150,9 @@ def prune(model: Active) -> Active:
 
 
 def named_by_site(model: Active) -> Active:
-    """Name groups of several sites site by site where each site has a net gain of its own.
+    """Name groups of several sites site by site where more of their sites have a net gain of their own than have none.
 
-    A kind at all joints and the same kind at each joint explain the data alike; models are compared in this form, so
-    that each named site pays its price.
+    Models are compared in this form, so that each named site pays its price. The few others are no findings.
     """
     number = {group.name: g for g, group in enumerate(model.pool.groups)}
     for g in [g for g in model.found if model.pool.groups[g].parts]:
@@ -160,8 +160,9 @@ def named_by_site(model: Active) -> Active:
         for part in np.unique(model.part_of_column(g)):
             trial = trial.added(number[parts[part].name], model.variances[g] / len(parts))
         trial = reestimate(trial)
-        if all(trial.net_gain(h) >= 0.0 for h in trial.variances if h not in model.variances):
-            model = trial
+        strong = [trial.net_gain(h) >= 0.0 for h in trial.variances if h not in model.variances]
+        if 2 * sum(strong) > len(strong):
+            model = prune(trial)
     return model
 
 
@@ -179,9 +180,7 @@ def _relaxed(model: Active) -> Active:
 
 
 def _without(model: Active, removed: frozenset[int]) -> Active:
-    for g in removed:
-        model = model.without(g)
-    return model
+    return reduce(Active.without, removed, model)
 
 
 def _at_one_site(model: Active) -> list[frozenset[int]]:
