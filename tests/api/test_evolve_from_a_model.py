@@ -90,6 +90,5 @@ def _errors(result: EvolutionResult) -> np.ndarray:
 def test_a_tree_is_never_worse_than_no_compensation(seed: int) -> None:
     found = gp.evolve(ARM, table(), strategies=(gp.Tree.thesis(),), runs=1, population=60, generations=2, workers=1,
                       seed=seed)  # fmt: skip
-    for run in found.runs:
-        assert run.gain >= 0.0
-        assert run.history["best"][0] <= 1e3 * float(found.fit.error.max()) * (1.0 + 1e-9) or run.shuffled
+    assert len(found.runs) == 2
+    assert all(run.gain >= 0.0 for run in found.runs)
