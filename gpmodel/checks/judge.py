@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -101,7 +102,7 @@ def evenly(count: int) -> IntArray:
 def refuse(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...] | None = None) -> None:
     """Raises InputError with the first error check_dataset would find."""
     standard = geometric_effects(mechanism) if standard is None else standard
-    for text in (*_errors(mechanism, poses.dataset, standard), *_unsound(mechanism, poses)):
+    for text in chain(_errors(mechanism, poses.dataset, standard), _unsound(mechanism, poses)):
         raise InputError(text)
 
 
