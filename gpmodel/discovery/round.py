@@ -35,7 +35,7 @@ def one_round(state: State, standard_fit: Calibration, calibration: Calibration)
     if state.rounds and not new:
         state.rounds.append(Round(number, (), exploration, (), state.rounds[-1].null_nats))
         return calibration
-    state.say(f"round {number}: choosing groups of effects together")
+    state.say(f"round {number}: selecting effects")
     problem = Problem(
         standard_fit, lambda found, start: state.fit_sample(state.model(found), start) if found else standard_fit,
         poses, state.offers, state.search, state.criteria, _input_prices(state, exploration), lambda: state.late,

@@ -44,10 +44,11 @@ def pictures(report: Report) -> Iterator[Picture]:
     after = numbers(residual.get("final", ()))
     if np.isfinite(after).any():
         before = numbers(residual["standard"] if report.effects else ())
+        fitted = "Residual of the fit to all poses." if report.data.folds else "Filled dots: held out."
         yield Picture(
             "rows", "Residual along the rows", 10.2, 4.6,
             "Components x, y, z of the residual over the row of the table, before and after; outliers are marked.",
-            "A jump is a set-up that moved, a slope a drift, a wide stretch a bad session. Filled dots: held out.",
+            "A jump is a set-up that moved, a slope a drift, a wide stretch a bad session. " + fitted,
             partial(_rows, report=report, before=before, after=after),
         )  # fmt: skip
 

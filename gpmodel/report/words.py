@@ -83,13 +83,13 @@ def rivals(effect: EffectRecord) -> str:
 
 
 def moves(effect: EffectRecord) -> str:
-    """How far it moves the tool at the measured poses, and what of that nothing else takes up; empty where unknown."""
+    """State the displacement of the tool and the part that no other parameter absorbs; empty where unknown."""
     if effect.tool_rms_mm is None:
         return ""
     said = f"moves the tool by {wording.length(effect.tool_rms_mm)} RMS"
     if effect.alone_rms_mm is None:
         return said
-    return f"{said}, {wording.length(effect.alone_rms_mm)} of it taken up by nothing else in the model"
+    return f"{said}, {wording.length(effect.alone_rms_mm)} of it absorbed by no other parameter"
 
 
 def rivalled(effect: EffectRecord) -> str:
@@ -157,8 +157,8 @@ def dropped(report: Report) -> str:
         return f"the readings call for none of the {len(names)} geometric constants: all stay at zero"
     out_of = f" of {len(names) + len(report.geometry())}" if report.parameters else ""
     return (
-        f"{len(names)}{out_of} geometric constants cannot be told from the others at these poses, as on any arm: "
-        f"they stay at zero, and the others do what they would: {', '.join(names)}"
+        f"{len(names)}{out_of} geometric constants are redundant at these poses, as some are on every arm. They are "
+        f"held at zero and the other constants absorb them: {', '.join(names)}"
     )
 
 
@@ -197,7 +197,7 @@ def input_tests(histogram: HistogramRecord) -> Iterator[str]:
     if not histogram.count_p or not histogram.runs:
         return
     if not histogram.shuffled_runs:
-        yield "nothing evolved saves what a finding has to, so that nothing was evolved on shuffled residuals beside it"
+        yield "no evolved program was good enough for a finding, so the comparison with shuffled residuals was skipped"
         return
     limit, use = histogram.significance, histogram.referring
     for k in sorted(range(len(use)), key=lambda k: -use[k])[:MOST_EXPLAINED]:
@@ -209,7 +209,7 @@ def input_tests(histogram: HistogramRecord) -> Iterator[str]:
         yield (
             f"{histogram.inputs[k]} {stands}: {use[k]} of {histogram.runs} programs refer to it, "
             f"{histogram.shuffled[k]} of {histogram.shuffled_runs} on shuffled residuals "
-            f"(p {wording.chance(by_count)}); shuffled ones save as much as the best of them with "
+            f"(p {wording.chance(by_count)}); a program as good as the best one on shuffled residuals: "
             f"p {wording.chance(by_strength, histogram.shuffled_runs)}"
         )
 

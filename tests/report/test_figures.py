@@ -186,3 +186,11 @@ def test_where_no_points_were_measured_there_is_no_picture_of_them() -> None:
     nothing = {name: tuple((None, None, None) for _ in rows) for name, rows in report.plots.residual_mm.items()}
     seen = dataclasses.replace(report, plots=dataclasses.replace(report.plots, residual_mm=nothing))
     assert not {"rows", "arrows_above"} & {p.name for p in figures.pictures(seen)}
+
+
+@pytest.mark.parametrize(("folds", "said"), [(0, "Filled dots: held out."), (5, "Residual of the fit to all poses.")])
+def test_residuals_along_the_rows_say_which_fit_they_are_of(folds: int, said: str) -> None:
+    made = discovered()
+    report = dataclasses.replace(made, data=dataclasses.replace(made.data, folds=folds))
+    (caption,) = (p.caption for p in figures.pictures(report) if p.name == "rows")
+    assert caption.endswith(said)

@@ -122,7 +122,7 @@ def test_what_an_effect_moves_comes_with_what_nothing_else_takes_up() -> None:
     assert effect.alone_rms_mm is not None
     assert effect.tool_rms_mm is not None
     assert 0.0 < effect.alone_rms_mm <= effect.tool_rms_mm
-    assert "taken up by nothing else in the model" in " ".join(summary(report).split())
+    assert "absorbed by no other parameter" in " ".join(summary(report).split())
     truth = measure("ur5", (), (), 1, count=40)
     fit = calibrate(truth.model, truth.poses)
     first = next(e for e, kept in zip(truth.model.effects, fit.kept, strict=True) if kept)
