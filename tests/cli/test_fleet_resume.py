@@ -32,15 +32,15 @@ def fleet_of(out: Path) -> dict[str, Any]:
 
 
 class Searches:
-    """Searches machines and counts them; the one after the last that is `allowed` is interrupted."""
+    """Searches machines and counts first searches; the one after the last that is `allowed` is interrupted."""
 
     def __init__(self, allowed: int = MACHINES) -> None:
         self.done, self.allowed = 0, allowed
 
     def __call__(self, task: Searched) -> tuple[Candidate, ...]:
-        if self.done == self.allowed:
+        if self.done == self.allowed and not task.known:
             raise KeyboardInterrupt
-        self.done += 1
+        self.done += not task.known
         return _search(task)
 
 

@@ -10,7 +10,7 @@ from instrument_cases import OTHERS
 import gpmodel as gp
 
 ARM = "irb6400r"
-FEW = {"camera": 10, "hand camera": 10, "bar": 48}
+FEW = {"camera": 10, "hand camera": 15, "bar": 48}
 """Poses, where not 30: every one has many corners, or every bar five unknowns."""
 READ = {"camera": "pixel", "hand camera": "pixel", "inclinometer": "inclination"}
 """What the summary calls readings that are no lengths."""
