@@ -92,9 +92,9 @@ def cut(interrupted: Path, tables: Path, tmp_path: Path) -> Path:
 def test_killed_in_the_midst_of_a_write_it_goes_on_to_the_same_numbers(
     tables: Path, expected: dict[str, Any], tmp_path: Path
 ) -> None:
-    """Three writes touch the disk three times each: those of the request and of two machines, the last cut."""
+    """Four writes touch the disk three times each: of the lock, the request and two machines, the last cut."""
     out = tmp_path / "out"
-    process = start("fleet", tables, "--out", out, "--workers", 1, killed_at_write=9)
+    process = start("fleet", tables, "--out", out, "--workers", 1, killed_at_write=12)
     process.communicate()
     assert process.returncode == -signal.SIGKILL
     assert len(list((out / FOLDER).glob(".gpmodel-draft*"))) == 1
