@@ -53,12 +53,12 @@ class KeptMachines:
     def machine(self, name: str) -> Found | None:
         """Findings of the search of that name, None where it is still to be made."""
         content = self.files.read(name) if self.files else None
-        return None if content is None else content["found"]
+        return None if content is None else Found(tuple(content["found"]), bool(content["confirmed"]))
 
     def keep_machine(self, name: str, found: Found) -> None:
         """Keep them. Raises WriteError where they cannot be written."""
         if self.files:
-            self.files.write(name, {"found": found})
+            self.files.write(name, {"found": found.candidates, "confirmed": found.confirmed})
 
 
 Rows = tuple[IntArray, IntArray]

@@ -24,7 +24,7 @@ from gpmodel.families.inner import Constant, NonlinearParameters
 from gpmodel.files import remove_folder, set_aside
 from gpmodel.formula.expression import Expression
 from gpmodel.formula.program import Node, Program
-from gpmodel.model.effect import Effect, Term
+from gpmodel.model.effect import Effect, TakenUp, Term
 from gpmodel.progress import Say, Teller, silent
 from gpmodel.texts import read_json, seal, write_json
 
@@ -41,6 +41,7 @@ _TYPES = {
         NonlinearParameters,
         Constant,
         Effect,
+        TakenUp,
         Term,
         Expression,
         Score,
