@@ -184,8 +184,10 @@ FORMATS: dict[str, Callable[[str, Path], list[list[object]]]] = {
     "particulars": in_particulars,
 }
 AT_ONCE = ("TOML, name", "URDF, ROBOT", "CSV, header", "CSV, setup", "board")
+WHOLE = {"model.json": pytest.mark.slow, "report.json": pytest.mark.slow}
+"""Every text of a saved result by every command that reads it takes minutes."""
 CASES = [
-    pytest.param(form, kind, marks=() if form in AT_ONCE and kind in QUICK else pytest.mark.long)
+    pytest.param(form, kind, marks=() if form in AT_ONCE and kind in QUICK else WHOLE.get(form, pytest.mark.long))
     for form in FORMATS
     for kind in HOSTILE
 ]
