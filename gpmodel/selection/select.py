@@ -54,10 +54,11 @@ def select(
         groups = singles(offering, calibration.model.mechanism, chosen.offered.screening.shapes)
         new = _smooth_terms(chosen.look.active, offering)
         step: Step = grow
-        before: frozenset[str] | None = None
+        seen = set[frozenset[str]]()  # a selection that recurs after another linearisation is no new one
         while True:
             chosen = _among(chosen, groups, new, step)
-            active, changed, before = chosen.look.active, chosen.names != before, chosen.names
+            active, changed = chosen.look.active, chosen.names not in seen
+            seen.add(chosen.names)
             known = {group.name for group in active.pool.groups}
             if changed:
                 proposals = [partial(_smooth_terms, active, offering), partial(waves_left, active, offering.grids)]
