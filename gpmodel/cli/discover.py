@@ -1,8 +1,6 @@
 """`gpmodel discover`: the whole loop, from a measured table to the report."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,25 +15,19 @@ from gpmodel.cli.evolve import strategies_named
 from gpmodel.cli.options import SIGHTS
 from gpmodel.cli.request import Request, Typed
 from gpmodel.cli.terminal import echo
-from gpmodel.cli.watch import Watch
 from gpmodel.cluster import scheduled
 from gpmodel.discovery.search import Search
-from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.executor import Workers
 from gpmodel.families.catalogue import catalogue
-from gpmodel.files import alone_in, folder_for
+from gpmodel.files import folder_for
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Progress, Say
 from gpmodel.records.journal_files import JournalFiles
 from gpmodel.table.split import USUAL
 
-BATCH = 10
-"""Rows after which a table that is followed is looked at again, where no number is given."""
 FEW = math.ceil(ENOUGH_HELD / USUAL)
 """Poses below which every one is held out once."""
-WATCHED = 0.5
-"""Minutes after which no new round begins for a batch of a table that is followed, where none are given."""
 
 
 @click.command()
@@ -62,45 +54,22 @@ WATCHED = 0.5
 @shared.scheduler_option
 @click.option("--out", "folder", type=shared.PATH, help="Folder of the results. [default: discovery]")
 @shared.resume_option
-@click.option("--watch", is_flag=True,
-              help="Follow a TABLE that grows: verdict and next poses after every batch of rows.")  # fmt: skip
-@click.option("--batch", type=click.IntRange(1), help="Of --watch: rows. [default: 10]")
-@click.option("--rows", type=click.IntRange(1), help="Of --watch: it ends at so many. [default: never]")
 @shared.quiet_option
 def discover(
     table: Path | None, mechanism: LoadedMechanism | None, workers: int | None, scheduler: str | None,
-    folder: Path | None, resume: Path | None, watch: bool, batch: int | None, rows: int | None, quiet: bool,
-    **asked: Any,
+    folder: Path | None, resume: Path | None, quiet: bool, **asked: Any,
 ) -> None:  # fmt: skip
     """Find what the model of MECHANISM is missing on the poses of TABLE."""
-    _check_watched(watch, {"batch": batch, "rows": rows}, resume)
     check_split(asked["holdout"], asked["folds"])
     request = Typed(table, mechanism, folder, resume, asked).request(settings())
     if request is None:
         return
     folder = folder_for(resume or folder or Path("discovery"))
-    if watch:
-        with scheduled(scheduler, workers or 0) as executor, alone_in(folder):
-            bounded = replace(request, minutes=request.minutes or WATCHED)
-            followed = Watch(request.table, batch or BATCH, rows)
-            followed.follow(
-                lambda say: looked(bounded, say, executor, None), folder, (lambda text: None) if quiet else echo
-            )
-        return
     with progress_line(quiet) as say, scheduled(scheduler, workers or 0) as executor:
         found = discover_request(request, folder, say, executor)
     if not quiet:
         echo(found.summary())
         echo(what_next(folder, found.record))
-
-
-def _check_watched(watch: bool, of_watch: Mapping[str, int | None], resume: Path | None) -> None:
-    """Raises InputError for options that would be ignored."""
-    if watch and resume is not None:
-        raise InputError("follows a TABLE from its first row; leave --resume away", "watch")
-    alone = next((name for name, value in of_watch.items() if value is not None and not watch), None)
-    if alone is not None:
-        raise InputError("needs --watch, which follows a table that grows", alone)
 
 
 def discover_request(request: Request, folder: Path, say: Say, executor: Workers) -> DiscoveryResult:
@@ -125,7 +94,7 @@ def search_of(request: Request, executor: Workers) -> Search:
 
 
 def looked(request: Request, say: Say, executor: Workers, journal: JournalFiles | None) -> DiscoveryResult:
-    """Run what was asked; what is finished goes into the journal, where there is one."""
+    """Run the request; finished work goes into the journal."""
     options, mechanism = request.options, request.choice.load()
     return look(
         mechanism,

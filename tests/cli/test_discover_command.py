@@ -160,7 +160,7 @@ BAD: dict[str, tuple[list[str], str]] = {
     "minutes that are no number": (["{table}", "--mechanism", "irb6400r", "--stop-after", "nan"], "--minutes"),
     "fewer runs than none": (["{table}", "--mechanism", "irb6400r", "--runs", "-1"], "--runs"),
     "two ways to hold out": (
-        ["{table}", "--mechanism", "irb6400r", "--watch", "--folds", "3", "--holdout", "0.2"],
+        ["{table}", "--mechanism", "irb6400r", "--folds", "3", "--holdout", "0.2"],
         "--folds",
     ),
     "representation": (["{table}", "--mechanism", "irb6400r", "--representation", "tree,tree"], "each once"),
