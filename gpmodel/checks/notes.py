@@ -13,7 +13,7 @@ from gpmodel.model.observation import observations
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.bundles import different_poses
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.units import identifier
+from gpmodel.table.units import identifier, split_header
 
 ENOUGH_VALUES = 5.0
 """Measured values an unknown: with 5 the errors of new poses are within a tenth of what more would give, √(1 + 1/5)."""
@@ -37,8 +37,11 @@ def notes(
     yield f"{poses} different poses and {values} measured values for {fit.rank} unknowns: {values / fit.rank:.1f} each"
     yield _loads(mechanism, data)
     yield from unseen(observations(data))
-    if texts := [name for name in data.ignored if identifier(name) not in followers(mechanism)]:
+    unknown = [name for name in data.ignored if split_header(name)[1] is not None]
+    if texts := [n for n in data.ignored if n not in unknown and identifier(n) not in followers(mechanism)]:
         yield f"columns of text that are not used: {', '.join(texts)}"
+    if unknown:
+        yield f"columns of no known unit, left out: {', '.join(unknown)}; expected for example [degC], [s] or [1]"
     yield from not_read(mechanism, data)
     if data.empty_rows:
         yield f"{data.empty_rows} rows without a single cell are left out"

@@ -26,8 +26,10 @@ ABSOLUTE_ZERO = {"degC": -273.15, "degF": -459.67, "K": 0.0}
 """By the units that temperatures come in."""
 
 _DIMENSION = {"revolute": "angle", "prismatic": "length"}
-_OWN = ("x", "y", "z", "rx", "ry", "rz", "payload")
+_DIMENSIONS = {**dict.fromkeys("xyz", "length"), **dict.fromkeys(("rx", "ry", "rz"), "angle"), "payload": "mass"}
 """Names that say what a column is, beside LABELS."""
+_EXAMPLES = {"length": "mm", "angle": "deg", "mass": "kg"}
+_TORQUE = re.compile(r"^(torque|tau|effort)_")
 _PARENTHESES = re.compile(r"^(?P<name>.*?)\s*\(\s*(?P<unit>[^\W\d_][^()]*?|°.*?|%)\s*\)$")
 _NAMELESS = re.compile(r"^Unnamed: \d+$")
 
@@ -42,13 +44,17 @@ def dataset_from(
     """
     columns = _split_columns(frame, path)
     empty = [split_header(name)[0] for name in frame.attrs.get("empty_columns", ())]
-    joints, used = _joint_columns(columns, mechanism.joints, path, empty)
+    named = _joint_columns(columns, mechanism.joints, path, empty)
     n = len(frame)
     cells = _Cells(np.full((n, 3), np.nan), np.full((n, 3), np.nan), np.zeros(n))
     following = followers(mechanism)
+    _check_headers({n: c for n, c in columns.items() if identifier(n) not in following}, named, path)
+    joints = {
+        name: _joint_values(columns[name], joint, f"{path.name}, column '{name}'") for name, joint in named.items()
+    }
     cells.ignored += [name for name in columns if identifier(name) in following]
     for name, (unit, column) in columns.items():
-        if name not in used and identifier(name) not in following:
+        if name not in named and identifier(name) not in following:
             cells.take(name, unit, column, f"{path.name}, column '{name}'")
     q = np.column_stack([_complete(values, f"{path.name}, column '{joint}'") for joint, values in joints.items()])
     _check_measurement(path, cells, need_measurement)
@@ -95,31 +101,29 @@ class _Cells:
         if name in LABELS:
             self.labels[name] = _labels(column, where)
         elif name in ("x", "y", "z"):
-            self.position[:, "xyz".index(name)] = numbers(column, where) * _factor(unit, "length", where)
+            self.position[:, "xyz".index(name)] = numbers(column, where) * factor(unit or "1", "length", where)
         elif name in ("rx", "ry", "rz"):
-            self.rotation[:, "xyz".index(name[1])] = numbers(column, where) * _factor(unit, "angle", where)
+            self.rotation[:, "xyz".index(name[1])] = numbers(column, where) * factor(unit or "1", "angle", where)
         elif name.startswith("distance_"):
-            self.distances[name] = _not_negative(numbers(column, where) * _factor(unit, "length", where), where)
+            self.distances[name] = _not_negative(numbers(column, where) * factor(unit or "1", "length", where), where)
         elif name in READINGS and _is_reading(name, unit):
             dimension = {"m": "length", "rad": "angle"}.get(READINGS[name])
-            self.readings[name] = numbers(column, where) * (_factor(unit, dimension, where) if dimension else 1.0)
+            self.readings[name] = numbers(column, where) * (factor(unit or "1", dimension, where) if dimension else 1.0)
         elif name == "payload":
-            self.payload = _complete(numbers(column, where) * _factor(unit, "mass", where), where)
+            self.payload = _complete(numbers(column, where) * factor(unit or "1", "mass", where), where)
             self.payload_given = True
             for row, mass in enumerate(self.payload.tolist(), 1):
                 checked_mass(mass, f"{where}, row {row}")
-        elif name.lower() in (*_OWN, *LABELS):
-            raise InputError(f"{where}: written '{name.lower()}' where it is meant so; expected that, or another name")
-        elif unit is not None or _has_numbers(column):
-            self._take_extra(name, unit, numbers(column, where), where)
-        else:
+        elif unit is None:
             self.ignored.append(name)
+        elif known_unit(unit):
+            self._take_extra(name, unit, numbers(column, where), where)
+        elif _TORQUE.match(name):
+            raise InputError(f"{where}: '[{unit}]' is no known unit; write for example [N*m]")
+        else:
+            self.ignored.append(f"{name} [{unit}]")
 
-    def _take_extra(self, name: str, unit: str | None, values: Array, where: str) -> None:
-        if unit is None:
-            raise InputError(f"{where}: no unit; write '{name} [unit]', or '{name} [1]' for a pure number")
-        if not known_unit(unit):
-            raise InputError(f"{where}: '[{unit}]' is no known unit; write for example [degC], [s] or [1]")
+    def _take_extra(self, name: str, unit: str, values: Array, where: str) -> None:
         word = identifier(name)
         _check_temperature(values, unit, where)
         self.extras[word], self.extra_units[word] = _complete(values, where), unit
@@ -187,16 +191,17 @@ def _check_brackets(columns: dict[str, tuple[str | None, pd.Series]], path: Path
 
 def _joint_columns(
     columns: dict[str, tuple[str | None, pd.Series]], joints: tuple[Joint, ...], path: Path, empty: list[str]
-) -> tuple[dict[str, Array], set[str]]:
+) -> dict[str, Joint]:
+    """Assign columns to joints. Raises InputError: joints missing, in surplus, or in other capitals."""
     written = {identifier(column): column for column in columns}
     by_name = {written.get(j.name, j.name): j for j in joints}
     by_number = {f"J{i}": j for i, j in enumerate(joints, 1)}
     numbered = not set(by_name) <= set(columns)
     expected = by_number if numbered else by_name
-    for column in columns:
-        meant = next((name for name in expected if name.casefold() == column.casefold() and column not in expected), "")
-        if meant:
-            raise InputError(f"{path.name}: column '{column}': written '{meant}' where it is meant so; expected that")
+    small = {name.casefold(): name for name in expected}
+    if wrong := [column for column in columns if column not in expected and column.casefold() in small]:
+        meant = ", ".join(f"'{small[column.casefold()]}'" for column in wrong)
+        raise InputError(f"{path.name}: {_columns(wrong)}: written {meant} where it is meant so; expected that")
     missing = [name for name in expected if name not in columns]
     if missing and missing[0] in empty:
         raise InputError(f"{path.name}, column '{missing[0]}': empty in every row; expected a number in every row")
@@ -210,20 +215,48 @@ def _joint_columns(
         raise InputError(
             f"{path.name}: joint column '{surplus[0]}' is one too many; expected {choices(surplus[0], by_number)}"
         )
-    values: dict[str, Array] = {}
-    for column, joint in expected.items():
-        unit, series = columns[column]
-        where = f"{path.name}, column '{column}'"
-        values[column] = numbers(series, where) * _factor(unit, _DIMENSION[joint.kind], where)
-    return values, set(expected)
+    return expected
 
 
-def _factor(unit: str | None, dimension: str, where: str) -> float:
-    if unit is None:
-        name = where.split("'")[1]
-        example = {"length": "mm", "angle": "deg", "mass": "kg"}[dimension]
-        raise InputError(f"{where}: no unit; write '{name} [{example}]'")
-    return factor(unit, dimension, where)
+def _joint_values(column: tuple[str | None, pd.Series], joint: Joint, where: str) -> Array:
+    """Return values (N,) of a joint, rad or m."""
+    unit, cells = column
+    return numbers(cells, where) * factor(unit or "1", _DIMENSION[joint.kind], where)
+
+
+def _check_headers(columns: dict[str, tuple[str | None, pd.Series]], joints: dict[str, Joint], path: Path) -> None:
+    """Raise InputError naming all columns in capitals that are expected in small letters, and all without a unit."""
+    capitals, bare, own = [], {}, {*_DIMENSIONS, *LABELS}
+    for name, (unit, cells) in columns.items():
+        if name not in own | joints.keys() and name.lower() in own:
+            capitals.append(name)
+        elif unit is None and (example := _example(name, cells, joints)):
+            bare[name] = f"'{name} [{example}]'"
+    said = []
+    if capitals:
+        small = ", ".join(f"'{name.lower()}'" for name in capitals)
+        said.append(f"{_columns(capitals)}: written {small} where it is meant so; expected that, or another name")
+    if bare:
+        pure = ", or [1] for a pure number" if any(text.endswith("[unit]'") for text in bare.values()) else ""
+        said.append(f"{_columns(list(bare))}: no unit; write {', '.join(bare.values())}{pure}")
+    if said:
+        raise InputError(f"{path.name}, {'; '.join(said)}")
+
+
+def _columns(names: list[str]) -> str:
+    return f"column{'s' if len(names) > 1 else ''} {', '.join(map(repr, names))}"
+
+
+def _example(name: str, cells: pd.Series, joints: dict[str, Joint]) -> str:
+    """Return a unit to write behind a name without one, "unit" for an input; empty where none is needed."""
+    if name in LABELS:
+        return ""
+    if name in READINGS:
+        return {"m": "mm", "rad": "deg"}.get(READINGS[name], "")
+    dimension = _DIMENSION[joints[name].kind] if name in joints else _DIMENSIONS.get(name, "")
+    if name.startswith("distance_"):
+        dimension = "length"
+    return _EXAMPLES[dimension] if dimension else "unit" * _has_numbers(cells)
 
 
 def _is_reading(name: str, unit: str | None) -> bool:

@@ -65,3 +65,11 @@ def test_a_header_below_others_or_in_parentheses(tmp_path: Path, content: str, s
     path.write_text(content)
     with pytest.raises(InputError, match=said):
         dataset_from(read_frame(path)[0], path, read_urdf(urdf(tmp_path)))
+
+
+def test_a_column_of_no_known_unit_is_left_out_and_said(tmp_path: Path) -> None:
+    arm = read_urdf(urdf(tmp_path))
+    rows = [f"{0.01 * i},{i},{i * i % 7},{i * i % 5},1013" for i in range(12)]
+    (tmp_path / "t.csv").write_text("\n".join([f"{HEADER},Pressure [mBar]", *rows]))
+    data = gp.read_table(tmp_path / "t.csv", arm)
+    assert (data.ignored, data.extras) == (("Pressure [mBar]",), {})

@@ -49,7 +49,14 @@ TABLES: dict[str, tuple[Callable[[], pd.DataFrame], tuple[str, ...]]] = {
     "no unit on a length": (renamed(y_mm="y"), ("column 'y'", "no unit", "y [mm]")),
     "no unit on an input": (lambda: GOOD.assign(temperature="20"), ("column 'temperature'", "no unit")),
     "unknown unit": (renamed(J3_deg="J3 [grads per day]"), ("column 'J3'", "grads per day", "[deg] or [rad]")),
-    "unknown unit of an input": (lambda: GOOD.assign(**{"t [blorp]": "1"}), ("column 't'", "[blorp]", "[degC]")),
+    "unknown unit of a torque": (lambda: GOOD.assign(**{"tau_2 [blorp]": "1"}), ("column 'tau_2'", "[blorp]", "[N*m]")),
+    "all of a header at once": (
+        lambda: GOOD.rename(columns={"x [mm]": "X", "y [mm]": "y", "J2 [deg]": "J2"}).assign(Z="1", Q0="0.1"),
+        (
+            "columns 'X', 'Z': written 'x', 'z'",
+            "columns 'J2', 'y', 'Q0': no unit; write 'J2 [deg]', 'y [mm]', 'Q0",
+        ),
+    ),
     "length unit on a joint": (renamed(J1_deg="J1 [mm]"), ("column 'J1'", "no unit of angle")),
     "joint missing": (lambda: GOOD.drop(columns="J4 [deg]"), ("'J4' is missing", "J1, J2")),
     "joint extra": (lambda: GOOD.assign(**{"J7 [deg]": "0"}), ("'J7' is one too many", "J6")),
