@@ -19,24 +19,28 @@ SERIAL_SIGMAS = 4.0
 """Standard deviations of the correlation of neighbouring rows: by chance once in 3·10⁴ tables."""
 
 
+PLACED = {"setup": "registration", "tool": "tool point"}
+"""What each value of a column is fitted."""
+
+
 def order_matters(fit: Calibration, poses: Poses) -> Iterator[str]:
-    """One sentence where residuals jump or drift along the rows, else where each row resembles the one before."""
-    residual = _lengths(fit, poses)
+    """One sentence where residuals jump or drift along the rows, else where each row resembles the one before.
+
+    Residuals of positions are taken in the axes of the instrument, which may have moved, and in those of the tool.
+    """
+    observed = observe(fit.model, resolved(fit, poses), fit.theta, fit.placement)
+    left = measured_minus(observed, poses.dataset) * observed.scales(1.0)
+    left[fit.outliers] = np.nan
+    residual = left[:, ~observed.turns][:, np.isfinite(left[:, ~observed.turns]).any(axis=0)]
     if poses.dataset.observations:
         poses, residual = _view_by_view(poses, residual)
-    jump = _jump(residual, poses)
+        jump = _jump(residual, poses, residual[:, :0])
+    else:
+        jump = _jump(residual, poses, np.einsum("nji,nj->ni", observed.tip[:, :3, :3], left[:, :3]))
     if jump is not None:
         yield jump
     elif (serial := _serial(residual, poses)) is not None:
         yield serial
-
-
-def _lengths(fit: Calibration, poses: Poses) -> Array:
-    """Residuals (N, m) of all but rotations, m; NaN where unmeasured or an outlier."""
-    observed = observe(fit.model, resolved(fit, poses), fit.theta, fit.placement)
-    out = (measured_minus(observed, poses.dataset) * observed.scales(1.0))[:, ~observed.turns]
-    out[fit.outliers] = np.nan
-    return out[:, np.isfinite(out).any(axis=0)]
 
 
 def _view_by_view(poses: Poses, residual: Array) -> tuple[Poses, Array]:
@@ -50,10 +54,14 @@ def _view_by_view(poses: Poses, residual: Array) -> tuple[Poses, Array]:
     return poses.subset(first), np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
 
 
-def _jump(residual: Array, poses: Poses) -> str | None:
-    """Largest standardised cumulative sum along the rows, per component. Source: Ploberger and Krämer (1992)."""
-    best: tuple[float, int, float] | None = None
-    for values in residual.T:
+def _jump(residual: Array, poses: Poses, at_tool: Array) -> str | None:
+    """Largest standardised cumulative sum along the rows, per component. Source: Ploberger and Krämer (1992).
+
+    residual: (N, m). at_tool: (N, 3), that of the positions in the axes of the tool, or (N, 0).
+    """
+    best: tuple[float, int, float, str] | None = None
+    columns = [*((values, "setup") for values in residual.T), *((values, "tool") for values in at_tool.T)]
+    for values, label in columns:
         use = np.isfinite(values)
         rows, series = poses.dataset.row[use], values[use]
         if len(series) < JUMP_ROWS:
@@ -62,12 +70,12 @@ def _jump(residual: Array, poses: Poses) -> str | None:
         walk = np.abs(np.cumsum(series)) / (series.std() * np.sqrt(len(series)) or 1.0)
         at = int(np.argmax(walk[:-1]))
         if best is None or walk[at] > best[0]:
-            best = (float(walk[at]), int(rows[at]), float(series[at + 1 :].mean() - series[: at + 1].mean()))
+            best = (float(walk[at]), int(rows[at]), float(series[at + 1 :].mean() - series[: at + 1].mean()), label)
     if best is None or best[0] <= JUMP_STATISTIC:
         return None
     return (
         f"residuals change along the rows, most clearly after row {best[1]} (by {1e3 * abs(best[2]):.3g} mm); "
-        f"drift, or something moved: a column 'setup' would fit each part its own registration"
+        f"drift, or something moved: a column '{best[3]}' would fit each part its own {PLACED[best[3]]}"
     )
 
 

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.result import Calibration, resolved
+from gpmodel.calibration.result import Calibration
+from gpmodel.checks.foreign_column import fitted, foreign_column
 from gpmodel.checks.misfit import Registered, flange, least_misfit, registered
 from gpmodel.checks.mixed_up import FEWEST_ROWS, MOST_ROWS, comparable_rows, typical
 from gpmodel.checks.readings import Reading, of_joints
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Mechanism, closed
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import ErrorModel, measured_minus, observe, prepare
+from gpmodel.model.error_model import measured_minus, observe, prepare
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.dataset import Dataset
 
@@ -25,12 +25,10 @@ NOT_WORSE = 1.2
 BETTER, SURE = 1.5, 25.0
 """Times less the standard model has to leave of another reading; and nats of likelihood by which. The wrong sign of a
 wrist leaves twenty times more, of a sound table no other reading leaves less."""
-LIMIT = 50.0
-"""Condition limit of both fits. As of the standard model in the thesis."""
 
 
 def misread(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> str | None:
-    """The column of a joint that hardly moves the point, where another reading of it fits clearly better.
+    """The column of a joint that hardly moves the point, where another reading of it, or free angles, fit far better.
 
     Registration and tool of the nominal geometry leave more than such a column matters. Hence both readings are fitted
     with the standard model, and compared by their likelihoods: no reading has more unknowns than another.
@@ -47,17 +45,21 @@ def misread(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -
     weak = _moved_by(mechanism, q, registered(frames, p)) < WEAK * now
     if not weak.any():
         return None
-    own = _left(mechanism, data.subset(rows), standard)
+    fit = fitted(mechanism, data.subset(rows), standard)
+    own = _left(fit, data.subset(rows))
     best: tuple[float, float, Reading] | None = None
     for reading in of_joints(mechanism, q, p, weak):
         if np.array_equal(reading.q, q) or least_misfit(flange(mechanism, reading.q), p) > NOT_WORSE * now:
             continue
-        left = _left(mechanism, data.subset(rows), standard, reading.q)
+        otherwise = replace(data.subset(rows), q=reading.q)
+        left = _left(fitted(mechanism, otherwise, standard), otherwise)
         gain = sum(count * np.log(max(a, 1e-12) / max(b, 1e-12)) for (a, count), (b, _) in zip(own, left, strict=True))
         if gain > SURE and gain > np.log(BETTER) * sum(count for _, count in own) and (best is None or gain > best[0]):
             best = float(gain), left[0][0], reading
     if best is None:
-        return None
+        turning = [k for k in np.flatnonzero(weak).tolist() if mechanism.joints[k].kind == "revolute"]
+        foreign = (foreign_column(mechanism, data.subset(rows), fit, k) for k in turning)
+        return next((text for text in foreign if text), None)
     return (
         f"{best[2].meaning}; the standard model then leaves {1e3 * best[1]:.3g} mm, "
         f"as it stands {1e3 * own[0][0]:.3g} mm"
@@ -77,14 +79,10 @@ def _still(q: Array, k: int) -> Array:
     return out
 
 
-def _left(
-    mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...], q: Array | None = None
-) -> list[tuple[float, int]]:
-    """RMS of what the standard model leaves of positions, m, and of rotations, rad, each with its number of values."""
-    poses = prepare(mechanism, data if q is None else replace(data, q=q))
-    fit: Calibration = calibrate(ErrorModel(mechanism, standard), poses, condition_limit=LIMIT)
-    observed = observe(fit.model, resolved(fit, poses), fit.theta, fit.placement)
-    left = np.delete(measured_minus(observed, poses.dataset), fit.outliers, axis=0)
+def _left(fit: Calibration, data: Dataset) -> list[tuple[float, int]]:
+    """RMS of what a fit leaves of positions, m, and of rotations, rad, each with its number of values."""
+    observed = observe(fit.model, prepare(fit.model.mechanism, data), fit.theta, fit.placement)
+    left = np.delete(measured_minus(observed, data), fit.outliers, axis=0)
     parts = (left[:, :3], left[:, 3:6]) if data.has_rotation else (left[:, :3],)
     known = [values[np.isfinite(values)] for values in parts]
     return [(root_mean_square(values), len(values)) for values in known]

@@ -86,11 +86,19 @@ def moved(made: Simulation) -> Dataset:
     return replace(made.dataset, position=made.dataset.position + after * np.array([2e-4, 0.0, 1e-4]))
 
 
+def slipped(made: Simulation) -> Dataset:
+    """The reflector half a millimetre farther along the axis of the flange from row 31 on."""
+    tip = observe(made.model, prepare(made.model.mechanism, made.dataset), made.theta, made.placement).tip
+    after = (np.arange(60) >= 30)[:, None]
+    return replace(made.dataset, position=made.dataset.position + 5e-4 * after * tip[:, :3, 2])
+
+
 ODD: dict[str, tuple[Callable[[Simulation], Dataset], tuple[str, ...]]] = {
     "a copied row": (copied, ("rows 8 and 8 hold the same measurement twice",)),
     "a link described 49.6 mm too short": (stretched, ("J2 Tz comes out", "expected less than 10")),
     "neighbours alike": (wandering, ("residuals of neighbouring rows are alike", "order of the rows matters")),
     "outliers": (outlier, ("2 of 60 readings left out (rows 12, 40)", "5")),
+    "the tool slipped": (slipped, ("change along the rows", "after row 30", "'tool'")),
     "the set-up moved": (moved, ("change along the rows", "after row 2", "'setup'")),
 }
 

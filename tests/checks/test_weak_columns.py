@@ -51,6 +51,19 @@ def test_a_wrist_that_is_read_wrongly_is_named_though_it_leaves_a_millimetre(cas
     assert said in text
 
 
+@pytest.mark.parametrize("change", ["shuffled", "one row late"])
+@pytest.mark.parametrize("offset", [1.5e-3, pytest.param(3e-4, marks=pytest.mark.long)])
+def test_a_wrist_of_other_poses_is_named(change: str, offset: float) -> None:
+    mechanism, data = measured(offset)
+    rng = np.random.default_rng(2)
+    text = misread(
+        mechanism,
+        column(data, rng.permutation if change == "shuffled" else lambda q: np.roll(q, 1)),
+        geometric_effects(mechanism),
+    )
+    assert f"column '{mechanism.joints[5].name}' does not belong to these positions" in (text or "")
+
+
 @pytest.mark.parametrize("offset", [0.0, 3e-4, 1.5e-3])
 def test_a_wrist_that_is_read_rightly_is_not(offset: float) -> None:
     mechanism, data = measured(offset)
