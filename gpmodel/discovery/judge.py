@@ -68,7 +68,7 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array) -> Judge
 def _judged(residual: Residual, candidate: Candidate, kept: Kept, nulls: tuple[Array, Array]) -> Hypothesis:
     """Test a selected group. residual: of the model without it. nulls: of the selection, and of evolution."""
     before = cross_validated(residual.at_own_noise(), ())
-    nats = kept.gain - candidate.cost
+    nats = kept.gain - candidate.cost + kept.shared
     score = replace(scores(residual, [candidate])[0], nats=nats)
     by_chance = chance(nats - residual.criteria.head_start * (not candidate.family), nulls[0])
     if is_program(kept.group.found_by) and len(nulls[1]):

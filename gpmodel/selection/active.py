@@ -185,7 +185,8 @@ class Active:
     @property
     def objective(self) -> float:
         """L: log marginal likelihood of the cleaned target less the price of every selected group, nats."""
-        return self.evidence - sum(self.price(g) for g in self.found)
+        paid = sum(float(self.pool.price[g]) + self._further_sites(g) for g in self.found)
+        return self.evidence - paid + float((self.of_kind - 1).clip(0) @ self.pool.shared)
 
     @property
     def utility(self) -> float:
@@ -196,10 +197,25 @@ class Active:
         """Gain of a group in the model less its price, nats."""
         return self.gains[g][0] - self.price(g)
 
+    @cached_property
+    def of_kind(self) -> IntArray:
+        """How many selected groups (K,) are of each kind that is offered at several joints."""
+        kinds = self.pool.block[list(self.found)]
+        return np.bincount(kinds[kinds >= 0], minlength=len(self.pool.shared))
+
+    @cached_property
+    def prices(self) -> Array:
+        """Price (G,) of each group beside the others, nats: its site alone where one of its kind is in the model."""
+        others = np.append(self.of_kind, 0)[self.pool.block]
+        others[list(self.found)] -= 1
+        return self.pool.price - np.where(others > 0, np.append(self.pool.shared, 0.0)[self.pool.block], 0.0)
+
     def price(self, g: int) -> float:
-        """Price of a group, nats: ln n for each further one of its sites, of n that there are."""
-        further = len(np.unique(self.part_of_column(g))) - 1
-        return float(self.pool.price[g]) + max(further, 0) * self.price_of_site(g)
+        """Price of a group beside the others, nats: ln n for each further one of its sites, of n that there are."""
+        return float(self.prices[g]) + self._further_sites(g)
+
+    def _further_sites(self, g: int) -> float:
+        return max(len(np.unique(self.part_of_column(g))) - 1, 0) * self.price_of_site(g)
 
     def price_of_site(self, g: int) -> float:
         """ln n, nats, of a group at several of n sites: each is one of so many."""

@@ -33,8 +33,9 @@ def _in_place_of(replacements: Replacements, g: int) -> tuple[Alternative, ...]:
     active, kind = replacements.active, replacements.active.pool.kind
     own, near = active.net_gain(g), (kind == kind[g]) & (kind >= 0)
     margin = np.where(near, np.inf, active.criteria.rival_nats)
-    gains, _ = replacements.of(g, own + active.pool.price - margin)
-    losses = own - (gains - active.pool.price)
+    prices = active.without(g).prices
+    gains, _ = replacements.of(g, own + prices - margin)
+    losses = own - (gains - prices)
     losses[list(active.variances)] = np.inf
     able = [h for h in np.lexsort((losses, ~near)).tolist() if np.isfinite(losses[h]) and losses[h] < margin[h]]
     return tuple(Alternative(h, float(losses[h])) for h in able[:MOST_RIVALS])

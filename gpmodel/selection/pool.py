@@ -1,5 +1,6 @@
 """All groups offered at one linearised problem, and their inner products."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -34,7 +35,8 @@ class GroupPool:
     """Groups over distinct effects (groups may share them); every column is scaled by its group's spread.
 
     cost, price, reading: (G,) nats to describe each group, to let it enter, and to read it. kind: (G,) number of
-    family and inputs, -1 without a name. rhs: (E,) products of the distinct unit columns with the target, whitened and
+    family and inputs, -1 without a name. block: (G,) number of the kind of several joints that it is a part of, -1 for
+    none; shared: (B,) nats that its parts need not say again: all but which of n sites it is. rhs: (E,) products of the distinct unit columns with the target, whitened and
     cleaned.
     """
 
@@ -59,6 +61,10 @@ class GroupPool:
         kinds: dict[object, int] = {}
         named = [(g.family, g.inputs) if g.family else None for g in self.groups]
         self.kind = np.array([-1 if kind is None else kinds.setdefault(kind, len(kinds)) for kind in named])
+        blocks = [g.parts for g in self.groups if g.parts and g.family]
+        of_part = {part.name: b for b, parts in enumerate(blocks) for part in parts}
+        self.block = np.array([of_part.get(g.name, -1) for g in self.groups], dtype=np.int64)
+        self.shared = np.array([max(parts[0].cost - math.log(len(parts)), 0.0) for parts in blocks])
         self.atoms = Atoms(rows, self.effects)
         self.rhs = self.atoms.cross(rows.target[:, None])[:, 0]
         self._columns: dict[int, Array] = {}

@@ -23,13 +23,15 @@ from gpmodel.table.split import JUDGED
 @dataclass(frozen=True)
 class Kept:
     """A group in the model. gain: nats over the model without it, its cost not counted. rivals: groups that could stand
-    in its place, with the nats lost. determined: how many of its unknowns the data say more of than the prior does."""
+    in its place, with the nats lost. determined: how many of its unknowns the data say more of than the prior does.
+    shared: nats of its cost that another selected group of its kind pays."""
 
     group: Group
     gain: float
     variance: float
     rivals: tuple[tuple[Group, float], ...] = ()
     determined: float = 0.0
+    shared: float = 0.0
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -100,5 +102,6 @@ def summarised(offered: Offered, look: Look) -> Selection:
         others = tuple((active.pool.groups[r.number], r.loss) for r in look.rivals.get(g, ()))
         said = variance * active.own(g)[0]
         determined = float(np.sum(said / (1.0 + said)))
-        kept.append(Kept(group, active.gains[g][0], variance, others, determined))
+        shared = float(active.pool.price[g] - active.prices[g])
+        kept.append(Kept(group, active.gains[g][0], variance, others, determined, shared))
     return Selection(tuple(sorted(kept, key=lambda k: -k.gain)), offered, look)

@@ -62,7 +62,7 @@ def grow(model: Active, forbidden: frozenset[int] = frozenset(), reading: bool =
     while True:
         gains, variances, fit = scan(model, among)
         gains[[*model.variances, *refused]] = -np.inf
-        net = gains - model.pool.price - reading * model.pool.reading
+        net = gains - model.prices - reading * model.pool.reading
         if net.max() < 0.0:
             net = with_own_noise(net, fit, model.mismatch)
         g = int(np.argmax(net))
@@ -88,18 +88,26 @@ def exchanges(model: Active, new: frozenset[int] | None = None) -> Iterator[Acti
     """Models grown again without each group, the weakest first, and without all groups that act at one site.
 
     Growth begins with the group of largest net gain, of some new ones if given, where the remaining groups may take any
-    size: a group held to its size keeps out what would change it. Each model is followed by the one grown without the
-    groups that came in: a pair may hide behind its best approximation.
+    size: a group held to its size keeps out what would change it. Two effects may hide behind their best approximation:
+    in the place of a group of many unknowns, groups of few are grown alone; in that of others, what grew first is
+    forbidden once.
     """
+    size = np.array([len(group.effects) for group in model.pool.groups])
+    many = frozenset(np.flatnonzero(size > FEW).tolist())
     alone = [frozenset({g}) for g in sorted(model.found, key=model.net_gain)]
     for removed in (*alone, *_at_one_site(model)):
-        fewer = reestimate(_without(model, removed), 4)
-        grown = _regrown(fewer, removed, model.utility - fewer.utility, new)
+        fewer, forbidden = reestimate(_without(model, removed), 4), _with_blocks(model, removed)
+        grown = _regrown(fewer, forbidden, model.utility - fewer.utility, new)
         if grown is None:
             continue
         yield grown
         came = frozenset(grown.variances) - frozenset(model.variances)
-        again = _regrown(_without(grown, came), came | removed, 0.0) if came else None
+        if removed & many:
+            again = _regrown(fewer, forbidden | many, model.utility - fewer.utility, new)
+        elif came:
+            again = _regrown(_without(grown, came), forbidden | _with_blocks(model, came), 0.0)
+        else:
+            again = None
         if again is not None:
             yield again
 
@@ -113,7 +121,7 @@ def _regrown(
     free = _relaxed(fewer)
     gains, variances, fit = scan(free)
     gains[[*fewer.variances, *forbidden]] = -np.inf
-    net = with_own_noise(gains - fewer.pool.price - fewer.pool.reading, fit, free.mismatch)
+    net = with_own_noise(gains - free.prices - free.pool.reading, fit, free.mismatch)
     if not float(np.sort(net)[-3:].clip(0.0).sum()) > PLAUSIBLE * lost:
         return None
     best = int(np.argmax(net)) if first is None else max(first, key=lambda g: net[g], default=0)
@@ -181,6 +189,13 @@ def _relaxed(model: Active) -> Active:
 
 def _without(model: Active, removed: frozenset[int]) -> Active:
     return reduce(Active.without, removed, model)
+
+
+def _with_blocks(model: Active, groups: frozenset[int]) -> frozenset[int]:
+    """Groups, and those of several sites that have one of them as a part."""
+    names = {model.pool.groups[g].name for g in groups}
+    whole = (g for g, group in enumerate(model.pool.groups) if any(part.name in names for part in group.parts))
+    return groups | frozenset(whole)
 
 
 def _at_one_site(model: Active) -> list[frozenset[int]]:
