@@ -7,6 +7,7 @@ from itertools import chain
 
 import numpy as np
 import pandas as pd
+from threadpoolctl import threadpool_limits
 
 from gpmodel.api.arguments import NOISIEST, called, limit, listed, naming, number, share, shown, texts, whole
 from gpmodel.api.calibrate import checked_poses, measured_joints
@@ -146,11 +147,12 @@ def discover(
                   condition_limit=condition_limit, seed=seed)  # fmt: skip
     whole_run = partial(run, search=search, progress=_in_table_names(progress, poses.dataset), journal=journal)
     fraction, parts = _split(holdout, folds, poses.dataset)
-    if parts:
-        repeats = [partial(run, search=way, errors_alone=True) for way in _repeating(search, bool(offers))]
-        found = discover_by_folds(whole_run, repeats, poses, parts, criteria, search.here)
-    else:
-        found = whole_run(poses, *hold_out(poses.dataset, fraction, np.random.default_rng(JUDGED)))
+    with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: further threads only wait
+        if parts:
+            repeats = [partial(run, search=way, errors_alone=True) for way in _repeating(search, bool(offers))]
+            found = discover_by_folds(whole_run, repeats, poses, parts, criteria, search.here)
+        else:
+            found = whole_run(poses, *hold_out(poses.dataset, fraction, np.random.default_rng(JUDGED)))
     return DiscoveryResult(found, Origin(command, seed, found.seconds, floor))
 
 

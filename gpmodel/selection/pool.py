@@ -35,9 +35,9 @@ class GroupPool:
     """Groups over distinct effects (groups may share them); every column is scaled by its group's spread.
 
     cost, price, reading: (G,) nats to describe each group, to let it enter, and to read it. kind: (G,) number of
-    family and inputs, -1 without a name. block: (G,) number of the kind of several joints that it is a part of, -1 for
-    none; shared: (B,) nats that its parts need not say again: all but which of n sites it is. rhs: (E,) products of the distinct unit columns with the target, whitened and
-    cleaned.
+    family and inputs, -1 without a name. block: (G,) number of the kind at several joints that it is a part of, -1 for
+    none. shared: (B,) nats that further parts need not say again: all but which of n joints it is. rhs: (E,) products
+    of the distinct unit columns with the target, whitened and cleaned.
     """
 
     def __init__(self, rows: Rows, groups: Sequence[Group], prices: Price) -> None:

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from gpmodel.arrays import Array
 from gpmodel.evidence.units import exchangeable
@@ -87,8 +86,7 @@ class Selection:
         """The most nats (T,), costs counted, that any group gains on T permuted residuals of it."""
         screening, rng = self.offered.screening, np.random.default_rng(JUDGED)
         together = exchangeable(self.state.fitting.poses.dataset, screening.prices.limits)
-        with threadpool_limits(limits=1, user_api="blas"):
-            return best_by_chance(self.look.active, self.offered.grids, together, rng, screening.prices.limits.shuffles)
+        return best_by_chance(self.look.active, self.offered.grids, together, rng, screening.prices.limits.shuffles)
 
 
 def summarised(offered: Offered, look: Look) -> Selection:

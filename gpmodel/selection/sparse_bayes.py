@@ -89,8 +89,7 @@ def exchanges(model: Active, new: frozenset[int] | None = None) -> Iterator[Acti
 
     Growth begins with the group of largest net gain, of some new ones if given, where the remaining groups may take any
     size: a group held to its size keeps out what would change it. Two effects may hide behind their best approximation:
-    in the place of a group of many unknowns, groups of few are grown alone; in that of others, what grew first is
-    forbidden once.
+    what grew first is forbidden once, and in the place of a group of many unknowns groups of few are grown alone.
     """
     size = np.array([len(group.effects) for group in model.pool.groups])
     many = frozenset(np.flatnonzero(size > FEW).tolist())
@@ -102,14 +101,10 @@ def exchanges(model: Active, new: frozenset[int] | None = None) -> Iterator[Acti
             continue
         yield grown
         came = frozenset(grown.variances) - frozenset(model.variances)
+        second = [_regrown(_without(grown, came), forbidden | _with_blocks(model, came), 0.0)] if came else []
         if removed & many:
-            again = _regrown(fewer, forbidden | many, model.utility - fewer.utility, new)
-        elif came:
-            again = _regrown(_without(grown, came), forbidden | _with_blocks(model, came), 0.0)
-        else:
-            again = None
-        if again is not None:
-            yield again
+            second.append(_regrown(fewer, forbidden | many, model.utility - fewer.utility, new))
+        yield from (again for again in second if again is not None)
 
 
 def _regrown(

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.evidence.gain import best, fitted, rotated, with_own_noise
@@ -103,8 +102,7 @@ class _Found:
 def surfaces_left(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> list[Group]:
     """The free functions that what a model leaves asks for most, no more than a few at a place, and those of each input
     of a pair by itself: two that add up are told from one of both."""
-    with threadpool_limits(limits=1, user_api="blas"):
-        found = sorted(_best(active, sites, inputs), key=lambda f: -f.nats)
+    found = sorted(_best(active, sites, inputs), key=lambda f: -f.nats)
     out: dict[tuple[str, ...], _Found] = {}
     for f in found:
         here = sum(key[0] == f.site.name for key in out)
