@@ -41,7 +41,7 @@ before = gp.calibrate(arm, frame[:70], effects=["joint_compliance J5"]).model
 again = gp.verify(before, frame[70:], tolerance="0.2 mm")
 print(again.summary())
 
-# certificate: how accurate the machine is, printed, as a page and a PDF, and as JSON
+# certificate: how accurate the machine is, printed, as a page to print, and as JSON
 certified = gp.certificate(again, machine="cell 4")
 print(certified.summary())
 certified.report("certificate")

@@ -50,14 +50,12 @@ class CertificateResult(Shown):
         return text(sheet)
 
     def report(self, folder: str | Path) -> None:
-        """Leave certificate.html and certificate.pdf in `folder`: both or none. Raises InputError likewise."""
+        """Leave certificate.html in `folder`, a page that prints to A4. Raises InputError likewise."""
         sheet = self.sheet
         from gpmodel.report.certificate import html
-        from gpmodel.report.certificate_pdf import write_pdf
 
         with finished_folder(file_path(folder, "folder")) as draft:
             write_text(draft / "certificate.html", html(sheet, self.record.mechanism.name))
-            write_pdf(sheet, draft / "certificate.pdf")
 
     def save(self, file: str | Path) -> None:
         """Write all that it states as JSON. Raises InputError when it cannot be written."""

@@ -71,19 +71,17 @@ class VerifyResult(Shown):
         return text(self.record)
 
     def report(self, folder: str | Path) -> None:
-        """Leave verify.html, verify.pdf, verify.csv and verify.json, which `certificate` reads, in `folder`: all or
-        none. Raises InputError when they cannot be written."""
+        """Leave verify.html, verify.csv and verify.json, which `certificate` reads, in `folder`: all or none.
+
+        Raises InputError when they cannot be written.
+        """
         with extra_for("the page of a verification", "report"):
-            from gpmodel.report.certificate_pdf import write_pdf
-            from gpmodel.report.particulars import Particulars
-            from gpmodel.report.verification_certificate import certificate
             from gpmodel.report.verification_words import html
 
         with finished_folder(file_path(folder, "folder")) as draft:
             write_text(draft / "verify.html", html(self.record))
             rows = by_row(self.record).astype({"outlier": int})
             write_text(draft / "verify.csv", rows.to_csv(index=False, float_format="%.6g", lineterminator="\n"))
-            write_pdf(certificate(self.record, Particulars()), draft / "verify.pdf")
             self.save(draft / NAME)
 
     def save(self, file: str | Path) -> None:

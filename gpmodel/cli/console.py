@@ -102,7 +102,7 @@ def what_next(folder: Path, record: Report) -> str:
     if record.effects:
         then += [(f"gpmodel explain {folder} 1", "the first finding in words"),
                  (f"gpmodel poses --after {folder} -n 12", "what to measure next to know it better")]  # fmt: skip
-    then += [(f"gpmodel certificate {folder}", "the accuracy as a page and a PDF")]
+    then += [(f"gpmodel certificate {folder}", "the accuracy as a page to print or save as PDF")]
     if (folder / "exports").is_dir():
         then += [(f"gpmodel export {folder}", "URDF, DH rows, NumPy, C99, a grid of a box of yours")]
     if record.kind == "calibrate":

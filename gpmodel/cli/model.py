@@ -165,7 +165,7 @@ def verify(
     Says the error of every pose with and without the model beside what the model promises, and what changed: a zero, a
     tool point, an effect. Where TABLE has the corrected_J1, ... of compensate, the machine went there.
     Ends with status 0 where the model holds, 3 where it does not or a pose is beyond the tolerance.
-    With --out: verify.html, verify.pdf, verify.csv, and verify.json, of which `certificate` makes a certificate.
+    With --out: verify.html, verify.csv, and verify.json, of which `certificate` makes a certificate.
     """
     with progress_line(quiet) as say:
         found = judge(

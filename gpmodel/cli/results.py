@@ -75,7 +75,7 @@ def particulars_options(command: Callable[..., None]) -> Callable[..., None]:
 def certificate(
     result: Path, particulars: Path | None, tolerance: str | None, folder: Path | None, quiet: bool, **given: str
 ) -> None:
-    """Write certificate.html and certificate.pdf of the calibration, discovery or verification in DIR.
+    """Write certificate.html, a page to print, of the calibration, discovery or verification in DIR.
 
     Where DIR holds a verification (verify.json), that is certified: it was measured afterwards. Of a calibration or
     a discovery the accuracy after is predicted, and the certificate says so. What is not given is left to fill in.
@@ -83,4 +83,4 @@ def certificate(
     target = folder or result
     certify(result, particulars, tolerance=tolerance, **given).report(target)
     if not quiet:
-        echo(f"certificate.html and certificate.pdf are in {target}")
+        echo(f"page to print: {target / 'certificate.html'}")

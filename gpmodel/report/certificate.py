@@ -1,4 +1,4 @@
-"""The certificate of a calibration: what machine, measured how, how accurate before and after; a page and a PDF."""
+"""The certificate of a calibration: what machine, measured how, how accurate before and after."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -21,17 +21,16 @@ Heads = tuple[str, bool]
 
 
 def histogram(errors: Array, tolerance_mm: float | None, heads: Heads) -> Picture:
-    """Of errors (N, 2), mm, before and after, in the same bins."""
+    """Draw a histogram of errors (N, 2), mm, before and after, over common bins."""
     worst = errors.max(axis=0)
     return Picture(
         "errors", "Error before and after", 5.2, 1.9,
         f"Histogram of {len(errors)} measured errors: {heads[0]} at most {worst[0]:.3f} mm, after {worst[1]:.3f} mm.",
-        "", lambda figure: draw(figure.subplots(), errors, tolerance_mm, heads),
+        "", lambda figure: _draw(figure.subplots(), errors, tolerance_mm, heads),
     )  # fmt: skip
 
 
-def draw(axes: Axes, errors: Array, tolerance_mm: float | None, heads: Heads) -> None:
-    """The same on axes of a page or a sheet."""
+def _draw(axes: Axes, errors: Array, tolerance_mm: float | None, heads: Heads) -> None:
     from matplotlib.ticker import MaxNLocator
 
     bins = np.linspace(0.0, max(float(errors.max()), tolerance_mm or 0.0, 1e-9) * 1.0001, BINS + 1).tolist()

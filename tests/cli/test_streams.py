@@ -160,7 +160,7 @@ def test_a_link_to_nothing_is_refused_before_the_work(link: str, given: Path, tm
 
 LEAN = """
 import sys
-for name in ("sympy", "jinja2", "matplotlib", "fpdf"):
+for name in ("sympy", "jinja2", "matplotlib"):
     sys.modules[name] = None
 from gpmodel.cli.main import main
 main(sys.argv[1:])

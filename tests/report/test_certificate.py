@@ -16,7 +16,8 @@ from gpmodel.evidence.confirmation import Confirmation
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.report import certificate
 from gpmodel.report.certificate import STATISTICS, errors_before_and_after, statistics
-from gpmodel.report.certificate_pdf import write_pdf
+from gpmodel.report.charts_certificate import histogram
+from gpmodel.report.figures import drawn
 from gpmodel.report.particulars import Particulars, read_particulars
 from gpmodel.report.schema import Report
 
@@ -56,11 +57,8 @@ def test_what_is_not_confirmed_is_not_certified() -> None:
     assert root_mean_square(pair[:, 1]) == pytest.approx(standard.heldout.rms_mm, abs=1e-5)
 
 
-def test_letters_that_no_font_has_are_written_without_a_warning(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    said = dataclasses.replace(GIVEN, machine="机器人三号 🤖", operator="王小明")
-    write_pdf(certificate.certificate(discovered(), said), tmp_path / "certificate.pdf")
+def test_letters_that_no_font_has_are_drawn_without_a_warning(caplog: pytest.LogCaptureFixture) -> None:
+    drawn([histogram(np.ones((3, 2)), None, ("机器人三号 🤖", True))])
     assert not caplog.records
 
 
@@ -83,6 +81,7 @@ def test_the_page_has_the_particulars_the_accuracy_the_parameters_and_the_record
         "workspace covered", "standard uncertainty (k = 1)", "is the 95 % interval (k = ",
     ):  # fmt: skip
         assert said in words
+    assert "@page { size: A4" in text
     assert "https://" not in text
 
 
@@ -97,14 +96,6 @@ def test_poses_held_out_in_turn_are_not_called_unseen() -> None:
 
 def test_poses_the_model_was_fitted_to_are_called_that() -> None:
     assert "the poses the model was fitted to" in page(certificate.certificate(calibrated(0.0), Particulars()))
-
-
-@pytest.mark.parametrize("report", [discovered, calibrated], ids=["discovered", "calibrated"])
-def test_the_pdf_has_one_side(report: type[Report], tmp_path: Path) -> None:
-    write_pdf(certificate.certificate(report(), GIVEN, 0.2), tmp_path / "c.pdf")
-    content = (tmp_path / "c.pdf").read_bytes()
-    assert content.startswith(b"%PDF")
-    assert len(re.findall(rb"/Type /Page\b", content)) == 1
 
 
 @pytest.mark.parametrize(("beyond", "said"), [(0.999, "fail: 1 of "), (1.001, "pass: none of "), (None, "")])
