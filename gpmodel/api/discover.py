@@ -41,7 +41,7 @@ from gpmodel.progress import Say, silent
 from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_search import SuspectRecord
+from gpmodel.report.schema_search import CandidateRecord
 from gpmodel.table.bundles import bundles, different_poses
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.split import JUDGED, USUAL, hold_out
@@ -78,9 +78,9 @@ class DiscoveryResult(FittedResult):
         return self.found.final, self.found.poses
 
     @property
-    def suspects(self) -> tuple[SuspectRecord, ...]:
-        """What something speaks for and was not added; `choose_poses(after=, suspect=)` has the poses that decide."""
-        return self.record.suspects
+    def rejected(self) -> tuple[CandidateRecord, ...]:
+        """Rejected candidates that lower the error; `choose_poses(after=, rejected=)` gives the poses that decide."""
+        return self.record.rejected
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row a finding: name, value, stderr, unit, slot, axis, basis, inputs, unique share, chance, rivals."""

@@ -70,22 +70,22 @@ def next_questions(
     return Asked(said, sizes, sizes, "± of the worst known effect [%]", 100.0)
 
 
-def of_suspect(saved: SavedModel, record: Report | None, pool: Array, number: int, rng: np.random.Generator) -> Asked:
-    """What is asked of a pool (P, n) of poses to decide a suspect of a result, counted from 1.
+def of_rejected(saved: SavedModel, record: Report | None, pool: Array, number: int, rng: np.random.Generator) -> Asked:
+    """What is asked of a pool (P, n) of poses to decide a rejected candidate of a result, counted from 1.
 
     Raises InputError where there is none of that number, or none that the catalogue has by its name.
     """
-    suspects = record.suspects if record else ()
-    if not 1 <= number <= len(suspects):
-        there = f"1 to {len(suspects)}" if suspects else "a result of discover that has suspects"
-        raise InputError(f"{number}, expected {there}", "suspect")
+    rejected = record.rejected if record else ()
+    if not 1 <= number <= len(rejected):
+        there = f"1 to {len(rejected)}" if rejected else "a result of discover that lists rejected candidates"
+        raise InputError(f"{number}, expected {there}", "rejected")
     outlook = Outlook.over(saved, pool, rng)
-    names, name = names_of(outlook.measured.dataset), suspects[number - 1].name
+    names, name = names_of(outlook.measured.dataset), rejected[number - 1].name
     effects = next((e for c, e in outlook.candidates.items() if translate(c, names) == name), None)
     if effects is None:
-        raise InputError(f"{number}, {name}, has no name in the catalogue; expected one that has", "suspect")
+        raise InputError(f"{number}, {name}, has no name in the catalogue; expected one that has", "rejected")
     question = outlook.of_more(effects)
-    return Asked(f"suspect: {name}", (question,), (question,), "± of what it moves the point by [mm]", 1e3)
+    return Asked(f"rejected candidate: {name}", (question,), (question,), "± of what it moves the point by [mm]", 1e3)
 
 
 def tellable_rivals(model: Model, record: Report) -> frozenset[str]:

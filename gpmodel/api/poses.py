@@ -12,7 +12,7 @@ from gpmodel.api.arguments import NOISIEST, among, box_limits, called, file_path
 from gpmodel.api.display import Shown
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
-from gpmodel.api.next_poses import next_questions, of_suspect, read_result
+from gpmodel.api.next_poses import next_questions, of_rejected, read_result
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
@@ -94,7 +94,7 @@ def choose_poses(
     *,
     criterion: Criterion | None = None,
     after: Model | str | Path | None = None,
-    suspect: int | None = None,
+    rejected: int | None = None,
     above: str | float | None = None,
     box: str | Sequence[Sequence[float]] | None = None,
     instrument: str | Sequence[float] | None = None,
@@ -114,19 +114,19 @@ def choose_poses(
     workspace. after: a Model, or what calibrate or discover left in a folder: the next `count` poses beside those
     measured, by "rivals" (the default where there are any), that best tell findings and constants from what they could
     also be; by "effect", that shrink the ± of the worst known one; by "i-optimal" of the whole model; or by "spread".
-    suspect: of that result, by its number: the poses that decide it, instead of a criterion. above: lowest height of
-    the tool point in the root frame, "200 mm". box: "800:1200,-200:200,300:700mm". instrument: its place in the root
-    frame, "3000,0,1500mm" or m; the target is seen within `cone` degrees (30) of its `normal` in the measured frame,
-    and the arm does not stand between. tool_point: in the measured frame; after a result its own. collisions: whether
-    poses in which the arm meets itself are left out, where its URDF has geometry. noise: of one coordinate, for the
-    curve before a result. progress: called with what is being done.
+    rejected: a candidate of that result by its number: the poses that decide it, instead of a criterion. above: lowest
+    height of the tool point in the root frame, "200 mm". box: "800:1200,-200:200,300:700mm". instrument: its place in
+    the root frame, "3000,0,1500mm" or m; the target is seen within `cone` degrees (30) of its `normal` in the measured
+    frame, and the arm does not stand between. tool_point: in the measured frame; after a result its own. collisions:
+    whether poses in which the arm meets itself are left out, where its URDF has geometry. noise: of one coordinate, for
+    the curve before a result. progress: called with what is being done.
     Raises InputError: too few poses for the criterion, or too few that may be taken.
     """
     called(progress, "progress")
     wanted, tell, rng = whole(count, "count", 1, MOST), Teller(progress), np.random.default_rng(whole(seed, "seed"))
     model, record = (None, None) if after is None else read_result(after)
-    if model is None and suspect is not None:
-        raise InputError("belongs to a result; expected one to go on after", "suspect")
+    if model is None and rejected is not None:
+        raise InputError("belongs to a result; expected one to go on after", "rejected")
     if model is None and mechanism is None:
         raise InputError("missing, expected a mechanism, or a result to go on after", "mechanism")
     arm = mechanism_of(mechanism) if model is None else model.mechanism
@@ -137,8 +137,8 @@ def choose_poses(
         word = among("spread" if criterion is None else criterion, BEFORE, "criterion")
         spread_of = quantity(noise, "length", "noise", positive=True, most=NOISIEST)
         asked = _before(arm, pool, wanted, ALIASES.get(word, word), spread_of)
-    elif suspect is not None:
-        asked = of_suspect(model.saved, record, pool, _suspect(suspect, criterion), rng)
+    elif rejected is not None:
+        asked = of_rejected(model.saved, record, pool, _rejected(rejected, criterion), rng)
     else:
         kind = None if criterion is None else among(criterion, AFTER, "criterion")
         asked = next_questions(model.saved, record, pool, kind, rng)
@@ -150,11 +150,11 @@ def choose_poses(
     return PosesResult(arm, q, spacing(arm, q), curve, asked.said, limit, columns)
 
 
-def _suspect(number: object, criterion: object) -> int:
-    """The number of a suspect. Raises InputError where it is none, or a criterion is asked for as well."""
+def _rejected(number: object, criterion: object) -> int:
+    """Check the number of a rejected candidate. Raises InputError: it is none, or a criterion is given as well."""
     if criterion is not None:
-        raise InputError("is decided by its own poses; expected a suspect or a criterion, not both", "suspect")
-    return whole(number, "suspect", 1)
+        raise InputError("is decided by its own poses; expected a candidate or a criterion, not both", "rejected")
+    return whole(number, "rejected", 1)
 
 
 def _before(arm: Mechanism, pool: Array, count: int, kind: str, noise: float) -> Asked:

@@ -16,7 +16,8 @@ from gpmodel.mechanism.source import LoadedMechanism
 @mechanism_options(required=False)
 @click.option("-n", "--count", default=40, show_default=True, type=click.IntRange(1, MOST), help="How many poses.")
 @click.option("--after", metavar="RESULT", type=PATH, help="The next poses after what calibrate or discover left here.")
-@click.option("--suspect", type=click.IntRange(1), metavar="N", help="Of --after: the poses that decide its suspect N.")
+@click.option("--rejected", type=click.IntRange(1), metavar="N",
+              help="With --after: poses that decide its rejected candidate N.")  # fmt: skip
 @click.option("--criterion", type=click.Choice(list(dict.fromkeys((*BEFORE, *AFTER)))),
               help="[default: spread; after a result rivals, effect or i-optimal]")  # fmt: skip
 @click.option("--above", metavar="HEIGHT", help="Lowest height over the root frame, as in 200mm.")
@@ -32,9 +33,10 @@ from gpmodel.mechanism.source import LoadedMechanism
 @out_file_option
 @quiet_option
 def poses(
-    mechanism: LoadedMechanism | None, count: int, criterion: Criterion | None, after: Path | None, suspect: int | None,
-    above: str | None, box: str | None, instrument: str | None, normal: tuple[float, float, float], cone: float | None,
-    tool_point: str | None, collisions: bool, noise: str, seed: int, out: Path | None, quiet: bool,
+    mechanism: LoadedMechanism | None, count: int, criterion: Criterion | None, after: Path | None,
+    rejected: int | None, above: str | None, box: str | None, instrument: str | None,
+    normal: tuple[float, float, float], cone: float | None, tool_point: str | None, collisions: bool, noise: str,
+    seed: int, out: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Joint values within the limits worth measuring at, and the curve of what is known against their number.
 
@@ -49,7 +51,7 @@ def poses(
     path = place_for(out, "poses.csv")
     with progress_line(quiet) as say:
         chosen = choose_poses(
-            mechanism, count, criterion=criterion, after=after, suspect=suspect, above=above, box=box,
+            mechanism, count, criterion=criterion, after=after, rejected=rejected, above=above, box=box,
             instrument=instrument, normal=normal, cone=cone, tool_point=tool_point, collisions=collisions, noise=noise,
             seed=seed, progress=say,
         )  # fmt: skip

@@ -10,12 +10,11 @@ from gpmodel.arrays import IntArray
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.explore import OutOfTime
 from gpmodel.discovery.final_fit import final_fit
-from gpmodel.discovery.result import Discovery, FinalFit, Suspect
+from gpmodel.discovery.result import Discovery, FinalFit
 from gpmodel.discovery.round import one_round
 from gpmodel.discovery.rows import usable_rows
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.state import Journal, State
-from gpmodel.discovery.suspects import suspects_of
 from gpmodel.evidence.confirmation import Confirmation, confirmation
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families.candidate import Candidate
@@ -81,14 +80,12 @@ def discover(
         calibration = top()
         return calibration, (_unfinished if errors_alone else _finished)(state, standard_fit, calibration)
 
-    (calibration, (last, final, doubt, suspects)), rungs = called_beside(
-        search.here, ended, _rungs(state, standard_fit)
-    )
+    (calibration, (last, final, doubt)), rungs = called_beside(search.here, ended, _rungs(state, standard_fit))
     _ladder(state, base, standard_fit, [*rungs, calibration])
     give_back()
     return Discovery(
         mechanism, poses, train, heldout, tuple(state.steps), tuple(state.findings), tuple(state.rounds), last, final,
-        doubt, state.standard, time.monotonic() - started, stopped, suspects,
+        doubt, state.standard, time.monotonic() - started, stopped,
     )  # fmt: skip
 
 
@@ -127,24 +124,24 @@ def _run_rounds(state: State, standard_fit: Calibration, calibration: Calibratio
     return calibration, "no further effect is significant"
 
 
-_Last = tuple[FinalFit, Calibration, Confirmation | None, tuple[Suspect, ...]]
+_Last = tuple[FinalFit, Calibration, Confirmation | None]
 
 
 def _unfinished(state: State, standard_fit: Calibration, calibration: Calibration) -> _Last:
     """The findings as the training poses have them."""
-    return FinalFit(calibration, state.found, ((),) * len(state.found)), calibration, None, ()
+    return FinalFit(calibration, state.found, ((),) * len(state.found)), calibration, None
 
 
 def _finished(state: State, standard_fit: Calibration, calibration: Calibration) -> _Last:
-    """The findings fitted to all poses, the model that is shipped, what confirms it, and what is odd beside it."""
+    """The findings fitted to all poses, the model that is shipped, and what confirms it."""
     if not state.findings:
         final = state.standard_to_all()
-        return FinalFit(final, (), ()), final, None, suspects_of(state, final)
+        return FinalFit(final, (), ()), final, None
     last, doubt = final_fit(state, calibration), None
     if len(state.heldout):
         doubt = confirmation(standard_fit, calibration, state.poses.subset(state.heldout), state.criteria)
     final = last.calibration if doubt is None or doubt.passed else state.standard_to_all()
-    return last, final, doubt, suspects_of(state, final)
+    return last, final, doubt
 
 
 def _rungs(state: State, standard_fit: Calibration) -> list[Callable[[], Calibration]]:

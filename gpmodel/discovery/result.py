@@ -8,7 +8,6 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.explore import Exploration
 from gpmodel.evidence.confirmation import Confirmation
-from gpmodel.evolution.chance import Chance
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import FittedConstant
 from gpmodel.mechanism.protocol import Mechanism
@@ -60,34 +59,13 @@ class FinalFit:
 
 
 @dataclass(frozen=True)
-class Suspect:
-    """An effect that something speaks for and that was not added.
-
-    nats: what it saves. chance: of it among all candidates. rows: (K,) indices of the odd poses it would explain, none
-    where all poses speak for it. before, after: RMS of their errors, m, without and with it; cross-validated over all
-    where none are odd. why: it was not added. shared: what the odd poses have in common, empty for nothing.
-    alternatives: what would explain the same.
-    """
-
-    candidate: Candidate
-    nats: float
-    chance: Chance
-    rows: IntArray
-    before: float
-    after: float
-    why: str
-    shared: str = ""
-    alternatives: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
 class Discovery:
     """Everything the loop found, in order.
 
     fitted: all findings, fitted to all poses. confirmation: of them on the held-out poses, None without findings.
     final: the model to ship, that of `fitted` where it is confirmed, else the standard model as a calibration of all
-    poses without any discovery would have it. suspects: what is odd beside it and was not added. parts: the same
-    choice without each fold of the poses, where every one was held out once; none where some are for good.
+    poses without any discovery would have it. parts: the same choice without each fold of the poses, where every one
+    was held out once; none where some are for good.
     """
 
     mechanism: Mechanism
@@ -103,7 +81,6 @@ class Discovery:
     standard_model: tuple[Effect, ...]
     seconds: float
     stopped: str
-    suspects: tuple[Suspect, ...] = ()
     parts: tuple["Discovery", ...] = ()
 
     @property

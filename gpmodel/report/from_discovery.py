@@ -12,8 +12,7 @@ from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
 from gpmodel.calibration.unobservable import unobservable_families
 from gpmodel.discovery.acceptance import Hypothesis
-from gpmodel.discovery.result import Discovery, Round, Suspect
-from gpmodel.families.catalogue import explained
+from gpmodel.discovery.result import Discovery, Round
 from gpmodel.model.naming import names_of, translate
 from gpmodel.report import fitted, verdict
 from gpmodel.report.build import Ladder, build, reading_records
@@ -28,7 +27,6 @@ from gpmodel.report.schema_search import (
     HistogramRecord,
     RivalRecord,
     RoundRecord,
-    SuspectRecord,
     TestRecord,
 )
 from gpmodel.report.shapes import shape_record
@@ -49,7 +47,6 @@ def from_discovery(discovery: Discovery, origin: Origin, saved: SavedModel | Non
         effects=tuple(_effects(discovery, names)),
         histograms=_histograms(discovery, names),
         rounds=tuple(_round(r, _as_fitted(discovery), names) for r in discovery.rounds),
-        suspects=tuple(_suspect(s, discovery, names) for s in discovery.suspects),
         rank_curve=common.rank_curve or fitted.rank_curve(discovery.steps[1].calibration),
         stopped=discovery.stopped,
         confirmation=discovery.confirmation,
@@ -146,21 +143,6 @@ def _round(entry: Round, fitted_as: Mapping[str, str], names: Mapping[str, str])
     )
 
 
-def _suspect(found: Suspect, discovery: Discovery, names: Mapping[str, str]) -> SuspectRecord:
-    return SuspectRecord(
-        name=translate(found.candidate.name, names),
-        nats=fitted.optional(found.nats),
-        p_value=found.chance.p,
-        rows=tuple(discovery.poses.dataset.row[found.rows].tolist()),
-        before_mm=fitted.optional(1e3 * found.before),
-        after_mm=fitted.optional(1e3 * found.after),
-        why=found.why,
-        shared=translate(found.shared, names),
-        alternatives=tuple(translate(name, names) for name in found.alternatives),
-        explanation=found.candidate.explanation or explained(found.candidate.family),
-    )
-
-
 def _tried(hypothesis: Hypothesis, names: Mapping[str, str]) -> CandidateRecord:
     candidate = hypothesis.candidate
     first = candidate.place
@@ -173,6 +155,7 @@ def _tried(hypothesis: Hypothesis, names: Mapping[str, str]) -> CandidateRecord:
         gain=hypothesis.score.gain,
         nats=hypothesis.score.nats,
         cv_rms_mm=fitted.optional(1e3 * hypothesis.cv_rms),
+        cv_before_mm=fitted.optional(1e3 * hypothesis.cv_before),
         found_by=candidate.found_by,
         catalogue=candidate.family or None,
         p_value=hypothesis.p_value,

@@ -17,7 +17,6 @@ from gpmodel.report import (
     charts_search,
     charts_space,
     instrument_words,
-    suspect_words,
     verdict,
     words,
 )
@@ -76,7 +75,7 @@ def _environment() -> Environment:
         shortened=partial(wording.shortened, length=NAME),
     )  # fmt: skip
     environment.globals.update(
-        words=words, instrument_words=instrument_words, suspect_words=suspect_words, measured=wording.measured,
+        words=words, instrument_words=instrument_words, measured=wording.measured,
         chance=wording.chance, script=script, script_hash=script_hash,
     )  # fmt: skip
     return environment

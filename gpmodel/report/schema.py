@@ -12,6 +12,7 @@ from gpmodel.arrays import Count, NotNegative, Share
 from gpmodel.evidence.confirmation import Confirmation
 from gpmodel.report.schema_poses import InstrumentRecord, PlotRecord, Positioning, ReadingRecord, Repeatability
 from gpmodel.report.schema_search import (
+    CandidateRecord,
     CompensationRecord,
     Correlation,
     EffectRecord,
@@ -19,7 +20,6 @@ from gpmodel.report.schema_search import (
     ProgramRecord,
     Range,
     RoundRecord,
-    SuspectRecord,
 )
 from gpmodel.wording import counted
 
@@ -27,6 +27,8 @@ SCHEMA = 1
 REGISTRATION, STANDARD = "registration", "standard"
 VISIBLE = 1e-3
 """Share of an error by which another one has to differ to be stated beside it: the last digit that is printed."""
+MOST_REJECTED = 5
+"""Rejected candidates that are listed: a list to act on."""
 NoiseSource = Literal["repeats", "instrument", "specification"]
 Kind = Literal["calibrate", "discover", "evolve"]
 
@@ -194,7 +196,6 @@ class Report:
     effects: tuple[EffectRecord, ...] = ()
     histograms: tuple[HistogramRecord, ...] = ()
     rounds: tuple[RoundRecord, ...] = ()
-    suspects: tuple[SuspectRecord, ...] = ()
     runs: tuple[ProgramRecord, ...] = ()
     compensation: CompensationRecord | None = None
     parameters: tuple[ParameterRecord, ...] = ()
@@ -258,6 +259,14 @@ class Report:
         """The parameters kept that belong to none of the effects."""
         effects = tuple(e.name for e in self.effects)
         return tuple(p for p in self.parameters if p.kept and not p.name.startswith(effects or ("\0",)))
+
+    @property
+    def rejected(self) -> tuple[CandidateRecord, ...]:
+        """Rejected candidates that further poses should decide, by their last tests, the largest gain first."""
+        last = {c.name: c for r in self.rounds for c in r.candidates}
+        named = {effect.name for effect in self.effects}
+        undecided = (c for c in last.values() if c.undecided and c.name not in named)
+        return tuple(sorted(undecided, key=lambda c: -(c.nats or 0.0))[:MOST_REJECTED])
 
     def dropped(self) -> tuple[str, ...]:
         """What these poses cannot tell apart and the final model therefore leaves out."""

@@ -12,6 +12,10 @@ from gpmodel.wording import measured, shortened
 RIVAL_MARGIN = 0.1
 """A rival fits about as well when its cross-validated RMS is at most this share above the finding's own; the RMS of 60
 poses is itself known to about a tenth (1 / √(2·60))."""
+NOTICED = 0.01
+"""Least relative fall of the cross-validated error by a rejected candidate that is listed: the last digit shown."""
+SIGNIFICANT = ("chance", "nats")
+"""Tests of significance; the others ask how well a candidate predicts."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +170,10 @@ class HistogramRecord:
 
 @dataclass(frozen=True)
 class CandidateRecord:
-    """Something that was tried: its score, and why it was added or not."""
+    """Something that was tried: its score, and why it was added or not.
+
+    cv_rms_mm, cv_before_mm: cross-validated 3-D RMS with it and without.
+    """
 
     name: str = ""
     slot: str = ""
@@ -176,6 +183,7 @@ class CandidateRecord:
     gain: float | None = None
     nats: float | None = None
     cv_rms_mm: NotNegative | None = None
+    cv_before_mm: NotNegative | None = None
     found_by: str = ""
     catalogue: str | None = None
     p_value: Share | None = None
@@ -184,27 +192,13 @@ class CandidateRecord:
     accepted: bool = False
     why: str = ""
 
-
-@dataclass(frozen=True)
-class SuspectRecord:
-    """An effect that something speaks for and that was not added: no finding, but what further poses should decide.
-
-    nats: what it saves; p_value: chance of it among all candidates. rows: of the file, of the odd poses it would
-    explain; none where all poses speak for it. before_mm, after_mm: RMS of their errors without and with it, or the
-    cross-validated one of all poses. shared: what the odd poses have in common. alternatives: what would explain the
-    same.
-    """
-
-    name: str
-    nats: float | None = None
-    p_value: Share | None = None
-    rows: tuple[int, ...] = ()
-    before_mm: NotNegative | None = None
-    after_mm: NotNegative | None = None
-    why: str = ""
-    shared: str = ""
-    alternatives: tuple[str, ...] = ()
-    explanation: str = ""
+    @property
+    def undecided(self) -> bool:
+        """Whether it is significant and lowers the cross-validated error, and was rejected by another test."""
+        if self.accepted or self.cv_rms_mm is None or self.cv_before_mm is None:
+            return False
+        passed = all(test.passed for test in self.tests if test.name in SIGNIFICANT)
+        return passed and self.cv_rms_mm < (1.0 - NOTICED) * self.cv_before_mm
 
 
 @dataclass(frozen=True)

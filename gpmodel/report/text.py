@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from gpmodel import wording
-from gpmodel.report import instrument_words, suspect_words, verdict, words
+from gpmodel.report import instrument_words, verdict, words
 from gpmodel.report.schema import ErrorsMm, Report
 from gpmodel.report.schema_search import EffectRecord
 from gpmodel.wording import WIDTH, wrapped
@@ -23,7 +23,7 @@ def summary(report: Report) -> str:
         ("Noise floor", [wrapped(words.noise_floor(report))]),
         ("Instrument", [wrapped(instrument_words.instrument(report))] if report.instrument else []),
         ("Effects" if report.kind == "calibrate" else "Findings", list(_effects(report))),
-        ("Suspects", list(_suspects(report))),
+        ("Rejected candidates", list(_rejected(report))),
         ("Significant inputs", list(_inputs(report))),
         ("Parameters, fitted to all poses", list(_parameters(report))),
         ("Tool in the flange, root in the instrument's frame", list(_placement(report))),
@@ -95,14 +95,13 @@ def _effects(report: Report) -> Iterator[str]:
             yield wrapped(said, 7)
 
 
-def _suspects(report: Report) -> Iterator[str]:
-    if report.suspects:
-        yield wrapped(suspect_words.LEAD)
-    for number, suspect in enumerate(report.suspects, 1):
-        yield wrapped(f"{number}  {suspect.name}: {suspect_words.would_explain(suspect)}")
-        for said in filter(None, (f"not added: {suspect.why}", suspect_words.alternatives(suspect))):
-            yield wrapped(said, 7)
-        yield wrapped(f"poses that decide: {suspect_words.deciding(number)}", 7)
+def _rejected(report: Report) -> Iterator[str]:
+    if report.rejected:
+        yield wrapped(words.REJECTED)
+    for number, candidate in enumerate(report.rejected, 1):
+        yield wrapped(f"{number}  {candidate.name}: {words.lowers(candidate)}")
+        yield wrapped(f"rejected: {candidate.why}", 7)
+        yield wrapped(f"poses that decide: {words.deciding(number)}", 7)
 
 
 def _relative(effect: EffectRecord) -> str:

@@ -8,7 +8,6 @@ import numpy as np
 from gpmodel import wording
 from gpmodel.hierarchy.further import PRIOR
 from gpmodel.model.memory import read_by
-from gpmodel.report import suspect_words
 from gpmodel.report.schema import STANDARD, Report
 
 COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
@@ -51,11 +50,17 @@ def _change(report: Report) -> str:
 
 
 def behind(report: Report) -> str:
-    """What the effects of a discovery follow, what else they could be, and whether anything odd is left; empty where
-    there is nothing of it."""
+    """What the effects of a discovery follow, what else they could be, and how many rejected candidates are undecided;
+    empty where there is nothing of it."""
     inputs = list(inputs_in_words(report))
     followed = f"What was found follows {wording.listed(inputs)}." if report.kind == "discover" and inputs else ""
-    return " ".join(filter(None, (followed, *_undecided(report), suspect_words.in_the_verdict(report.suspects))))
+    return " ".join(filter(None, (followed, *_undecided(report), _rejected(report))))
+
+
+def _rejected(report: Report) -> str:
+    count = len(report.rejected)
+    left = "candidate is" if count == 1 else "candidates are"
+    return f"{_count(count)} rejected {left} left for further poses to decide.".capitalize() if count else ""
 
 
 def _undecided(report: Report) -> Iterator[str]:

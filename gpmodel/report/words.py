@@ -10,7 +10,7 @@ from gpmodel.families.candidate import CATALOGUE, FORMULA, FORMULA_OF_PROGRAM, N
 from gpmodel.mechanism.protocol import INSTRUMENT
 from gpmodel.numerics.interval import COVERAGE, coverage_factor
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_search import RIVAL_MARGIN, EffectRecord, HistogramRecord
+from gpmodel.report.schema_search import RIVAL_MARGIN, CandidateRecord, EffectRecord, HistogramRecord
 
 MARGIN = f"{100 * RIVAL_MARGIN:.0f} %"
 MOST_EXPLAINED = 3
@@ -269,3 +269,22 @@ def place(slot: str, axis: str) -> str:
     }.get(slot, f"just {'before' if side == 'fixed' else 'after'} the motion of {joint}")
     motion = {"T": "shift along", "R": "turn about"}.get(axis[:1], "")
     return f"{motion} {axis[1:]} of the frame {where}" if motion else where
+
+
+REJECTED = (
+    "Not findings, and in no model: each is significant, lowers the cross-validated error and failed another test. "
+    "Further poses decide."
+)
+
+
+def lowers(candidate: CandidateRecord) -> str:
+    """State the cross-validated error without and with a rejected candidate, its gain and its chance."""
+    change = wording.change(candidate.cv_before_mm, candidate.cv_rms_mm)
+    gain = "" if candidate.nats is None else f", gain {candidate.nats:.0f} nats"
+    chance = "" if candidate.p_value is None else f", chance {wording.chance(candidate.p_value, candidate.shuffles)}"
+    return f"cross-validated error {change}{gain}{chance}"
+
+
+def deciding(number: int) -> str:
+    """Write the command that chooses poses which decide the rejected candidate of that number."""
+    return f"gpmodel poses --after RESULT --rejected {number}"

@@ -19,7 +19,7 @@ from gpmodel.planning.limit import least_deviation
 from gpmodel.planning.poses import geometric_question, over_the_pool, spacing, spread_poses
 from gpmodel.planning.reach import Reach, Sight, candidates
 from gpmodel.report.saved import to_json
-from gpmodel.report.schema_search import SuspectRecord
+from gpmodel.report.schema_search import CandidateRecord, RoundRecord
 
 ARMS = ["irb6400r", "ur5", "panda"]
 
@@ -148,15 +148,17 @@ def test_the_next_poses_shrink_what_they_are_for_more_than_random_ones(tmp_path:
     assert len(pd.read_csv(tmp_path / "poses.curve.csv")) == 7
     assert "rivals" in one_line(run("poses", "--after", tmp_path / "fit", "--criterion", "rivals", "--quiet"), 2)
     assert "mechanism" in one_line(run("poses"), 2)
-    record = replace(fit.record, suspects=(SuspectRecord("joint compliance, J3"), SuspectRecord("what nobody named")))
+    tried = (CandidateRecord(name=name, nats=9.0, cv_rms_mm=0.1, cv_before_mm=0.2) for name in
+             ("joint compliance, J3", "what nobody named"))  # fmt: skip
+    record = replace(fit.record, rounds=(RoundRecord(1, tuple(tried)),))
     (tmp_path / "fit" / "report.json").write_text(to_json(record))
-    asked = choose_poses(count=6, after=tmp_path / "fit", suspect=1)
+    asked = choose_poses(count=6, after=tmp_path / "fit", rejected=1)
     value, random = (asked.curve.iloc[-1, k] for k in (1, 2))
     assert value < random < asked.curve.iloc[0, 1]
-    assert asked.said == "suspect: joint compliance, J3"
+    assert asked.said == "rejected candidate: joint compliance, J3"
     for number, said in ((2, "no name in the catalogue"), (3, "expected 1 to 2")):
-        line = one_line(run("poses", "--after", tmp_path / "fit", "--suspect", number, "--quiet"), 2)
-        assert line.startswith("gpmodel: --suspect: ")
+        line = one_line(run("poses", "--after", tmp_path / "fit", "--rejected", number, "--quiet"), 2)
+        assert line.startswith("gpmodel: --rejected: ")
         assert said in line
 
 

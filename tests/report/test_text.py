@@ -16,7 +16,7 @@ from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.origin import Origin
 from gpmodel.report.page import html
 from gpmodel.report.schema import ErrorsMm, Report, StepRecord
-from gpmodel.report.schema_search import RIVAL_MARGIN, RivalRecord, SuspectRecord
+from gpmodel.report.schema_search import RIVAL_MARGIN, CandidateRecord, RivalRecord, RoundRecord, TestRecord
 from gpmodel.report.text import summary
 from gpmodel.report.words import noise_floor, rivals
 
@@ -34,14 +34,31 @@ def test_it_fits_80_columns_and_says_verdict_ladder_and_noise_floor(case: str) -
     assert text.index("[[Verdict]]") < text.index("[[3-D error, mm]]") < text.index("[[Noise floor]]")
 
 
-def test_suspects_are_said_to_be_no_findings_in_text_and_page() -> None:
-    odd = SuspectRecord("play <J3>", 136.0, 1e-9, (30, 44), 0.376, 0.046, "2 of 80 poses", "torque_J3 negative", ("b",))
-    report = dataclasses.replace(discovered(), suspects=(odd,))
-    assert "Suspects" not in summary(discovered())
+@pytest.mark.parametrize(
+    ("after", "significant", "listed"),
+    [(0.287, True, False), (0.2435, True, False), (0.2, False, False), (0.2, True, True)],
+)
+def test_a_rejected_candidate_is_listed_where_it_lowers_the_error(
+    after: float, significant: bool, listed: bool
+) -> None:
+    tests = (TestRecord("chance", 0.0, 0.01, significant), TestRecord("nats", 352.0, 5.0, True),
+             TestRecord("rows", 1.0, 5.0, False))  # fmt: skip
+    play = CandidateRecord("play <J3>", nats=352.0, cv_rms_mm=after, cv_before_mm=0.244, tests=tests, why="it drifts")
+    found = discovered()
+    report = dataclasses.replace(
+        found, rounds=(RoundRecord(1, (play, dataclasses.replace(play, name=found.effects[0].name))),)
+    )
+    assert [c.name for c in report.rejected] == [play.name] * listed
     for said in (summary(report), html(report, {})):
         text = " ".join(said.split())
-        for part in ("Not findings", "rows 30, 44, which share torque_J3 negative", "2 of 80 poses", "--suspect 1"):
-            assert part in text
+        parts = (
+            "Not findings",
+            "0.244 → 0.200 mm",
+            "ejected: it drifts",
+            "--rejected 1",
+            "One rejected candidate is left",
+        )
+        assert [part in text for part in parts] == [listed] * len(parts)
     assert "play <J3>" not in html(report, {})
 
 
