@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from gpmodel._version import __version__
-from gpmodel.application.another_machine import check_constants
 from gpmodel.application.measured import Measured, measured_from, measured_record
 from gpmodel.application.model_reader import converted, read_part
 from gpmodel.application.model_schema import KIND, SCHEMA, EffectPart, MeasuredPart, ModelPart
@@ -201,9 +200,7 @@ def load_model(path: Path, mechanism: Mechanism | None = None) -> SavedModel:
     """
     part = read_part(path)
     try:
-        saved = _read(part, mechanism)
-        check_constants(saved.model, saved.theta, saved.placement, saved.measured)
-        return saved
+        return _read(part, mechanism)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

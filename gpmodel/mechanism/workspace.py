@@ -81,11 +81,6 @@ def tip_at_probe(mechanism: Mechanism) -> Array:
     return np.asarray(chain(mechanism.transforms(probe(mechanism)))[-1][0, :3, 3])
 
 
-def length_at_probe(mechanism: Mechanism) -> float:
-    """The lengths, m, of all links together at that pose."""
-    return float(np.linalg.norm(mechanism.transforms(probe(mechanism))[:, 0, :3, 3], axis=1).sum())
-
-
 def same_machine(tip: ArrayLike, other: ArrayLike) -> bool:
     """Whether two tips at that pose are of one machine."""
     return bool(np.allclose(tip, other, atol=TIP_TOLERANCE, rtol=0))
