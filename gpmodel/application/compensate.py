@@ -8,7 +8,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gpmodel.application.kinematics import LENGTH, REACHED, inverse, look_at, solve, tips
-from gpmodel.application.matching import matched, remembered, turned
+from gpmodel.application.matching import matched, matched_with_readings, remembered, turned
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.uncertainty import point_deviation
 from gpmodel.application.usable import check_finite, of_the_mechanism, outside
@@ -121,9 +121,9 @@ def _table_names(saved: SavedModel, dataset: Dataset) -> tuple[str, ...]:
 def joint_targets(saved: SavedModel, dataset: Dataset) -> TargetPoses:
     """The tool poses that the nominal mechanism would have at joint values.
 
-    The whole pose with six joints or more, the position with fewer. Raises InputError as `matched`.
+    The whole pose with six joints or more, the position with fewer. Raises InputError as `matched_with_readings`.
     """
-    fitting = remembered(saved, matched(saved, dataset))
+    fitting = remembered(saved, matched_with_readings(saved, dataset))
     return TargetPoses(fitting, tips(saved, fitting, nominal=True)[1].tip, len(saved.mechanism.joints) >= 6)
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpmodel.application.kinematics import tips
-from gpmodel.application.matching import matched
+from gpmodel.application.matching import matched, matched_with_readings
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.predict import batches
 from gpmodel.application.usable import check_finite
@@ -81,11 +81,12 @@ def settled(saved: SavedModel, dataset: Dataset, start: Placement | None = None)
     """The model with the registration that these poses give it. saved: as it is to be used. start: where registration
     and tool point are to be found from; without it the tool point is the model's.
 
-    Raises InputError as `matched`, for a tool the model does not know, and for fewer than three poses of a set-up.
+    Raises InputError as `matched_with_readings`, for a tool the model does not know, and for fewer than three poses of
+    a set-up.
     """
     setups = dict.fromkeys(dataset.label("setup").tolist(), np.eye(4))
     saved = replace(saved, placement=replace(saved.placement, registration=setups))
-    dataset = matched(saved, dataset)
+    dataset = matched_with_readings(saved, dataset)
     poses = prepare(saved.mechanism, dataset)
     check_finite(saved, poses)
     placed = _placed(saved, dataset) if start is None else replace(saved, placement=start)

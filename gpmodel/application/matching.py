@@ -4,12 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from gpmodel.application.kinematics import tips
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array, Mask
+from gpmodel.checks.mixed_up import FEWEST_OF_A_PART, MOST_ROWS, POOR_LENGTH, comparable_rows, mixed_up, typical
 from gpmodel.errors import InputError, choices
+from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.memory import read_by
 from gpmodel.model.states import states_of
+from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.bundles import SAME_JOINT
 from gpmodel.table.dataset import Dataset, with_payload
 
@@ -39,6 +43,29 @@ def matched(saved: SavedModel, dataset: Dataset) -> Dataset:
             expected = choices(surplus[0], (f"'{k}'" for k in known))
             raise InputError(f"{dataset.source}: {column} '{surplus[0]}' is unknown to the model; expected {expected}")
     return replace(dataset, labels=labels)
+
+
+def matched_with_readings(saved: SavedModel, dataset: Dataset) -> Dataset:
+    """`dataset` as `matched`, where its joint values and positions, if it has any, are of the model's machine.
+
+    Raises InputError as `matched`, and where a registration and tool point of their own leave POOR_LENGTH of most
+    positions.
+    """
+    if mixed := mixed_up(saved.mechanism, dataset):
+        raise InputError(f"{dataset.source}: {mixed}; the model is one of {saved.mechanism.name}")
+    fitting, rows = matched(saved, dataset), comparable_rows(dataset)
+    rows = rows[:: max(1, len(rows) // MOST_ROWS)]
+    known = all(joint.measured for joint in saved.mechanism.joints) and not branched(saved.mechanism)
+    if known and len(rows) >= FEWEST_OF_A_PART:
+        frames = tips(saved, fitting.subset(rows), nominal=False)[1].tip
+        most, errors = typical(frames, dataset.position[rows])
+        if (left := root_mean_square(errors[most])) > POOR_LENGTH:
+            raise InputError(
+                f"{dataset.source}: the positions are of another machine: the model of {saved.mechanism.name} leaves "
+                f"{1e3 * left:.3g} mm of them with a registration and tool point of their own; expected less than "
+                f"{1e3 * POOR_LENGTH:g} mm"
+            )
+    return fitting
 
 
 def remembered(saved: SavedModel, dataset: Dataset) -> Dataset:

@@ -211,6 +211,8 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
     mechanism = given or choice.load()
     known = same_machine(tip_at_probe(mechanism), about.tip_at_probe_m)
     if tuple(j.name for j in mechanism.joints) != about.joints or not known:
+        if given is not None:
+            raise InputError(f"a model of '{about.name}'; expected one of {given.name}, the mechanism that is given")
         raise InputError(f"mechanism '{about.name}' has changed since this model was made; calibrate again")
     terms = (tuple(Term(t.slot, t.axis, Expression(t.basis), t.weight) for t in e.terms) for e in part.effects)
     effects = tuple(

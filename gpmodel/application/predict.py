@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pandas as pd
 
-from gpmodel.application.matching import matched
+from gpmodel.application.matching import matched_with_readings
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.uncertainty import point_deviation
 from gpmodel.application.usable import check_finite, outside
@@ -31,10 +31,10 @@ def predicted_columns(saved: SavedModel, dataset: Dataset, say: Say = silent) ->
     against what the row measured first, and added with the residual [um] they leave. Then the standard deviation
     sigma [mm] of the predicted point, and the inputs that are `outside` the ranges the model was fitted in.
 
-    say: called with how many rows are done. Raises InputError as `matched`, and where an effect is not finite at a
-    pose.
+    say: called with how many rows are done. Raises InputError as `matched_with_readings`, and where an effect is not
+    finite at a pose.
     """
-    poses, parts = prepare(saved.mechanism, matched(saved, dataset)), list[dict[str, Array]]()
+    poses, parts = prepare(saved.mechanism, matched_with_readings(saved, dataset)), list[dict[str, Array]]()
     solved = bool(free_joints(saved.mechanism)) and bool(np.isfinite(poses.dataset.position).any())
     for rows in batches(len(poses)):
         if len(rows) < len(poses):
