@@ -8,7 +8,7 @@ import numpy as np
 
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.result import resolved, without_outlier_marks
+from gpmodel.calibration.result import Calibration, resolved, without_outlier_marks
 from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
 from gpmodel.calibration.weigh import weighed
 from gpmodel.checks.counting import measured_values, unknowns
@@ -17,9 +17,10 @@ from gpmodel.checks.misfit import spread_of
 from gpmodel.checks.mixed_up import mixed_up
 from gpmodel.checks.notes import not_read, notes
 from gpmodel.checks.rotations import rotations_flaw
-from gpmodel.checks.warnings import built_wrong, poor_fit, warnings_of
+from gpmodel.checks.warnings import POOR, built_wrong, poor_fit, warnings_of
 from gpmodel.checks.weak_columns import misread
 from gpmodel.errors import InputError
+from gpmodel.families.catalogue import candidates, catalogue
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
@@ -37,6 +38,8 @@ NOBODY = Teller()
 MOST_FITTED, STRETCH = 2000, 50
 """Rows that are fitted to judge a table, and how many of them stand together: a fit takes a second, and its RMS is
 known to 1 / √(6 · 2000) of itself."""
+YIELDING = ("base_compliance", "joint_compliance")
+"""Families of a healthy soft robot."""
 LIMIT_TOLERANCE = 1e-3
 """Radians or metres beyond a joint's limit that are its stop's play and the last digit written."""
 MINIMUM_READINGS, UNLIKE = 12, 0.2
@@ -82,13 +85,28 @@ def check_dataset(
     bare = calibrate(ErrorModel(mechanism, ()), poses)
     fit = calibrate(ErrorModel(mechanism, standard), poses, start=without_outlier_marks(bare))
     another = f"{mechanism.name} is not described as it was measured"
-    wrong = [Remark("warning", text, another) for text in built_wrong(fit)]
+    wrong = [Remark("warning", text, another) for text in built_wrong(fit, poses)]
     wrong += [Remark("warning", text, "too few poses") for text in _too_few_held(mechanism, poses.dataset, standard)]
-    wrong += [Remark("warning", text, "the standard model leaves too much") for text in poor_fit(fit)]
+    wrong += [Remark("warning", *said) for said in _poor(fit, poses)]
     warnings = [Remark("warning", text) for text in warnings_of(mechanism, poses, fit)]
     said = notes(mechanism, poses.dataset, (bare, fit), noise_floor(data))
     sampled = (f"judged on {len(rows)} of {len(data)} rows, in even stretches",) if many else ()
     return [*wrong, *warnings, *(Remark("note", text) for text in (*sampled, *said))]
+
+
+def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
+    """What a large residual is, and why nothing sound comes of a fit; empty where base and joints that yield in
+    proportion to their loads explain it."""
+    for text in poor_fit(fit):
+        pool = candidates(fit.model.mechanism, poses.states, [f for f in catalogue if f.name in YIELDING])
+        soft = ErrorModel(fit.model.mechanism, (*fit.model.effects, *(e for c in pool for e in c.effects)))
+        left = (
+            root_mean_square(calibrate(soft, poses, start=without_outlier_marks(fit)).fitted_error) if pool else np.inf
+        )
+        if left > POOR:
+            yield text, "the standard model leaves too much"
+        else:
+            yield f"{text}. With base and joints that yield {1e3 * left:.3g} mm are left", ""
 
 
 def evenly(count: int) -> IntArray:

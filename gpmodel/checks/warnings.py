@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gpmodel.calibration.result import Calibration
+from gpmodel.arrays import Array
+from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.checks.digits import rounded
 from gpmodel.checks.order import order_matters
 from gpmodel.mechanism.protocol import Mechanism
@@ -12,6 +13,7 @@ from gpmodel.model.error_model import Poses
 from gpmodel.model.measured_torque import unused_torques
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.outliers import outlier_limit
+from gpmodel.numerics.rank import orthonormal, remove
 from gpmodel.table.bundles import SAME_JOINT, original, replicates
 from gpmodel.table.dataset import TOUCHED, Dataset
 from gpmodel.wording import left_out, some
@@ -24,6 +26,10 @@ POOR = 2e-3
 
 BUILT_WRONG = 1e-2
 """Metres or radians: links are machined and joints zeroed better than that; an arm described wrongly is farther off."""
+
+RESOLVED = 1e3
+"""Condition of the linear system that divides an error among equivalent parameters: rounding is 1e-12, a wrong length
+is shown ten times less than the best direction."""
 
 SURE = 5.0
 """Standard deviations from zero of a parameter that is called wrong."""
@@ -74,16 +80,34 @@ def _unmeasured(data: Dataset) -> Iterator[str]:
         )
 
 
-def built_wrong(fit: Calibration) -> Iterator[str]:
-    """One sentence for each parameter that is farther from the description than any machine is built."""
-    name = fit.model.mechanism.name
-    for effect, value, sigma in zip(fit.model.effects, fit.theta.tolist(), fit.stderr.tolist(), strict=True):
+def built_wrong(fit: Calibration, poses: Poses) -> Iterator[str]:
+    """One sentence for each parameter that is farther from the description than any machine is built.
+
+    Of equivalent parameters a fit holds some at zero, and the others carry their errors: two parallel joints 0.1 m
+    apart turn 1 mm into 10 mrad. So all are judged by the values of least sum of squares, in mm and mrad, that move the
+    points as the fit does.
+    """
+    solved = _least(fit, poses)
+    values = solved @ fit.theta
+    spread = solved * np.nan_to_num(fit.stderr)
+    deviations = np.sqrt(np.einsum("ij,jk,ik->i", spread, np.nan_to_num(fit.correlation), spread).clip(0.0))
+    for effect, value, sigma in zip(fit.model.effects, values.tolist(), deviations.tolist(), strict=True):
         if abs(value) > BUILT_WRONG and abs(value) > SURE * sigma:
             unit = "mm" if effect.unit == "m" else "mrad"
             yield (
-                f"{effect.name} comes out {1e3 * value:.4g} ± {1e3 * sigma:.2g} {unit} from the description of {name}; "
-                "expected less than 10: another machine, or a wrong length or zero in its description"
+                f"{effect.name} comes out {1e3 * value:.4g} ± {1e3 * sigma:.2g} {unit} from the description of "
+                f"{fit.model.mechanism.name}; expected less than 10: another machine, or a wrong length or zero in its "
+                "description"
             )
+
+
+def _least(fit: Calibration, poses: Poses) -> Array:
+    """Linear map (E, E) from the values of a fit to those of least norm whose points differ from the fit's by
+    registration and tool alone. Directions that the poses show RESOLVED times less than the best are left at zero."""
+    problem = problem_at(fit, poses)
+    placed, effects = problem.columns[:, : problem.placement], problem.columns[:, problem.placement :]
+    own = remove(orthonormal(placed), effects)
+    return np.asarray(np.linalg.pinv(own, rcond=1.0 / RESOLVED) @ own)
 
 
 def _implausible_repeats(data: Dataset) -> Iterator[str]:

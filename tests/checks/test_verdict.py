@@ -43,3 +43,15 @@ def test_the_verdict_says_why_a_table_is_not_fit_to_calibrate_with(case: str) ->
     assert any("yield under load" in remark.text for remark in judged.findings) is (make is noisy)
     verdict = judged.summary().splitlines()[-1]
     assert verdict.startswith(f"not fit to calibrate with: {why[0]}; " if why else "fit to calibrate with")
+
+
+def test_a_soft_robot_is_fit_to_calibrate_with() -> None:
+    arm, made = robot(60, effects=("base_compliance=2e-6",))
+    judged = check(arm, made.dataset)
+    assert judged.unfit == ()
+    assert any("With base and joints that yield" in remark.text for remark in judged.findings)
+
+
+def test_a_bad_robot_is_described_as_it_was_measured_though_parallel_joints_share_its_errors() -> None:
+    arm, made = robot(60, 1, "ur3", geometry_sigma=1e-3)
+    assert not check(arm, made.dataset).unfit
