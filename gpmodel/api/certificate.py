@@ -1,20 +1,28 @@
 """The certificate of a result: what machine, measured how, how accurate, on one or two sides of A4."""
 
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from gpmodel.api.arguments import file_path, quantity, shown
 from gpmodel.api.display import Shown
+from gpmodel.api.model import Model, load_model
 from gpmodel.api.saved import record_of
 from gpmodel.api.verification import VerifyResult
+from gpmodel.checks.judge import computed_positions
 from gpmodel.errors import InputError
 from gpmodel.extras import extra_for
 from gpmodel.files import finished_folder, to_json, write_text
+from gpmodel.model.error_model import prepare
+from gpmodel.numerics.interval import chance_of_less
 from gpmodel.report.particulars import Particulars, read_particulars
 from gpmodel.report.schema import Report
 from gpmodel.report.verification import Verification, read_verification
+from gpmodel.report.verification_words import TOO_GOOD
 
 if TYPE_CHECKING:
     from gpmodel.report.certificate import Certificate
@@ -87,8 +95,25 @@ def certificate(
 
 
 def _record(result: object) -> Report | Verification:
-    if isinstance(result, VerifyResult):
-        return result.record
-    if isinstance(result, str | Path) and (found := read_verification(file_path(result, "result"))):
-        return found
-    return record_of(result, "result")
+    """Raises InputError where the positions were computed: by results of versions that did not refuse them."""
+    verified = result.record if isinstance(result, VerifyResult) else None
+    if isinstance(result, str | Path):
+        verified = read_verification(file_path(result, "result"))
+    if verified is not None:
+        ratio, noise = verified.chi_square / max(verified.degrees, 1), verified.noise_degrees
+        if chance_of_less(ratio, verified.degrees, np.inf if noise is None else noise) < TOO_GOOD:
+            raise InputError(
+                f"{verified.data.file}: nearer to the model than its noise allows (chi-square "
+                f"{verified.chi_square:.3g} of {verified.degrees}); expected positions that were measured, not computed"
+            )
+        return verified
+    record = record_of(result, "result")
+    if isinstance(result, str | Path):
+        with suppress(InputError):  # a folder without a model, or whose mechanism was moved
+            result = load_model(result)
+    model = result if isinstance(result, Model) else getattr(result, "model", None)
+    if isinstance(model, Model) and model.saved.measured is not None:
+        measured = prepare(model.mechanism, model.saved.measured.dataset)
+        for text in computed_positions(model.mechanism, measured):
+            raise InputError(f"{text}; no accuracy can be certified by them")
+    return record

@@ -127,10 +127,10 @@ def refuse(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...] | No
 def _unsound(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
     """Reasons not to go on that a fit of registration and tool shows."""
     yield from _unlike_readings(mechanism, poses)
-    yield from _computed(mechanism, poses)
+    yield from computed_positions(mechanism, poses)
 
 
-def _computed(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
+def computed_positions(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
     """Positions that the nominal mechanism computes; a fit is made only of a table whose digits end."""
     if not written_to_a_digit(poses.dataset):
         return

@@ -1,11 +1,13 @@
 """Positions that a controller computed are no measurement, and rounding is no error of a machine."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from cli_cases import table
 
 import gpmodel as gp
+from gpmodel.api.results import write_numbers
 
 SOUND = table(60, name="ur5")
 
@@ -39,3 +41,21 @@ def test_a_residual_that_rounding_explains_is_said_to_be_rounding(decimals: int,
     said = " ".join(gp.check("ur5", rounded(decimals, of)).summary().split())
     assert "rounding explains what is left" in said
     assert "rounding" not in gp.check("ur5", SOUND).summary()
+
+
+def test_no_accuracy_is_certified_by_computed_positions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as before:
+        before.setattr("gpmodel.checks.judge.computed", lambda *_: iter(()))
+        fit = gp.calibrate("ur5", of_the_controller(3), holdout=0)
+        write_numbers(fit.record, fit.model, tmp_path)
+    for result in (fit, tmp_path):
+        with pytest.raises(gp.InputError, match=r"are computed, not measured.*no accuracy can be certified by them"):
+            gp.certificate(result)
+
+
+def test_no_accuracy_is_certified_by_predictions_of_the_model() -> None:
+    model = gp.calibrate("ur5", SOUND, holdout=0).model
+    poses = table(40, 5, name="ur5").filter(regex="deg").astype(float)
+    verified = model.verify(model.predict(poses).filter(regex="deg|^[xyz] "))
+    with pytest.raises(gp.InputError, match="nearer to the model than its noise allows"):
+        gp.certificate(verified)
