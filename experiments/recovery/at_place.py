@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from experiments.random_laws.law import Law
 from experiments.random_laws.shapes import one_variable, two_variables
-from gpmodel.evolution.laws import laws_at
+from gpmodel.evolution.formulas import formulas_at
 from gpmodel.evolution.pareto import description_length
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets
@@ -83,7 +83,7 @@ def judged(factors: int, number: int) -> dict[str, Any]:
     """What is found at a place, and its error over that of the law itself."""
     place = drawn(factors, number)
     problem, began = place.problem(), time.process_time()
-    best = min(laws_at(problem, 0, tuple(place.inputs)), key=lambda law: description_length(law, problem))
+    best = min(formulas_at(problem, 0, tuple(place.inputs)), key=lambda law: description_length(law, problem))
     seconds = time.process_time() - began
     with np.errstate(all="ignore"):
         ratio = place.error(best.program.evaluate(place.inputs)[0]) / place.error(place.truth)

@@ -15,7 +15,7 @@ from gpmodel.discovery.standing_out import doubtful, explained, taken_as_measure
 from gpmodel.discovery.targets import targets
 from gpmodel.evidence.residual import Residual
 from gpmodel.evidence.score import scores
-from gpmodel.evolution.laws import laws_at, shorter
+from gpmodel.evolution.formulas import formulas_at, shorter
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.families.candidate import Candidate, formula_of
@@ -94,7 +94,7 @@ class LawTask:
 
 def run_law_task(task: LawTask) -> tuple[Solution, ...]:
     """Laws in the inputs of the curve; the same wherever it runs."""
-    return laws_at(task.problem, 0, task.inputs)
+    return formulas_at(task.problem, 0, task.inputs)
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,10 @@ Source: Breiman and Friedman (1985) for factors in turn; Friedman and Stuetzle (
 
 import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import minimize
 
 from gpmodel.arrays import Array
 from gpmodel.evolution.projection import Targets
@@ -51,12 +50,16 @@ LENGTH = 0.35
 """Correlation length over half the range of an input: of a bump of a fifth of the range."""
 LIKELIEST = 20
 """Steps of expectation and maximisation to the most likely variance."""
-TURNS, STARTS = 15, 3
-"""Turns of each factor; first guesses at each but the first, its slowest sines."""
-DIRECTIONS, ANGLE = 24, 0.01
-"""Directions of a weighted sum that are tried, evenly over half a turn, and how near the best is found, rad."""
-POINTS = (-1.2, -0.6, 0.0, 0.6, 1.2)
-"""Where a distance is first counted from, in standard deviations of each input about its mean."""
+TURNS, KEPT = (3, 15), 4
+"""Turns of each factor from every first guess, and from the best ones, so many."""
+STARTS = {1: 1, 2: 8, 3: 5, 4: 3}
+"""First guesses at each factor but the first, its slowest sines, by the number of factors: of two, all of them."""
+DIRECTIONS, MOST = {2: 13, 3: 7, 4: 4}, 2.0
+"""Weights from -1 to 1 of each input of a sum but one that are tried, by the number of inputs; the largest weight."""
+FINE = {"xatol": 0.01, "fatol": 0.01, "maxfev": 120}
+"""How near the best weights are found."""
+POINTS, NEAREST = (-1.2, -0.6, 0.0, 0.6, 1.2), 3
+"""Where a distance is first counted from, in standard deviations of each input about its mean; the best, so many."""
 NEAR = ((-3.0, 3.0), (-3.0, 3.0), (-1.5, 1.5))
 """How far the point may be, in these, and how unequal the inputs' deviations may count, as a logarithm."""
 LEAST = float(np.finfo(float).tiny)
@@ -71,49 +74,34 @@ class Smooth:
     noise: float
 
 
-def smooth(targets: Targets, basis: Array, noise: float) -> Smooth:
-    """The most likely function in the span of a basis (N, m), of which the variance of the noise is known."""
-    seen = targets.cross[0] @ basis
-    sizes, turn = np.linalg.eigh(basis.T @ (targets.weight[0][:, None] * basis) - seen.T @ seen)
-    sizes, pull = np.maximum(sizes, 0.0), turn.T @ (basis.T @ targets.pull[0])
-    variance = noise * len(sizes) / max(float(sizes.sum()), LEAST)
-    for _ in range(LIKELIEST):
-        spread = noise * variance / (noise + variance * sizes)
-        variance = float(np.mean((spread * pull / noise) ** 2 + spread))
-    mean = variance * pull / (noise + variance * sizes)
-    nats = 0.5 * float(np.sum(mean * pull / noise - np.log1p(variance * sizes / noise)))
-    determined = float(np.sum(variance * sizes / (noise + variance * sizes)))
-    left = targets.energy - 2.0 * float(mean @ pull) + float(mean**2 @ sizes)
-    return Smooth(turn @ mean, nats, max(left, LEAST) / max(targets.components - determined, 1.0))
+def smooth(targets: Targets, basis: Array, noise: float, turns: int = 1) -> Smooth:
+    """The most likely function in the span of a basis (N, m) at a variance of the noise, which of several turns each
+    takes over from the one before."""
+    from gpmodel.evolution.kernels.smooth import most_likely, normal_equations
+
+    basis = np.ascontiguousarray(basis)
+    gram, pull = normal_equations(basis, targets.weight[0], targets.cross[0], targets.pull[0])
+    sizes = float(targets.energy), float(targets.components)
+    return Smooth(*most_likely(gram, pull, float(noise), *sizes, LIKELIEST, turns, LEAST))
 
 
 def factors(targets: Targets, columns: Array) -> tuple[float, Array]:
     """The noise variance that a product leaves, and its factors: functions (K, N) of each of K columns (K, N), of mean
-    square 1, whose product leaves least noise, by turns."""
-    bases = [Sines.of("", column, LENGTH).values for column in columns]
-    starts = itertools.product(*(basis.T[:STARTS] for basis in bases[1:]))
-    return min((_in_turn(targets, bases, start) for start in starts), key=lambda found: found[0])
+    square 1, whose product leaves least noise, by turns from many first guesses at all but the first."""
+    from gpmodel.evolution.kernels.smooth import best_factors
 
-
-def _in_turn(targets: Targets, bases: Sequence[Array], start: Sequence[Array]) -> tuple[float, Array]:
-    """The noise variance that a product leaves, and its factors, from a first guess at all (N,) but the first."""
-    noise, values = targets.energy / targets.components, np.array([np.ones(len(start[0])), *start])
-    for _ in range(TURNS):
-        for k, basis in enumerate(bases):
-            found = smooth(targets, basis * others(values, k)[:, None], noise)
-            values[k] = _unit(basis @ found.coefficients)
-        noise = found.noise
+    bases = np.array([Sines.of("", column, LENGTH).values for column in columns])
+    slowest = STARTS[min(len(columns), max(STARTS))]
+    starts = np.array(list(itertools.product(range(slowest), repeat=len(columns) - 1)), dtype=np.int64)
+    seen, values = (targets.weight[0], targets.cross[0], targets.pull[0]), np.empty(columns.shape)
+    sizes = float(targets.energy), float(targets.components), LEAST
+    noise = best_factors(bases, starts.reshape(-1, len(columns) - 1), seen, sizes, LIKELIEST, TURNS, KEPT, values)
     return noise, values
 
 
 def others(values: Array, k: int) -> Array:
     """The product (N,) of factors (K, N) but number k."""
     return np.asarray(np.prod(np.delete(values, k, axis=0), axis=0))
-
-
-def _unit(values: Array) -> Array:
-    """Values (N,) over the root of their mean square."""
-    return np.asarray(values / max(float(np.sqrt(np.mean(values**2))), LEAST))
 
 
 def through(targets: Targets, factor: Array) -> Targets:
@@ -131,11 +119,7 @@ def summands(targets: Targets, columns: Array) -> tuple[Array, Array]:
 
 def _settled(targets: Targets, basis: Array) -> Smooth:
     """The most likely function in the span of a basis (N, m), of the noise that it leaves itself."""
-    noise = targets.energy / targets.components
-    for _ in range(TURNS):
-        found = smooth(targets, basis, noise)
-        noise = found.noise
-    return found
+    return smooth(targets, basis, targets.energy / targets.components, TURNS[1])
 
 
 def noise_left(targets: Targets, column: Array) -> float:
@@ -151,21 +135,28 @@ def without(targets: Targets, values: Array) -> Targets:
     return replace(targets, pull=targets.pull - column, energy=max(left, LEAST))
 
 
-def weighted_sum(targets: Targets, columns: Array) -> tuple[float, float]:
-    """Weights of two columns (2, N) in the sum of which a function saves most."""
+def weighted_sum(targets: Targets, columns: Array) -> Array:
+    """Weights (K,) of columns (K, N), two or more, in the sum of which a function saves most, the largest column's
+    standard deviation counting 1."""
     spread, noise = columns.std(axis=1), targets.energy / targets.components
+    scaled = columns / spread[:, None]
 
-    def weights(angle: float) -> Array:
-        return np.asarray(np.array([np.cos(angle), np.sin(angle)]) / spread)
+    def cost(weights: Array) -> float:
+        return -smooth(targets, Sines.of("", weights @ scaled, LENGTH).values, noise).nats
 
-    def cost(angle: float) -> float:
-        return -smooth(targets, Sines.of("", weights(angle) @ columns, LENGTH).values, noise).nats
+    def beside(first: int, others: Array) -> Array:
+        return np.insert(np.clip(others, -MOST, MOST), first, 1.0)
 
-    step = np.pi / DIRECTIONS
-    best = min((step * k for k in range(DIRECTIONS)), key=cost)
-    found = minimize_scalar(cost, bounds=(best - step, best + step), method="bounded", options={"xatol": ANGLE})
-    first, second = weights(float(found.x)).tolist()
-    return first, second
+    count = len(columns)
+    steps = np.linspace(-1.0, 1.0, DIRECTIONS[min(count, max(DIRECTIONS))])
+    starts = ((first, np.array(o)) for first in range(count) for o in itertools.product(steps, repeat=count - 1))
+    best = sorted(starts, key=lambda start: cost(beside(*start)))[:NEAREST]
+    ends = [
+        (first, minimize(lambda o, k=first: cost(beside(k, o)), others, method="Nelder-Mead", options=FINE))
+        for first, others in best
+    ]
+    first, end = min(ends, key=lambda found: float(found[1].fun))
+    return np.asarray(beside(first, end.x) / spread)
 
 
 def distance(targets: Targets, columns: Array) -> tuple[float, float, float]:
@@ -180,7 +171,7 @@ def distance(targets: Targets, columns: Array) -> tuple[float, float, float]:
         away = np.hypot(scaled[0] - point[0], np.exp(point[2]) * (scaled[1] - point[1]))
         return -smooth(targets, Sines.of("", away, LENGTH).values, noise).nats
 
-    starts = sorted((np.array([a, b, 0.0]) for a in POINTS for b in POINTS), key=cost)[:STARTS]
+    starts = sorted((np.array([a, b, 0.0]) for a in POINTS for b in POINTS), key=cost)[:NEAREST]
     ends = (minimize(cost, start, method="Nelder-Mead", bounds=NEAR) for start in starts)
     found = min(ends, key=lambda end: float(end.fun))
     (a, b), log_ratio = middle + spread * found.x[:2], float(found.x[2])

@@ -117,11 +117,22 @@ class Program:
         Raises InputError for one that is not finite.
         """
         remaining = iter(values)
+        return self.with_leaves(
+            Node("constant", (), next(remaining)) if node.operator == "constant" else node for node in self.nodes
+        )
 
-        def build(builder: Builder, node: Node, copies: list[int]) -> int:
-            return builder.constant(next(remaining)) if node.operator == "constant" else builder.add(node, copies)
+    def with_leaves(self, nodes: Iterable[Node]) -> "Program":
+        """The program with other leaves, from all its nodes in turn; equal leaves become one node.
 
-        return self.rebuilt(build)
+        Raises InputError for a constant that is not finite.
+        """
+        changed = tuple(nodes)
+        leaves = [node for node in changed if not node.arguments]
+        for node in leaves:
+            if node.operator == "constant" and not np.isfinite(float(node.value or 0.0)):
+                raise InputError(f"program: constant {node.value} is not finite")
+        other = Program(changed, self.outputs)
+        return other if len(set(leaves)) == len(leaves) else other.rebuilt(Builder.add)
 
     def with_inputs(self, programs: Mapping[str, "Program"]) -> "Program":
         """The same program with one-output programs in the place of the inputs of these names."""

@@ -94,7 +94,7 @@ def test_an_idle_constant_goes(monkeypatch: pytest.MonkeyPatch) -> None:
     def found(problem: SlotProblem, site: int, names: Sequence[str]) -> tuple[Solution, ...]:
         return (scored(parse(idle), problem.only(site, names)),)
 
-    monkeypatch.setattr(searching, "laws_at", found)
+    monkeypatch.setattr(searching, "formulas_at", found)
     laws = list(formulas(left, [curve], Search(workers=1)))
     nodes = [law.program.complexity for law in laws]
     assert nodes == sorted(nodes, reverse=True)
@@ -184,7 +184,7 @@ def test_of_one_column_read_in_two_ways_each_is_asked_by_itself(
         asked.add(tuple(sorted(names)))
         return ()
 
-    monkeypatch.setattr(searching, "laws_at", none)
+    monkeypatch.setattr(searching, "formulas_at", none)
     assert not list(formulas(left, [curve], Search(workers=1)))
     assert asked == inputs
 

@@ -57,13 +57,14 @@ def test_the_factors_of_a_product_are_found(seed: int, count: int) -> None:
         np.testing.assert_allclose(others(found, k) * one, np.prod(found, axis=0))
 
 
-@pytest.mark.parametrize("weights", [(1.0, 0.3), (0.2, -1.0), (1.0, 1.0)])
-def test_the_weights_of_a_sum_are_found(weights: tuple[float, float]) -> None:
-    columns = np.random.default_rng(7).uniform(-2.0, 2.0, (2, POSES)) * np.array([[1.0], [50.0]])
-    scaled = np.array(weights) / np.array([1.0, 50.0])
-    targets, _, _ = planted(np.tanh(2.0 * (scaled @ columns) - 0.5), NOISE, 1)
-    first, second = weighted_sum(targets, columns)
-    assert second / first == pytest.approx(scaled[1] / scaled[0], rel=0.05, abs=1e-4)
+@pytest.mark.parametrize("weights", [(1.0, 0.3), (0.2, -1.0), (1.0, 1.0), (0.6, -1.0, 0.4), (1.0, 1.0, -0.3)])
+def test_the_weights_of_a_sum_are_found(weights: tuple[float, ...]) -> None:
+    sizes = np.array([1.0, 50.0, 3.0])[: len(weights)]
+    columns = np.random.default_rng(7).uniform(-2.0, 2.0, (len(weights), POSES)) * sizes[:, None]
+    scaled = np.array(weights) / sizes
+    targets, _, _ = planted(np.sin(2.0 * (scaled @ columns) - 0.5), NOISE, 1)
+    found = weighted_sum(targets, columns)
+    assert found[1:] / found[0] == pytest.approx(scaled[1:] / scaled[0], rel=0.05, abs=1e-4)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -73,6 +74,13 @@ def test_the_summands_of_a_sum_are_found(seed: int) -> None:
     found = summands(planted(wanted[0] + wanted[1], NOISE, seed)[0], np.array([u, v]))
     for one, other in zip(found, wanted, strict=True):
         assert alike(one - one.mean(), other - other.mean()) > 0.99
+
+
+def test_two_factors_that_both_oscillate_more_than_once_are_found() -> None:
+    columns = np.random.default_rng(21).uniform(-2.0, 2.0, (2, POSES))
+    wanted = np.sin(3.6 * columns + np.array([[0.5], [1.0]]))
+    _, found = factors(planted(wanted[0] * wanted[1], NOISE, 3)[0], columns)
+    assert min(alike(one, other) for one, other in zip(found, wanted, strict=True)) > 0.97
 
 
 @pytest.mark.parametrize("centre", [(0.4, -0.6), (-1.0, 0.0)])

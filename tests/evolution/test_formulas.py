@@ -1,4 +1,4 @@
-"""The shortest law of a curve: found at noise, short, and nothing where nothing is."""
+"""The shortest formula of a curve: found at noise, short, and nothing where nothing is."""
 
 from itertools import permutations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gpmodel.errors import InputError
-from gpmodel.evolution.laws import LONGEST, laws_at, shorter
+from gpmodel.evolution.formulas import LONGEST, formulas_at, shorter
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets, regression
@@ -20,7 +20,7 @@ INPUTS = Inputs(NAMES, np.random.default_rng(5).uniform(-2.0, 2.0, (4, 90)), KIN
 
 def laws_of(problem: SlotProblem, names: tuple[str, ...]) -> tuple[Solution, ...]:
     """Laws at the second place."""
-    return laws_at(problem, 1, names)
+    return formulas_at(problem, 1, names)
 
 
 def curve(law: str, noise: float, seed: int = 0) -> SlotProblem:
@@ -37,6 +37,7 @@ def curve(law: str, noise: float, seed: int = 0) -> SlotProblem:
 
 BRIEF = [
     ("sin(2*J2 + 0.7)", 6), ("tanh(2*J2)*'torque J2'*(J5 - 0.6)", 12),
+    ("sin(2*J2 + 1.2*J5 - 0.9*row)", 12), ("sin(3*J2)*sin(3.5*J5 + 1)", 11),
     ("tanh(3*J5)", 4), ("step(J2 - 1.3)", 4), ("J5 - max(min(J5, 0.9), -0.5)", 6),
 ]  # fmt: skip
 LAWS = [

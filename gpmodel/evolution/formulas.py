@@ -1,0 +1,216 @@
+"""The formula of a response at a known site in one to six known inputs.
+
+Founders of one input are the short forms (``gpmodel.evolution.founders``). Of several inputs a formula is a product or
+a sum of a formula of each, or a formula of a weighted sum or of a distance: factors, summands, weights or the point are
+estimated as smooth functions first, which says how likely each structure is; then each piece is a search in one input.
+The population that these found is bred (``gpmodel.evolution.memetic``). Constants are fitted to the residual of the
+whole model, seen from the site.
+"""
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.evolution.constants import polish
+from gpmodel.evolution.founders import binned, founders
+from gpmodel.evolution.memetic import LONGEST, Formulas, bred, fewer
+from gpmodel.evolution.pareto import Solution, pareto
+from gpmodel.evolution.problems import Inputs, SlotProblem
+from gpmodel.evolution.projection import Targets
+from gpmodel.evolution.smooth import (
+    distance,
+    factors,
+    noise_left,
+    others,
+    summands,
+    through,
+    weighted_sum,
+    without,
+)
+from gpmodel.formula.length import length
+from gpmodel.formula.parse import parse
+from gpmodel.formula.program import Program
+
+STARTED, STARTED_OF_SEVERAL = 200, 120
+"""Short forms whose constants are fitted, of one input alone, and of one piece of a formula of several inputs."""
+PIECES, PRODUCTS = 8, 48
+"""Formulas of each factor, summand, weighted sum or distance, the shortest descriptions; products of them at most."""
+BEHIND = 40.0
+"""Nats by which a structure of several inputs may fit worse than the best without a form, and is still searched."""
+THIRDS = 4
+"""Third inputs that are looked at in a product with two others."""
+EVEN = 0.05
+"""Weights so far from one at most, whose plain sum or difference is offered too, as of angles in one plane."""
+
+
+def formulas_at(problem: SlotProblem, site: int, names: Sequence[str]) -> tuple[Solution, ...]:
+    """Formulas of one term at one site, shortest first: those that none of as few nodes equals in gain, unless they are
+    shorter to read. In one input or two, in two and a third of the problem where it saves much more, or of more in the
+    three whose product or weighted sum leaves least noise.
+
+    ``problem.nats(formula.gain, formula.complexity + 1)`` is what each saves; its coefficient is solved. Depends on the
+    arguments only. Raises InputError for an unknown input.
+    """
+    there = problem.only(site, problem.inputs.names)
+    there = replace(there, inputs=Inputs(there.inputs.names, there.inputs.values))  # any form of any kind of input
+    asked = there.only(0, names)
+    population = Formulas(there)
+    if len(names) == 1:
+        population.add([parse(repr(names[0])), *founders(names[0], asked.inputs.values[0], asked.targets, STARTED)])
+    else:
+        structures = _of_two(asked, there) if len(names) == 2 else _of_more(asked)
+        population.add(itertools.chain.from_iterable(structure.programs() for structure in structures))
+    read = {name for one in population.best(1) for name in one.program.inputs}
+    bred(population, [name for name in there.inputs.names if name in read.union(names)])
+    return pareto(filter(_sound, population.found), lambda one: (one.complexity, length(one.program)))
+
+
+def _sound(one: Solution) -> bool:
+    return 0 < one.complexity <= LONGEST and bool(one.program.inputs)
+
+
+def shorter(program: Program, problem: SlotProblem) -> Iterator[Program]:
+    """The program less a node, in every way, its constants fitted."""
+    columns = problem.inputs.mapping()
+    for one in fewer(program):
+        yield polish(one, problem.targets, 0, columns)[0]
+
+
+@dataclass(frozen=True)
+class _Structure:
+    """How a formula is made of its inputs. noise: the variance that it leaves with smooth functions; programs: the
+    search for their forms."""
+
+    noise: float
+    programs: Callable[[], list[Program]]
+
+
+def _of_two(problem: SlotProblem, every: SlotProblem) -> list[_Structure]:
+    """Structures of two inputs, or of these and a third of every one beside which no structure of two is likely."""
+    own, further = _structures_of_two(problem), _with_a_third(problem, every)
+    least = min(structure.noise for structure in own)
+    return _likely(every, [s for s in further if _nats(problem, least, s.noise) > BEHIND] or own)
+
+
+def _with_a_third(problem: SlotProblem, every: SlotProblem) -> list[_Structure]:
+    """The product of two inputs and a third, and the weighted sum of them, that leave least noise, of the third inputs
+    that save most given the two."""
+    pair, columns = problem.inputs.names, every.inputs.mapping()
+    rest = sorted(set(columns).difference(pair))
+    if not rest:
+        return []
+    seen = through(problem.targets, np.prod(factors(problem.targets, problem.inputs.values)[1], axis=0))
+    likely = sorted(rest, key=lambda name: (noise_left(seen, columns[name]), name))[:THIRDS]
+    products = min((_products(every.only(0, (*pair, name))) for name in likely), key=_noise)
+    return [products]
+
+
+def _noise(structure: _Structure) -> float:
+    return structure.noise
+
+
+def _nats(problem: SlotProblem, noise: float, less: float) -> float:
+    """Nats by which what leaves less noise is likelier."""
+    return 0.5 * problem.targets.components * float(np.log(noise / less))
+
+
+def _of_more(problem: SlotProblem) -> list[_Structure]:
+    """Structures of the three inputs whose product or weighted sum leaves least noise, and of two of these."""
+    some = [problem.only(0, names) for names in itertools.combinations(problem.inputs.names, 3)]
+    found = [(structure(only), only) for only in some for structure in (_products, _of_weighted_sum)]
+    three = min(found, key=lambda pair: pair[0].noise)[1]
+    pairs = (three.only(0, names) for names in itertools.combinations(three.inputs.names, 2))
+    of_two = itertools.chain.from_iterable(map(_structures_of_two, pairs))
+    return _likely(problem, [*(s for s, only in found if only is three), *of_two])
+
+
+def _structures_of_two(problem: SlotProblem) -> list[_Structure]:
+    return [structure(problem) for structure in (_products, _sums, _of_weighted_sum, _of_distance)]
+
+
+def _likely(problem: SlotProblem, structures: Sequence[_Structure]) -> list[_Structure]:
+    """Structures that are nearly as likely as any."""
+    least = min(structure.noise for structure in structures)
+    return [one for one in structures if _nats(problem, one.noise, least) <= BEHIND]
+
+
+def _products(problem: SlotProblem) -> _Structure:
+    """Products of a formula of each input, each searched as the problem is seen through the other factors."""
+    noise, values = factors(problem.targets, problem.inputs.values)
+
+    def programs() -> list[Program]:
+        seen = (through(problem.targets, others(values, k)) for k in range(len(values)))
+        fronts = _of_each(problem, *seen)
+        names = [f"factor_{k}" for k in range(len(fronts))]
+        product = parse("*".join(names))
+        most = round(PRODUCTS ** (1 / len(fronts)))
+        chosen = itertools.product(*(front[:most] for front in fronts))
+        return [product.with_inputs(dict(zip(names, some, strict=True))) for some in chosen]
+
+    return _Structure(noise, programs)
+
+
+def _sums(problem: SlotProblem) -> _Structure:
+    """Sums of a formula of each of two inputs, each searched with the other summand taken off the residual."""
+    first, second = summands(problem.targets, problem.inputs.values)
+    seen = without(problem.targets, second), without(problem.targets, first)
+
+    def programs() -> list[Program]:
+        found, columns = [], problem.inputs.mapping()
+        for f, s in itertools.product(*_of_each(problem, *seen)):
+            one, other = problem.targets.set_gain(np.vstack([f.evaluate(columns), s.evaluate(columns)]), 0)[1].tolist()
+            weighted = parse(f"first + ({other / (one or 1.0):.6g})*second")
+            found.append(weighted.with_inputs({"first": f, "second": s}))
+        return found
+
+    return _Structure(noise_left(seen[0], problem.inputs.values[0]), programs)
+
+
+def _of_each(problem: SlotProblem, *targets: Targets) -> list[list[Program]]:
+    """Formulas of each input of a problem on targets of its own."""
+    inputs = zip(problem.inputs.names, problem.inputs.values, targets, strict=True)
+    return [_of_column(name, column, seen, problem.parsimony) for name, column, seen in inputs]
+
+
+def _of_column(name: str, column: Array, targets: Targets, parsimony: float) -> list[Program]:
+    """Formulas of a column (N,) of a name, the shortest descriptions."""
+    few, seen = binned(column, targets)
+    population = Formulas(SlotProblem(Inputs((name,), few[None]), seen, parsimony=parsimony))
+    population.add([parse(repr(name)), *founders(name, column, targets, STARTED_OF_SEVERAL)])
+    return [one.program for one in population.best(PIECES)]
+
+
+def _of_weighted_sum(problem: SlotProblem) -> _Structure:
+    """Formulas of the weighted sum of inputs that saves most, and of the plain one beside it."""
+    weights = weighted_sum(problem.targets, problem.inputs.values)
+    weights = weights / weights[np.argmax(np.abs(weights))]
+    near = np.abs(np.abs(weights) - 1.0) < EVEN
+    texts = [_weighted(problem.inputs.names, weights)]
+    if np.count_nonzero(near) > 1:
+        texts.append(_weighted(problem.inputs.names, np.where(near, np.sign(weights), weights)))
+    return _of_any(problem, [parse(text) for text in texts])
+
+
+def _weighted(names: Sequence[str], weights: Array) -> str:
+    terms = (repr(n) if w == 1.0 else f"({w:.6g})*{n!r}" for n, w in zip(names, weights.tolist(), strict=True))
+    return " + ".join(terms).replace("+ (-1)*", "- ")
+
+
+def _of_distance(problem: SlotProblem) -> _Structure:
+    """Formulas of the distance from a point in the plane of two inputs that saves most."""
+    (one, other), (a, b, w) = map(repr, problem.inputs.names), distance(problem.targets, problem.inputs.values)
+    return _of_any(problem, [parse(f"hypot({one} - ({a:.6g}), ({w:.6g})*({other} - ({b:.6g})))")])
+
+
+def _of_any(problem: SlotProblem, joined: Sequence[Program]) -> _Structure:
+    """Formulas of what inputs are joined to, searched for the first way and offered for all."""
+    column, targets = joined[0].evaluate(problem.inputs.mapping())[0], problem.targets
+
+    def programs() -> list[Program]:
+        found = _of_column("joined", column, targets, problem.parsimony)
+        return [one.with_inputs({"joined": both}) for one in found for both in joined]
+
+    return _Structure(noise_left(targets, column), programs)

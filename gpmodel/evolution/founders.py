@@ -1,0 +1,303 @@
+"""The short forms that formulas are bred from: elements of one input, elements of those, products of two.
+
+An element is an operator of k (u - c), where u runs over [0, 1] at the poses: line, power, wave, bump, ramp, edge, dead
+zone, saturation, pole, root, logarithm. Every element, every element of an element and every product of two is compared
+by projection at a few k and c, some forty thousand; their constants are fitted afterwards. An edge has no slope to fit
+its position by, so that it is compared between all neighbouring values.
+
+Source: Bartlett, Desmond and Ferreira (2024), exhaustive symbolic regression.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from itertools import chain, combinations, product
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.evolution.description_length import fit_nats
+from gpmodel.evolution.projection import Targets
+from gpmodel.formula.operators import BY_NAME
+from gpmodel.formula.parse import parse
+from gpmodel.formula.program import Builder, Node, Program
+
+INSIDE, OUTSIDE = (0.1, 0.9, 4), (0.02, 0.1, 0.4)
+"""Places c, from one to another in so many steps; distances of poles and roots from the range, which start outside."""
+STEEP, TURNS, GROWTH, WIDTHS = (2.0, 25.0, 2), (2.0, 24.0, 8), (1.5, 20.0, 2), (3.0, 8.0, 1)
+"""Constants k of steps, of waves, of exponentials, and of bumps and resonances: from one to another, in so many."""
+ROOTS = 0.1, 1.0, 8
+"""Distances of the outer roots of a cubic from the middle one, from one to another in so many steps: of four steps a
+plain cubic began so far off that two hundred other shapes were before it."""
+EXPONENTS = (0.75, 1.25, 2.0)
+"""Of the size of x in odd powers x |x|^p, in even ones one more, where they start."""
+ALONE = 3
+"""How many times finer these are of an element alone: a sine of another rate than the data's tells nothing."""
+LINE = "({q} - {a})"
+"""The element that is the input itself, from a place."""
+EDGE, BESIDE_EDGE = "step({q} - {a})", 0.05
+"""The element that sets in at once, and the share of the poses that it leaves at either side at least."""
+JOINED = 4.0
+"""Nats that an element has to gain, about its nodes and constants."""
+BINS, CHUNK = 64, 1_000_000
+"""Values of a column that elements are compared on; numbers that compositions are computed of at a time."""
+
+
+@dataclass(frozen=True)
+class Element:
+    """A function of x = k (u - c). text: in the input's unit, {q} the input, {k} and {a} k and c; {b} is c + 1/k, {d}
+    1/k², {e} -k²."""
+
+    text: str
+    function: Callable[[Array], Array]
+    k: float = 1.0
+    c: float = 0.0
+
+    def program(self, inner: Program, low: float, width: float) -> Program:
+        """The element of a program whose values lie from ``low`` over ``width``."""
+        numbers = {
+            "k": self.k / width,
+            "a": low + self.c * width,
+            "b": low + (self.c + 1.0 / self.k) * width,
+            "d": (width / self.k) ** 2,
+            "e": -((self.k / width) ** 2),
+        }
+        leaves = {name: Node("constant", (), float(f"{n:.6g}")) for name, n in numbers.items()}
+        if len(inner.nodes) == 1:
+            leaves["q"] = inner.nodes[0]
+        filled = _template(self.text)
+        filled = filled.with_leaves(
+            node if node.arguments else leaves.get(str(node.value), node) for node in filled.nodes
+        )
+        return filled if len(inner.nodes) == 1 else filled.with_inputs({"q": inner})
+
+    @property
+    def size(self) -> int:
+        """Nodes that it adds."""
+        return _template(self.text).complexity - 1
+
+
+@cache
+def _template(text: str) -> Program:
+    """A text of an element as a program of inputs q, k, a, b, d and e."""
+    return parse(text.format(**{name: name for name in "qkabde"}))
+
+
+def constant(value: float) -> Program:
+    """A program that is a number, to six digits."""
+    builder = Builder()
+    return builder.program([builder.constant(float(f"{value:.6g}"))])
+
+
+def _inside(finer: int) -> list[float]:
+    """Places within the range."""
+    first, last, steps = INSIDE
+    return list(np.linspace(first, last, steps * finer + 1).tolist())
+
+
+def _in_proportion(numbers: tuple[float, float, int], finer: int = 1) -> list[float]:
+    """Numbers from one to another, each so many times the one before."""
+    first, last, steps = numbers
+    return list(np.geomspace(first, last, steps * finer + 1).tolist())
+
+
+def _elements(finer: int = 1) -> Iterator[Element]:
+    """Line, parabolas, kink, ramps, dead band, wave, steps, bump, resonance, growths, roots, logarithms, poles."""
+    apply = {name: operator.function for name, operator in BY_NAME.items()}
+    inside = _inside(finer)
+    steep, turns, growth, widths = (_in_proportion(numbers, finer) for numbers in (STEEP, TURNS, GROWTH, WIDTHS))
+    for c in inside:
+        yield Element(LINE, lambda x: x, c=c)
+        yield Element("square({q} - {a})", np.square, c=c)
+        yield Element("abs({q} - {a})", np.abs, c=c)
+        yield Element("({q} - {a})*sqrt(abs({q} - {a}))", lambda x: x * np.sqrt(np.abs(x)), c=c)
+        yield Element("max({q} - {a}, 0)", lambda x: np.maximum(x, 0.0), c=c)
+        yield Element("min({q} - {a}, 0)", lambda x: np.minimum(x, 0.0), c=c)
+        yield from (Element("sin({k}*({q} - {a}))", np.sin, k, c) for k in turns)
+        for name, k in product(("tanh", "atan"), steep):
+            yield Element(name + "({k}*({q} - {a}))", apply[name], k, c)
+        yield from (Element("logistic({k}*({q} - {a}))", apply["logistic"], s * k, c) for s in (1, -1) for k in steep)
+        for k in widths:
+            yield Element("exp({e}*square({q} - {a}))", lambda x: np.exp(-x * x), k, c)
+            yield Element("reciprocal({d} + square({q} - {a}))", lambda x: 1.0 / (1.0 + x * x), k, c)
+    for c, d in combinations(inside, 2):
+        yield Element("({q} - {a})*({q} - {b})", lambda x: x * (x - 1.0), 1.0 / (d - c), c)
+        yield Element("deadzone({k}*({q} - {a}))", apply["deadzone"], 2.0 / (d - c), 0.5 * (c + d))
+    yield from (Element("exp({k}*{q})", np.exp, sign * k, float(sign > 0)) for k, sign in product(growth, (1, -1)))
+    for name, d in product(("sqrt", "log", "reciprocal"), OUTSIDE):
+        yield Element(name + "({q} - {a})", apply[name], 1.0, -d)
+        yield Element(name + "({a} - {q})", partial(_of_opposite, apply[name]), 1.0, 1.0 + d)
+
+
+def _cubics() -> Iterator[Element]:
+    """Cubics by their middle root; among the products they are one of a parabola and a line, of more constants."""
+    for c, root in product(_inside(ALONE), _in_proportion(ROOTS)):
+        yield Element("({q} - {a})*(square({q} - {a}) - {d})", lambda x: x * (x * x - 1.0), 1.0 / root, c)
+
+
+def _powers() -> Iterator[Element]:
+    """Powers of any exponent, odd and even about their root."""
+    for c, p in product(_inside(ALONE), EXPONENTS):
+        yield Element(f"({{q}} - {{a}})*power(abs({{q}} - {{a}}), {p})", partial(_odd_power, p), c=c)
+        yield Element(f"power(abs({{q}} - {{a}}), {p + 1.0})", partial(_even_power, p + 1.0), c=c)
+
+
+def _odd_power(exponent: float, x: Array) -> Array:
+    return np.asarray(x * np.abs(x) ** exponent)
+
+
+def _even_power(exponent: float, x: Array) -> Array:
+    return np.asarray(np.abs(x) ** exponent)
+
+
+def _of_opposite(function: Callable[[Array], Array], x: Array) -> Array:
+    return function(-x)
+
+
+class Elements:
+    """Elements in the order of their texts. every: one by one; first: number of the first of each text (T,)."""
+
+    def __init__(self, every: Iterable[Element]) -> None:
+        numbers: dict[str, list[Element]] = {}
+        for element in every:
+            numbers.setdefault(element.text, []).append(element)
+        self.every = tuple(chain.from_iterable(numbers.values()))
+        self.texts = tuple(numbers)
+        self.first = np.cumsum([0, *map(len, numbers.values())])[:-1]
+        self._constants = np.array([(element.k, element.c) for element in self.every]).reshape(-1, 2)
+
+    def of_text(self, text: int) -> slice:
+        """Numbers of the elements of a text."""
+        return slice(self.first[text], self.first[text + 1] if text + 1 < len(self.first) else len(self.every))
+
+    def on_grid(self, columns: Array) -> Array:
+        """Values (C, E, N) over columns (C, N), each of which varies."""
+        u = (columns - columns.min(axis=1, keepdims=True)) / np.ptp(columns, axis=1)[:, None]
+        out = np.empty((len(columns), len(self.every), columns.shape[1]))
+        for text in range(len(self.texts)):
+            numbers = self.of_text(text)
+            k, c = self._constants[numbers].T[:, :, None]
+            out[:, numbers] = self.every[numbers.start].function(k * (u[:, None] - c))
+        return out
+
+
+def edges(column: Array) -> Elements:
+    """An edge half way between any two neighbouring values of a column (N,) that have enough poses at either side."""
+    u = np.sort((column - column.min()) / np.ptp(column))
+    fewest = max(1, int(np.ceil(BESIDE_EDGE * len(u))))
+    low, high = u[fewest - 1 : len(u) - fewest], u[fewest : len(u) - fewest + 1]
+    middles = 0.5 * (low + high)[high > low]
+    return Elements(Element(EDGE, lambda x: np.asarray(x > 0.0, dtype=float), c=c) for c in middles.tolist())
+
+
+ELEMENTS, FINE = Elements(_elements()), Elements((*_elements(ALONE), *_cubics(), *_powers()))
+FAR = Elements(Element("square({q} - {a})", np.square, c=c) for d in OUTSIDE for c in (-d, 1.0 + d))
+"""Squares from places outside the range, of which other elements are taken: a wave of one is a chirp."""
+
+Build = Callable[[], Program]
+
+
+@dataclass(frozen=True)
+class Founder:
+    """A short form before its constants are fitted: nats that it saves less those of its elements, and its program."""
+
+    nats: float
+    build: Build
+
+
+def founders(name: str, column: Array, targets: Targets, most: int) -> list[Program]:
+    """The short forms of a column (N,) of a name that save most at the targets' first site from where they start.
+
+    One of a kind: of those that differ in constants alone the best. Compared on at most ``BINS`` values of the column.
+    """
+    few, seen = binned(column, targets)
+    of = partial(Element.program, inner=parse(repr(name)), low=float(few.min()), width=float(np.ptp(few)))
+    found = list(_alone(FINE, few, seen, of))
+    if (own := edges(column)).every:
+        there = partial(Element.program, inner=parse(repr(name)), low=float(column.min()), width=float(np.ptp(column)))
+        found += _alone(own, column, targets, there)
+    alone = ELEMENTS.on_grid(few[None, :])[0]
+    found += _products(alone, seen, of)
+    found += _composed(ELEMENTS, {name: few}, seen, of)
+    found += _composed(FAR, {name: few}, seen, of)
+    best = sorted(found, key=lambda founder: -founder.nats)[:most]
+    return [founder.build() for founder in best]
+
+
+def binned(column: Array, targets: Targets) -> tuple[Array, Targets]:
+    """At most ``BINS`` values of a column (N,), and the targets of functions of it, sums over the poses of each.
+
+    A function that is constant over each bin has the gain that it has at the poses.
+    """
+    if len(column) <= BINS:
+        return column, targets
+    order = np.argsort(column, kind="stable")
+    first = np.linspace(0, len(column), BINS, endpoint=False).astype(int)
+    values = np.add.reduceat(column[order], first) / np.diff(first, append=len(column))
+    sums = [np.add.reduceat(rows[..., order], first, axis=-1) for rows in (targets.weight, targets.cross, targets.pull)]
+    weight, cross, pull = sums
+    if cross.shape[1] > BINS:
+        cross = np.linalg.qr(cross[0]).R[None]
+    return values, replace(targets, weight=weight, cross=cross, pull=pull, samples=targets.components)
+
+
+def _nats(values: Array, targets: Targets) -> Array:
+    """Nats (...) that each of values (..., N) saves."""
+    flat = values.reshape(-1, values.shape[-1])
+    return fit_nats(targets.gains(flat)[:, 0], targets.components).reshape(values.shape[:-1])
+
+
+def _alone(elements: Elements, column: Array, targets: Targets, of: Callable[[Element], Program]) -> Iterator[Founder]:
+    """The best element of each text."""
+    nats = _nats(elements.on_grid(column[None, :])[0], targets)
+    for text in range(len(elements.texts)):
+        numbers = elements.of_text(text)
+        best = numbers.start + int(np.argmax(nats[numbers]))
+        yield Founder(float(nats[best]) - JOINED, partial(of, elements.every[best]))
+
+
+def _products(alone: Array, targets: Targets, of: Callable[[Element], Program]) -> Iterator[Founder]:
+    """The best product of two elements for every two texts."""
+    nats = np.full((len(alone), len(alone)), -np.inf)
+    for one in range(len(alone)):
+        nats[one, one:] = _nats(alone[one] * alone[one:], targets)
+
+    def build(one: int, other: int) -> Program:
+        return joined("multiply", of(ELEMENTS.every[one]), of(ELEMENTS.every[other]))
+
+    yield from _of_blocks(nats, ELEMENTS, build)
+
+
+def _composed(
+    inner: Elements, columns: dict[str, Array], targets: Targets, of: Callable[[Element], Program]
+) -> Iterator[Founder]:
+    """The best element of another element of one column (N,), for every two texts."""
+    inside = inner.on_grid(np.array(list(columns.values())))[0]
+    nats = np.full((len(inside), len(ELEMENTS.every)), -np.inf)
+    varies = np.flatnonzero((np.ptp(inside, axis=1) > 0) & np.array([element.text != LINE for element in inner.every]))
+    for some in np.array_split(varies, 1 + len(varies) * nats.shape[1] * inside.shape[1] // CHUNK):
+        nats[some] = _nats(ELEMENTS.on_grid(inside[some]), targets)
+
+    def build(one: int, other: int) -> Program:
+        program = of(inner.every[one])
+        values = program.evaluate(columns)[0]
+        return ELEMENTS.every[other].program(program, float(values.min()), float(np.ptp(values)))
+
+    yield from _of_blocks(nats, inner, build)
+
+
+def _of_blocks(nats: Array, first: Elements, build: Callable[[int, int], Program]) -> Iterator[Founder]:
+    """The best of nats (E, F) of every two texts."""
+    best = np.maximum.reduceat(np.maximum.reduceat(nats, first.first, axis=0), ELEMENTS.first, axis=1)
+    for one, other in zip(*np.nonzero(best > 2.0 * JOINED), strict=True):
+        rows, columns = first.of_text(one), ELEMENTS.of_text(other)
+        block = nats[rows, columns]
+        row, column = np.unravel_index(int(np.argmax(block)), block.shape)
+        number = int(rows.start + row), int(columns.start + column)
+        yield Founder(float(best[one, other]) - 2.0 * JOINED, partial(build, *number))
+
+
+def joined(operator: str, *programs: Program) -> Program:
+    """An operator of programs of one output."""
+    builder = Builder()
+    return builder.program([builder.apply(operator, *(builder.copy(one)[one.outputs[0]] for one in programs))])

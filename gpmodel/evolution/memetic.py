@@ -1,0 +1,261 @@
+"""Formulas at one site bred from founders: crossover, composition and single edits, their constants solved.
+
+An individual is an expression of one output. Its coefficient is solved by projection and its constants by variable
+projection (``constants.polish``). Offspring are compared by the nats that they save from where they start, all at
+once; the constants of the best are fitted. Selection is by description length:
+
+    components / 2 * ln(1 - gain) + parsimony * (nodes + 1)
+
+Two individuals whose columns, projected out of the model and normalised, agree to four digits are one.
+Source: Moscato (1989), memetic algorithms; Golub and Pereyra (1973), variable projection.
+"""
+
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from gpmodel.arrays import Array
+from gpmodel.evolution.constants import polish
+from gpmodel.evolution.founders import ELEMENTS, constant, joined
+from gpmodel.evolution.pareto import Solution, description_length
+from gpmodel.evolution.problems import SlotProblem
+from gpmodel.formula.parse import parse
+from gpmodel.formula.program import Builder, Node, Program
+
+LONGEST = 30
+"""Nodes that a formula may have."""
+PARENTS, OFFSPRING, GENERATIONS = 6, 20, 3
+"""Formulas that are bred from, the shortest descriptions; offspring whose constants are fitted; generations at most."""
+FIRST_STEPS = 4
+"""Steps in which constants are fitted before the better half goes on."""
+IMPROVED = 1.0
+"""Nats that a generation has to save for the next one."""
+DIGITS = 1e-4
+"""Difference of normalised projected columns below which two formulas are one."""
+
+
+class Formulas:
+    """Formulas of one output at the first site of a problem, each different one fitted once."""
+
+    def __init__(self, problem: SlotProblem) -> None:
+        self.problem = problem
+        self.columns = problem.inputs.mapping()
+        self.found: list[Solution] = []
+        self._begun: set[bytes] = set()
+        self._met: set[bytes] = set()
+
+    def add(self, programs: Iterable[Program]) -> None:
+        """Fit the constants of programs that are not met yet: some steps of all, then the better half to the end."""
+        fresh = [
+            one
+            for one in programs
+            if one.inputs
+            and one.complexity <= LONGEST
+            and self._is_new(one, one.evaluate(self.columns)[0], self._begun)
+        ]
+        begun = [polish(one, self.problem.targets, 0, self.columns, steps=FIRST_STEPS) for one in fresh]
+        order = np.argsort([-float(self.problem.nats(gain, one.complexity)) for one, gain in begun], kind="stable")
+        for rank, k in enumerate(order.tolist()):
+            program = begun[k][0]
+            if 2 * rank <= len(order):
+                program = polish(program, self.problem.targets, 0, self.columns)[0]
+            self.take(program)
+
+    def take(self, program: Program) -> None:
+        """Take in a program with its constants as they are."""
+        values = program.evaluate(self.columns)
+        if self._is_new(program, values[0], self._met):
+            gain, coefficients = self.problem.targets.set_gain(values, 0)
+            name = self.problem.targets.names[0]
+            self.found.append(Solution(program, 0, name, gain, coefficients, program.complexity))
+
+    def best(self, count: int) -> list[Solution]:
+        """The shortest descriptions, one of those that differ in constants alone."""
+        of_form: dict[tuple[Node, ...], Solution] = {}
+        for one in sorted(self.found, key=lambda solution: description_length(solution, self.problem)):
+            form = (replace(node, value=None) if node.operator == "constant" else node for node in one.program.nodes)
+            of_form.setdefault(tuple(form), one)
+        return list(of_form.values())[:count]
+
+    def nats(self) -> float:
+        """Description length that the best formula saves."""
+        return max((-description_length(one, self.problem) for one in self.found), default=0.0)
+
+    def _is_new(self, program: Program, values: Array, met: set[bytes]) -> bool:
+        """Whether no program met has as many nodes and the projected column; it is met from here on."""
+        targets = self.problem.targets
+        with np.errstate(all="ignore"):
+            values = values / np.abs(values).max()
+            projected = targets.weight[0] * values - (targets.cross[0] @ values) @ targets.cross[0]
+            size = float(projected @ values)
+            column = projected / np.sqrt(size)
+        if not size > 0 or not np.isfinite(column).all():
+            return False
+        column = column * np.sign(column[np.argmax(np.abs(column))]) / np.abs(column).max()
+        key = np.round(column / DIGITS).astype(np.int32).tobytes() + bytes([program.complexity])
+        known = key in met
+        met.add(key)
+        return not known
+
+
+def bred(population: Formulas, names: Sequence[str], generations: int = GENERATIONS) -> None:
+    """Breed a population for as long as a generation improves it; inputs of these names join its formulas."""
+    before = population.nats()
+    for _ in range(generations):
+        parents = [one.program for one in population.best(PARENTS)]
+        population.add(_offspring(population, parents, names))
+        population.add(itertools.chain.from_iterable(fewer(one.program) for one in population.best(2)))
+        if population.nats() < before + IMPROVED:
+            break
+        before = population.nats()
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """Offspring before its constants are fitted: description length that it saves about, and its program."""
+
+    nats: float
+    build: Callable[[], Program]
+
+
+def _offspring(population: Formulas, parents: Sequence[Program], names: Sequence[str]) -> list[Program]:
+    """The most promising of all offspring."""
+    trials: list[_Trial] = []
+    for program in parents:
+        values = program.evaluate(population.columns)[0]
+        trials += _composed(population, program, values)
+        for name in names:
+            trials += _joined(population, program, values, name)
+        trials += _tilted(population, program, names)
+    best = sorted(trials, key=lambda trial: -trial.nats)[:OFFSPRING]
+    return [trial.build() for trial in best] + list(_crossed(parents))
+
+
+def _of_each_text(nats: Array, build: Callable[[int], Program]) -> Iterator[_Trial]:
+    """The best element of each text, from nats (E,)."""
+    for text in range(len(ELEMENTS.texts)):
+        numbers = ELEMENTS.of_text(text)
+        best = numbers.start + int(np.argmax(nats[numbers]))
+        yield _Trial(float(nats[best]), partial(build, best))
+
+
+def _composed(population: Formulas, program: Program, values: Array) -> Iterator[_Trial]:
+    """Elements of a formula."""
+    problem, low, width = population.problem, float(values.min()), float(np.ptp(values))
+    with np.errstate(all="ignore"):
+        gains = problem.targets.gains(ELEMENTS.on_grid(values[None])[0])[:, 0]
+    nats = problem.nats(gains, program.complexity + 1 + SIZES)
+    yield from _of_each_text(np.asarray(nats), lambda k: ELEMENTS.every[k].program(program, low, width))
+
+
+def _joined(population: Formulas, program: Program, values: Array, name: str) -> Iterator[_Trial]:
+    """Products and sums of a formula and an element of an input."""
+    problem, column = population.problem, population.columns[name]
+    plain, low, width = parse(repr(name)), float(column.min()), float(np.ptp(column))
+    if not width > 0:
+        return
+    elements, size = ELEMENTS.on_grid(column[None])[0], program.complexity + 2 + SIZES
+
+    def factor(k: int) -> Program:
+        return joined("multiply", program, ELEMENTS.every[k].program(plain, low, width))
+
+    def summand(k: int) -> Program:
+        element = ELEMENTS.every[k].program(plain, low, width)
+        both = np.vstack([values, element.evaluate(population.columns)[0]])
+        one, other = problem.targets.set_gain(both, 0)[1].tolist()
+        return joined("add", program, joined("multiply", constant(other / (one or 1.0)), element))
+
+    gains = problem.targets.gains(values * elements)[:, 0]
+    yield from _of_each_text(np.asarray(problem.nats(gains, size)), factor)
+    gains = problem.targets.set_gains([values[None], elements], 0)
+    yield from _of_each_text(np.asarray(problem.nats(gains, size + 2)), summand)
+
+
+def _tilted(population: Formulas, program: Program, names: Sequence[str]) -> Iterator[_Trial]:
+    """An input or a constant with a multiple of another input added, by the slope of the formula."""
+    problem, columns = population.problem, population.columns
+    values = program.evaluate(columns)[0]
+    for index, node in enumerate(program.nodes):
+        if node.arguments:
+            continue
+        moved = program.rebuilt(partial(_with_added, index, parse("z")))
+        slope = _slope(moved, columns)
+        others = [name for name in names if name != node.value]
+        if slope is None or not others:
+            continue
+        tangents = slope * np.array([columns[name] for name in others])
+        gains = problem.targets.set_gains([values[None], tangents], 0)
+        for name, tangent, gain in zip(others, tangents, gains.tolist(), strict=True):
+            nats = float(problem.nats(gain, program.complexity + 5))
+
+            def build(name: str = name, tangent: Array = tangent, moved: Program = moved) -> Program:
+                one, other = problem.targets.set_gain(np.vstack([values, tangent]), 0)[1].tolist()
+                term = joined("multiply", constant(other / one if one else 0.1), parse(repr(name)))
+                return moved.with_inputs({"z": term})
+
+            yield _Trial(nats, build)
+
+
+def _slope(moved: Program, columns: dict[str, Array]) -> Array | None:
+    """Derivative (N,) of a program by its input z, at 0."""
+    step = 1e-6
+    ends = [
+        moved.evaluate(columns | {"z": np.full_like(next(iter(columns.values())), end)})[0] for end in (step, -step)
+    ]
+    with np.errstate(all="ignore"):
+        slope = (ends[0] - ends[1]) / (2.0 * step)
+    return slope if np.isfinite(slope).all() and np.any(slope) else None
+
+
+def _with_added(index: int, term: Program, builder: Builder, node: Node, copies: list[int]) -> int:
+    own = builder.add(node, copies)
+    return builder.apply("add", own, builder.copy(term)[term.outputs[0]]) if len(copies) == index else own
+
+
+def _crossed(parents: Sequence[Program]) -> Iterator[Program]:
+    """Products and sums with a part in the place of one, of every two formulas."""
+    for one, other in itertools.permutations(parents[:4], 2):
+        operator, parts = _parts(one)
+        for k, part in itertools.product(range(len(parts)), _parts(other)[1]):
+            changed = [*parts[:k], part, *parts[k + 1 :]]
+            if len(parts) > 1 and part not in parts:
+                whole = changed[0]
+                for further in changed[1:]:
+                    whole = joined(operator, whole, further)
+                yield whole
+
+
+def _parts(program: Program) -> tuple[str, list[Program]]:
+    """The factors or summands of a program."""
+    operator = program.nodes[program.outputs[0]].operator
+    if operator not in ("multiply", "add"):
+        return "multiply", [program]
+    pending, parts = [program.outputs[0]], []
+    while pending:
+        node = program.nodes[pending.pop()]
+        for k in node.arguments:
+            if program.nodes[k].operator == operator:
+                pending.append(k)
+            else:
+                parts.append(Builder(list(program.nodes)).program([k]))
+    return operator, parts
+
+
+def fewer(program: Program) -> Iterator[Program]:
+    """The program with one of its nodes given way to one of that node's arguments, for every node and argument that
+    leave an input."""
+    for index, argument in [(i, k) for i, left in enumerate(program.nodes) for k in left.arguments]:
+        shorter = program.rebuilt(partial(_given_way, index, argument))
+        if shorter.inputs:
+            yield shorter
+
+
+def _given_way(index: int, argument: int, builder: Builder, node: Node, copies: list[int]) -> int:
+    return copies[argument] if len(copies) == index else builder.add(node, copies)
+
+
+SIZES = np.array([element.size for element in ELEMENTS.every], dtype=float)
+"""Nodes that each element adds (E,)."""
