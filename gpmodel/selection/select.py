@@ -60,19 +60,19 @@ def select(
             active, changed = chosen.look.active, chosen.names not in seen
             seen.add(chosen.names)
             known = {group.name for group in active.pool.groups}
+            new = []
             if changed:
                 proposals = [partial(_smooth_terms, active, offering), partial(waves_left, active, offering.grids)]
                 new = [group for found in called(workers, proposals) for group in found if group.name not in known]
-            elif step is grow:
-                new = []
-            else:
+            if changed and step is grow:
+                continue
+            if not new and step is exchange:
                 further, curves = propose(chosen) if propose else ((), frozenset())
                 new = [group for group in further if group.name not in known]
-                if not new and step is exchange:
+                if not new:
                     return chosen
                 chosen = replace(chosen, offered=chosen.offered.with_formulas_of(curves))
-            if not changed or step is not grow:
-                step = partial(exchange, new=frozenset(group.name for group in new)) if new else exchange
+            step = partial(exchange, new=frozenset(group.name for group in new)) if new else exchange
 
 
 def nothing_selected(

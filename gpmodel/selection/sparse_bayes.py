@@ -37,17 +37,23 @@ PLAUSIBLE = 0.05
 def exchange(model: Active, new: frozenset[str] | None = None) -> Active:
     """Maximise the utility over all groups of the pool, from the model that grows. Deterministic.
 
-    new: names of groups that came into the pool since no exchange of this model was better; None for all.
+    Removals wait in line: what was tried on an earlier model is tried again last, until none is better.
+    new: names of groups with which every regrowth begins, where all others were tried before; None for all.
     """
     grown = named_by_site(grow(model))
-    asked = (
-        None
-        if new is None or grown.found != model.found
-        else frozenset(g for g, group in enumerate(model.pool.groups) if group.name in new)
-    )
-    model = grown
-    while better := next((t for t in exchanges(model, asked) if t.utility > model.utility + TOLERANCE), None):
-        model, asked = better, None
+    if new is None or grown.found != model.found:
+        first = None
+    else:
+        first = np.flatnonzero([group.name in new for group in model.pool.groups])
+    model, tried = grown, dict[frozenset[int], int]()
+    waiting = _removals(model)
+    while waiting:
+        removed = waiting.pop(0)
+        tried[removed] = len(tried)
+        better = next((t for t in _exchanged(model, removed, first) if t.utility > model.utility + TOLERANCE), None)
+        if better is not None:
+            model = better
+            waiting = sorted(_removals(model), key=lambda those: tried.get(those, -1))
     return model
 
 
@@ -84,43 +90,45 @@ def grow(model: Active, forbidden: frozenset[int] = frozenset(), reading: bool =
             refused.add(g)
 
 
-def exchanges(model: Active, new: frozenset[int] | None = None) -> Iterator[Active]:
-    """Models grown again without each group, the weakest first, and without all groups that act at one site.
+def _removals(model: Active) -> list[frozenset[int]]:
+    """Each selected group, the weakest first, then all groups that act at one site."""
+    return [*(frozenset({g}) for g in sorted(model.found, key=model.net_gain)), *_at_one_site(model)]
 
-    Growth begins with the group of largest net gain, of some new ones if given, where the remaining groups may take any
-    size: a group held to its size keeps out what would change it. Two effects may hide behind their best approximation:
-    what grew first is forbidden once, and in the place of a group of many unknowns groups of few are grown alone.
+
+def _exchanged(model: Active, removed: frozenset[int], first: IntArray | None) -> Iterator[Active]:
+    """Models grown again without some groups.
+
+    Growth begins with the group of largest net gain, of some if given, where the remaining groups may take any size: a
+    group held to its size keeps out what would change it. Two effects may hide behind their best approximation: what
+    grew first is forbidden once, and in the place of a group of many unknowns groups of few are grown alone.
     """
-    size = np.array([len(group.effects) for group in model.pool.groups])
-    many = frozenset(np.flatnonzero(size > FEW).tolist())
-    alone = [frozenset({g}) for g in sorted(model.found, key=model.net_gain)]
-    for removed in (*alone, *_at_one_site(model)):
-        fewer, forbidden = reestimate(_without(model, removed), 4), _with_blocks(model, removed)
-        grown = _regrown(fewer, forbidden, model.utility - fewer.utility, new)
-        if grown is None:
-            continue
-        yield grown
-        came = frozenset(grown.variances) - frozenset(model.variances)
-        second = [_regrown(_without(grown, came), forbidden | _with_blocks(model, came), 0.0)] if came else []
-        if removed & many:
-            second.append(_regrown(fewer, forbidden | many, model.utility - fewer.utility, new))
-        yield from (again for again in second if again is not None)
+    fewer, forbidden = reestimate(_without(model, removed), 4), _with_blocks(model, removed)
+    lost = model.utility - fewer.utility
+    grown = _regrown(fewer, forbidden, lost, first)
+    if grown is None:
+        return
+    yield grown
+    if came := frozenset(grown.variances) - frozenset(model.variances):
+        again = _regrown(_without(grown, came), forbidden | _with_blocks(model, came), 0.0)
+        if again is not None:
+            yield again
+    many = frozenset(g for g, group in enumerate(model.pool.groups) if len(group.effects) > FEW)
+    if removed & many:
+        plain = _regrown(fewer, forbidden | many, lost, first)
+        if plain is not None:
+            yield plain
 
 
-def _regrown(
-    fewer: Active, forbidden: frozenset[int], lost: float, first: frozenset[int] | None = None
-) -> Active | None:
-    """The model grown without some groups, from the best of the first; None where nothing makes up for the loss."""
+def _regrown(fewer: Active, forbidden: frozenset[int], lost: float, first: IntArray | None = None) -> Active | None:
+    """The model grown without some groups, from the best of the first; None where nothing can make up for the loss."""
     if lost < 0.0:
         return named_by_site(grow(fewer, forbidden, reading=True))
     free = _relaxed(fewer)
-    gains, variances, fit = scan(free)
+    gains, variances, fit = scan(free, first)
     gains[[*fewer.variances, *forbidden]] = -np.inf
     net = with_own_noise(gains - free.prices - free.pool.reading, fit, free.mismatch)
-    if not float(np.sort(net)[-3:].clip(0.0).sum()) > PLAUSIBLE * lost:
-        return None
-    best = int(np.argmax(net)) if first is None else max(first, key=lambda g: net[g], default=0)
-    if not net[best] > 0.0:
+    best = int(np.argmax(net))
+    if not (net[best] > 0.0 and float(np.sort(net)[-3:].clip(0.0).sum()) > PLAUSIBLE * lost):
         return None
     return named_by_site(grow(free.added(best, float(variances[best])), forbidden, reading=True))
 
