@@ -19,7 +19,6 @@ from gpmodel.application.usable import outside, placed_now, usable
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.checks.digits import computed
-from gpmodel.checks.mixed_up import mixed_up
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.error_model import ErrorModel, Placement
@@ -95,8 +94,6 @@ def verified(saved: SavedModel, dataset: Dataset) -> Verified:
     `application.recheck` and `application.changes`. Raises InputError where the poses do not fit the model, are too
     few, or their columns are mixed up.
     """
-    if mixed := mixed_up(saved.mechanism, dataset):
-        raise InputError(f"{dataset.source}: {mixed}")
     found, instrument = _with_or_without_the_instrument(saved, _as_counted(saved, dataset))
     if (share := np.sqrt(found.chi_square / found.degrees)) < COMPUTED:
         raise InputError(

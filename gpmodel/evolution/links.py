@@ -1,47 +1,41 @@
-"""Links: what of a response is a sum of terms, so that their coefficients can be solved (McCullagh, Nelder 1989).
+"""Links: functions of a response that make it a sum, whose coefficients are solved (McCullagh, Nelder 1989).
 
-A law ``y = inverse(c1 phi1 + c2 phi2 + ...)`` is searched as ``forward(y) = c1 phi1 + c2 phi2 + ...``.
+A formula ``y = inverse(c1 phi1 + c2 phi2 + ...)`` is searched as ``forward(y) = c1 phi1 + c2 phi2 + ...``, each point
+weighted by what an error of the link does to the response.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial, reduce
+from functools import reduce
 
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.errors import InputError
+from gpmodel.evolution.founders import joined
+from gpmodel.evolution.projection import ROUNDING_SHARE, Targets
 from gpmodel.formula.operators import BY_NAME
+from gpmodel.formula.parse import parse, raise_to
 from gpmodel.formula.program import Builder, Program
 
-POWER, BROKEN_POWER = 2, 5
-"""Nodes that an input adds to a product; nodes and constants more of a power that is no multiple of a half:
-exp(c log x) in place of x."""
-
-FITS = 3
-"""Solutions of a weighted link, each at the fit before: a fourth changes hardly any, even if much lies below noise."""
-
+PRICE = 3.0
+"""Nats of a node or a constant: one of some twenty operators and inputs."""
 LARGEST_POWER = 8
 """Whole powers up to this one are written as products."""
 
 
 @dataclass(frozen=True)
 class Link:
-    """The operator of a response (N,) that makes it a sum, and the one that makes the sum a response again.
+    """The operator of a response that makes it a sum, and the one that makes the sum a response again; "" for none.
 
-    "" for none. with_inputs: whether the inputs under the same operator are terms of every sum: powers under the
-    logarithm, squares under the square. logarithms: whether those of a program's outputs are offered beside them.
-    quotient: whether outputs are offered as terms of a denominator too, which multiply the response:
-    y (1 - sum b phi) = sum c phi. weighted: whether points count by what an error of the link does to the response,
-    as noise asks for; otherwise all alike.
+    with_inputs: whether the inputs under the same operator are terms of every sum: powers under the logarithm, squares
+    under the square.
     """
 
-    name: str
     operator: str = ""
     inverse: str = ""
     with_inputs: bool = False
-    logarithms: bool = False
-    quotient: bool = False
-    weighted: bool = False
 
     def forward(self, response: Array) -> Array:
         """The response (N,) as the sum that it is."""
@@ -51,156 +45,138 @@ class Link:
     def applies(self, response: Array) -> bool:
         """Whether the response can be recovered from its link."""
         there = self.forward(response)
-        if not np.all(np.isfinite(there)) or np.ptp(there) <= 0:
-            return False
-        if self.operator == "square":
-            return bool(np.all(response > 0) or np.all(response < 0))
-        return self.operator != "sin" or bool(np.abs(response).max() <= np.pi / 2)
+        one_sign = bool(np.all(response > 0) or np.all(response < 0))
+        return bool(np.isfinite(there).all() and np.ptp(there) > 0 and (one_sign or self.operator != "square"))
 
     def root_weights(self, response: Array) -> Array:
-        """What each point's error under the link is multiplied by (N,), the largest 1.
-
-        An error e of the response is g'(y) e under the link g, so that its weight is 1 / g'(y)² (the generalized linear
-        model's, at the response itself).
-        """
-        if not self.weighted:
+        """Roots of the weights (N,), the largest 1: an error e of the response is g'(y) e under the link g."""
+        if not self.operator:
             return np.ones_like(response)
         root = 1.0 / np.abs(BY_NAME[self.operator].derivatives(response)[0])
         return np.asarray(root / root.max())
 
-    def at_fit(self, response: Array, linked: Array) -> tuple[Array, Array]:
-        """Roots of weights (N,), the largest 1, and the response to solve for (N,) at a fit of the linked response.
-
-        Fisher scoring of the generalized linear model under the logarithm, the response's sign given: with fits m,
-        weights m² and response log m + (|y| - m) / m.
-        """
-        fit = np.exp(linked - linked.max())
-        size = np.abs(response) * np.exp(-linked.max())
-        return fit, linked + (size - fit) / fit
-
-    def always(self, inputs: Mapping[str, Array]) -> list["LinkTerm"]:
-        """Terms of every sum: one, and where it is said so each input under the same operator."""
-        builder = Builder()
-        nodes = [builder.constant(1.0)]
+    def always(self, inputs: Mapping[str, Array]) -> list[Program]:
+        """Terms of every sum: one, and where it is said so each input under the operator."""
+        terms = [parse("1")]
         for name, column in inputs.items():
             if self.with_inputs and np.all(np.isfinite(self.forward(column))):
-                nodes.append(builder.apply(self.operator, builder.input(name)))
-        return [LinkTerm(builder.program([node])) for node in nodes]
+                terms.append(joined(self.operator, parse(repr(name))))
+        return terms
 
-    def simplest(self, term: Program, coefficient: float) -> float:
-        """The coefficient nearest to a term's that is no constant: 0, or the multiple of a half, of an exponent."""
-        is_exponent = self.logarithms and bool(term.inputs)
-        return 0.5 * round(2.0 * coefficient) if is_exponent and abs(coefficient) <= LARGEST_POWER else 0.0
+    def targets(self, inputs: Mapping[str, Array], response: Array) -> Targets:
+        """The linked response without the terms of every sum, as a site."""
+        root = self.root_weights(response)
+        table = np.stack([root * term.evaluate(inputs)[0] for term in self.always(inputs)], axis=1)
+        orthonormal, triangle = np.linalg.qr(table / np.abs(table).max(axis=0))
+        orthonormal = orthonormal[:, np.abs(np.diag(triangle)) > 1e-9 * np.abs(triangle).max()]
+        rest = root * self.forward(response)
+        for _ in range(2):
+            rest = rest - orthonormal @ (orthonormal.T @ rest)
+        return Targets(
+            np.square(root)[None], (root[:, None] * orthonormal).T[None], (root * rest)[None],
+            max(float(rest @ rest), 1e-300), (self.operator,), len(response), ROUNDING_SHARE,
+        )  # fmt: skip
 
-    def companions(self, values: Array, response: Array) -> Array:
-        """What is offered beside outputs (P, m, N): (P, m, N), or (P, 0, N)."""
-        with np.errstate(all="ignore"):
-            if self.logarithms:
-                return np.log(np.abs(values))
-            if self.quotient:
-                return below_the_bar(values, response)
-        return values[:, :0]
+    def formula(self, terms: Sequence[Program], inputs: Mapping[str, Array], response: Array) -> Program | None:
+        """The formula of the terms of every sum and more, the coefficients by least squares.
 
+        Terms that save less than their price are left out, and an exponent becomes the nearest multiple of a half where
+        that costs less than to write another: only so has the power of a negative number its sign. None where no term
+        remains or the columns are no numbers.
+        """
+        every = [*self.always(inputs), *terms]
+        root = self.root_weights(response)
+        table = root[:, None] * np.stack([term.evaluate(inputs)[0] for term in every], axis=1)
+        if not np.isfinite(table).all():
+            return None
+        exponents = [self.operator == "log" and bool(term.inputs) for term in every]
+        held = _solved(table, root * self.forward(response), exponents)
+        kept = [(every[k], c) for k, c in sorted(held.items()) if c]
+        with np.errstate(all="ignore"), suppress(InputError):
+            return self._assembled(kept) if kept else None
+        return None
 
-def below_the_bar(values: Array, response: Array) -> Array:
-    """Columns (..., N) of terms of a denominator.
-
-    They are centred: a denominator whose mean over the points is 1 cannot make all errors small. (It can most, so that
-    laws are judged by what they leave of the response itself.)
-    """
-    with np.errstate(all="ignore"):
-        return np.asarray((values - values.mean(axis=-1, keepdims=True)) * response)
+    def _assembled(self, terms: Sequence[tuple[Program, float]]) -> Program:
+        if self.operator == "log":
+            return _product(terms)
+        whole = reduce(lambda one, other: joined("add", one, other), (_scaled(*term) for term in terms))
+        return joined(self.inverse, whole) if self.inverse else whole
 
 
 LINKS = (
-    Link("logarithm", "log", "exp", with_inputs=True, logarithms=True),
-    Link("weighted logarithm", "log", "exp", with_inputs=True, logarithms=True, weighted=True),
-    Link("identity"),
-    Link("quotient", quotient=True),
-    Link("reciprocal", "reciprocal", "reciprocal"),
-    Link("square", "square", "sqrt", with_inputs=True),
-    Link("sine", "sin", "asin"),
+    Link(),
+    Link("log", "exp", with_inputs=True),
+    Link("reciprocal", "reciprocal"),
+    Link("square", "sqrt", with_inputs=True),
 )
 
 
-@dataclass(frozen=True)
-class LinkTerm:
-    """A one-output program in a sum, or, below the bar of a quotient, in the denominator."""
-
-    program: Program
-    below: bool = False
-
-    def column(self, columns: Mapping[str, Array], response: Array) -> Array:
-        """Its values (N,) in the linear problem of the coefficients."""
-        values = self.program.evaluate(columns)[0]
-        return below_the_bar(values, response) if self.below else values
-
-    def values_below(self, columns: Mapping[str, Array], points: int) -> Array:
-        """What it is worth below the bar (N,): 0 where it stands above."""
-        return self.program.evaluate(columns)[0] if self.below else np.zeros(points)
-
-
-def assembled(terms: list[LinkTerm], coefficients: list[float], link: Link) -> Program:
-    """The law of terms with their coefficients: their sum, product or quotient under the inverse of the link."""
-    builder = Builder()
-    above = [(t.program, c) for t, c in zip(terms, coefficients, strict=True) if not t.below]
-    below = [(t.program, -c) for t, c in zip(terms, coefficients, strict=True) if t.below]
-    if link.logarithms:
-        return builder.program([_product(builder, above)])
-    node = _sum(builder, above)
-    if below:
-        below.append((_one(), 1.0))
-        node = builder.apply("divide", node, _sum(builder, below))
-    return builder.program([builder.apply(link.inverse, node) if link.inverse else node])
-
-
-def _one() -> Program:
-    builder = Builder()
-    return builder.program([builder.constant(1.0)])
-
-
-def _sum(builder: Builder, terms: list[tuple[Program, float]]) -> int:
-    """The node of a sum; a program that reads no input stands for 1."""
-    total: int | None = None
-    for program, coefficient in terms:
-        number = builder.constant(_tidy(coefficient))
-        node = number
-        if program.inputs:
-            node = builder.copy(program)[program.outputs[0]]
-            node = node if _tidy(coefficient) == 1.0 else builder.apply("multiply", number, node)
-        total = node if total is None else builder.apply("add", total, node)
-    return builder.constant(0.0) if total is None else total
-
-
-def _product(builder: Builder, terms: list[tuple[Program, float]]) -> int:
-    """exp of a sum, its logarithms written as powers where the exponent is a multiple of a half."""
-    factors: list[int] = []
-    constant = 0.0
-    for program, coefficient in terms:
-        if not program.inputs:
-            constant += coefficient
+def _solved(table: Array, there: Array, exponents: Sequence[bool]) -> dict[int, float]:
+    """Coefficients by number of columns (N, k), as few of them free as the price of a term allows."""
+    scale = np.abs(table).max(axis=0)
+    free = np.flatnonzero(scale > 0).tolist()
+    held: dict[int, float] = {}
+    while free:
+        part = table[:, free] / scale[free]
+        rest = there - sum((table[:, k] * c for k, c in held.items()), np.zeros(len(there)))
+        triangle = np.linalg.qr(part)[1]
+        diagonal = np.abs(np.diag(triangle))
+        if diagonal.min() <= 1e-10 * diagonal.max():
+            free.pop(int(diagonal.argmin()))
             continue
-        copies = builder.copy(program)
-        last = program.nodes[program.outputs[0]]
-        half = round(2.0 * coefficient)
-        if last.operator == "log" and abs(2.0 * coefficient - half) < 1e-6 and 0 < abs(half) <= 2 * LARGEST_POWER:
-            factors.append(_power(builder, copies[last.arguments[0]], half))
+        found = np.linalg.lstsq(part, rest, rcond=None)[0]
+        coefficients = dict(zip(free, (found / scale[free]).tolist(), strict=True))
+        simple = np.array([_simple(c, exponents[k]) for k, c in coefficients.items()])
+        left = rest - part @ found
+        floor = (1e-14 * np.abs(part) @ np.abs(found)).max() ** 2 * len(there)
+        variances = np.square(np.linalg.inv(triangle)).sum(axis=1)
+        moved = (found - simple * scale[free]) ** 2 / variances
+        loss = 0.5 * len(there) * np.log1p(moved / max(float(left @ left), floor, 1e-300))
+        worth = PRICE * np.where([exponents[k] for k in free], 5.0, 1.0)
+        if (loss >= worth).all():
+            return held | coefficients
+        place = int(np.argmin(loss - worth))
+        held[free.pop(place)] = float(simple[place])
+    return held
+
+
+def _simple(coefficient: float, exponent: bool) -> float:
+    return 0.5 * round(2.0 * coefficient) if exponent and abs(coefficient) <= LARGEST_POWER else 0.0
+
+
+def _scaled(program: Program, coefficient: float) -> Program:
+    """A term times its coefficient; a program that reads no input stands for 1."""
+    number = exactly(coefficient)
+    if not program.inputs:
+        return number
+    return program if number.constants == (1.0,) else joined("multiply", number, program)
+
+
+def _product(terms: Sequence[tuple[Program, float]]) -> Program:
+    """exp of a sum, its logarithms written as powers where the exponent is a multiple of a half."""
+    factors, level = [], 0.0
+    for program, coefficient in terms:
+        half, last = round(2.0 * coefficient), program.nodes[program.outputs[0]]
+        if not program.inputs:
+            level += coefficient
+        elif last.operator == "log" and abs(2.0 * coefficient - half) < 1e-6 and 0 < abs(half) <= 2 * LARGEST_POWER:
+            base = Builder(list(program.nodes)).program(last.arguments)
+            factors.append(_power(base, half))
         else:
-            scaled = builder.apply("multiply", builder.constant(_tidy(coefficient)), copies[program.outputs[0]])
-            factors.append(builder.apply("exp", scaled))
-    number = builder.constant(_tidy(float(np.exp(constant))))
-    return builder.apply("multiply", number, reduce(partial(builder.apply, "multiply"), factors)) if factors else number
+            factors.append(joined("exp", _scaled(program, coefficient)))
+    return reduce(lambda one, other: joined("multiply", one, other), [exactly(float(np.exp(level))), *factors])
 
 
-def _power(builder: Builder, base: int, half: int) -> int:
-    """``base`` to the power of half of a whole number."""
-    from gpmodel.formula.parse import raise_to
+def _power(base: Program, half: int) -> Program:
+    """A program to the power of half of a whole number."""
+    builder = Builder()
+    node = builder.copy(base)[base.outputs[0]]
+    node = raise_to(builder, node if half % 2 == 0 else builder.apply("sqrt", node), abs(half) // (2 - half % 2))
+    return builder.program([node if half > 0 else builder.apply("reciprocal", node)])
 
-    node = raise_to(builder, base if half % 2 == 0 else builder.apply("sqrt", base), abs(half) // (2 - half % 2))
-    return node if half > 0 else builder.apply("reciprocal", node)
 
-
-def _tidy(value: float) -> float:
-    """Without the rounding that solving leaves of a whole number."""
+def exactly(value: float) -> Program:
+    """A program that is a number, without the rounding that solving leaves of a whole one."""
     whole = round(value) if abs(value) < 1e9 else 0
-    return float(whole) if whole and abs(value - whole) < 1e-11 * abs(whole) else value
+    builder = Builder()
+    return builder.program([builder.constant(float(whole) if whole and abs(value / whole - 1.0) < 1e-9 else value)])

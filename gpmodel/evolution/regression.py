@@ -1,37 +1,39 @@
-"""Symbolic regression: the law of a response over inputs, searched under several links side by side."""
+"""Formulas of any table: programs bred under links of the response, and the best of them as founders.
+
+Under every link (``gpmodel.evolution.links``) a population of linear sequences is bred, four outputs of each solved
+together. The formulas that the links make of the best are founders of one population of formulas of the response
+itself (``gpmodel.evolution.memetic``).
+"""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.evolution.constants import polish
-from gpmodel.evolution.island import EXACT, Island
+from gpmodel.evolution.founders import joined
+from gpmodel.evolution.generations import Generations
 from gpmodel.evolution.linear import Linear
-from gpmodel.evolution.linked_problem import PRICE, LinkedProblem
-from gpmodel.evolution.linked_solution import solved
-from gpmodel.evolution.links import LINKS
-from gpmodel.evolution.problems import Inputs
+from gpmodel.evolution.links import LINKS, PRICE, Link, exactly
+from gpmodel.evolution.memetic import Population, bred
+from gpmodel.evolution.pareto import Archive, program_at
+from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import ROUNDING_SHARE, Targets, regression
-from gpmodel.evolution.representation import Population
+from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.formula.parse import parse
-from gpmodel.formula.program import Builder, Program
+from gpmodel.formula.program import Program
 
-NEGLIGIBLE = 1e-9
-"""Relative difference from a whole number that is rounding of a solved coefficient."""
-
-FINISHING, POLISHED = 0.1, 12
-"""Share of the time that is kept to climb from the best laws and to fit the constants of the best, so many."""
-
-CLIMBED = 0.2
-"""Share of the time that may go into climbing."""
-
+EXACT = 1e-20
+"""Share of the response's variance below which a formula is taken for exact: rounding leaves about 1e-28."""
+PROMISING = 1.0 - 1e-7
+"""Gain of a program whose formula is looked at once it is found."""
+FINISHING, FOUNDERS = 0.15, 12
+"""Share of the time that is kept to breed the best formulas; so many of them."""
 SEQUENCES = Linear(operators="physics", constants=(1.0, 2.0, np.pi), own_constants=1, outputs=4, registers=6)
-"""What regression evolves."""
+BUDGET = Budget(population=512, restart_after=40, polish_every=0, threads=1)
+"""What is bred under a link, and the effort of one population."""
 
 
 @dataclass(frozen=True)
@@ -58,72 +60,90 @@ def regression_front(
     """Laws of a response (N,) that no shorter one fits as well, shortest first; ends with the first exact one, or after
     ``seconds``.
 
-    Description length: N / 2 ln(share of the variance left) + PRICE (nodes + constants). One population a link
-    (``gpmodel.evolution.links``), a generation each in turn. The best of a population that is stuck is climbed from
-    before a fresh one takes its place, which the best of the other links join. Raises InputError where the response is
-    constant or holds a number that is not finite.
+    Description length: N / 2 ln(share of the variance left) + PRICE (nodes + constants). Every link has a generation in
+    turn; a population that is stuck gives way to a fresh one. Raises InputError where the response is constant or holds
+    a number that is not finite.
     """
     regression(response)
-    began = clock()
-    columns = inputs.mapping()
+    began, columns = clock(), inputs.mapping()
     response = np.asarray(response, dtype=float)
-    islands: list[Island] = []
-    found = _judged((parse(repr(name)) for name in inputs.names), columns, response)
-    for link in LINKS:
-        if link.applies(response):
-            island = Island(LinkedProblem(inputs, response, link), SEQUENCES, rng)
-            sums = solved(island.problem.always, link, columns, response, PRICE)
-            found += [] if sums is None else _judged([sums], columns, response)
-            islands.append(island)
-    climbing = 0.0
-    while (now := clock() - began) < (1.0 - FINISHING) * seconds and not any(law.left < EXACT for law in found):
+    found = list(_judged((parse(repr(name)) for name in inputs.names), columns, response))
+    islands = [_Island(inputs, response, link, rng) for link in LINKS if link.applies(response)]
+    for island in islands:
+        found += _judged(island.formulas([[]]), columns, response)
+    while clock() - began < (1.0 - FINISHING) * seconds and not _exact(found):
         for island in islands:
-            guests: list[Population] = []
-            if island.is_stuck:
-                guests = [guest for other in islands if other is not island for guest in other.guests()]
-                if climbing <= CLIMBED * now:
-                    start = clock()
-                    found += _judged(island.climbed(), columns, response)
-                    climbing += clock() - start
-            found += _judged(island.step(guests), columns, response)
-    if not any(law.left < EXACT for law in found):
-        laws = [_judged(island.laws(), columns, response) for island in islands]
-        least = [min((law.nats for law in some), default=np.inf) for some in laws]
-        found += chain.from_iterable(laws)
-        for k in np.argsort(least).tolist():
-            if clock() - began < (1.0 - FINISHING / 2) * seconds:
-                found += _judged(islands[k].climbed_from_best(), columns, response)
-        best = sorted(found, key=lambda law: law.nats)[:POLISHED]
-        found += _judged(_polished(best, columns, response, SEQUENCES.constants), columns, response)
+            found += _judged(island.step(), columns, response)
+    if not _exact(found):
+        for island in islands:
+            found += _judged(island.every(), columns, response)
+        found += _judged(_finished(found, inputs, response), columns, response)
     if not found:
         raise InputError("regress: no program is finite on these inputs")
-    return _front(found)
+    front: list[Law] = []
+    for law in sorted(found, key=lambda law: (law.length, law.left)):
+        if not front or law.left < front[-1].left:
+            front.append(law)
+    return tuple(front)
 
 
-def _front(laws: Iterable[Law]) -> tuple[Law, ...]:
-    """The laws that leave less than every one that is no longer."""
-    out: list[Law] = []
-    for law in sorted(laws, key=lambda law: (law.length, law.left)):
-        if not out or law.left < out[-1].left:
-            out.append(law)
-    return tuple(out)
+def _exact(laws: Iterable[Law]) -> bool:
+    return any(law.left < EXACT for law in laws)
 
 
-def _polished(
-    laws: Iterable[Law], columns: dict[str, Array], response: Array, held: tuple[float, ...]
-) -> Iterator[Program]:
-    """The programs with constants that fit the response itself best: a link weighs its errors otherwise."""
-    plain = Targets(
-        np.ones((1, len(response))), np.zeros((1, 1, len(response))), response[None], float(response @ response),
-        ("response",), len(response), ROUNDING_SHARE,
-    )  # fmt: skip
-    for law in laws:
-        yield polish(law.program, plain, 0, columns, held)[0]
+class _Island:
+    """A population under one link, and the best program of each size that it has seen."""
+
+    def __init__(self, inputs: Inputs, response: Array, link: Link, rng: np.random.Generator) -> None:
+        self.link, self.columns, self.response = link, inputs.mapping(), response
+        problem = SlotProblem(inputs, link.targets(self.columns, response), parsimony=PRICE)
+        self.run = Generations(problem, Settings(SEQUENCES, budget=BUDGET), rng)
+        self.population, self.scores = self.run.start()
+        self.archive, self.record, self.idle = Archive(), np.inf, 0
+
+    def step(self) -> Iterator[Program]:
+        """Breed one generation, or begin anew; formulas that may be exact."""
+        if self.idle >= BUDGET.restart_after:
+            self.idle, self.record = 0, np.inf
+            self.population, self.scores = self.run.start()
+        else:
+            self.population, self.scores = self.run.following(self.population, self.scores)
+        best = float(self.scores.score.min())
+        self.idle = 0 if best < self.record - 1e-9 * abs(self.record) or self.record == np.inf else self.idle + 1
+        self.record = min(self.record, best)
+        improved = self.archive.add(self.population, self.scores)
+        return self._of_sizes(size for size in improved if self.archive.kept[size].gain > PROMISING)
+
+    def every(self) -> Iterator[Program]:
+        """Formulas of all programs kept."""
+        return self._of_sizes(self.archive.kept)
+
+    def _of_sizes(self, sizes: Iterable[int]) -> Iterator[Program]:
+        kept = [self.archive.kept[size] for size in sizes]
+        programs = [program_at(one.population, 0, one.chosen, self.run.layout) for one in kept]
+        return self.formulas([one.select([k]) for k in range(len(one.outputs))] for one in programs)
+
+    def formulas(self, sets: Iterable[list[Program]]) -> Iterator[Program]:
+        """The formula of each set of terms, where there is one."""
+        for terms in sets:
+            formula = self.link.formula(terms, self.columns, self.response)
+            if formula is not None:
+                yield formula
 
 
-def _judged(programs: Iterable[Program], columns: dict[str, Array], response: Array) -> list[Law]:
+def _finished(laws: Iterable[Law], inputs: Inputs, response: Array) -> Iterator[Program]:
+    """Formulas bred from the shortest descriptions, their constants fitted to the response itself."""
+    ones, nothing = np.ones((1, len(response))), np.zeros((1, 1, len(response)))
+    energy = float(response @ response)
+    plain = Targets(ones, nothing, response[None], energy, ("response",), len(response), ROUNDING_SHARE)
+    population = Population(SlotProblem(inputs, plain, parsimony=PRICE))
+    population.add(law.program for law in sorted(laws, key=lambda law: law.nats)[:FOUNDERS])
+    bred(population, inputs.names)
+    return (one.program for one in population.found)
+
+
+def _judged(programs: Iterable[Program], columns: dict[str, Array], response: Array) -> Iterator[Law]:
     """Programs as laws, times the factor that fits best, with what they leave of the response; the finite ones."""
-    laws = []
     variance = float(np.sum(np.square(response - response.mean())))
     for program in programs:
         values = program.evaluate(columns)[0]
@@ -132,24 +152,16 @@ def _judged(programs: Iterable[Program], columns: dict[str, Array], response: Ar
         if not np.isfinite(size) or size <= 0:
             continue
         factor = float(values @ response) / size
-        rest = response - factor * values
-        scaled = _scaled(program, factor)
-        left = float(rest @ rest) / variance
-        law = Law(scaled, left, 0.5 * len(response) * float(np.log(max(left, EXACT))))
-        laws.append(replace(law, nats=law.nats + PRICE * law.length))
-    return laws
+        left = float(np.sum(np.square(response - factor * values))) / variance
+        law = Law(_scaled(program, factor), left, 0.5 * len(response) * float(np.log(max(left, EXACT))))
+        yield replace(law, nats=law.nats + PRICE * law.length)
 
 
 def _scaled(program: Program, factor: float) -> Program:
     """The program times a factor, which takes up one that is there; left out where it is 1."""
-    builder = Builder()
-    copies = builder.copy(program)
     root = program.nodes[program.outputs[0]]
-    node = copies[program.outputs[0]]
     if root.operator == "multiply" and program.nodes[root.arguments[0]].operator == "constant":
         factor *= float(program.nodes[root.arguments[0]].value or 0.0)
-        node = copies[root.arguments[1]]
-    if abs(factor - 1.0) > NEGLIGIBLE:
-        whole = abs(factor - round(factor)) < NEGLIGIBLE
-        node = builder.apply("multiply", builder.constant(float(round(factor)) if whole else factor), node)
-    return builder.program([node])
+        program = replace(program, outputs=(root.arguments[1],)).select([0])
+    number = exactly(factor)
+    return program if number.constants == (1.0,) else joined("multiply", number, program)

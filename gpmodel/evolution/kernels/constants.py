@@ -5,10 +5,32 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.evolution.kernels.compiler import compiled, reduction
 from gpmodel.evolution.kernels.differentiation import carry_tangents
-from gpmodel.evolution.kernels.quotients import solve
 
+_ROUNDING = 1e-13
 TRIALS = 4
 """Dampings tried a step, each ten times the one before."""
+
+
+@compiled
+def solve(normal: Array, sizes: Array, count: int) -> bool:
+    """Gauss-Jordan of symmetric normal equations, the right side in the column ``count``; False where singular.
+
+    sizes: room for the diagonal before anything was eliminated.
+    """
+    for k in range(count):
+        sizes[k] = normal[k, k]
+    for k in range(count):
+        pivot = normal[k, k]
+        if not pivot > _ROUNDING * sizes[k]:
+            return False
+        for i in range(count):
+            if i != k:
+                factor = normal[i, k] / pivot
+                for j in range(k, count + 1):
+                    normal[i, j] -= factor * normal[k, j]
+    for k in range(count):
+        normal[k, count] /= normal[k, k]
+    return True
 
 
 @reduction
