@@ -21,7 +21,7 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.checks.digits import computed
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
-from gpmodel.model.error_model import ErrorModel, Placement
+from gpmodel.model.error_model import ErrorModel, Placement, observe, turn_error
 from gpmodel.model.observation import observations
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.se3 import frame_of
@@ -47,7 +47,8 @@ class Verified:
 
     verdict: holds, also where nothing but the set-up moved during the session; drifted; another machine, which the
     model serves hardly better than nominal geometry though few changes do not explain it. alone: (N,) 3-D
-    error, m, of nominal geometry with the best registration and tool point; outside: (N,) inputs beyond the model's
+    error, m, of nominal geometry with the best registration and tool point; alone_turn: its angle of
+    orientation, rad, NaN where none was measured; outside: (N,) inputs beyond the model's
     ranges. instrument: whether the errors of the instrument that the model has are in these readings; None where it
     has none.
     """
@@ -55,6 +56,7 @@ class Verified:
     verdict: Verdict
     found: Recheck
     alone: Array
+    alone_turn: Array
     outside: tuple[str, ...]
     changes: tuple[NamedChange, ...]
     visible: tuple[Visible, ...]
@@ -116,11 +118,13 @@ def verified(saved: SavedModel, dataset: Dataset) -> Verified:
         useless = np.linalg.norm(residual) / np.sqrt(len(residual) - unknowns) > HALF * alone.sigma
         few = left.chi_square < UNEXPLAINED * found.chi_square
         verdict = "another machine" if useless and not few else "drifted"
+    nominal = observe(alone.model, session.poses, alone.theta, alone.placement)
     points = session.observed.tip[:, :3, 3]
     return Verified(
         verdict=verdict,
         found=found,
         alone=alone.error,
+        alone_turn=turn_error(nominal, session.poses.dataset),
         outside=outside(session.saved, session.poses.states.seen_at(points)),
         changes=() if verdict == "another machine" else (*moved, *named),
         visible=visible(found, tried),

@@ -189,3 +189,9 @@ def pose_error(observed: Observed, dataset: Dataset) -> Array:
     """Length (N,) of each pose's measured-minus-predicted vector over all but its rotations, m."""
     lengths = (measured_minus(observed, dataset) * observed.scales(1.0))[:, ~observed.turns]
     return np.asarray(np.sqrt(np.nansum(lengths**2, axis=1)))
+
+
+def turn_error(observed: Observed, dataset: Dataset) -> Array:
+    """Angle (N,), rad, between each pose's measured and predicted orientation; NaN where none was measured."""
+    vectors = measured_minus(observed, dataset)[:, observed.turns]
+    return np.linalg.norm(vectors, axis=1) if observed.turns.any() else np.full(len(dataset), np.nan)

@@ -17,14 +17,14 @@ from gpmodel.calibration.unobservable import unseen
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, observe
 from gpmodel.model.naming import names_of, translate
-from gpmodel.model.observation import observations
+from gpmodel.model.observation import Orientation, observations
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.report import fitted
 from gpmodel.report.iso9283 import positioning, repeatability
 from gpmodel.report.origin import Origin, data_record, floor_mm, instrument_record, mechanism_record, versions
-from gpmodel.report.schema import Kind, MimicRecord, PredictedRecord, Report, StepRecord
-from gpmodel.report.schema_poses import ReadingRecord
+from gpmodel.report.schema import REGISTRATION, Kind, MimicRecord, PredictedRecord, Report, StepRecord
+from gpmodel.report.schema_poses import PlotRecord, ReadingRecord
 
 
 @dataclass(frozen=True)
@@ -107,6 +107,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
     told = final.freedom + final.rank if free_joints(final.model.mechanism) else None
     floor, source = floor_mm(data, origin.noise, told)
     rivals, kinds = hidden_rivals(final, ladder.of_final), [joint.kind for joint in final.model.mechanism.joints]
+    plots = fitted.plots(poses, ladder.train, ladder.steps)
     return Report(
         kind=kind,
         command=origin.command,
@@ -131,9 +132,12 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
         positioning=positioning(poses, ladder.train, ladder.steps),
         further=further_poses(final, ladder.of_final, None if ladder.saved is None else ladder.saved.spread),
         predicted=_predicted(ladder),
-        plots=fitted.plots(poses, ladder.train, ladder.steps),
+        plots=plots,
         hidden=tuple(translate(rival.words(kinds), names) for rival in rivals),
-        readings=reading_records(poses, [[_judged(step.calibration, ladder)] for step in (steps[0], steps[-1])]),
+        readings=(
+            *reading_records(poses, [[_judged(step.calibration, ladder)] for step in (steps[0], steps[-1])]),
+            *orientation_record(plots, ladder.outliers),
+        ),
         unseen=tuple(unseen(observations(data))),
         mimics=tuple(MimicRecord(translate(r.constant, names), translate(r.candidate.name, names)) for r in rivals),
         seconds=origin.seconds,
@@ -164,6 +168,19 @@ def _judged(fit: Calibration, ladder: Ladder) -> Judged:
     return fit, ladder.poses.subset(held if len(held) else ladder.train)
 
 
+def orientation_record(plots: PlotRecord, outliers: IntArray) -> tuple[ReadingRecord, ...]:
+    """RMS angle, mrad, between measured and modelled orientation, of registration and of the last step, over the
+    held-out poses, or all where there are none; nothing where no orientation was measured."""
+    if not plots.turn_mrad:
+        return ()
+    held = np.array(plots.heldout_mask)
+    counts = np.where(held.any(), held, True) & ~np.isin(np.arange(len(held)), outliers)
+    before, after = (np.array(plots.turn_mrad[name], dtype=float)[counts] for name in (REGISTRATION, "final"))
+    rows = int(np.isfinite(after).sum())
+    sizes = (root_mean_square(v[np.isfinite(v)]) if np.isfinite(v).any() else None for v in (before, after))
+    return (ReadingRecord("orientation", "mrad", rows, *sizes),)
+
+
 def reading_records(poses: Poses, steps: Sequence[Sequence[Judged]]) -> tuple[ReadingRecord, ...]:
     """What the first and the last step leave of each kind of reading; none of a table of points alone.
 
@@ -173,6 +190,8 @@ def reading_records(poses: Poses, steps: Sequence[Sequence[Judged]]) -> tuple[Re
         return ()
     left, out = [_left(step) for step in steps], []
     for kind in observations(poses.dataset):
+        if isinstance(kind, Orientation):
+            continue  # see orientation_record
         if rows := int(kind.readings.any(axis=1).sum()):
             unit, factor = OWN_UNIT[kind.unit]
             before, after = (factor * by[kind.name] if kind.name in by else None for by in left)

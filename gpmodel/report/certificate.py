@@ -1,6 +1,6 @@
 """The certificate of a calibration: what machine, measured how, how accurate before and after."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -104,6 +104,7 @@ def certificate(report: Report, particulars: Particulars, tolerance_mm: float | 
         particulars=particulars.lines(),
         scope=(
             *_scope(report),
+            *_orientation(report),
             ("predictions", words.predicted(report)),
             ("tolerance", _judged(errors_before_and_after(report, every=True), tolerance_mm)),
         ),
@@ -174,6 +175,14 @@ def _further(report: Report) -> tuple[tuple[str, str, str], ...]:
     )  # fmt: skip
     sure = wording.percent(found.confidence)
     return tuple((f"{name}, at most ({sure})", wording.UNKNOWN, wording.millimetres(b.bound_mm)) for name, b in stated)
+
+
+def _orientation(report: Report) -> Iterator[Line]:
+    """The error of orientation of the same poses, where it was measured."""
+    for kind in report.readings:
+        if kind.unit == "mrad" and kind.before is not None and kind.after is not None:
+            sizes = [wording.significant(v, 3) for v in (kind.before, kind.after)]
+            yield "orientation, RMS", f"{sizes[0]} mrad with registration only, {sizes[1]} after"
 
 
 def _repeatability(report: Report) -> tuple[Line, ...]:

@@ -9,7 +9,7 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration, problem_at, resolved
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import Poses, measured_minus, observe
+from gpmodel.model.error_model import Poses, measured_minus, observe, turn_error
 from gpmodel.model.naming import translate
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.rank import orthonormal, remove, triangle
@@ -142,6 +142,19 @@ def root_residual(calibration: Calibration, poses: Poses) -> Array:
     return out
 
 
+def turns(fits: Sequence[tuple[Calibration, Poses]], poses: Poses) -> Array:
+    """Compute the angle (N,), rad, between measured and modelled orientation, by the fit each pose is listed with.
+
+    NaN where none was measured, or at a set-up or tool that the fit does not know.
+    """
+    out = np.full(len(poses), np.nan)
+    for fit, some in fits:
+        seen = resolved(fit, some.subset(_known(fit, some)))
+        observed = observe(fit.model, seen, fit.theta, fit.placement)
+        out[np.isin(poses.dataset.row, seen.dataset.row)] = turn_error(observed, seen.dataset)
+    return out
+
+
 def _known(calibration: Calibration, poses: Poses) -> IntArray:
     data, placement = poses.dataset, calibration.placement
     here = (("setup", placement.registration), ("tool", placement.tool))
@@ -161,6 +174,9 @@ def plots(poses: Poses, train: IntArray, steps: Sequence[Step]) -> PlotRecord:
         points_mm=vectors(1e3 * np.column_stack([poses.states[a] for a in "xyz"])),
         heldout_mask=tuple(heldout.tolist()),
         residual_mm={name: vectors(1e3 * root_residual(fit, poses)) for name, fit in shown.items()},
+        turn_mrad={name: finite(1e3 * turns([(fit, poses)], poses)) for name, fit in shown.items()}
+        if poses.dataset.has_rotation
+        else {},
         error_mm={s.name: SideErrors(finite(1e3 * s.train_error), finite(1e3 * s.heldout_error)) for s in steps},
         slots=tuple(last.model.mechanism.slots),
         chain_poses=tuple(drawn.tolist()),

@@ -15,11 +15,11 @@ from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.result import Discovery, Round
 from gpmodel.model.naming import names_of, translate
 from gpmodel.report import fitted, verdict
-from gpmodel.report.build import Ladder, build, reading_records
+from gpmodel.report.build import Ladder, build, orientation_record, reading_records
 from gpmodel.report.effects import effect_records
 from gpmodel.report.from_evolution import histogram_record
 from gpmodel.report.origin import Origin
-from gpmodel.report.schema import Report
+from gpmodel.report.schema import REGISTRATION, STANDARD, Report
 from gpmodel.report.schema_poses import ShapeRecord
 from gpmodel.report.schema_search import (
     CandidateRecord,
@@ -61,12 +61,20 @@ def _by_folds(report: Report, discovery: Discovery) -> Report:
     count, plots = len(discovery.poses), report.plots
     errors = {name: replace(sides, train=()) for name, sides in plots.error_mm.items()}
     held = [(part, part.poses.subset(part.heldout)) for part in discovery.parts]
-    steps = [[(part.step(k).calibration, poses) for part, poses in held] for k in (0, len(discovery.steps) - 1)]
+    last = len(discovery.steps) - 1
+    steps = [[(part.step(k).calibration, poses) for part, poses in held] for k in (0, 1, last)]
+    if plots.turn_mrad:
+        angles = (fitted.finite(1e3 * fitted.turns(fits, discovery.poses)) for fits in steps)
+        plots = replace(plots, turn_mrad=dict(zip((REGISTRATION, STANDARD, "final"), angles, strict=True)))
+    plots = replace(plots, heldout_mask=(True,) * count, error_mm=errors)
     return replace(
         report,
-        readings=reading_records(discovery.poses, steps),
+        readings=(
+            *reading_records(discovery.poses, steps[::2]),
+            *orientation_record(plots, np.flatnonzero(np.isin(discovery.poses.dataset.row, report.data.outliers))),
+        ),
         data=replace(report.data, heldout=count, folds=discovery.folds),
-        plots=replace(plots, heldout_mask=(True,) * count, error_mm=errors),
+        plots=plots,
     )
 
 

@@ -39,7 +39,8 @@ def pose_errors(report: Report, steps: tuple[str, str] | None = None) -> tuple[P
 
 
 def csv(report: Report) -> str:
-    """The text of poses.csv in the order of the rows: 3-D error and its components before and after, in mm.
+    """The text of poses.csv in the order of the rows: 3-D error and its components before and after, in mm, and the
+    error of orientation, in mrad, where it was measured.
 
     Components and nominal positions are in the mechanism's root frame.
     """
@@ -59,6 +60,8 @@ def csv(report: Report) -> str:
     for name, residual in (("before", before), ("after", "final")):
         if len(plots.residual_mm.get(residual, ())) == len(poses):
             frame[[f"{name}_{a} [mm]" for a in "xyz"]] = numbers(plots.residual_mm[residual])
+        if len(plots.turn_mrad.get(residual, ())) == len(poses):
+            frame[f"{name} [mrad]"] = numbers(plots.turn_mrad[residual])
     if len(plots.points_mm) == len(poses):
         frame[[f"nominal_{a} [mm]" for a in "xyz"]] = numbers(plots.points_mm)
     return frame.round(DECIMALS).to_csv(index=False, lineterminator="\n")

@@ -37,6 +37,7 @@ class PlotRecord:
     """rows: (N,) rows of the file. points_mm: (N, 3) nominal positions in the mechanism's root frame.
 
     residual_mm: measured minus modelled (N, 3) in the same frame, of "registration", "standard" and "final".
+    turn_mrad: angle (N,) between measured and modelled orientation, of the same; empty where none was measured.
     error_mm: by step of the ladder. chain_mm: the slots' origins (S, 3) of the poses `chain_poses`, to draw the arm.
     slots: their names.
     """
@@ -45,6 +46,7 @@ class PlotRecord:
     points_mm: Vectors = ()
     heldout_mask: tuple[bool, ...] = ()
     residual_mm: dict[str, Vectors] = field(default_factory=dict)
+    turn_mrad: dict[str, tuple[float | None, ...]] = field(default_factory=dict)
     error_mm: dict[str, SideErrors] = field(default_factory=dict)
     shapes: tuple[ShapeRecord, ...] = ()
     slots: tuple[str, ...] = ()

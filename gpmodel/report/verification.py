@@ -15,6 +15,7 @@ from gpmodel.application.changes import NamedChange, Visible
 from gpmodel.application.verify import Verified
 from gpmodel.arrays import Array, NotNegative, Share
 from gpmodel.errors import InputError
+from gpmodel.model.error_model import turn_error
 from gpmodel.model.naming import names_of, translate
 from gpmodel.model.observation import Observation, observations
 from gpmodel.numerics.least_squares import root_mean_square
@@ -24,7 +25,7 @@ from gpmodel.report.iso9283 import repeatability
 from gpmodel.report.origin import mechanism_record, versions
 from gpmodel.report.saved import LARGEST_FILE
 from gpmodel.report.schema import DataRecord, ErrorsMm, MechanismRecord
-from gpmodel.report.schema_poses import Repeatability
+from gpmodel.report.schema_poses import ReadingRecord, Repeatability
 from gpmodel.table.bundles import different_poses
 from gpmodel.texts import parse_json, read_limited
 
@@ -77,6 +78,7 @@ class Verification:
     of what the model leaves; noise_degrees: of sigma, None where it is known beforehand. instrument: whether the
     errors of the instrument that the model has are in these readings. tolerance_mm: what no row may exceed, as asked.
     kinds: of readings that are no points; their rows count in mm. rows: of the table, of which `poses` are judged;
+    orientation: RMS angle, mrad, by nominal geometry and with the model.
     others: the rest, which the tolerance is of as well. fitted: rows of the fit, left out. chance_of_less: of so small
     a chi-square.
     """
@@ -103,6 +105,7 @@ class Verification:
     repeatability: Repeatability | None = None
     tolerance_mm: NotNegative | None = None
     kinds: tuple[KindRecord, ...] = ()
+    orientation: ReadingRecord | None = None
     rows: int = 0
     others: Others | None = None
     fitted: tuple[int, ...] = ()
@@ -207,6 +210,7 @@ def verification(found: Verified, asked: VerifyRequest) -> Verification:
         repeatability=repeatability(data),
         tolerance_mm=None if asked.tolerance is None else 1e3 * asked.tolerance,
         kinds=tuple(_kinds(found, promised)),
+        orientation=_orientation(found),
         rows=asked.rows,
         others=asked.others,
         fitted=asked.fitted,
@@ -223,6 +227,16 @@ def _kinds(found: Verified, promised: Array) -> Iterator[KindRecord]:
         own = factor / (kind.metres or 1.0)
         sizes = [own * root_mean_square(v[rows]) for v in (found.alone, session.errors, promised)]
         yield KindRecord(kind.name, unit, 1e3 / own, int(rows.sum()), *map(optional, sizes))
+
+
+def _orientation(found: Verified) -> ReadingRecord | None:
+    """Over the rows that count; None where no orientation was measured."""
+    session = found.session
+    turns = (found.alone_turn[session.use], turn_error(session.observed, session.poses.dataset)[session.use])
+    known = [values[np.isfinite(values)] for values in turns]
+    if not len(known[1]):
+        return None
+    return ReadingRecord("orientation", "mrad", len(known[1]), *(1e3 * root_mean_square(values) for values in known))
 
 
 def by_row(record: Verification) -> pd.DataFrame:

@@ -125,6 +125,9 @@ def facts(record: Verification) -> Iterator[tuple[str, str]]:
             f"{kind.name}, {kind.rows} rows",
             f"{with_model} {kind.unit} RMS, {promised} promised, {without} by nominal geometry",
         )
+    if (turns := record.orientation) is not None:
+        sizes = [wording.significant(v, 3) for v in (turns.after or 0.0, turns.before or 0.0)]
+        yield f"orientation, {turns.rows} rows", f"{sizes[0]} mrad RMS, {sizes[1]} by nominal geometry"
     for found in record.changes:
         rivals = f"; explains it as well: {', '.join(found.rivals)}" if found.rivals else ""
         yield "changed", f"{change(found)}, chance {wording.chance(found.chance)}{rivals}"
