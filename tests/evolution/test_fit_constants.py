@@ -6,8 +6,8 @@ import pytest
 from gpmodel.arrays import Array
 from gpmodel.evolution import constants
 from gpmodel.evolution.constants import derivatives, polish
-from gpmodel.evolution.kernels.differentiation import carry_tangents, differentiated
 from gpmodel.evolution.kernels.constants import solve
+from gpmodel.evolution.kernels.differentiation import carry_tangents, differentiated
 from gpmodel.evolution.projection import Targets
 from gpmodel.formula.operators import LANGUAGE, Operator
 from gpmodel.formula.parse import parse
