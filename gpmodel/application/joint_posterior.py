@@ -10,7 +10,7 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError, choices
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.balls import Ball, Shift, balls_of
-from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.protocol import Mechanism, Reaching
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.naming import translate
 
@@ -30,7 +30,10 @@ def of_the_ball(name: str, joint: SavedModel, machine: Mechanism) -> tuple[Effec
     balls = {ball.name: ball for ball in balls_of(machine) if ball.name}
     if name not in balls:
         raise InputError(f"'{name}' is no ball of {machine.name}; it has {choices(name, balls)}", "joint")
-    single = balls_of(joint.mechanism)
+    rig = joint.mechanism
+    if isinstance(rig, Reaching) and len(joint.placement.tool) == 1:  # a lever ends where the fit found the tool
+        rig = rig.reaching(next(iter(joint.placement.tool.values()))[:3, 3])
+    single = balls_of(rig)
     if len(single) != 1 or single[0].name:
         raise InputError(f"{name}: a result of {joint.mechanism.name}, expected one of a ball joint alone", "joint")
     there = balls[name]
