@@ -17,7 +17,7 @@ from gpmodel.evolution.founders import joined
 from gpmodel.evolution.generations import Generations
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.links import LINKS, PRICE, Link, exactly
-from gpmodel.evolution.memetic import Population, bred
+from gpmodel.evolution.memetic import Formulas, bred
 from gpmodel.evolution.pareto import Archive, program_at
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import ROUNDING_SHARE, Targets, regression
@@ -136,7 +136,7 @@ def _finished(laws: Iterable[Law], inputs: Inputs, response: Array) -> Iterator[
     ones, nothing = np.ones((1, len(response))), np.zeros((1, 1, len(response)))
     energy = float(response @ response)
     plain = Targets(ones, nothing, response[None], energy, ("response",), len(response), ROUNDING_SHARE)
-    population = Population(SlotProblem(inputs, plain, parsimony=PRICE))
+    population = Formulas(SlotProblem(inputs, plain, parsimony=PRICE))
     population.add(law.program for law in sorted(laws, key=lambda law: law.nats)[:FOUNDERS])
     bred(population, inputs.names)
     return (one.program for one in population.found)
