@@ -51,24 +51,24 @@ def averaged(residual: Residual, hypothesis: Hypothesis, rivals: Sequence[Candid
 def spread_by_rivals(
     residual: Residual, effects: Sequence[Effect], rivals: Sequence[Sequence[Effect]], likely: Array
 ) -> dict[str, float]:
-    """Standard deviation of the value of every effect in the model over a finding and its rivals, about the value
-    beside the finding: √Σ p (value - value beside it)².
+    """Standard deviation of every number of placement and model over a finding and its rivals, about the value beside
+    the finding: √Σ p (value - value beside it)².
 
     residual: of the model without the finding. likely: (1 + R,) probability of it and of each rival. Source: Hoeting et
     al. (1999), the variance between models.
     """
     able = [(p, rival) for p, rival in zip(likely[1:], rivals, strict=True) if p > UNLIKELY]
-    if not able or not residual.names:
+    if not able:
         return {}
     own = _explained(residual, effects)
     apart = np.column_stack([own - _explained(residual, rival) for _, rival in able])
-    moved = solve(residual.system, apart)[-len(residual.names) :]
-    at = {e.name: i for i, e in enumerate(residual.calibration.model.effects)}
-    columns = residual.problem.columns[:, residual.problem.placement :][:, [at[name] for name in residual.names]]
-    unit = residual.system[: residual.measured, -len(residual.names) :]
+    moved, names = solve(residual.system, apart), (*residual.problem.placement_names, *residual.names)
+    at = {e.name: i for i, e in enumerate(residual.calibration.model.effects, residual.problem.placement)}
+    columns = residual.problem.columns[:, [*range(residual.problem.placement), *(at[name] for name in residual.names)]]
+    unit = residual.system[: residual.measured]
     scale = np.linalg.norm(unit, axis=0) / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
     spread = scale * np.sqrt(moved**2 @ np.array([p for p, _ in able]))
-    return dict(zip(residual.names, spread.tolist(), strict=True))
+    return dict(zip(names, spread.tolist(), strict=True))
 
 
 def _explained(residual: Residual, effects: Sequence[Effect]) -> Array:

@@ -1,7 +1,7 @@
 """The Report of a discovery."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from operator import itemgetter
 
@@ -19,7 +19,7 @@ from gpmodel.report.build import Ladder, build, orientation_record, reading_reco
 from gpmodel.report.effects import effect_records
 from gpmodel.report.from_evolution import histogram_record
 from gpmodel.report.origin import Origin
-from gpmodel.report.schema import REGISTRATION, STANDARD, Report
+from gpmodel.report.schema import REGISTRATION, STANDARD, ParameterRecord, Report
 from gpmodel.report.schema_poses import ShapeRecord
 from gpmodel.report.schema_search import (
     CandidateRecord,
@@ -46,6 +46,7 @@ def from_discovery(discovery: Discovery, origin: Origin, saved: SavedModel | Non
         common,
         effects=tuple(_effects(discovery, names)),
         histograms=_histograms(discovery, names),
+        placement=tuple(_widened(common.placement, discovery)),
         rounds=tuple(_round(r, _as_fitted(discovery), names) for r in discovery.rounds),
         rank_curve=common.rank_curve or fitted.rank_curve(discovery.steps[1].calibration),
         stopped=discovery.stopped,
@@ -113,6 +114,19 @@ def _effects(discovery: Discovery, names: Mapping[str, str]) -> Iterator[EffectR
             heldout_rms_mm=None if step is None else fitted.statistics_mm(step.heldout_error).rms_mm,
             constants=discovery.fitted.constants[i],
         )
+
+
+def _widened(placement: Sequence[ParameterRecord], discovery: Discovery) -> Iterator[ParameterRecord]:
+    """Widen the standard errors of tool points by how far the alternatives of the findings would move them.
+
+    Steps of a tool point are along the axes of the flange, as its numbers are.
+    """
+    moved = [dict(finding.hypothesis.moved) for finding in discovery.findings]
+    for number in placement:
+        step = number.name[:-1] + f"T{number.name[-1]}"
+        more = [by[step] for by in moved if step in by and number.name.startswith("tool")]
+        known = number.stderr is not None and bool(more)
+        yield replace(number, stderr=math.hypot(number.stderr or 0.0, *more)) if known else number
 
 
 def _moved(discovery: Discovery) -> Iterator[Array]:

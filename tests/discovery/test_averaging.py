@@ -31,11 +31,11 @@ def test_rivals_move_the_other_findings_as_fits_with_them_say() -> None:
     theta = np.concatenate([sized(ARM, pool[name].effects, data, 0.2) for name in (RIVAL, OTHER)])
     truth = measure(ARM, planted, theta, 3, dataset=data)
 
-    def fitted(name: str) -> tuple[float, float]:
-        """Value of the tilt beside a finding, and the geometry's limit that was cross-validated."""
+    def fitted(name: str) -> tuple[float, float, np.ndarray]:
+        """Value of the tilt beside a finding, its standard error, and the tool point, m."""
         model = ErrorModel(arm, (*geometric_effects(arm), *pool[OTHER].effects, *pool[name].effects))
         fit = calibrate(model, truth.poses, condition_limit=first.condition_limit, robust=False)
-        return float(fit.theta[at]), float(fit.stderr[at])
+        return float(fit.theta[at]), float(fit.stderr[at]), fit.placement.tool[""][:3, 3]
 
     model = ErrorModel(arm, (*geometric_effects(arm), *pool[OTHER].effects, *pool[FOUND].effects))
     first = calibrate(model, truth.poses, robust=False)
@@ -45,6 +45,9 @@ def test_rivals_move_the_other_findings_as_fits_with_them_say() -> None:
     beside, instead = fitted(FOUND)[0], fitted(RIVAL)[0]
     assert abs(instead - beside) > 3.0 * fitted(FOUND)[1]
     assert spread[pool[OTHER].effects[0].name] == pytest.approx(np.sqrt(0.3) * abs(instead - beside), rel=0.1)
+    tool = np.sqrt(0.3) * np.abs(fitted(RIVAL)[2] - fitted(FOUND)[2])
+    largest = int(np.argmax(tool))
+    assert spread[f"tool T{'xyz'[largest]}"] == pytest.approx(tool[largest], rel=0.25)
     assert spread_by_rivals(without, pool[FOUND].effects, [pool[RIVAL].effects], np.array([0.995, 0.005])) == {}
 
     score, by_chance, before = Score(0.5, 50.0, 1.0), chance(50.0, np.zeros(9)), cross_validated(without, ())

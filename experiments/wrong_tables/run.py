@@ -1,0 +1,89 @@
+"""Which wrong tables does `gpmodel check` pass in silence, and which sound ones does it refuse?
+
+Silent: neither refused nor warned of. `calibrate` and `discover` refuse what `check` calls an error.
+From the root of the repository: python -m experiments.wrong_tables.run [--robots 10] [--sound 200] [--out FOLDER]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections import Counter
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import gpmodel as gp
+from experiments.wrong_tables.kinds import ARMS, KINDS, Table, measured
+from gpmodel.files import to_json, write_text
+
+HERE = Path(__file__).parent
+OFFSETS = (0.1, 1.5e-3)
+"""Metres that the reflector stands off the axis of the last joint, of every other robot."""
+SOUND = [
+    {"narrow": narrow, "sigma": sigma, "noise": noise, "poses": poses, "effects": effects, "offset": offset}
+    for narrow, sigma, noise, poses, effects, offset in product(
+        (1.0, 0.3, 0.1), (3e-4, 1e-3), (3e-5, 5e-4, 5e-6), (60, 25, 120), ((), ("base_compliance=1e-6",)), OFFSETS
+    )
+]
+"""Wide and narrow poses, good and bad geometry, instruments, few and many poses, a soft base, the reflector's place."""
+
+
+def judged(table: Table) -> tuple[str, list[str]]:
+    """Refused, unfit, warned or silent; and what is said."""
+    try:
+        found = gp.check(table.mechanism, table.frame())
+    except gp.InputError as refused:
+        return "refused", [str(refused)]
+    said = [f"{f.severity}: {f.text}" for f in found.findings if f.severity != "note"]
+    return "refused" if not found.valid else "unfit" if found.unfit else "warned" if said else "silent", said
+
+
+def wrong(robots: int) -> dict[str, dict[str, Any]]:
+    """By kind how many tables are judged so, and on which arms in silence."""
+    out: dict[str, dict[str, Any]] = {kind: {} for kind in KINDS}
+    for seed, arm in enumerate(ARMS[:robots]):
+        table = measured(arm, seed, offset=OFFSETS[seed % 2])
+        for number, (kind, change) in enumerate(KINDS.items()):
+            verdict, _ = judged(change(table, np.random.default_rng([seed, number])))
+            out[kind][verdict] = out[kind].get(verdict, 0) + 1
+            if verdict == "silent":
+                out[kind].setdefault("silent on", []).append(arm)
+                print(arm, kind, "silent", flush=True)
+    return out
+
+
+def sound(count: int) -> tuple[dict[str, int], list[dict[str, Any]]]:
+    """How many sound tables are judged so, and each that is refused."""
+    counts: Counter[str] = Counter()
+    refused = []
+    for seed in range(count):
+        arm, how = ARMS[seed % len(ARMS)], SOUND[(7 * seed) % len(SOUND)]
+        verdict, said = judged(measured(arm, 1000 + seed, **how))
+        counts[verdict] += 1
+        if verdict in ("refused", "unfit"):
+            refused.append({"arm": arm, **how, "said": said})
+            print(refused[-1], flush=True)
+    return dict(counts), refused
+
+
+def main(arguments: list[str] | None = None) -> dict[str, Any]:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--robots", type=int, default=len(ARMS))
+    parser.add_argument("--sound", type=int, default=200)
+    parser.add_argument("--out", type=Path, default=HERE)
+    given = parser.parse_args(arguments)
+    kinds, (good, refused) = wrong(given.robots), sound(given.sound)
+    tables = sum(n for counts in kinds.values() for n in counts.values() if isinstance(n, int))
+    silent = sum(counts.get("silent", 0) for counts in kinds.values())
+    results = {"command": f"python -m experiments.wrong_tables.run --robots {given.robots} --sound {given.sound}",
+               "wrong tables": tables, "silent": silent, "kinds": kinds, "sound": good, "refused": refused}  # fmt: skip
+    write_text(given.out / "results.json", to_json(results))
+    print(f"{silent} of {tables} wrong tables silent; sound tables: {good}; {time.process_time():.0f} s CPU")
+    return results
+
+
+if __name__ == "__main__":
+    main()
