@@ -51,7 +51,7 @@ class Formulas:
         """Fit the constants of programs that are not met yet: some steps of all, then the better half to the end."""
         fresh = [
             one
-            for one in programs
+            for one in map(_centred, programs)
             if one.inputs
             and one.complexity <= LONGEST
             and self._is_new(one, one.evaluate(self.columns)[0], self._begun)
@@ -99,6 +99,27 @@ class Formulas:
         known = key in met
         met.add(key)
         return not known
+
+
+def _centred(program: Program) -> Program:
+    """The formula with tanh(c/2 x) in the place of logistic(c x), which differs by a constant that geometry had to hold."""
+    root = program.outputs[0]
+    if program.nodes[root].operator != "logistic":
+        return program
+    inside = program.nodes[program.nodes[root].arguments[0]]
+    scales = {k: program.nodes[k].value for k in inside.arguments if program.nodes[k].operator == "constant"}
+    if inside.operator != "multiply" or len(scales) != 1:
+        return program
+    ((scale, value),) = scales.items()
+    (scaled,) = (k for k in inside.arguments if k != scale)
+
+    def build(builder: Builder, node: Node, copies: list[int]) -> int:
+        if len(copies) != root:
+            return builder.add(node, copies)
+        half = builder.constant(0.5 * float(value or 0.0))
+        return builder.apply("tanh", builder.apply("multiply", half, copies[scaled]))
+
+    return program.rebuilt(build)
 
 
 def bred(population: Formulas, names: Sequence[str], generations: int = GENERATIONS) -> None:
