@@ -102,7 +102,7 @@ class Formulas:
 
 
 def _centred(program: Program) -> Program:
-    """The formula with tanh(c/2 x) in the place of logistic(c x), which differs by a constant that geometry had to hold."""
+    """The formula with tanh(c/2 x) in the place of logistic(c x), whose constant the geometry would have to hold."""
     root = program.outputs[0]
     if program.nodes[root].operator != "logistic":
         return program
