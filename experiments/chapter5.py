@@ -17,7 +17,7 @@ from experiments.irb6400r_truth import Case
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.problems import cartesian_problem
+from gpmodel.discovery.explore import cartesian_problem
 from gpmodel.evolution.problems import CartesianProblem, Inputs
 from gpmodel.families import catalogue
 from gpmodel.model.effect import Effect

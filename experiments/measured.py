@@ -15,8 +15,8 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.cli.evolve import strategies_named
 from gpmodel.discovery.loop import discover
-from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.search import Search
+from gpmodel.discovery.state import Discovery
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.files import to_json, write_text

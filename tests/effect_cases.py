@@ -10,7 +10,7 @@ import numpy as np
 from robots_cases import STANDARD_DH
 
 from gpmodel.arrays import Array
-from gpmodel.discovery.result import Discovery
+from gpmodel.discovery.state import Discovery
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.mechanism.protocol import Mechanism

@@ -12,17 +12,15 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.noise import blocks_of
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.readable import readable_inputs
+from gpmodel.discovery.targets import readable_inputs
 from gpmodel.families import catalogue
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects, sites_of
 from gpmodel.selection.active import Active
-from gpmodel.selection.group import Group, Shapes, geometry_groups
+from gpmodel.selection.group import Group, Price, Shapes, geometry_groups
 from gpmodel.selection.offers import Offering, of_offers, shared_kinds, singles
-from gpmodel.selection.pool import GroupPool
-from gpmodel.selection.price import Price
-from gpmodel.selection.rows import Rows
+from gpmodel.selection.pool import GroupPool, Rows
 from gpmodel.table.bundles import replicates
 
 ARM = "irb6400r"

@@ -11,9 +11,8 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
 from gpmodel.discovery.loop import discover
-from gpmodel.discovery.result import Discovery, Finding, Round
 from gpmodel.discovery.search import Search
-from gpmodel.discovery.state import Journal
+from gpmodel.discovery.state import Discovery, Finding, Journal, Round
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.search import Evolution
 from gpmodel.evolution.tree import Tree

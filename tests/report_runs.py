@@ -8,7 +8,7 @@ from loop_cases import found, quick
 
 from gpmodel.calibration.comparison import climb, growing, step_of
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.discovery.problems import slot_task
+from gpmodel.discovery.explore import slot_task
 from gpmodel.evolution.input_histogram import histogram
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.runs import KeptRuns, Plan, run_all

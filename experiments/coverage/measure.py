@@ -28,8 +28,8 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.loop import discover
-from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.search import Search
+from gpmodel.discovery.state import Discovery
 from gpmodel.families.by_name import effects_named
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare

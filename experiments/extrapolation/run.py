@@ -20,7 +20,7 @@ from experiments.irb6400r_truth import Case, measured_robot
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on
-from gpmodel.discovery.problems import MILLIMETRE
+from gpmodel.discovery.explore import MILLIMETRE
 from gpmodel.discovery.targets import targets
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import residual_of

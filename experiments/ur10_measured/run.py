@@ -12,7 +12,7 @@ import numpy as np
 
 from experiments import measured
 from gpmodel.calibration.result import errors_on
-from gpmodel.discovery.result import Discovery
+from gpmodel.discovery.state import Discovery
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
 

@@ -21,9 +21,8 @@ from gpmodel.application.model_file import check_kept, saved_model
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.folds import discover_by_folds
 from gpmodel.discovery.loop import discover as run_loop
-from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.search import Search
-from gpmodel.discovery.state import Journal
+from gpmodel.discovery.state import Discovery, Journal
 from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families.by_name import check_defined

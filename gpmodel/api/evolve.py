@@ -23,7 +23,7 @@ from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import Models, step_of
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.problems import TrainingProblem, cartesian_task, slot_task
+from gpmodel.discovery.explore import TrainingProblem, cartesian_task, slot_task
 from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evolution.input_histogram import Histogram, histogram

@@ -14,7 +14,7 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.comparison import Unseen
 from gpmodel.calibration.discrepancy import FEWEST, noise_within
 from gpmodel.calibration.result import Calibration, problem_at
-from gpmodel.discovery.result import Discovery
+from gpmodel.discovery.state import Discovery
 from gpmodel.model.error_model import Poses, pose_error
 from gpmodel.numerics.outliers import outlier_limit
 

@@ -9,9 +9,9 @@ import numpy as np
 from gpmodel.calibration.gauge import moving_sites, stands_still, still_joints
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.formulas import PLAIN, ShortLaw, curves_of, formulas
-from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.refinement import refined_at_one_site
 from gpmodel.discovery.search import Search
+from gpmodel.discovery.targets import readable_inputs
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.candidate import Candidate
@@ -19,9 +19,8 @@ from gpmodel.families.inner import remembered
 from gpmodel.families.offer import Offer
 from gpmodel.model.error_model import Poses
 from gpmodel.model.sites import sites_of
-from gpmodel.selection.group import Group, group_of
+from gpmodel.selection.group import Group, Price, group_of
 from gpmodel.selection.offers import Offering, of_evolved, of_offers
-from gpmodel.selection.price import Price
 from gpmodel.selection.result import Kept, Selection
 from gpmodel.selection.select import select
 from gpmodel.selection.waves import grids_of

@@ -1,4 +1,4 @@
-"""Genetic programming on the residual: what it evolves, which inputs it keeps, and what chance evolves."""
+"""Evolve programs for a residual, with their histogram of inputs and what chance evolves."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -7,22 +7,26 @@ from functools import cache
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.discovery.readable import readable_inputs
+from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.discovery.search import Search
-from gpmodel.discovery.targets import aimed, targets
-from gpmodel.evidence.residual import Residual
+from gpmodel.discovery.targets import aimed, readable_inputs, targets
+from gpmodel.errors import InputError
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import saved, scores
 from gpmodel.evolution.chance import FEWEST
 from gpmodel.evolution.constants import polish
 from gpmodel.evolution.input_histogram import Histogram, RunRecord, histogram, without_runs
-from gpmodel.evolution.problems import SlotProblem
+from gpmodel.evolution.problems import COORDINATES, CartesianProblem, Inputs, Problem, SlotProblem
 from gpmodel.evolution.representation import label
 from gpmodel.evolution.runs import KeptRuns, Task, run_all
 from gpmodel.evolution.search import Evolution
 from gpmodel.evolution.settings import Settings
 from gpmodel.families.candidate import Candidate, maker_of
 from gpmodel.formula.program import Program
-from gpmodel.model.sites import Site
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.error_model import Poses, observe
+from gpmodel.model.sites import Site, sites_of
 from gpmodel.numerics.least_squares import MANY_COLUMNS
 from gpmodel.progress import Teller
 from gpmodel.selection.programs import as_candidate, parts, without_poles
@@ -156,3 +160,65 @@ def _most_saved(residual: Residual, search: Search, run: Evolution, sites: int) 
     """The largest description length that any program of a run saves."""
     nats = [saved(residual, c.gain, len(c.program.outputs), search.cost(c.complexity, sites)) for c in run.front]
     return float(max(nats, default=-np.inf))
+
+
+@dataclass(frozen=True)
+class TrainingProblem:
+    """A problem of the training poses, and the gain of a program on the held-out ones (None without)."""
+
+    problem: Problem
+    heldout: Callable[[Program], float] | None
+
+
+MILLIMETRE = 1e3
+"""Compensators read and write points in millimetres. The constants of Table 5.1 and the values of sin, cos and atan are
+of order one, and so is what is to be compensated in millimetres; in metres it is a thousandth of that."""
+
+
+def cartesian_task(
+    fit: Calibration, poses: Poses, train: IntArray, held: IntArray, norm: str = "max"
+) -> TrainingProblem:
+    """The compensator of the training rows, and its gain on the held-out ones."""
+    problem = cartesian_problem(fit, poses, train, norm)
+    if not len(held):
+        return TrainingProblem(problem, None)
+    other = cartesian_problem(fit, poses, held, norm)
+
+    def heldout(program: Program) -> float:
+        if not program.outputs:
+            return 0.0
+        return 1.0 - other.norm_of(program.evaluate(other.inputs.mapping())) / other.initial_norm()
+
+    return TrainingProblem(problem, heldout)
+
+
+def slot_task(fit: Calibration, mechanism: Mechanism, seen: Poses, seed: int) -> TrainingProblem:
+    """The residual of a fit seen from every site of the mechanism; a node costs what it costs in the loop."""
+    residual = residual_of(fit, seen, Criteria(), seed)
+    return TrainingProblem(posed(residual, sites_of(mechanism), Search(), np.arange(len(residual.poses)))[0], None)
+
+
+def cartesian_problem(fit: Calibration, poses: Poses, rows: IntArray, norm: str = "max") -> CartesianProblem:
+    """Thesis Fig 5.2: the model's points (x, y, z; mm, in the root frame) against the measured ones at some rows.
+
+    The inputs are those of Table 5.1: the point, the joints, and any column of the table that varies.
+    Raises InputError where no pose has all three coordinates.
+    """
+    rows = rows[np.isfinite(poses.dataset.position[rows]).all(axis=1)]
+    if not len(rows):
+        raise InputError(f"{poses.dataset.source}: no pose has x, y and z; a compensator needs all three")
+    chosen = resolved(fit, poses.subset(rows))
+    tip = observe(fit.model, chosen, fit.theta, fit.placement).tip[:, :3, 3]
+    register = np.stack([fit.placement.registration[name] for name in chosen.dataset.label("setup").tolist()])
+    model, measured = (MILLIMETRE * _in_root(register, points) for points in (tip, chosen.dataset.position))
+    readable, _ = readable_inputs(poses.states, rows)
+    table = {*poses.dataset.joints, *poses.dataset.extras} - set(COORDINATES)
+    kept = [name for name in readable.names if name in table]
+    values = np.vstack([model, readable.select(kept).values])
+    return CartesianProblem(Inputs((*COORDINATES, *kept), values), measured, norm)
+
+
+def _in_root(register: Array, points: Array) -> Array:
+    """Points (N, 3) of the instrument's frame in the mechanism's root frame, (3, N)."""
+    moved = np.einsum("nji,nj->ni", register[:, :3, :3], points - register[:, :3, 3])
+    return np.ascontiguousarray(moved.T)

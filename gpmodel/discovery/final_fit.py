@@ -9,10 +9,8 @@ import numpy as np
 from gpmodel.arrays import Mask
 from gpmodel.calibration.result import Calibration, without_outlier_marks
 from gpmodel.discovery.in_words import constants_in_words, in_words
-from gpmodel.discovery.inner_constants import InnerChange, inner_changes, moved
-from gpmodel.discovery.refinement import WINDOW, profile, refined_fit
-from gpmodel.discovery.result import FinalFit
-from gpmodel.discovery.state import State
+from gpmodel.discovery.refinement import WINDOW, InnerChange, inner_changes, moved, profile, refined_fit
+from gpmodel.discovery.state import FinalFit, State
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import Constant, FittedConstant

@@ -13,12 +13,11 @@ from functools import partial
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.discovery.result import Discovery
-from gpmodel.discovery.rows import drop_duplicate_rows
+from gpmodel.discovery.state import Discovery, drop_duplicate_rows
 from gpmodel.errors import InputError
 from gpmodel.evidence.confirmation import paired
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evidence.units import independent_units
+from gpmodel.evidence.residual import independent_units
 from gpmodel.executor import called
 from gpmodel.families.candidate import is_program
 from gpmodel.forks import Forks, called_beside

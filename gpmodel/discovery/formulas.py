@@ -8,13 +8,13 @@ from itertools import chain, combinations, count
 
 import numpy as np
 
+from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.gauge import moving_sites
-from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.search import Search
-from gpmodel.discovery.standing_out import doubtful, explained, taken_as_measured
-from gpmodel.discovery.targets import targets
-from gpmodel.evidence.residual import Residual
+from gpmodel.discovery.targets import readable_inputs, targets
+from gpmodel.evidence.residual import Residual, residual_of, squares, winsorising
 from gpmodel.evidence.score import scores
+from gpmodel.evolution.description_length import fit_nats
 from gpmodel.evolution.formulas import formulas_at, shorter
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import SlotProblem
@@ -25,9 +25,11 @@ from gpmodel.formula.simplification import simplify
 from gpmodel.model.effect import Effect
 from gpmodel.model.memory import read_by
 from gpmodel.model.sites import Site, sites_of
+from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.selection.group import is_curve
 from gpmodel.selection.programs import as_candidate, without_poles
 from gpmodel.selection.result import Kept
+from gpmodel.table.split import JUDGED
 
 PLAIN = 2
 """Effects up to which a group is solved by plain least squares: a number or a sine and cosine need no prior."""
@@ -218,3 +220,39 @@ def _best(residual: Residual, laws: Sequence[ShortLaw]) -> tuple[float, ShortLaw
     """The law that saves most, and what it saves, nats."""
     nats = (score.nats for score in scores(residual, [law.candidate for law in laws]))
     return max(zip(nats, laws, strict=True), key=lambda pair: pair[0])
+
+
+GROSS = 2.0
+"""Times the second largest that an error without the curve may be; a larger one is that of the measurement."""
+
+
+def doubtful(left: Residual, curve: Candidate) -> Mask:
+    """Poses (N,) that stand out of a model with a curve, but are no gross errors beside others without it."""
+    motion = left.columns(curve.effects) @ np.array(left.calibration.values_of(curve.effects))
+    before = _lengths(left, left.problem.residual + motion)
+    out = winsorising(left.problem, len(left.poses), left.criteria.outlier_sigmas) < 1.0
+    return np.asarray(out & (before <= GROSS * np.sort(before)[-2:].min(initial=np.inf)))
+
+
+def taken_as_measured(left: Residual, poses: Mask) -> Residual:
+    """The residual with some of its poses (N,) as they are, the others winsorised."""
+    return residual_of(left.calibration, left.poses, left.criteria, JUDGED, poses)
+
+
+def explained(residual: Residual, laws: Sequence[Candidate]) -> Mask:
+    """Poses (N,) that do not stand out of the model with the likeliest of some laws, where what stands out of one
+    counts as if it stood at the limit. residual: without them."""
+    sigmas, found = residual.criteria.outlier_sigmas, list[tuple[float, Mask]]()
+    for law in laws:
+        columns, _ = residual.projected(law.effects)
+        left = residual.values - columns @ np.linalg.lstsq(columns, residual.values, rcond=None)[0]
+        errors = _lengths(residual, left[: residual.measured])
+        limit = outlier_limit(errors, sigmas)
+        gain = 1.0 - float(np.sum(np.minimum(errors, limit) ** 2)) / residual.energy
+        found.append((law.cost - float(fit_nats(gain, residual.freedom)), errors <= limit))
+    return min(found, key=lambda one: one[0])[1]
+
+
+def _lengths(residual: Residual, values: Array) -> Array:
+    """Length (N,) of the values (M,) of each pose."""
+    return np.sqrt(squares(residual.problem, values, len(residual.poses)))

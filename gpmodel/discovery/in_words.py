@@ -9,7 +9,7 @@ import sympy
 
 from gpmodel import wording
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.inner_constants import STEP, InnerChange, moved
+from gpmodel.discovery.refinement import STEP, InnerChange, moved
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import Constant, FittedConstant
 from gpmodel.formula.algebra import to_sympy

@@ -1,4 +1,4 @@
-"""The running state of the loop: what is accepted so far, and the ladder it has climbed."""
+"""Hold the state of a search and its result: rounds, findings, the steps of the model."""
 
 import math
 import time
@@ -8,22 +8,166 @@ from functools import cached_property
 
 import numpy as np
 
-from gpmodel.arrays import IntArray
-from gpmodel.calibration.comparison import Step
+from gpmodel.arrays import Array, IntArray
+from gpmodel.calibration.comparison import Step, known_rows
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
-from gpmodel.discovery.result import Finding, Round
-from gpmodel.discovery.rows import evenly
+from gpmodel.discovery.acceptance import Hypothesis
+from gpmodel.discovery.explore import Exploration
 from gpmodel.discovery.search import Search
+from gpmodel.errors import InputError
+from gpmodel.evidence.confirmation import Confirmation
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evolution.runs import KeptRuns
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.inner import FittedConstant
 from gpmodel.families.offer import Offer
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.progress import Teller
+from gpmodel.table.bundles import copies, sharing
 from gpmodel.table.split import JUDGED
+
+
+@dataclass(frozen=True)
+class Finding:
+    """An accepted hypothesis and the round that found it."""
+
+    hypothesis: Hypothesis
+    round: int
+
+    @property
+    def candidate(self) -> Candidate:
+        """What was found."""
+        return self.hypothesis.candidate
+
+
+@dataclass(frozen=True)
+class Round:
+    """One look at the residual: what GP made of it, then the groups chosen together, and what was dropped again.
+
+    hypotheses: all that was judged, groups first. evolved: what GP found that was offered as groups from here on.
+    null_nats: (T,) the most that any group gains on permuted residuals.
+    """
+
+    number: int
+    hypotheses: tuple[Hypothesis, ...]
+    exploration: Exploration
+    evolved: tuple[Candidate, ...]
+    null_nats: Array
+    dropped: tuple[str, ...] = ()
+
+    @property
+    def stands_out(self) -> bool:
+        """Whether anything in it is beyond chance, whatever the other tests say."""
+        return bool(self.exploration.histogram.significant) or any(h.verdict.passed("chance") for h in self.hypotheses)
+
+
+@dataclass(frozen=True)
+class FinalFit:
+    """The fit to all poses; the findings as they are in it, and the constants inside each, in their order."""
+
+    calibration: Calibration
+    candidates: tuple[Candidate, ...]
+    constants: tuple[tuple[FittedConstant, ...], ...]
+
+
+@dataclass(frozen=True)
+class Discovery:
+    """Everything the loop found, in order.
+
+    fitted: all findings, fitted to all poses. confirmation: of them on the held-out poses, None without findings.
+    final: the model to ship, that of `fitted` where it is confirmed, else the standard model as a calibration of all
+    poses without any discovery would have it. parts: the same choice without each fold of the poses, where every one
+    was held out once; none where some are for good.
+    """
+
+    mechanism: Mechanism
+    poses: Poses
+    train: IntArray
+    heldout: IntArray
+    steps: tuple[Step, ...]
+    findings: tuple[Finding, ...]
+    rounds: tuple[Round, ...]
+    fitted: FinalFit
+    final: Calibration
+    confirmation: Confirmation | None
+    standard_model: tuple[Effect, ...]
+    seconds: float
+    stopped: str
+    parts: tuple["Discovery", ...] = ()
+
+    @property
+    def folds(self) -> int:
+        """How many parts of the poses were held out in turn; 0 where one is for good."""
+        return len(self.parts)
+
+    def step(self, number: int) -> Step:
+        """A step of the ladder; of fewer the last stands for further ones."""
+        return self.steps[min(number, len(self.steps) - 1)]
+
+    @property
+    def found(self) -> Calibration:
+        """The model with all findings, fitted to all poses."""
+        return self.fitted.calibration
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the held-out poses bear out all that was added; nothing added is nothing to doubt."""
+        return self.confirmation is None or self.confirmation.passed
+
+
+Division = tuple[Poses, IntArray, IntArray]
+"""Poses, and which of them train and are held out."""
+
+
+def usable_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> Division:
+    """The rows that a search may use. Raises InputError where no held-out pose is of a set-up and tool trained on."""
+    poses, train, heldout = drop_duplicate_rows(poses, train, heldout, say)
+    if not len(heldout):
+        return poses, train, heldout
+    data = poses.dataset
+    known = heldout[known_rows(data.subset(train), data.subset(heldout))]
+    if not len(known):
+        raise InputError(
+            f"{data.source}: every held-out pose is of a set-up or tool that no training pose is of; expected groups "
+            "of poses that lie within set-ups and tools, or another share to hold out"
+        )
+    if len(known) == len(heldout):
+        return poses, train, heldout
+    say(f"{len(heldout) - len(known)} held-out poses are of a set-up or tool that no training pose is of: left out")
+    return _only(poses, train, known)
+
+
+def drop_duplicate_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> Division:
+    """The poses without rows that copy another, which would count twice, and the rows again."""
+    copied = copies(poses.dataset)
+    if not copied.any():
+        return poses, train, heldout
+    say(f"{copied.sum()} rows copy the measurement of another to the last digit: left out")
+    return _only(poses, train[~copied[train]], heldout[~copied[heldout]])
+
+
+def evenly(poses: Poses, rows: IntArray, size: int) -> IntArray:
+    """About `size` of rows (R,): of every stretch of poses one, drawn at random, with its repeats. All of them where a
+    third or less would be left out: what is seen on all is worth more than that time.
+
+    Every k-th pose would be of one value of a joint where a programme steps through a grid.
+    """
+    if 2 * len(rows) <= 3 * size:
+        return rows
+    bundle = sharing(poses.subset(rows).dataset)
+    count = int(bundle.max()) + 1
+    stretch = np.arange(count) * size // len(rows)
+    drawn = np.lexsort((np.random.default_rng(JUDGED).random(count), stretch))
+    return rows[np.isin(bundle, drawn[np.unique(stretch, return_index=True)[1]])]
+
+
+def _only(poses: Poses, train: IntArray, heldout: IntArray) -> Division:
+    """The poses of some rows, and these again."""
+    kept = np.sort(np.concatenate([train, heldout]))
+    return poses.subset(kept), np.searchsorted(kept, train), np.searchsorted(kept, heldout)
 
 
 class Journal(KeptRuns):

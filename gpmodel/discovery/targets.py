@@ -1,6 +1,6 @@
-"""The residual as genetic programming sees it: the sensitivity, the model's columns and the pull at every site."""
+"""Read a residual at every site, and the inputs that a formula may read there."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,9 +8,14 @@ from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.evidence.residual import Residual
+from gpmodel.evolution.kinds import ANGLE, NUMBER, SHORT, SHORT_RANGE
+from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.projection import Targets
 from gpmodel.formula.expression import ONE
+from gpmodel.model.memory import read_by
 from gpmodel.model.sites import Site
+from gpmodel.model.states import States
+from gpmodel.table.units import is_time
 
 
 def targets(residual: Residual, sites: Sequence[Site], rows: IntArray) -> Targets:
@@ -50,3 +55,76 @@ def _compact(cross: Array) -> Array:
     """Rows (min(K, N), N) with the same BᵀB as `cross` (K, N)."""
     few = len(cross) <= cross.shape[1]
     return cross if few else linalg.qr(cross, mode="r", check_finite=False)[0][: cross.shape[1]]
+
+
+KINDS = {"m": "length", "Nm": "torque", "N": "force", "degC": "temperature", "K": "temperature", "s": "time"}
+"""What a column is a measure of, by its unit; other units are kinds of their own."""
+
+ALIKE = 1e-4
+"""Share of a load's variance that a length may leave of it and still say the same: a hundredth of its spread, as a
+wrist's weight makes of what a carriage does."""
+
+
+def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str, str]]:
+    """Columns worth offering to the GP, scaled to order one, and how each is written in terms of the table's.
+
+    Joint reactions other than torques stay out (the torques and the base's moments span them); so do constant columns,
+    and loads that are in proportion to a length or to the payload, as on linear axes: these say the same more plainly;
+    of lengths in proportion to each other the first alone, the travel of a joint before the height it lifts the tool
+    to. The number of the row stays out where a clock runs with it: another table has other rows, and the same clock.
+    """
+    names, values, written = [], [], {}
+    clocks = [column for name, column in states.columns.items() if is_time(states.units[name])]
+    lengths = [name for name in states.columns if states.units[name] == "m"]
+    masses = [name for name in states.columns if states.units[name] == "kg"]
+    torques = {f"torque_{name}" for name in states.columns}
+    reactions = states.loads - torques - {"moment_base_x", "moment_base_y"}
+    for name, column in states.columns.items():
+        if name in reactions:
+            continue
+        spread, largest = float(np.ptp(column)), float(np.max(np.abs(column)))
+        if spread < 1e-9 * max(largest, 1.0):
+            continue
+        if name == "row" and any(_in_step(column, clock) for clock in clocks):
+            continue
+        unit = states.units[name]
+        plainer = [length for length in lengths if length in names] if unit == "m" else [*lengths, *masses]
+        if unit in ("Nm", "N", "m") and any(in_proportion(column, states[other]) for other in plainer):
+            continue
+        if unit in ("rad", "m"):
+            offset, scale = 0.0, 1.0
+        elif unit in ("Nm", "N"):
+            offset, scale = 0.0, float(f"{largest:.3g}")
+        else:
+            mean, deviation = float(column.mean()), max(float(column.std()), 1e-12)
+            digits = 4 + max(0, int(np.log10(max(abs(mean) / deviation, 1.0))) - 1)
+            offset, scale = float(f"{mean:.{digits}g}"), float(f"{deviation:.3g}")
+        names.append(name)
+        values.append((column[rows] - offset) / scale)
+        shifted = f"({name} - {offset!r})" if offset else name
+        written[name] = shifted if scale == 1.0 else f"({shifted}/{scale!r})"
+    kinds = tuple(kind_of(name, states) for name in names)
+    return Inputs(tuple(names), np.array(values), kinds), written
+
+
+def _in_step(row: Array, clock: Array) -> bool:
+    """Whether a clock (N,) never falls along the rows (N,), and tells them apart."""
+    along = clock[np.argsort(row, kind="stable")]
+    return bool(np.all(np.diff(along) >= 0) and along[0] < along[-1])
+
+
+def in_proportion(first: Array, second: Array) -> bool:
+    """Whether two columns (N,) are one but for origin, scale, and ``ALIKE`` of their variance."""
+    first, second = (column - column.mean() for column in (first, second))
+    return bool((first @ second) ** 2 > (1.0 - ALIKE) * (first @ first) * (second @ second) > 0)
+
+
+def kind_of(name: str, states: States) -> str:
+    """What a column is a measure of; what the rows before leave of an angle is a travel, which has no period."""
+    unit = states.units[name]
+    if name == "row":
+        return "row"
+    if unit == "rad":
+        short = float(np.ptp(states[name])) < SHORT_RANGE
+        return "travel" if read_by(name) else SHORT if short else ANGLE
+    return NUMBER if unit == "1" else KINDS.get(unit, unit)

@@ -9,7 +9,7 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import paired_t
-from gpmodel.evidence.units import independent_units
+from gpmodel.evidence.residual import independent_units
 from gpmodel.model.error_model import Poses
 from gpmodel.numerics.outliers import outlier_limit
 

@@ -14,8 +14,7 @@ from gpmodel.discovery.search import Search
 from gpmodel.evidence.confirmation import paired
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.dependence import reads_a_clock
-from gpmodel.evidence.residual import Residual, residual_of
-from gpmodel.evidence.units import independent_units
+from gpmodel.evidence.residual import Residual, independent_units, residual_of
 from gpmodel.executor import Workers
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates

@@ -15,8 +15,8 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import cross_validated, paired_t
-from gpmodel.evidence.gain import best, fitted, with_own_noise
 from gpmodel.evidence.residual import Residual
+from gpmodel.evidence.score import best, fitted, with_own_noise
 from gpmodel.evolution.chance import chance
 from gpmodel.families.candidate import Candidate
 from gpmodel.selection.group import Group, Shapes, group_of

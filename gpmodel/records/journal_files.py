@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gpmodel.discovery.result import Finding, Round
-from gpmodel.discovery.state import Journal
+from gpmodel.discovery.state import Finding, Journal, Round
 from gpmodel.evolution.runs import Number
 from gpmodel.evolution.search import Evolution
 from gpmodel.evolution.settings import Settings

@@ -12,7 +12,7 @@ import numpy as np
 
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.explore import Exploration
-from gpmodel.discovery.result import Finding, Round
+from gpmodel.discovery.state import Finding, Round
 from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Test, Verdict
 from gpmodel.evidence.score import Score

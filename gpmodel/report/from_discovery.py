@@ -12,7 +12,7 @@ from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
 from gpmodel.calibration.unobservable import unobservable_families
 from gpmodel.discovery.acceptance import Hypothesis
-from gpmodel.discovery.result import Discovery, Round
+from gpmodel.discovery.state import Discovery, Round
 from gpmodel.model.naming import names_of, translate
 from gpmodel.report import fitted, verdict
 from gpmodel.report.build import Ladder, build, orientation_record, reading_records

@@ -14,7 +14,7 @@ from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evidence.gain import best
+from gpmodel.evidence.score import best
 from gpmodel.selection.pool import GroupPool
 
 LEAST_NOISE = 1e-8

@@ -16,11 +16,9 @@ from gpmodel.forks import ALONE
 from gpmodel.model.error_model import Poses, observe
 from gpmodel.model.states import States
 from gpmodel.selection.active import Active
-from gpmodel.selection.group import Group, Shapes, geometry_groups
-from gpmodel.selection.look import Look, Screening, left_by, looked
+from gpmodel.selection.group import Group, Price, Shapes, geometry_groups
+from gpmodel.selection.look import Expansion, Look, Screening, left_by, looked
 from gpmodel.selection.offers import Offering, singles, without_copies
-from gpmodel.selection.price import Price
-from gpmodel.selection.refit import Expansion
 from gpmodel.selection.result import Offered, Selection, summarised
 from gpmodel.selection.sparse_bayes import exchange, grow
 from gpmodel.selection.surfaces import surfaces_left

@@ -17,7 +17,7 @@ from functools import reduce
 import numpy as np
 
 from gpmodel.arrays import IntArray
-from gpmodel.evidence.gain import with_own_noise
+from gpmodel.evidence.score import with_own_noise
 from gpmodel.selection.active import LEAST_NOISE, Active
 from gpmodel.selection.group import FEW
 from gpmodel.selection.scan import scan

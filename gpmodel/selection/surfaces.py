@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.evidence.gain import best, fitted, rotated, with_own_noise
+from gpmodel.evidence.score import best, fitted, rotated, with_own_noise
 from gpmodel.evolution.smooth import Sines
 from gpmodel.families.candidate import SMOOTH_TERM, Candidate
 from gpmodel.formula.expression import Expression

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from gpmodel.arrays import Array
-from gpmodel.evidence.gain import best, rotated
+from gpmodel.evidence.score import best, rotated
 from gpmodel.families.family import Family
 from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.families.offer import Offer

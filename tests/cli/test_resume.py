@@ -29,7 +29,7 @@ def expected(cell: Path) -> str:
 def interrupted(cell: Path) -> Path:
     """The folder of a search that was interrupted in its first round, beside its table."""
     out = cell.parent / "interrupted"
-    with mock.patch("gpmodel.discovery.round.choose", side_effect=KeyboardInterrupt), small():
+    with mock.patch("gpmodel.discovery.loop.choose", side_effect=KeyboardInterrupt), small():
         stopped = run("discover", cell, "--mechanism", "irb6400r", *OPTIONS, "--out", out)
     assert stopped.exit_code == 130
     last = stopped.stderr.splitlines()[-1]

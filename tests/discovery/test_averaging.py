@@ -6,7 +6,7 @@ from effect_cases import bare, measure, mechanism, sized
 
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery import acceptance
-from gpmodel.discovery.averaging import averaged, probabilities, spread_by_rivals
+from gpmodel.discovery.judge import averaged, probabilities, spread_by_rivals
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import cross_validated
 from gpmodel.evidence.residual import residual_of

@@ -8,8 +8,8 @@ import pytest
 from effect_cases import MECHANISMS, bare, mechanism
 from loop_cases import found, quick
 
-from gpmodel.discovery.readable import readable_inputs
 from gpmodel.discovery.search import Search
+from gpmodel.discovery.targets import readable_inputs
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression

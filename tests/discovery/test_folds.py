@@ -14,8 +14,8 @@ from gpmodel.arrays import IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
 from gpmodel.discovery.folds import discover_by_folds
-from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.search import Search
+from gpmodel.discovery.state import Discovery
 from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.model.error_model import ErrorModel, Poses

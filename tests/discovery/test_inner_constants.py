@@ -8,7 +8,7 @@ from effect_cases import bare, measure
 
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.inner_constants import inner_changes, moved
+from gpmodel.discovery.refinement import inner_changes, moved
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import law_name, remembered
 from gpmodel.formula.expression import Expression

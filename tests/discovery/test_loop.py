@@ -20,7 +20,7 @@ from loop_cases import (
 
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
-from gpmodel.discovery import round as a_round
+from gpmodel.discovery import loop as a_round
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria

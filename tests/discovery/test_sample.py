@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gpmodel.discovery.loop import discover
-from gpmodel.discovery.rows import evenly
 from gpmodel.discovery.search import Search
+from gpmodel.discovery.state import evenly
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import Poses, prepare

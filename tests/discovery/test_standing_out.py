@@ -8,9 +8,8 @@ import pytest
 from effect_cases import bare, measure, mechanism
 
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.discovery.formulas import formulas
+from gpmodel.discovery.formulas import doubtful, explained, formulas, taken_as_measured
 from gpmodel.discovery.search import Search
-from gpmodel.discovery.standing_out import doubtful, explained, taken_as_measured
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import scores

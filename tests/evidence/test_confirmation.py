@@ -13,9 +13,8 @@ from gpmodel.discovery.loop import discover
 from gpmodel.errors import InputError
 from gpmodel.evidence.confirmation import confirmation
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evidence.residual import Residual, residual_of
+from gpmodel.evidence.residual import Residual, exchangeable, independent_units, residual_of
 from gpmodel.evidence.score import best_nats, scores
-from gpmodel.evidence.units import exchangeable, independent_units
 from gpmodel.evolution.chance import chance
 from gpmodel.families.catalogue import candidates
 from gpmodel.model.error_model import ErrorModel, Poses, prepare

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gpmodel.arrays import Array
-from gpmodel.evidence.gain import best
+from gpmodel.evidence.score import best
 
 
 def gain(variance: Array, s: Array, q: Array) -> Array:

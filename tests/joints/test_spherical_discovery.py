@@ -9,8 +9,8 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
 from gpmodel.calibration.unobservable import unobservable_families
 from gpmodel.discovery.loop import discover
-from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.search import Search
+from gpmodel.discovery.state import Discovery
 from gpmodel.evolution.linear import Linear
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects

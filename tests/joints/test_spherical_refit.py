@@ -10,8 +10,8 @@ from gpmodel.discovery.search import Search
 from gpmodel.families.catalogue import catalogue
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
+from gpmodel.selection.look import far_out
 from gpmodel.selection.offers import Offering, of_offers
-from gpmodel.selection.refit import far_out
 from gpmodel.selection.select import select
 from gpmodel.table.split import hold_out
 

@@ -12,7 +12,7 @@ from loop_cases import QUICK, found, quick, robot
 
 from gpmodel import texts
 from gpmodel.discovery.loop import discover
-from gpmodel.discovery.result import Discovery
+from gpmodel.discovery.state import Discovery
 from gpmodel.errors import InputError
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import Inputs, SlotProblem

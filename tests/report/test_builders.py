@@ -8,8 +8,8 @@ from loop_cases import QUICK, found, quick, rms, robot
 from report_runs import calibrated, discovered, evolved, quickly
 
 from gpmodel.discovery.loop import discover
-from gpmodel.discovery.result import Discovery
 from gpmodel.discovery.search import Search
+from gpmodel.discovery.state import Discovery
 from gpmodel.model.error_model import prepare
 from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.iso9283 import repeatability

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from group_cases import bars, problem
 
-from gpmodel.evidence.gain import best
-from gpmodel.selection.by_chance import permuted, with_the_best
+from gpmodel.evidence.score import best
+from gpmodel.selection.result import permuted, with_the_best
 from gpmodel.selection.sparse_bayes import reestimate
 from gpmodel.table.bundles import bundles
 

@@ -13,7 +13,7 @@ from scipy import linalg, stats
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.noise import Whitening
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evidence.gain import with_own_noise
+from gpmodel.evidence.score import with_own_noise
 from gpmodel.families import catalogue
 from gpmodel.families.catalogue import explained
 from gpmodel.formula.expression import Expression
@@ -21,9 +21,8 @@ from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.selection.active import Active
-from gpmodel.selection.group import Shapes
+from gpmodel.selection.group import Price, Shapes
 from gpmodel.selection.offers import Offering
-from gpmodel.selection.price import Price
 from gpmodel.selection.result import Selection
 from gpmodel.selection.scan import Replacements, scan
 from gpmodel.selection.select import select

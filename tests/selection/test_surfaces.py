@@ -10,16 +10,15 @@ from group_cases import ARM, offering, problem
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evidence.gain import best, rotated
+from gpmodel.evidence.score import best, rotated
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import Site, geometric_effects, sites_of
 from gpmodel.selection.active import Active
-from gpmodel.selection.group import CAP
+from gpmodel.selection.group import CAP, Price
 from gpmodel.selection.offers import Offering
 from gpmodel.selection.pool import GroupPool
-from gpmodel.selection.price import Price
 from gpmodel.selection.scan import scan
 from gpmodel.selection.select import select
 from gpmodel.selection.surfaces import FreeFunction, Places, Sines

@@ -15,10 +15,9 @@ from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.selection.active import Active
-from gpmodel.selection.group import group_of
+from gpmodel.selection.group import Price, group_of
 from gpmodel.selection.offers import Offering
 from gpmodel.selection.pool import GroupPool
-from gpmodel.selection.price import Price
 from gpmodel.selection.scan import scan
 from gpmodel.selection.select import select
 from gpmodel.selection.waves import grids_of, most_by_chance, spectrum
