@@ -131,9 +131,11 @@ def mechanism_options(*, required: bool = True) -> Callable[[Command], Command]:
             **rest: object,
         ) -> object:  # fmt: skip
             said = {"frame": frame, "payload": payload, "payload_com": payload_com}
-            if not mechanism and (alone := next((name for name, value in said.items() if value is not None), None)):
+            if mechanism is None and (alone := next((name for name, value in said.items() if value is not None), None)):
                 raise InputError("belongs to a mechanism; expected --mechanism M beside it", alone)
-            loaded = mechanism and load_mechanism(mechanism, payload, frame=frame, payload_com=payload_com)
+            loaded = None if mechanism is None else load_mechanism(
+                mechanism, payload, frame=frame, payload_com=payload_com
+            )
             return command(*args, mechanism=loaded, **rest)
 
         for name, metavar, text in reversed(MECHANISM):

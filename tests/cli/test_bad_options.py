@@ -64,3 +64,9 @@ def test_the_line_opens_with_the_name_of_the_option(option: str, tmp_path: Path)
     mechanism = () if option == "--mechanism" else ("--mechanism", "irb6400r")
     out = () if command == "check" else ("--out", tmp_path / "out")
     assert one_line(run(command, path, *mechanism, *out, *options), 2).startswith(f"gpmodel: {option}: ")
+
+
+@pytest.mark.parametrize("command", ["check", "discover", "evolve", "fleet"])
+def test_an_empty_mechanism_is_unknown(command: str, tmp_path: Path) -> None:
+    path = write(GOOD, tmp_path / "measured.csv")
+    assert "'' is unknown" in one_line(run(command, path, "--mechanism", ""), 2)
