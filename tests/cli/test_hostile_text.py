@@ -13,7 +13,10 @@ import pytest
 from cli_cases import robot, run, table, write
 
 from gpmodel.api.calibrate import calibrate
+from gpmodel.api.model import load_model
 from gpmodel.api.results import write_numbers
+from gpmodel.api.saved import load_result
+from gpmodel.errors import InputError
 from gpmodel.texts import SEAL, seal
 
 ARM = (files("robots") / "data" / "irb6400r.toml").read_text(encoding="utf-8")
@@ -133,32 +136,45 @@ def texts_in(value: Any, place: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...
 
 
 def in_json(name: str) -> Callable[[str, Path], list[list[object]]]:
-    """Every text of a sealed model.json, or of report.json, one after the other."""
+    """Every text of a sealed model.json, or of report.json: one after the other, and all that can be read at once."""
+
+    def written(content: dict[str, Any], own: Path) -> bool:
+        """Whether what is written can be read."""
+        own.mkdir()
+        saved(own)
+        changed = content | {SEAL: seal(content)} if name == "model.json" else content
+        (own / name).write_text(json.dumps(changed), encoding="utf-8")
+        if name == "model.json":
+            (own / "report.json").unlink()
+        try:
+            load_model(own) if name == "model.json" else load_result(own)
+        except InputError:
+            return False
+        return True
 
     def make(text: str, folder: Path) -> list[list[object]]:
-        data = write(table(6), folder / "t.csv")
-        commands: list[list[object]] = []
+        data, every = write(table(6), folder / "t.csv"), folder / "every"
         saved(folder)
-        content = json.loads(KNOWN[name])
-        for number, place in enumerate(texts_in(content)):
-            changed = json.loads(KNOWN[name])
-            inner = changed
-            for key in place[:-1]:
-                inner = inner[key]
-            inner[place[-1]] = text
-            own = folder / f"{name}{number}"
-            own.mkdir()
-            saved(own)
-            changed = changed | {SEAL: seal(changed)} if name == "model.json" else changed
-            (own / name).write_text(json.dumps(changed), encoding="utf-8")
-            if name == "model.json":
-                (own / "report.json").unlink()
-                commands += [["predict", own / MODEL, data], ["export", own, "--nodes", 2, "--out", own / "out"]]
-            else:
-                commands += [["explain", own, 1], ["compare", own, folder], ["certificate", own], ["report", own]]
-        return commands
+        commands, together = list[list[object]](), json.loads(KNOWN[name])
+        for number, place in enumerate(texts_in(json.loads(KNOWN[name]))):
+            own, changed = folder / f"{name}{number}", json.loads(KNOWN[name])
+            put(changed, place, text)
+            if written(changed, own):
+                put(together, place, text)
+            commands.append(["predict", own / MODEL, data] if name == "model.json" else ["explain", own, 1])
+        assert written(together, every)
+        if name == "model.json":
+            return [*commands, ["export", every, "--nodes", 2, "--out", every / "out"], ["verify", every, data]]
+        return [*commands, ["compare", every, folder], ["certificate", every], ["report", every]]
 
     return make
+
+
+def put(content: Any, place: tuple[Any, ...], text: str) -> None:
+    """The text at a place of JSON content."""
+    for key in place[:-1]:
+        content = content[key]
+    content[place[-1]] = text
 
 
 def in_particulars(text: str, folder: Path) -> list[list[object]]:
