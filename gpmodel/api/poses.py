@@ -131,16 +131,16 @@ def choose_poses(
         raise InputError("missing, expected a mechanism, or a result to go on after", "mechanism")
     arm = mechanism_of(mechanism) if model is None else model.mechanism
     reach = Reach(_box(above, box), _tool(tool_point, model), _sight(instrument, normal, cone), collisions)
+    spread_of = quantity(noise, "length", "noise", positive=True, most=NOISIEST)
+    number = None if rejected is None else _rejected(rejected, criterion)
+    kind = None if criterion is None else among(criterion, BEFORE if model is None else AFTER, "criterion")
     tell(f"{wanted} poses of {arm.name}", passing=True)
     pool = pool_of(arm, wanted, rng, reach)
     if model is None:
-        word = among("spread" if criterion is None else criterion, BEFORE, "criterion")
-        spread_of = quantity(noise, "length", "noise", positive=True, most=NOISIEST)
-        asked = _before(arm, pool, wanted, ALIASES.get(word, word), spread_of)
-    elif rejected is not None:
-        asked = of_rejected(model.saved, record, pool, _rejected(rejected, criterion), rng)
+        asked = _before(arm, pool, wanted, ALIASES.get(kind or "spread", kind or "spread"), spread_of)
+    elif number is not None:
+        asked = of_rejected(model.saved, record, pool, number, rng)
     else:
-        kind = None if criterion is None else among(criterion, AFTER, "criterion")
         asked = next_questions(model.saved, record, pool, kind, rng)
     order = spread_among(arm, pool, wanted, asked.taken) if not asked.choose else choose_for_all(asked.choose, wanted)
     tell("what no choice could do better than", passing=True)

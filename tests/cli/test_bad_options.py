@@ -70,3 +70,9 @@ def test_the_line_opens_with_the_name_of_the_option(option: str, tmp_path: Path)
 def test_an_empty_mechanism_is_unknown(command: str, tmp_path: Path) -> None:
     path = write(GOOD, tmp_path / "measured.csv")
     assert "'' is unknown" in one_line(run(command, path, "--mechanism", ""), 2)
+
+
+def test_poses_says_nothing_before_it_refuses() -> None:
+    assert one_line(run("poses", "--mechanism", "irb6400r", "-n", 3, "--noise", "nan"), 2).startswith(
+        "gpmodel: --noise"
+    )
