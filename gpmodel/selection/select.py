@@ -92,8 +92,9 @@ def nothing_selected(
 def _among(before: Selection, groups: Sequence[Group], new: Sequence[Group], step: Step) -> Selection:
     """Take a step from where a selection ended, among its groups and new ones. Every group may come and go."""
     offered = before.offered
-    unique = {group.name: group for group in (*groups, *offered.proposed, *new)}
-    proposed = without_copies(group for name, group in unique.items() if name not in {g.name for g in groups})
+    known = {group.name for group in groups}
+    unique = {group.name: group for group in (*offered.proposed, *new) if group.name not in known}
+    proposed = without_copies(unique.values())
     offered = replace(offered, single=tuple(groups), proposed=tuple(proposed))
     mechanism = before.state.fitting.model.mechanism
     return summarised(offered, looked(offered.screening, offered.groups(mechanism), before.state, step))
