@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -179,3 +180,50 @@ def test_an_input_that_programs_refer_to_makes_what_reads_it_cheaper() -> None:
     ):
         group = active.pool.groups[number[name]]
         assert dear.to_enter(group) - Price().to_enter(group) == pytest.approx(nats)
+
+
+def test_a_kind_at_several_joints_is_described_once_in_whatever_order_it_comes() -> None:
+    """Further joints of a kind pay for which joint they are; alone a group pays all."""
+    arm = mechanism(ARM)
+    truth = measure(ARM, [effect_at("true", "J3.moving", "Ry", Expression("J3"))], [1e-3], 5)
+    groups = offered(Offering(STANDING), arm, Shapes(truth.poses.states))
+    active, number = started(truth, groups)
+    kind = [number[f"joint compliance, {joint}"] for joint in ("J2", "J3", "J5")]
+    other = number["error curve of the angle, J1"]
+    (block,) = (g for g in groups if g.name == "joint compliance, several joints")
+    saved = active.pool.groups[kind[0]].cost - np.log(len(block.parts))
+    assert saved > 0.0
+
+    def paid(*selected: int) -> float:
+        model = active
+        for g in selected:
+            model = model.added(g, 1e-8)
+        return model.evidence - model.objective
+
+    alone = {g: paid(g) for g in (*kind, other)}
+    assert alone == {g: active.pool.price[g] for g in (*kind, other)}
+    for order in permutations(kind):
+        assert paid(*order) == pytest.approx(sum(alone[g] for g in kind) - 2 * saved)
+        assert active.added(order[0], 1e-8).prices[order[1]] == pytest.approx(alone[order[1]] - saved)
+    assert paid(kind[0], other) == pytest.approx(alone[kind[0]] + alone[other])
+
+
+def test_many_unknowns_give_way_to_plain_effects_though_others_of_many_explain_more_one_by_one() -> None:
+    """A wave of J2 and one of J5, beside three groups of many unknowns that have nearly both of them each."""
+    both = "sin(J2) + sin(3*J5)"
+    truth = measure(ARM, [effect_at("true", "J3.moving", "Ry", Expression(both))], [1e-3], 5)
+    shapes = Shapes(truth.poses.states)
+
+    def group(name: str, cost: float, *bases: str) -> Group:
+        effects = [effect_at(f"{name} {b}", "J3.moving", "Ry", Expression(b)) for b in bases]
+        made = group_of(Candidate(name, tuple(effects), "known", cost), shapes)
+        assert made is not None
+        return made
+
+    many = [
+        group(f"many {k}", 14.0, f"{both} + {k / 50}*sin(J4)", f"cos({k + 2}*J6)", f"sin({k + 2}*J4)")
+        for k in (0, 1, 2)
+    ]
+    active, number = started(truth, [*many, group("one", 4.0, "sin(J2)"), group("other", 4.0, "sin(3*J5)")])
+    plain = exchange(reestimate(active.added(number["many 0"], 1e-7)))
+    assert {plain.pool.groups[g].name for g in plain.found} == {"one", "other"}
