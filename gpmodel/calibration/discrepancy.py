@@ -15,7 +15,7 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.linearise import Linearised, effect_columns
 from gpmodel.calibration.result import Calibration, problem_at
-from gpmodel.model.error_model import Poses
+from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank
 from gpmodel.table.bundles import sharing
@@ -28,6 +28,8 @@ LENGTHS = (0.3, 0.08)
 """Correlation lengths of an unknown function in ranges of a joint: those of one period over the range, and of four."""
 ORDER = 4
 """Joints that an unknown function reads at most; with two, one more robot in a hundred lies outside two sigma."""
+MOST_ROWS = 400
+"""Readings that unknown functions are estimated from, drawn evenly along the rows."""
 RATIOS = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 41)])
 """Values of γ that are tried: below a hundredth the discrepancy is a tenth of the noise and moves no σ."""
 
@@ -50,15 +52,42 @@ def noise_within(fit: Calibration, poses: Poses) -> float:
     rest = np.linalg.qr(fitted, mode="complete")[0][:, fitted.shape[1] :]
     if rest.shape[1] < FEWEST:
         return fit.sigma
-    values, vectors = np.linalg.eigh(rest.T @ _kernel(fit, ours, problem) @ rest)
-    squares = (vectors.T @ (rest.T @ problem.residual[point])) ** 2
-    scaled = 1.0 + RATIOS[:, None] * np.maximum(values, 0.0)
-    variance = np.mean(squares / scaled, axis=1)
-    likelihood = -0.5 * (len(squares) * np.log(variance) + np.log(scaled).sum(axis=1))
-    best = int(np.argmax(likelihood))
-    odds = np.exp(likelihood[best] - likelihood[0] - 1.0)
+    variance, odds, best = _restricted(rest, _kernel(fit, ours, problem), problem.residual[point])
     share = variance[best] / variance[0]
     return float(fit.sigma * np.sqrt(min(1.0, (1.0 + odds * share) / (1.0 + odds))))
+
+
+def undeclared(problem: Linearised, model: ErrorModel, fitted: Array) -> float:
+    """Estimate γ, m and rad: the standard deviation of an unknown smooth function at each axis, zero without evidence.
+
+    fitted: (M, K) orthonormal columns that take up a part of the readings. γ² is averaged like the variance of the
+    noise.
+    """
+    rows = np.linspace(0, len(problem.residual) - 1, min(len(problem.residual), MOST_ROWS)).astype(int)
+    taken = rank.orthonormal(fitted[rows])
+    rest = np.linalg.qr(taken, mode="complete")[0][:, taken.shape[1] :]
+    if rest.shape[1] < FEWEST:
+        return 0.0
+    columns = problem.effect_rows(geometric_effects(model.mechanism), model)[rows]
+    poses, pose = np.unique(problem.pose_of_row[rows], return_inverse=True)
+    kernel = (columns @ columns.T) * _alike(problem.poses.dataset.q[poses])[np.ix_(pose, pose)]
+    size = np.trace(kernel) / len(kernel)
+    variance, odds, best = _restricted(rest, kernel / size, problem.residual[rows])
+    return float(np.sqrt(odds / (1.0 + odds) * variance[best] * RATIOS[best] / size))
+
+
+def _restricted(rest: Array, kernel: Array, residual: Array) -> tuple[Array, float, int]:
+    """The variance of the noise at each of RATIOS, and the likeliest with its odds against none.
+
+    rest: (M, R) orthonormal, what a fit leaves of the rows. kernel: (M, M) of mean variance one. residual: (M,).
+    """
+    values, vectors = np.linalg.eigh(rest.T @ kernel @ rest)
+    squares = (vectors.T @ (rest.T @ residual)) ** 2
+    scaled = 1.0 + RATIOS[:, None] * np.maximum(values, 0.0)
+    variance = np.mean(squares / scaled, axis=1) + np.finfo(float).tiny
+    likelihood = -0.5 * (len(squares) * np.log(variance) + np.log(scaled).sum(axis=1))
+    best = int(np.argmax(likelihood))
+    return variance, float(np.exp(min(likelihood[best] - likelihood[0] - 1.0, 700.0))), best
 
 
 def _independent(fit: Calibration, poses: Poses) -> IntArray:
@@ -71,18 +100,19 @@ def _independent(fit: Calibration, poses: Poses) -> IntArray:
 
 
 def _kernel(fit: Calibration, poses: Poses, problem: Linearised) -> Array:
-    """K (3N, 3N) of mean variance one: Σ over axes of c cᵀ, each block times the correlation of two poses.
-
-    The correlation is a sum over joints of exp(-d²/2) and its powers up to ORDER, with their products of joints.
-    """
+    """K (3N, 3N) of mean variance one: Σ over axes of c cᵀ, each block times the correlation of two poses."""
     effects = geometric_effects(fit.model.mechanism)
     columns = effect_columns(effects, fit.model, poses, problem.observed)[:, :3].reshape(-1, len(effects))
     size = np.linalg.norm(columns, axis=0)
     columns = columns[:, size > 0] / size[size > 0]
-    q = poses.dataset.q
+    kernel = (columns @ columns.T) * np.kron(_alike(poses.dataset.q), np.ones((3, 3)))
+    return np.asarray(kernel * len(kernel) / np.trace(kernel))
+
+
+def _alike(q: Array) -> Array:
+    """Correlation (N, N) of an unknown function at two poses: the mean over joints of exp(-d²/2) and its powers up to
+    ORDER, with their products of joints."""
     span = np.ptp(q, axis=0)
     gaps = (q[:, None] - q[None])[:, :, span > 0] / span[span > 0]
-    alike = np.mean([np.exp(-0.5 * (gaps / length) ** 2).mean(axis=2) for length in LENGTHS], axis=0)
-    powers = np.sum([alike**power for power in range(1, ORDER + 1)], axis=0)
-    kernel = (columns @ columns.T) * np.kron(powers, np.ones((3, 3)))
-    return np.asarray(kernel * len(kernel) / np.trace(kernel))
+    near = np.mean([np.exp(-0.5 * (gaps / length) ** 2).mean(axis=2) for length in LENGTHS], axis=0)
+    return np.asarray(np.mean([near**power for power in range(1, ORDER + 1)], axis=0))

@@ -175,7 +175,7 @@ def _better(
     theta, placement = origin
     free = fitted.problem.left is not None
     start = fitting.at(theta, placement) if free else fitting.beside(fitted.problem, theta, placement)
-    weighed = linear_step(fitting.model, start, theta, placement, choices.kept, None)
+    weighed = linear_step(fitting.model, fitted.problem, fitted.theta, fitted.placement, choices.kept, None)
     before = fitting.cost(start, theta, placement, weighed)
     after = fitting.cost(fitted.problem, fitted.theta, fitted.placement, weighed)
     if after <= (1.0 + ROUNDING) * before:

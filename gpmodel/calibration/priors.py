@@ -5,8 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.calibration.discrepancy import undeclared
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.size import size_hidden, spread, standing_for
+from gpmodel.calibration.region import covered
+from gpmodel.calibration.size import MOST, TOLERANCE, relative, size_hidden, spread, standing_for
 from gpmodel.model.error_model import ErrorModel, Placement
 from gpmodel.numerics import rank as ident
 
@@ -43,39 +45,66 @@ def of_the_description(model: ErrorModel) -> Mask:
     return np.array([e.constant and e.prior == np.inf for e in model.effects], dtype=bool)
 
 
-def geometry_rows(
-    model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, kept: Mask
-) -> tuple[Array, Array]:
-    """The same for the geometry, θ σ / reach = 0.
+@dataclass(frozen=True)
+class OfGeometry:
+    """What is believed of the H held constants of a description, which appear to be off by reach, rms.
 
-    Where no reading shows size also those constants are believed that others stand for: what is held, θ = A θ_all, has
-    the covariance reach² A Aᵀ, so that the fit is the one nearest to the description whichever are held.
+    rows: (H, H) whose sum of squares is that of all constants over what they appear to be off, times σ². reserve:
+    (H, H) or (0, H), further rows: of what they appear to be, a share is theirs. elsewhere: (H, H) covariance of the
+    rest, which at other poses is another. varying: γ of undeclared effects, m and rad.
     """
-    at = np.flatnonzero(kept & of_the_description(model))
-    rows = np.zeros((len(at), problem.columns.shape[1]))
-    if len(at) and size_hidden(problem):
-        weights = _nearest(model, theta, problem, placement, at)
-    else:
+
+    rows: Array
+    reserve: Array
+    share: float = 1.0
+    elsewhere: Array | float = 0.0
+    varying: float = 0.0
+
+
+LIKE_CONSTANTS = 7.0
+"""Times that the part of undeclared effects that looks like constants in a region is the part that shows. Of an arm
+that yields and has oval gears: with half of it touches leave the arm worse outside their region than its description
+does, with twice as much hardly any constant is calibrated there."""
+LEAST_SHARE = 0.05
+"""Of what constants appear to be off that is believed at least."""
+
+
+def geometry_prior(
+    model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray
+) -> OfGeometry:
+    """Rows for the held constants `at` (H,), m.
+
+    In an instrument's frame each is within GEOMETRY_REACH. Where no reading is, also those constants are believed that
+    others stand for: what is held, θ = A θ_all, has the covariance reach² A Aᵀ, so that the fit is the one nearest to
+    the description whichever are held; of what no reading shows TOLERANCE is the most.
+
+    There, undeclared effects look like constants, and like others where nothing was read. With γ what they vary by and
+    c the share of the workspace that is covered, the share α = 1 - (1 - c) (LIKE_CONSTANTS γ / reach)² of the estimate
+    is kept, the posterior mean of N(0, α reach²).
+    """
+    if not (len(at) and relative(problem)):
         weights = np.diag(np.full(len(at), residual_sigma(problem) / GEOMETRY_REACH))
-    rows[:, problem.placement + at] = weights
-    return rows, -weights @ theta[at]
-
-
-def _nearest(model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray) -> Array:
-    """Rows (H, H) of the held constants `at` (H,) whose sum of squares is that of all constants over their reach.
-
-    How far that is, all but growth says, whose column is the residual itself: a machine that shrinks to a point would
-    explain whatever is left.
-    """
+        return OfGeometry(weights, weights[:0])
     others = np.setdiff1d(np.flatnonzero(of_the_description(model)), at)
     stands, growth = standing_for(model, problem, placement, at, others)
     parts = np.hstack([np.eye(len(at)), stands])
     lower = np.linalg.cholesky(parts @ parts.T)
     inverse = np.linalg.inv(lower)
-    first, columns = problem.placement, problem.columns[:, problem.placement + at]
-    others_than_growth = ident.remove(ident.orthonormal((inverse @ growth)[:, None]), (columns @ lower).T).T
-    reach = spread(others_than_growth, problem.residual + columns @ theta[at], problem.columns[:, :first])
-    return inverse * residual_sigma(problem) / reach
+    placed, columns = problem.columns[:, : problem.placement], problem.columns[:, problem.placement + at]
+    shown = columns @ lower
+    if size_hidden(problem):  # a machine that shrinks to a point would explain whatever is left
+        shown = ident.remove(ident.orthonormal((inverse @ growth)[:, None]), shown.T).T
+    explained = shown, problem.residual + columns @ theta[at], placed
+    (believed, sigma, _), (reach, _, fitted) = spread(*explained, TOLERANCE), spread(*explained, MOST)
+    varying = undeclared(problem, model, fitted)
+    outside = 1.0 - covered(model.mechanism, problem.poses) if varying > 0.0 else 0.0
+    share = max(LEAST_SHARE, 1.0 - outside * (LIKE_CONSTANTS * varying / reach) ** 2)
+    rows = inverse * sigma / believed
+    reserve = rows[:0]
+    if share < 1.0:
+        left = ident.remove(ident.orthonormal(placed), columns)
+        reserve = np.sqrt(1.0 / share - 1.0) * ident.triangle(np.vstack([left, rows]))
+    return OfGeometry(rows, reserve, share, (1.0 - share) * reach**2 * lower @ lower.T, varying)
 
 
 def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
@@ -96,23 +125,39 @@ def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
 @dataclass(frozen=True)
 class Beliefs:
     """Rows (B, K) and right side (B,) of all of these. own: how many of them, the first, are of priors. single: how
-    many of one effect each. geometry: (G, E), those of the geometry, on the unknowns."""
+    many of one effect each. reserved: how many, the last, keep back what undeclared effects may be. geometry: (G, E),
+    those of the geometry, on the unknowns. share: of what constants appear to be off that is theirs. elsewhere:
+    (E, E) covariance of the rest. varying: γ of undeclared effects, m and rad."""
 
     rows: Array
     pulls: Array
     own: int
     single: int
+    reserved: int
     geometry: Array
+    share: float
+    elsewhere: Array
+    varying: float
 
 
 def beliefs(model: ErrorModel, problem: Linearised, theta: Array, placement: Placement, kept: Mask) -> Beliefs:
     """All that is believed at a point, of the `kept` effects (E,)."""
-    geometry = geometry_rows(model, theta, problem, placement, kept)
-    parts = prior_rows(model, theta, problem, kept), geometry, tool_rows(problem, placement)
-    rows, pulls = zip(*parts, strict=True)
-    own = len(pulls[0])
-    single = own + (0 if size_hidden(problem) else len(pulls[1]))
-    return Beliefs(np.vstack(rows), np.concatenate(pulls), own, single, geometry[0][:, problem.placement :])
+    at = np.flatnonzero(kept & of_the_description(model))
+    known = geometry_prior(model, theta, problem, placement, at)
+    geometry = np.zeros((len(known.rows) + len(known.reserve), len(model.effects)))
+    geometry[:, at] = np.vstack([known.rows, known.reserve])
+    on_all = np.hstack([np.zeros((len(geometry), problem.placement)), geometry])
+    pulls = -geometry @ theta
+    (prior, prior_pull), (tool, tool_pull) = prior_rows(model, theta, problem, kept), tool_rows(problem, placement)
+    own, count = len(prior), len(known.rows)
+    elsewhere = np.zeros((len(model.effects), len(model.effects)))
+    elsewhere[np.ix_(at, at)] = known.elsewhere
+    return Beliefs(
+        rows=np.vstack([prior, on_all[:count], tool, on_all[count:]]),
+        pulls=np.concatenate([prior_pull, pulls[:count], tool_pull, pulls[count:]]),
+        own=own, single=own + (0 if relative(problem) else count), reserved=len(known.reserve), geometry=geometry,
+        share=known.share, elsewhere=elsewhere, varying=known.varying,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

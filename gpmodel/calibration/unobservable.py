@@ -1,19 +1,27 @@
-"""What free joints hide: effects whose columns the approximate joint values explain as well."""
+"""What readings do not show: effects that free joints hide, and constants that stay at the description."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from gpmodel.arrays import Array
 from gpmodel.calibration.linearise import effect_columns
+from gpmodel.calibration.placing import placement_columns
+from gpmodel.calibration.priors import Beliefs, beliefs, of_the_description
+from gpmodel.calibration.region import Region, anywhere, nominal_points
 from gpmodel.calibration.result import Calibration, problem_at
-from gpmodel.calibration.size import shows_size
+from gpmodel.calibration.size import TOLERANCE, relative, shows_size
 from gpmodel.calibration.unmeasured_joints import free_joints
 from gpmodel.families import catalogue
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import Poses
+from gpmodel.model.error_model import Poses, closing, observe, prepare
 from gpmodel.model.inclination import Inclination
-from gpmodel.model.observation import Observation
+from gpmodel.model.naming import names_of, translate
+from gpmodel.model.observation import Observation, Point
 from gpmodel.model.pixel import Pixels
+from gpmodel.model.sites import geometric_effects
+from gpmodel.numerics.least_squares import root_mean_square
 
 
 def unobservable_effects(calibration: Calibration, poses: Poses, effects: Sequence[Effect]) -> tuple[bool, ...]:
@@ -39,6 +47,83 @@ def unobservable_families(calibration: Calibration, poses: Poses) -> tuple[str, 
     of_constant = unobservable_effects(calibration, poses, constant)
     names = [e.name for e, gone in zip(constant, of_constant, strict=True) if gone]
     return (*names, *(name.replace("_", " ") for name, gone in families.items() if gone))
+
+
+MOST_NAMED = 6
+"""Constants that a sentence names."""
+BELIEVED = 0.95
+"""Share of the constants' estimate from which nothing is said of the rest: it is within their standard errors."""
+
+
+def held_at_description(fit: Calibration, poses: Poses) -> Iterator[str]:
+    """One sentence each: the error inside and outside the measured region, the share of the constants' estimate that is
+    kept, and the constants that the readings do not show; none where points in an instrument's frame were read.
+
+    A constant is not shown where its standard error by the readings alone, σ / (|c| share), is above TOLERANCE.
+    """
+    problem = problem_at(fit, poses)
+    at = np.flatnonzero(fit.kept & of_the_description(fit.model))
+    if not relative(problem) or not len(at):
+        return
+    known = beliefs(fit.model, problem, fit.theta, fit.placement, fit.kept)
+    radius, inside, outside = errors_by_region(fit, poses, known)
+    yield (
+        f"expected error of a predicted point: {1e3 * inside:.2g} mm RMS within {radius:.2g} m of the middle of the "
+        f"measured points, {1e3 * outside:.2g} mm outside; the residual tells neither"
+    )
+    if known.share < BELIEVED:
+        yield (
+            "the residual follows the joint values, so effects are missing that look like constants in the measured "
+            f"region and like others outside: {100 * known.share:.0f} % of the estimate of the constants is kept; "
+            "discover names such effects"
+        )
+    weak = fit.sigma > TOLERANCE * problem.sizes[problem.placement + at] * fit.unique_share[at]
+    if weak.any():
+        called = names_of(poses.dataset)
+        names = [translate(fit.model.effects[i].name, called) for i in at[weak]]
+        more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+        lengths = np.array([fit.model.effects[i].unit == "m" for i in at])
+        yield (
+            f"these readings do not show {int((weak & lengths).sum())} of {int(lengths.sum())} lengths and "
+            f"{int((weak & ~lengths).sum())} of {int((~lengths).sum())} angles to 1 mm or 1 mrad, which stay near the "
+            f"description: {', '.join(names[:MOST_NAMED])}{more}"
+        )
+
+
+def errors_by_region(fit: Calibration, poses: Poses, known: Beliefs) -> tuple[float, float, float]:
+    """The radius of the measured region, m, and the RMS error of a predicted point, m, inside and outside of it.
+
+    Of constants that appear to be θ with covariance V, a share α is kept of an estimate that had B before measuring.
+    Inside, undeclared effects are what they were: (1 - (1 - α)²) V + (1 - α)² B. Outside they are others:
+    α² V + (1 - α²) B. Both have what varies at each axis, γ².
+    """
+    model, share = fit.model, known.share
+    drawn = anywhere(model.mechanism, poses.dataset)
+    there = prepare(model.mechanism, drawn.subset(closing(model, drawn, fit.theta)))
+    seen = observe(model, there, fit.theta, fit.placement)
+    bare = replace(seen, kinds=(Point(np.zeros((len(there), 3))),))
+    blocks, names = placement_columns(there, bare, fit.placement)
+    placement = list(fit.covariance.placement)
+    own = [k for k, name in enumerate(names) if name in placement]
+    placed = np.concatenate(blocks, axis=2)[:, :, own]
+    columns = effect_columns(model.effects, model, there, bare)
+    axes = effect_columns(geometric_effects(model.mechanism), model, there, bare)
+    varying = known.varying**2 * np.sum(axes**2, axis=(1, 2))
+    rows = [placement.index(names[k]) for k in own]
+    by_placement = _variance(placed, fit.covariance.values[np.ix_(rows, rows)]) + varying
+    constants = fit.covariance.values[len(placement) :, len(placement) :]
+    here = (2.0 / share - 1.0) * (constants - share * known.elsewhere) + (1.0 - share) * known.elsewhere
+    region = Region.of(nominal_points(model.mechanism, poses))
+    within = region.holds(nominal_points(model.mechanism, there))
+    variance = np.where(within, _variance(columns, here), _variance(columns, constants + known.elsewhere))
+    error = np.sqrt(np.maximum(variance + by_placement, 0.0))
+    inside, outside = (root_mean_square(error[part]) if part.any() else np.nan for part in (within, ~within))
+    return region.radius, inside, outside
+
+
+def _variance(columns: Array, covariance: Array) -> Array:
+    """Variance (N,), m², of a point by its columns (N, 3, K)."""
+    return np.asarray(np.einsum("nck,kl,ncl->n", columns, covariance, columns))
 
 
 def unseen(kinds: tuple[Observation, ...]) -> Iterator[str]:

@@ -89,7 +89,7 @@ def check_dataset(
     wrong += [Remark("warning", text, "too few poses") for text in _too_few_held(mechanism, poses.dataset, standard)]
     wrong += [Remark("warning", *said) for said in _poor(fit, poses)]
     warnings = [Remark("warning", text) for text in warnings_of(mechanism, poses, fit)]
-    said = notes(mechanism, poses.dataset, (bare, fit), noise_floor(data))
+    said = notes(mechanism, poses, (bare, fit), noise_floor(data))
     sampled = (f"judged on {len(rows)} of {len(data)} rows, in even stretches",) if many else ()
     return [*wrong, *warnings, *(Remark("note", text) for text in (*sampled, *said))]
 

@@ -5,10 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from gpmodel.calibration.result import Calibration
-from gpmodel.calibration.unobservable import unseen
+from gpmodel.calibration.unobservable import held_at_description, unseen
 from gpmodel.checks.counting import measured_values
 from gpmodel.mechanism.protocol import Described, Mechanism, bare_of, followers
 from gpmodel.mechanism.workspace import joint_range
+from gpmodel.model.error_model import Poses
 from gpmodel.model.observation import observations
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.bundles import different_poses
@@ -23,19 +24,21 @@ NARROW = 0.3
 
 
 def notes(
-    mechanism: Mechanism, data: Dataset, fits: tuple[Calibration, Calibration], floor: float | None
+    mechanism: Mechanism, poses: Poses, fits: tuple[Calibration, Calibration], floor: float | None
 ) -> Iterator[str]:
     """One sentence each: residuals of registration and standard model, values an unknown, loads, what was left out,
     the noise floor, and what to measure next. fits: of registration and tool, and of the standard model. floor: RMS of
     repeats, m, None without."""
-    bare, fit = fits
+    (bare, fit), data = fits, poses.dataset
     yield (
         f"registration and tool alone leave {1e3 * root_mean_square(bare.fitted_error):.4g} mm RMS, the standard model "
         f"{1e3 * root_mean_square(fit.fitted_error):.4g} mm, on the poses it is fitted to"
     )
-    poses, values = different_poses(data), measured_values(data)
-    yield f"{poses} different poses and {values} measured values for {fit.rank} unknowns: {values / fit.rank:.1f} each"
+    different, values = different_poses(data), measured_values(data)
+    each = f"{values / fit.rank:.1f} each"
+    yield f"{different} different poses and {values} measured values for {fit.rank} unknowns: {each}"
     yield _loads(mechanism, data)
+    yield from held_at_description(fit, poses)
     yield from unseen(observations(data))
     unknown = [name for name in data.ignored if split_header(name)[1] is not None]
     if texts := [n for n in data.ignored if n not in unknown and identifier(n) not in followers(mechanism)]:

@@ -11,7 +11,7 @@ from gpmodel.calibration.gauge import of_one_fold
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.priors import beliefs
 from gpmodel.calibration.result import Calibration, problem_at
-from gpmodel.calibration.size import size_hidden
+from gpmodel.calibration.size import relative
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
@@ -266,7 +266,7 @@ def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tup
     model, theta, kept = calibration.model, calibration.theta, calibration.kept
     free = problem.free(kept)
     believed = beliefs(model, problem, theta, calibration.placement, kept)
-    count = len(believed.rows) if size_hidden(problem) else believed.own
+    count = len(believed.rows) - believed.reserved if relative(problem) else believed.own
     belief, pull = believed.rows[:count], believed.pulls[:count]
     order = np.argsort(np.abs(belief).argmax(axis=1), kind="stable")
     system = np.vstack([problem.columns[:, free], belief[order][:, free]])

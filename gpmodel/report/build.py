@@ -13,7 +13,7 @@ from gpmodel.calibration.comparison import Step, Unseen
 from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.calibration.rivals import hidden_rivals
 from gpmodel.calibration.unmeasured_joints import free_joints
-from gpmodel.calibration.unobservable import unseen
+from gpmodel.calibration.unobservable import held_at_description, unseen
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, observe
 from gpmodel.model.naming import names_of, translate
@@ -138,7 +138,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
             *reading_records(poses, [[_judged(step.calibration, ladder)] for step in (steps[0], steps[-1])]),
             *orientation_record(plots, ladder.outliers),
         ),
-        unseen=tuple(unseen(observations(data))),
+        unseen=(*held_at_description(final, poses), *unseen(observations(data))),
         mimics=tuple(MimicRecord(translate(r.constant, names), translate(r.candidate.name, names)) for r in rivals),
         seconds=origin.seconds,
     )

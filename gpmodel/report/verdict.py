@@ -145,7 +145,8 @@ def of_calibration(report: Report) -> str:
         what = f"the standard model and {_count(len(report.effects))} effects"
     beside = f" and {last.step}" if last.step == PRIOR else ""
     where = f"{_where(report)}{_beside_noise(report, last.errors.rms_mm)}"
-    return f"Calibrated with {what}{beside}: {_change(report)} on {where}.{_left_out(report)}"
+    known = f" {report.unseen[0][0].upper()}{report.unseen[0][1:]}." if report.unseen else ""
+    return f"Calibrated with {what}{beside}: {_change(report)} on {where}.{_left_out(report)}{known}"
 
 
 def of_evolution(report: Report) -> str:

@@ -9,7 +9,7 @@ from effect_cases import NOISE, bare, measure, mechanism
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.iterate import STEP_TOLERANCE, Fitting, iterate
 from gpmodel.calibration.linearise import linearise
-from gpmodel.calibration.priors import GEOMETRY_REACH, geometry_rows, prior_rows, tool_rows
+from gpmodel.calibration.priors import GEOMETRY_REACH, beliefs
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import drive_effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, prepare
@@ -31,11 +31,9 @@ def test_a_fit_ends_where_a_step_on_columns_of_that_very_point_moves_nothing(har
     fit = calibrate(model, truth.poses, robust=False)
     problem = linearise(model, truth.poses, fit.theta, fit.placement, fit.rotation_weight, np.ones(60, dtype=bool))
     free = np.concatenate([np.ones(problem.placement, dtype=bool), fit.kept])
-    rows, pull = prior_rows(model, fit.theta, problem, fit.kept)
-    geometry, geometry_pull = geometry_rows(model, fit.theta, problem, fit.placement, fit.kept)
-    tool, tool_pull = tool_rows(problem, fit.placement)
-    system = np.vstack([problem.columns, rows, geometry, tool])[:, free]
-    target = np.concatenate([problem.residual, pull, geometry_pull, tool_pull])
+    known = beliefs(model, problem, fit.theta, fit.placement, fit.kept)
+    system = np.vstack([problem.columns, known.rows])[:, free]
+    target = np.concatenate([problem.residual, known.pulls])
     scale = np.linalg.norm(system, axis=0)
     step = np.linalg.lstsq(system / scale, target, rcond=1e-12)[0] / scale
     assert fit.status == "converged"

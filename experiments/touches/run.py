@@ -1,0 +1,105 @@
+"""Does calibration without a length standard ever leave a robot worse than its description?
+
+README.md says how the robots are made and judged.
+From the root of the repository: python -m experiments.touches.run [--robots 40] [--out FOLDER]
+"""
+
+import argparse
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import gpmodel as gp
+from gpmodel.api.simulate import SimulationResult
+from gpmodel.arrays import Array
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import Calibration
+from gpmodel.calibration.weigh import weighed
+from gpmodel.errors import InputError
+from gpmodel.files import to_json, write_text
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
+from gpmodel.model.sites import standard_effects
+from gpmodel.numerics import se3
+from gpmodel.numerics.se3 import frame_of
+from gpmodel.report.origin import versions
+from gpmodel.table.dataset import unmeasured
+
+HERE, ARM, JUDGED = Path(__file__).parent, gp.load_mechanism("irb6400r"), 1500
+EFFECTS = ("joint_compliance J2=1.5e-6", "gear_harmonic J4=200 arcsec", "gear_harmonic J1=60 arcsec")
+POSES = {"planes": 100, "points": 120, "bar": 120, "camera": 40}
+NOISE = {**dict.fromkeys(POSES, "0.05 mm"), "camera": "0.1 px"}
+MODELS = {"standard": ("*",), "joint zeros": ("* Rz",)}
+
+
+def carried(model: ErrorModel, theta: Array, placement: Placement, q: Array) -> Array:
+    """Points (N, 3), m, in the root: of the tool, or of the board in the hand where that is all that was seen."""
+    held = placement.anchors.get("board B")
+    tool = placement.tool if held is None else {"": frame_of(held)}
+    placed = replace(placement, registration={"": np.eye(4)}, tool=tool)
+    return observe(model, prepare(ARM, unmeasured([j.name for j in ARM.joints], q)), theta, placed).tips.root[:, :3, 3]
+
+
+def judged(made: SimulationResult, fits: list[Calibration]) -> list[tuple[float, float]]:
+    """Mean errors, mm, inside and outside the measured region, of several fits."""
+    truth, here = made.truth.saved, made.table.q
+    where = random_poses(ARM, JUDGED, np.random.default_rng(5))
+    real, seen = (carried(truth.model, truth.theta, truth.placement, q) for q in (where, here))
+    middle = np.median(seen, axis=0)
+    reach = np.quantile(np.linalg.norm(seen - middle, axis=1), 0.9)
+    inside, out = np.linalg.norm(real - middle, axis=1) < reach, []
+    for fit in fits:
+        turn, shift = se3.fit_rotation(carried(fit.model, fit.theta, fit.placement, here), seen)
+        found = carried(fit.model, fit.theta, fit.placement, where) @ turn.T + shift
+        error = 1e3 * np.linalg.norm(found - real, axis=1)
+        out.append((float(error[inside].mean()), float(error[~inside].mean())))
+    return out
+
+
+def robot(instrument: str, seed: int) -> dict[str, dict[str, float]]:
+    """Errors of one robot, mm, before and after, by what is calibrated."""
+    scene = {"poses": POSES[instrument], "instrument": instrument, "noise": NOISE[instrument], "seed": seed}
+    made = gp.simulate(ARM, EFFECTS, geometry_sigma="0.3 mm", **scene)
+    poses = weighed(ARM, prepare(ARM, made.table))
+    models = ((), *(standard_effects(ARM, patterns) for patterns in MODELS.values()))
+    fits = [calibrate(ErrorModel(ARM, effects), poses) for effects in models]
+    before, *after = judged(made, fits)
+    return {
+        name: {"inside": before[0], "inside after": error[0], "outside": before[1], "outside after": error[1],
+               "largest": 1e3 * float(np.abs(fit.theta).max()), "read": 1e3 * float(fit.error.mean())}
+        for name, error, fit in zip(MODELS, after, fits[1:], strict=True)
+    }  # fmt: skip
+
+
+def robots(instrument: str, count: int) -> list[dict[str, dict[str, float]]]:
+    """The robots that reach what they touch, of so many."""
+    found = []
+    for seed in range(count):
+        with suppress(InputError):
+            found.append(robot(instrument, seed))
+    return found
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run all robots and write results.json."""
+    parser = argparse.ArgumentParser(prog="python -m experiments.touches.run", description=__doc__)
+    parser.add_argument("--robots", type=int, default=40)
+    parser.add_argument("--out", type=Path, default=HERE)
+    chosen = parser.parse_args(arguments)
+    results: dict[str, object] = {"command": f"{parser.prog} --robots {chosen.robots}", "versions": versions()}
+    for instrument in POSES:
+        made = robots(instrument, chosen.robots)
+        for name in MODELS:
+            each = [errors[name] for errors in made]
+            worse = {side: sum(r[f"{side} after"] > r[side] for r in each) for side in ("inside", "outside")}
+            mean = {key: float(np.mean([r[key] for r in each])) for key in each[0]}
+            results[f"{instrument}, {name}"] = {"mean": mean, "worse": worse, "robots": each}
+            said = ", ".join(f"{key} {value:.3f}" for key, value in mean.items())
+            print(f"{instrument}, {name}: {said}; worse {worse}", flush=True)
+            write_text(chosen.out / "results.json", to_json(results))
+
+
+if __name__ == "__main__":
+    main()

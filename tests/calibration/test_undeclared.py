@@ -1,0 +1,66 @@
+"""Touches of planes: what they do not show stays at the description, and so does what undeclared effects may be."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from instrument_cases import ARM
+
+import gpmodel as gp
+from experiments.touches.run import EFFECTS, judged
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.priors import beliefs
+from gpmodel.calibration.result import Calibration, problem_at
+from gpmodel.calibration.unobservable import errors_by_region, held_at_description
+from gpmodel.model.error_model import ErrorModel, Poses, prepare
+from gpmodel.model.sites import standard_effects
+
+
+@cache
+def touched(
+    guilty: bool, pattern: str = "*", zeros: float = 0.0
+) -> tuple[list[Calibration], Poses, list[tuple[float, float]]]:
+    """Fits of the description and of constants to touches of three planes, and their errors inside and outside."""
+    lost = [f"J{k}.moving:Rz:1={zeros} mrad" for k in (2, 3, 4)] if zeros else []
+    planted = [*(EFFECTS if guilty else ()), *lost]
+    made = gp.simulate(ARM, planted, poses=100, instrument="planes", geometry_sigma="0.3 mm", noise="0.05 mm", seed=1)
+    arm = made.truth.mechanism
+    poses = prepare(arm, made.table)
+    fits = [calibrate(ErrorModel(arm, effects), poses) for effects in ((), standard_effects(arm, (pattern,)))]
+    return fits, poses, judged(made, fits)
+
+
+@pytest.mark.parametrize("guilty", [False, pytest.param(True, marks=pytest.mark.long)])
+def test_touches_leave_an_arm_no_worse_inside_or_outside_than_its_description(guilty: bool) -> None:
+    (nominal_inside, nominal_outside), (inside, outside) = touched(guilty)[2]
+    assert inside < (0.5 if guilty else 0.1) * nominal_inside
+    assert outside < (1.0 if guilty else 0.3) * nominal_outside
+
+
+@pytest.mark.long
+def test_joint_zeros_that_were_lost_are_found_whatever_a_maker_tolerates() -> None:
+    nominal, after = touched(False, "* Rz", zeros=8.0)[2]
+    assert max(after) < 0.3 * min(nominal)
+
+
+@pytest.mark.parametrize("guilty", [False, pytest.param(True, marks=pytest.mark.long)])
+def test_errors_are_foreseen_inside_and_outside_and_said_first(guilty: bool) -> None:
+    fits, poses, errors = touched(guilty)
+    fit = fits[1]
+    problem = problem_at(fit, poses)
+    known = beliefs(fit.model, problem, fit.theta, fit.placement, fit.kept)
+    assert (known.share < 0.95) == guilty
+    _, *foreseen = errors_by_region(fit, poses, known)
+    said = list(held_at_description(fit, poses))
+    assert said[0].startswith(f"expected error of a predicted point: {1e3 * foreseen[0]:.2g} mm RMS within")
+    assert said[-1].startswith("these readings do not show ")
+    assert any("discover names such effects" in text for text in said) == guilty
+    ratio = 1e3 * np.array(foreseen) / np.array(errors[1])
+    assert np.all((ratio > 0.8) & (ratio < 3.0))
+
+
+def test_points_in_the_frame_of_an_instrument_show_constants() -> None:
+    made = gp.simulate(ARM, poses=40, geometry_sigma="0.3 mm")
+    arm = made.truth.mechanism
+    poses = prepare(arm, made.table)
+    assert not list(held_at_description(calibrate(ErrorModel(arm, standard_effects(arm, ("*",))), poses), poses))
