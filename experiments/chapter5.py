@@ -1,4 +1,4 @@
-"""What the Chapter 5 experiments share: the Cartesian problem of Fig 5.2, hand-made models, where results go."""
+"""Common parts of the Chapter 5 experiments: the Cartesian problem of Fig 5.2, hand-made models, paths of results."""
 
 from __future__ import annotations
 

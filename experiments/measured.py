@@ -1,4 +1,4 @@
-"""What the measured robots have in common: import, a sample, the loop, errors on everything never trained on."""
+"""Common parts of the experiments on measured robots: import, a sample, the loop, errors on all held-out poses."""
 
 import argparse
 import sys
@@ -101,7 +101,7 @@ def found_effects(found: Discovery, poses: Poses) -> list[tuple[Effect, ...]]:
 
 
 def _spread(candidate: Candidate) -> float:
-    """What the priors of a candidate expect of it; zero without priors."""
+    """Return the prior standard deviation of a candidate; zero without priors."""
     return float(np.linalg.norm([e.prior for e in candidate.effects if np.isfinite(e.prior)]))
 
 

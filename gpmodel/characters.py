@@ -6,7 +6,7 @@ import unicodedata
 _STEERING = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
 """Unicode categories of characters that steer a terminal, or that none can show."""
 _FOREIGN = re.compile(r"[^\w .,:;()\[\]+/°%·=±−-]")
-"""What no text in generated source needs: quotes, backslashes, line ends, signs that begin or end a comment."""
+"""Characters forbidden in generated source: quotes, backslashes, line ends, signs that begin or end a comment."""
 
 
 def printable(text: str, kept: str = "\n\t") -> str:
@@ -21,7 +21,7 @@ def printable(text: str, kept: str = "\n\t") -> str:
 
 
 def steers(text: str) -> bool:
-    """Whether a text holds a character that ends a line or steers a terminal."""
+    """Return whether a text contains a character that ends a line or controls a terminal."""
     return printable(text, "") != text
 
 

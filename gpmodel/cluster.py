@@ -26,7 +26,7 @@ class Cluster:
     client: "Client"
 
     def __call__(self, function: Callable[[Task], Found], tasks: Sequence[Task], /) -> Iterator[tuple[int, Found]]:
-        """As Workers. Raises KilledWorker where a task loses its worker again and again."""
+        """Run the tasks; see Workers. Raises KilledWorker if a task loses its worker repeatedly."""
         from distributed import as_completed
 
         waiting = enumerate(tasks)

@@ -16,7 +16,7 @@ LISTED, NEAREST = 6, 3
 
 
 def choices(name: object, known: Iterable[object]) -> str:
-    """What was expected in place of a name that is none of the known: all of a few, of many the nearest, case aside.
+    """List the expected names in place of an unknown one: all of a few, of many the nearest, case aside.
 
     >>> choices("j7", ["J1", "J2"])
     'J1, J2'
@@ -53,4 +53,4 @@ class OpenLoopsError(InputError):
 
 
 class WriteError(InputError):
-    """What could not be written: a full disk, a folder that is not ours."""
+    """File that could not be written: a full disk, missing permission."""

@@ -29,7 +29,7 @@ AHEAD = 2
 """Tasks handed out for each worker: enough that none waits, few enough that memory does not grow with their number."""
 
 ATTEMPTS = 3
-"""How often in a row processes may be lost before the task is to blame, as in dask (`allowed-failures`)."""
+"""Number of lost processes in a row before the task is blamed, as in dask (`allowed-failures`)."""
 
 
 def read_only(columns: dict[str, object]) -> MappingProxyType[str, object]:
@@ -60,7 +60,6 @@ class Threads:
     workers: int = 0
 
     def __call__(self, function: Callable[[Task], Found], tasks: Sequence[Task], /) -> Iterator[tuple[int, Found]]:
-        """As Workers."""
         from threadpoolctl import threadpool_limits
 
         count = min(self.workers or cores(), len(tasks))
@@ -72,7 +71,7 @@ class Threads:
 
 
 def called(workers: Workers, calls: Sequence[Callable[[], Found]]) -> list[Found]:
-    """What each of some calls returns, made side by side."""
+    """Return the results of calls made in parallel."""
     found = dict(workers(lambda call: call(), calls))
     return [found[number] for number in range(len(calls))]
 
@@ -84,7 +83,7 @@ class Processes:
     workers: int = 0
 
     def __call__(self, function: Callable[[Task], Found], tasks: Sequence[Task], /) -> Iterator[tuple[int, Found]]:
-        """As Workers. Raises BrokenProcessPool where a task loses its process again and again."""
+        """Run the tasks; see Workers. Raises BrokenProcessPool if a task loses its process repeatedly."""
         count = min(self.workers or cores(), len(tasks))
         context = multiprocessing.get_context("spawn")
         yield from lost_replaced(lambda: ProcessPoolExecutor(count, context), function, tasks, AHEAD * count)

@@ -1,4 +1,4 @@
-"""What a lean installation leaves out, and how it is had."""
+"""Optional dependencies and how to install them."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -148,7 +148,7 @@ def set_aside(path: Path) -> Path:
 
 @contextmanager
 def told_of(path: Path) -> Iterator[None]:
-    """What the system refuses below `path` is a WriteError that names `path`; an error of any other file names that."""
+    """Convert system errors below `path` to WriteError with its name; errors of other files name those files."""
     try:
         yield
     except OSError as error:
@@ -165,7 +165,7 @@ def to_json(value: object) -> str:
 
 
 def plain(value: object) -> object:
-    """The same as JSON has it: NumPy numbers and arrays as numbers and lists, what is not finite as null."""
+    """Convert a value to JSON types: NumPy numbers and arrays to numbers and lists, non-finite values to null."""
     match value:
         case dict():
             return {str(k): plain(v) for k, v in value.items()}
@@ -203,7 +203,7 @@ def _laid_out(value: object, line: str) -> Iterator[str]:
 
 
 def _mine() -> str:
-    """How names of drafts of this process begin."""
+    """Return the prefix of this process' drafts."""
     return f"{_DRAFT}-{socket.gethostname()}-{os.getpid()}-"
 
 

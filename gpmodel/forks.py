@@ -30,11 +30,11 @@ class Forks:
     workers: int = 0
 
     def __call__(self, function: Callable[[Task], Found], tasks: Sequence[Task], /) -> Iterator[tuple[int, Found]]:
-        """As Workers. Raises BrokenProcessPool where a task loses its process again and again."""
+        """Run the tasks; see Workers. Raises BrokenProcessPool if a task loses its process repeatedly."""
         yield from self._beside(function, tasks, None)
 
     def beside(self, call: Callable[[], None], calls: Sequence[Callable[[], Found]]) -> Iterator[tuple[int, Found]]:
-        """The same of calls, and another made here meanwhile, which ends before the first of their results is seen."""
+        """Run calls in copies and another call here, which ends before the first result is returned."""
         yield from self._beside(lambda task: task(), calls, call)
 
     def _beside(
@@ -77,7 +77,7 @@ ALONE = Forks(1)
 def called_beside(
     workers: Forks, call: Callable[[], Beside], calls: Sequence[Callable[[], Found]]
 ) -> tuple[Beside, list[Found]]:
-    """What a call returns that is made here, and what each of some returns that copies make meanwhile."""
+    """Return the result of a call made here and the results of calls made in copies meanwhile."""
     made: list[Beside] = []
     found = dict(workers.beside(lambda: made.append(call()), calls))
     return made[0], [found[number] for number in range(len(calls))]

@@ -1,4 +1,4 @@
-"""What a long call says while it works."""
+"""Progress messages of a long call."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -49,7 +49,7 @@ SEAL = "sha256"
 LARGEST_TOML = 1 << 20
 """Bytes; a description of an arm has some thousand."""
 LARGEST_INTEGER = 2**63
-"""As TOML has it; a float cannot hold one of hundreds of digits."""
+"""Largest integer of TOML; a float cannot hold one of hundreds of digits."""
 
 
 def seal(content: Mapping[str, object]) -> str:

@@ -121,7 +121,7 @@ def change(before: float | None, after: float | None) -> str:
 
 
 def counted(poses: int, rows: int, of: str = "") -> str:
-    """How many poses, of what, and in how many rows where these are more; poses 0: one a row."""
+    """State the number of poses, and of rows if there are more rows; poses 0: one pose a row."""
     several = 0 < poses < rows
     return f"{poses if several else rows} poses{of and f' of {of}'}{f' in {rows} rows' if several else ''}"
 
@@ -138,7 +138,7 @@ def some(items: Sequence[object], most: int = 8) -> str:
 
 
 def left_out(rows: Sequence[int], of: int) -> str:
-    """How many readings no fit and no error counts, and their rows: `1 of 60 readings left out (row 18)`."""
+    """State the number of excluded readings and their rows: `1 of 60 readings left out (row 18)`."""
     return f"{len(rows)} of {of} readings left out (row{'s' if len(rows) > 1 else ''} {some(rows)})"
 
 
@@ -178,7 +178,7 @@ def short_name(name: str, length: int) -> str:
 
 
 def minus(text: str) -> str:
-    """The same with a true minus sign."""
+    """Replace hyphens with true minus signs."""
     return text.replace("-", "\N{MINUS SIGN}")
 
 

@@ -36,7 +36,7 @@ def thesis_columns(joint: PassiveJoint, q: Array, *, angles_known: bool = True) 
 
 
 MOST_DRAWS = 1_000_000
-"""Of all poses together: a quarter of a gigabyte."""
+"""Largest number of draws over all poses; a quarter of a gigabyte."""
 KINDS = ("systematic", "stochastic")
 DISTRIBUTIONS = ("uniform", "normal")
 
@@ -82,7 +82,10 @@ class Drawn:
     tooling_ball: Array
 
     def distances(self, reach: float = 0.0) -> Array:
-        """How far (poses, draws), m, the ball is from its place; reach: rad by which each angle turns to realign."""
+        """Return the distance of the ball from its nominal place (poses, draws), m.
+
+        reach: angle by which each angle may turn to realign, rad.
+        """
         place, angles = tooling_ball_position(self.q, np.zeros(PARAMETERS), self.tooling_ball), self.q
         if reach:
             angles = realigned(angles, self.parameters, self.tooling_ball, place, reach, np.eye(3))
@@ -101,7 +104,9 @@ class Budget:
     joints: Drawn
 
     def realigned(self, reach: float, every: int = 1) -> "Budget":
-        """What is left where the ball is held and each angle turns by up to `reach`, rad; of every so many-th draw."""
+        """Return the remaining budget if the ball is held and each angle turns by up to `reach`, rad; uses every
+        `every`-th draw.
+        """
         fewer = replace(self.joints, parameters=self.joints.parameters[:, ::every])
         return replace(self, distances=fewer.distances(reach), joints=fewer)
 

@@ -22,14 +22,14 @@ from joints.passive_joint import PassiveJoint, Rotation, vector
 from joints.settings import Settings, laid_over, load_settings, read_toml
 
 KINDS = ("spherical", "universal")
-"""Of one joint; `hexapod` and `tau` are machines of twelve (joints.hexapod, joints.tau)."""
+"""Kinds of a single joint; `hexapod` and `tau` are machines of twelve (joints.hexapod, joints.tau)."""
 
 SECTIONS = ("preload", "contact", "thermal", "film", "stiffness", "dynamics", "budget", "demand")
-"""What `gpmodel joint design` reads of the same file."""
+"""Sections of the file that `gpmodel joint design` reads."""
 
 
 def kind_of(path: Path) -> Any:
-    """What kind of mechanism a TOML file says it describes; None of a table of Denavit-Hartenberg rows."""
+    """Return the kind of mechanism that a TOML file describes; None for a table of Denavit-Hartenberg rows."""
     return read_toml(path).get("kind")
 
 

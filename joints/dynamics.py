@@ -14,7 +14,7 @@ from joints.film import FilmGeometry
 from joints.limits import not_negative, positive, require
 
 SPAN = (0.01, 20.0)
-"""Of sqrt(k/m) / 2 pi, the frequencies in which peak and bandwidth are sought."""
+"""Range of frequencies searched for peak and bandwidth, in units of sqrt(k/m) / 2 pi."""
 STEPS = 400
 """Frequencies over that span, 2 % apart; what lies between two is refined."""
 

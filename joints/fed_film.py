@@ -27,7 +27,7 @@ from joints.orifice import ATMOSPHERE, Orifice
 from joints.reynolds import compressible_film
 
 NODES = 120
-"""Of equal angle within and beyond the ring: eigenvalues to three digits."""
+"""Nodes of equal angle within and beyond the ring; eigenvalues to three digits."""
 STEEPEST = 50.0
 """Exponent beyond which a vibration is gone within a cycle, or not bounded."""
 POCKETS = np.geomspace(0.01, 100.0, 25)
@@ -92,7 +92,7 @@ class FedFilm:
 
     @property
     def _pushed(self) -> Array:
-        """What the ball's speed pushes out (n,), m^2 at atmospheric pressure."""
+        """Flow displaced by the speed of the ball (n,), m^2 at atmospheric pressure."""
         return self.swept * self.pressure / ATMOSPHERE
 
     def _stored(self, pocket: float) -> Array:

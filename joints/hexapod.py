@@ -50,7 +50,7 @@ class Hexapod(OnLegs):
 
     @property
     def levers(self) -> dict[str, Array]:
-        """As OnLegs.link_levers, the legs at half stroke."""
+        """Levers as in OnLegs.link_levers, with the legs at half stroke."""
         return self.link_levers(self.home[0])
 
     @property
@@ -59,7 +59,7 @@ class Hexapod(OnLegs):
         return np.full((1, LEGS), np.mean(self.limits))
 
     def feet(self, frames: Array, own: Array, q: Array) -> tuple[Array, Array]:
-        """As OnLegs.feet: the lower balls stand on the base."""
+        """Place the lower balls on the base; see OnLegs.feet."""
         frames[1:-1:3] = own[0] @ shift(self.base)[:, None] @ own[1:-1:3]
         apart = np.linalg.norm((self.platform - self.base)[:, :2], axis=1).mean()
         high = np.sqrt(max(np.mean(self.limits) ** 2 - apart**2, 0.0)) + np.mean(self.base - self.platform, 0)[2]

@@ -18,7 +18,7 @@ from joints.orifice import Orifice
 from joints.reynolds import SphericalFilm, spherical_resistance
 
 CELLS = 800
-"""Of the arc from the pole to the edge; twice as many change the stiffness by 1e-5."""
+"""Cells of the arc from the pole to the edge; twice as many change the stiffness by 1e-5."""
 
 
 def lateral_stiffness(

@@ -31,8 +31,8 @@ legs do not hold the platform: two similar hexagons have zero."""
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OnLegs:
-    """What machines with six links share. Slots: the base, those of what moves the links, of every link its lower ball,
-    the link and its upper ball; the measured frame on the platform.
+    """Machine with six links between a base and a platform. Slots: the base; the slots that move the links; for each
+    link its lower ball, the link and its upper ball; the measured frame on the platform.
 
     first: index of the first slot of the links. axial: name of the load on link {i} along it, N.
     base, platform: (6, 3) m, nominal centres of the balls where the links stand and on the platform. tool: (3,) m, the
@@ -72,7 +72,7 @@ class OnLegs:
 
     @cached_property
     def link_slots(self) -> tuple[str, ...]:
-        """Of every link its lower ball, itself and its upper ball."""
+        """Slots of every link: lower ball, link, upper ball."""
         return tuple(f"L{i}.{part}" for i in range(1, LEGS + 1) for part in ("fixed", "moving", "platform"))
 
     @property
@@ -134,7 +134,9 @@ class OnLegs:
         return frames
 
     def closes(self, q: Array, twists: Mapping[int, Array] | None = None) -> Mask:
-        """Whether the links meet in one platform (N,) at joint values (N, n), with error twists (N, 6) of slots."""
+        """Return whether the links meet in one platform (N,) at joint values (N, n), with error twists (N, 6) of
+        slots.
+        """
         return self._solved(q, twists or {})[2] < CLOSED
 
     def _solved(self, q: Array, twists: Mapping[int, Array]) -> tuple[Array, Array, Array]:
@@ -219,15 +221,20 @@ Machine = TypeVar("Machine", bound=OnLegs)
 
 
 def described(kind: str, path: Path | None, build: Callable[[Settings, str], Machine]) -> Machine:
-    """What `build` makes of the settings of a TOML file, called as the file where that has no name; the built-in one
-    without. build: also takes the file's name, for messages."""
+    """Build a machine from the settings of a TOML file, or the built-in machine without a file.
+
+    A machine without a name is called as its file. build: also takes the name of the file, for messages.
+    """
     given, file = (read_toml(path), path.name) if path else ({}, f"{kind}.toml")
     machine = build(laid_over(kind, given, file), file)
     return replace(machine, name=path.stem) if path and "name" not in given else machine
 
 
 def held(machine: Machine, file: str) -> Machine:
-    """The same. Raises InputError where at home the links do not meet, or hold the platform no better than WEAKEST."""
+    """Return the machine if it is rigid at home.
+
+    Raises InputError if the links do not meet at home, or if they hold the platform no better than WEAKEST.
+    """
     try:
         weakest = float(machine.weakest(machine.home)[0])
     except InputError as error:

@@ -1,5 +1,6 @@
-"""How many magnets fit a ring, which ring and socket give the most preload (thesis Tables 3.1 and 4.1), and what
-was predicted and measured of some (Figures 3.25, 3.30, 4.31)."""
+"""Number of magnets on a ring, the ring and socket of largest preload (thesis Tables 3.1 and 4.1), and predicted and
+measured preloads (Figures 3.25, 3.30, 4.31).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,7 +31,7 @@ class Magnet:
 
 
 def stack_factor(diameter: float, thickness: float, layers: int, gap: float) -> float:
-    """How many times harder `layers` magnets on top of one another pull than one, over `gap` [m] to the ball.
+    """Return the pull of a stack of `layers` magnets relative to one magnet, over `gap` [m] to the ball.
 
     The pull goes with the square of the field on the axis of a cylinder, B(z) ~ (L + z) / sqrt(R^2 + (L + z)^2) -
     z / sqrt(R^2 + z^2) at a distance z from a face (Furlani 2001, section 4.2), without steel behind it.
@@ -190,7 +191,7 @@ class PublishedPreload:
 
     @property
     def stacked(self) -> float:
-        """How many times one layer's pull the stack should give, by a cylinder's field at the spacer's distance."""
+        """Predicted pull relative to one layer, from a cylinder's field at the spacer's distance."""
         return stack_factor(self.diameter, THICKNESS, self.layers, SPACER)
 
 

@@ -61,16 +61,16 @@ class PassiveJoint:
             raise InputError(f"{self.name}: rotations about {axes}, expected another axis than the one before")
 
     def with_angles(self, *, measured: bool) -> "PassiveJoint":
-        """The same joint with every angle measured, or none."""
+        """Return the joint with every angle measured, or none."""
         return replace(self, rotations=tuple(replace(r, measured=measured) for r in self.rotations))
 
     def reaching(self, point: Iterable[float]) -> "PassiveJoint":
-        """The same joint with its tooling ball found at `point` (3,), m, in the nominal tooling ball's frame."""
+        """Return the joint with its tooling ball at `point` (3,), m, in the nominal tooling ball's frame."""
         return replace(self, reached=vector(tuple(point)))
 
     @cached_property
     def levers(self) -> dict[str, Array]:
-        """What grows with temperature: the lever as far as it is known, (3,) m, in the frame of its slot."""
+        """Lever that grows with temperature, as far as it is known, (3,) m, in the frame of its slot."""
         return {"tool": np.add(self.tooling_ball, self.reached)}
 
     @property

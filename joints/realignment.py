@@ -13,11 +13,13 @@ from joints.kinematics import JOINTS, tooling_ball_position
 from joints.limits import not_negative
 
 STEPS, SETTLED = 50, 1e-10
-"""Of Gauss and Newton at most, and the change of every angle that ends them, rad: picometres at a lever."""
+"""Largest number of Gauss-Newton steps, and the change of every angle that ends them, rad: picometres at a lever."""
 DIFFERENCE = 1e-5
 """rad, of the central differences; their error is ten digits below the lever."""
 IDLE = 1e-3
-"""Of the lever: an angle that moves the ball by less a radian, as a turn about the lever does, stays where it is."""
+"""Fraction of the lever per radian below which an angle is not turned, as a turn about the lever moves the ball by
+nothing.
+"""
 
 
 def realigned(q: Array, parameters: Array, tooling_ball: Array, held: Array, reach: float, stiffness: Array) -> Array:

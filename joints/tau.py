@@ -27,8 +27,12 @@ ARMS = (0, 0, 0, 1, 1, 2)
 
 @dataclass(frozen=True)
 class Actuator:
-    """What moves a cluster. kind: revolute or prismatic, about or along z of its frame. frame: (4, 4) in the base, m.
-    lower, upper: of its coordinate, rad or m, zero at home."""
+    """Actuator of a cluster of links.
+
+    kind: revolute or prismatic, about or along z of its frame.
+    frame: (4, 4) in the frame of the base, m.
+    lower, upper: limits of its coordinate, rad or m, zero at home.
+    """
 
     kind: str
     frame: Array
@@ -81,7 +85,7 @@ class Tau(OnLegs):
 
     @property
     def levers(self) -> dict[str, Array]:
-        """As OnLegs.link_levers, and the places of the axes."""
+        """Levers as in OnLegs.link_levers, and the places of the axes."""
         axes = {f"A{a}.fixed": m.frame[:3, 3] for a, m in enumerate(self.actuators, 1)}
         return axes | self.link_levers(self.lengths)
 
@@ -102,7 +106,7 @@ class Tau(OnLegs):
         return [k for k, arm in enumerate(ARMS) if arm == (slot - 1) // 2]
 
     def feet(self, frames: Array, own: Array, q: Array) -> tuple[Array, Array]:
-        """As OnLegs.feet: the lower balls stand on the actuators."""
+        """Place the lower balls on the actuators; see OnLegs.feet."""
         for a, actuator in enumerate(self.actuators):
             frames[1 + 2 * a] = own[0] @ actuator.frame @ own[1 + 2 * a]
             frames[2 + 2 * a] = frames[1 + 2 * a] @ actuator.moved(q[:, a]) @ own[2 + 2 * a]
@@ -126,7 +130,7 @@ class Tau(OnLegs):
 
 
 DRIVES = {"turned": ("revolute", "turn"), "pushed": ("prismatic", "travel")}
-"""What an actuator is in the table of its joint, and where its range stands."""
+"""Type of each drive in the joint table, and the key of its range."""
 
 FRAMES = {"x": np.eye(3)[:, [1, 2, 0]], "y": np.eye(3)[:, [2, 0, 1]], "z": np.eye(3)}
 """Frames whose z is that axis of the base."""

@@ -87,8 +87,11 @@ class Branches:
         return np.concatenate([placed[:1], np.linalg.solve(placed[:-1], placed[1:])])
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
-        """Of every joint, and of the base, by the weight of all that it carries and nothing carried by the tools; see
-        SerialChain.loads. A load is linear in the masses: each link weighs in the first chain that has it."""
+        """Return the gravity loads on every joint and on the base; see SerialChain.loads.
+
+        Each joint bears the weight of everything it carries; the tools carry no payload. A load is linear in the
+        masses: each link weighs in the first chain that contains it.
+        """
         out = dict[str, Array]()
         for chain in self._weighed_once:
             for name, values in chain.loads(self._of(chain, q), np.zeros(len(q))).items():

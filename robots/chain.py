@@ -62,7 +62,7 @@ class SerialChain(Chain):
         return Joint(self.joint_names[column], kind, lower, upper, drive)
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
-        """What gravity does to the arm at rest, each (N,); the gravity load, not the reaction that holds it.
+        """Return the gravity loads on the arm at rest, each (N,): the load itself, not the reaction that holds it.
 
         torque_J (Nm; N for a prismatic joint): generalized force of gravity on the coordinate J, positive
         where gravity drives it upwards, so that `deflection = compliance * torque` has a positive compliance.
@@ -88,15 +88,15 @@ class SerialChain(Chain):
 
     @property
     def has_shape(self) -> bool:
-        """Whether its URDF has collision geometry whose meshes are there."""
+        """True if the URDF has collision geometry whose meshes exist."""
         return self._shape is not None
 
     def collides(self, q: Array) -> Mask:
-        """Whether the arm meets itself (N,) at q (N, n); never where it has no shape."""
+        """Return where the arm collides with itself (N,) at q (N, n); never without a shape."""
         return np.zeros(len(q), dtype=bool) if self._shape is None else self._shape.collides(q)
 
     def hides(self, q: Array, points: Array, instrument: Array) -> Mask:
-        """Whether the arm stands (N,) between points (N, 3), m, in the root frame and the instrument (3,)."""
+        """Return where the arm blocks the line (N,) from points (N, 3), m, in the root frame to the instrument (3,)."""
         return np.zeros(len(q), dtype=bool) if self._shape is None else self._shape.hides(q, points, instrument)
 
     def write_urdf(self, path: Path, twists: Mapping[str, Array] | None = None) -> str:

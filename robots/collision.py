@@ -55,11 +55,14 @@ class Shape:
         return shape
 
     def collides(self, q: Array) -> Mask:
-        """Whether parts come within CLEARANCE of one another (N,) at joint values (N, n)."""
+        """Return where two parts come within CLEARANCE of each other (N,) at joint values (N, n)."""
         return np.asarray(self._meetings(q).any(axis=1))
 
     def hides(self, q: Array, points: Array, instrument: Array) -> Mask:
-        """Whether a part beyond which the target does not sit stands in the beam (N,) from points (N, 3) to (3,), m."""
+        """Return where a part blocks the beam (N,) from points (N, 3) to (3,), m.
+
+        The part that carries the target is not counted.
+        """
         data, geometry = self.model.createData(), pin.GeometryData(self.geometry)
         parts = [i for i, g in enumerate(self.geometry.geometryObjects) if g.parentJoint != self.tip]
         out = np.zeros(len(q), dtype=bool)
@@ -79,7 +82,7 @@ class Shape:
         return bool(coal.collide(body, where, capsule, placed, coal.CollisionRequest(), coal.CollisionResult()))
 
     def _meetings(self, q: Array) -> Mask:
-        """Which pairs (N, pairs) meet."""
+        """Return the colliding pairs (N, pairs)."""
         data, geometry = self.model.createData(), pin.GeometryData(self.geometry)
         for request in geometry.collisionRequests:
             request.security_margin = CLEARANCE

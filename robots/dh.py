@@ -58,7 +58,7 @@ from robots.links import DOWN, LONGEST_CHAIN, Link, along, placement
 
 
 def of_another_kind(path: Path) -> bool:
-    """Whether a TOML file names the `kind` of what it describes, which is some other provider's; False where unread."""
+    """Return whether a TOML file names a `kind`, which another provider describes; False if it cannot be read."""
     try:
         return "kind" in read_toml(path, "a mechanism")
     except InputError:
@@ -87,7 +87,7 @@ def read_dh(path: Path) -> SerialChain | Branches:
 
 @dataclass(frozen=True)
 class _Common:
-    """What all arms of a file have: its name, the convention of its rows, gravity (3,), m/s²."""
+    """Fields shared by all arms of a file: name, convention of the rows, gravity (3,), m/s²."""
 
     name: str
     convention: str

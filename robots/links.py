@@ -1,4 +1,4 @@
-"""What a serial chain is made of, and what its statics and its export read of it."""
+"""Parts of a serial chain, and the properties that statics and export read."""
 
 from __future__ import annotations
 

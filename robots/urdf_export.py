@@ -42,8 +42,11 @@ def write_calibrated_urdf(mechanism: Chain, twists: Mapping[str, Array], path: P
 
 
 def write_arms_urdf(arms: Sequence[tuple[Chain, Mapping[str, Array]]], path: Path) -> str:
-    """The same of several arms of one tree, each with the twists by its own slots; where they are read from a file,
-    those of shared slots with the first arm that has them. Returns the links to measure at, commas between them."""
+    """Write several arms of one tree, each with the twists of its own slots.
+
+    Twists of shared slots are written with the first arm that has them, if the tree comes from a file. Returns the
+    measured links, separated by commas.
+    """
     robot, frames = None, []
     for mechanism, twists in arms:
         errors = _errors(mechanism, twists)

@@ -11,7 +11,7 @@ from gpmodel.texts import read_limited
 LARGEST_FILE = 16 << 20
 """Bytes; a humanoid with its hands has 0.3 MB."""
 MOST_JOINTS = 300
-"""Of which a chain may be made; a humanoid with its hands has 100."""
+"""Largest number of joints of a chain; a humanoid with its hands has 100."""
 
 ELEMENTS = ("link", "joint", "inertial", "mass", "origin", "parent", "child", "axis", "limit", "mimic", "calibration")
 """That are read; XML tells capital letters from small ones."""
@@ -47,5 +47,5 @@ def parse_xml(path: Path) -> ET.Element:
 
 
 def has_geometry(path: Path) -> bool:
-    """Whether any link of the file says what it would collide with."""
+    """Return whether any link of the file has collision geometry."""
     return any(link.find("collision/geometry") is not None for link in parse_xml(path).iterfind("link"))

@@ -1,4 +1,4 @@
-"""What a chain needs of a URDF file: links with their masses, and the joints between them. Meshes are never opened."""
+"""Links with masses and the joints between them, read from a URDF file. Meshes are never opened."""
 
 from __future__ import annotations
 
@@ -205,7 +205,7 @@ def _joint(joint: ET.Element) -> UrdfJoint:
 
 
 def _not_read(joint: ET.Element, name: str, kind: str) -> tuple[str, ...]:
-    """What of a joint's element is left out, or missing and taken as URDF says."""
+    """List the ignored elements of a joint, and the missing ones that take URDF's default."""
     said = [f"<calibration> of joint {name}" for _ in joint.findall("calibration")]
     if kind in MOVING and joint.find("axis") is None:
         said.append(f"the axis of joint {name}, which the file does not give; 1 0 0 is taken, as URDF says")

@@ -72,7 +72,7 @@ def differences(before: Any, now: Any, at: str = "") -> Iterator[str]:
 
 
 def same(before: Any, now: Any) -> bool:
-    """Whether two leaves are equal, numbers to `DIGITS` of their size."""
+    """Return whether two leaves are equal, numbers to `DIGITS` of their size."""
     numbers = (int, float)
     if isinstance(before, numbers) and isinstance(now, numbers):
         return math.isclose(before, now, rel_tol=DIGITS, abs_tol=1e-15)

@@ -34,7 +34,7 @@ def _moved(before: Row, row: Row) -> bool:
 
 
 def worse(before: Row, row: Row) -> bool:
-    """Whether a robot fails now, has a larger ratio, fewer names or more false additions."""
+    """Return whether a robot fails now, has a larger ratio, fewer names or more false additions."""
     if "failed" in row or "failed" in before:
         return "failed" in row and "failed" not in before
     larger = row["ratio"] > (1.0 + CHANGE) * before["ratio"]

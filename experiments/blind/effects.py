@@ -1,4 +1,4 @@
-"""What is wrong with a blind robot, one effect a kind: shapes in and out of any catalogue."""
+"""Errors of a blind robot, one effect a kind: shapes in and out of any catalogue."""
 
 from __future__ import annotations
 

@@ -50,7 +50,9 @@ def standing(case: Case | str, seed: int) -> tuple[Machine, list[float], np.rand
 
 
 def _amounts(machine: Machine, rng: np.random.Generator) -> list[float]:
-    """Of each effect, so that it leaves the stated size after the geometric model, on other poses of the same kind."""
+    """Return the amount of each effect that leaves the stated size after a geometric fit, on other poses of the same
+    kind.
+    """
     plain = machine.under(outliers=0.0, repeats=1)
     chosen, world = plain.drawn(max(machine.case.poses, PROBE), rng)
     plain.measured([0.0] * len(machine.shapes), chosen, world, rng)

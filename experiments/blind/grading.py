@@ -1,4 +1,5 @@
-"""What a report found, against the truth: names, false additions, readable laws, deviations; and counts over robots.
+"""Comparison of a report with the truth: names, false additions, readable formulas, standard errors; and counts over
+robots.
 
 A finding is an entry of `effects` in report.json; the truth is an entry of `effects` in truth.json.
 """
@@ -30,7 +31,7 @@ Truth = dict[str, Any]
 
 
 def answers(wanted: list[list[str]], inputs: list[str]) -> bool:
-    """Whether distinct inputs match every pattern of one of the sets."""
+    """Return whether distinct inputs match every pattern of one of the sets."""
     return any(
         all(map(fnmatchcase, chosen, patterns))
         for patterns in wanted
@@ -39,18 +40,20 @@ def answers(wanted: list[list[str]], inputs: list[str]) -> bool:
 
 
 def innocent(inputs: list[str], truth: list[Truth]) -> bool:
-    """Whether an added effect reads nothing that any true effect depends on."""
+    """Return whether an added effect reads nothing that any true effect depends on."""
     patterns = [p for effect in truth for names in effect["named"] for p in names]
     return not any(fnmatchcase(name, p) for name in inputs for p in patterns)
 
 
 def recognises(finding: Finding, effect: Truth) -> bool:
-    """Whether a finding alone has the inputs of a true effect, or its name."""
+    """Return whether a finding alone has the inputs of a true effect, or its name."""
     return answers(effect["named"], finding["inputs"]) or _called(finding, effect)
 
 
 def false(finding: Finding, truth: list[Truth]) -> bool:
-    """Whether a finding is no true effect's: by inputs and name, or because it makes the instrument's the robot's."""
+    """Return whether a finding matches no true effect, by inputs and name, or assigns an instrument error to the
+    robot.
+    """
     own = [e for e in truth if _called(finding, e) or not innocent(finding["inputs"], [e])]
     if not own:
         return True
@@ -64,7 +67,7 @@ def _called(finding: Finding, effect: Truth) -> bool:
 
 
 def readable(finding: Finding) -> bool:
-    """Whether a finding has a name of the catalogue, or is one law of at most two inputs and seven nodes."""
+    """Return whether a finding has a name of the catalogue, or is one formula of at most two inputs and seven nodes."""
     return bool(finding.get("catalogue")) or (
         len(finding["inputs"]) <= MOST_INPUTS and nodes(finding["basis"]) <= LONGEST_LAW
     )
@@ -129,14 +132,15 @@ def deviations(findings: list[Finding], truth: dict[str, Any]) -> list[float]:
 
 
 def _pair(settings: dict[str, Any]) -> str:
-    """How the basis of a sine and cosine of a joint begins, before its phase."""
+    """Return the beginning of the basis of a sine and cosine of a joint, before its phase."""
     turns = settings["per_turn"]
     return f"sin({'' if turns == 1 else f'{turns:g}*'}J{settings['joint']} "
 
 
 def worse(ours: np.ndarray, standard: np.ndarray) -> bool:
-    """Whether errors (N, 3) exceed the standard model's on the same poses by more than a five-hundredth, and by three
-    deviations, pose by pose."""
+    """Return whether errors (N, 3) exceed the standard model's on equal poses by more than a five-hundredth and
+    three standard errors.
+    """
     squared, before = np.sum(ours**2, axis=1), np.sum(standard**2, axis=1)
     gap = squared - before
     beyond_chance = gap.mean() > SIGMAS * gap.std(ddof=1) / np.sqrt(len(gap))

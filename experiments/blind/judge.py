@@ -22,10 +22,13 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Told:
-    """What least squares begins with on a robot's table.
+    """Starting point of least squares on a robot's table.
 
-    good: rows that are no outliers. start: placement and tool of the nominal arm. plain: geometric fit. tool, place:
-    by which loads and readings are said. columns: of the effects.
+    good: rows that are no outliers.
+    start: placement and tool of the nominal arm.
+    plain: geometric fit.
+    tool, place: reference for loads and readings.
+    columns: columns of the effects.
     """
 
     good: Array

@@ -1,4 +1,4 @@
-"""What stands in the hall: the real arm with its errors, where it stands, what it measures to."""
+"""Simulated machine: the arm with its errors, its placement, and the measured targets."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Machine:
         return Sheet(world.q, dict(world.extra), world.row, clean, read, np.sort(wrong), chosen.pose)
 
     def under(self, **changes: object) -> Machine:
-        """The same machine measured in another way."""
+        """Return the machine measured under other conditions."""
         return replace(self, case=replace(self.case, **changes))
 
 

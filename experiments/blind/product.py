@@ -90,7 +90,7 @@ def _positions(table: Path) -> np.ndarray:
 
 
 def _errors(names: list[str], where: str, folder: Path, errors: dict[str, float], options: tuple[str, ...]) -> Row:
-    """What the product predicts for some files, against where they are, were measured, and the geometric fit."""
+    """Tabulate the product's predictions against true positions, measured positions and the geometric fit."""
     predicted = [_predict(folder, name, options) for name in names]
     off = {
         kind: np.vstack([p - _positions(folder / f"{n}_{kind}.csv") for p, n in zip(predicted, names, strict=True)])

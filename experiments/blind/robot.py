@@ -30,7 +30,7 @@ class Sheet:
 def world_of(
     arm: Arm, q: Array, extra: dict[str, Array], row: Array, tool: Array, placement: Array | None = None
 ) -> World:
-    """What an arm of these masses is known by; the payload hangs at the tool point."""
+    """Return the inputs and loads of an arm of these masses; the payload hangs at the tool point."""
     loads = gravity_loads(arm, q, extra.get("payload"), tool)
     point = points(arm, q, np.eye(4) if placement is None else placement, tool, {})
     return World(arm, q, extra, row, loads, tool, point)
@@ -54,6 +54,8 @@ class Robot:
     by_row: bool
 
     def columns(self, sheet: Sheet, tool: Array, placement: Array | None = None) -> list[Motion]:
-        """What the oracle is told: it knows tool and placement nearly, and not where the robot came from."""
+        """Return the columns of the oracle, which knows tool and placement nearly, and not the robot's placement in
+        the hall.
+        """
         world = world_of(self.arm, sheet.q, sheet.extra, sheet.row, tool, placement)
         return [column for shape in self.shapes for column in shape.basis(world)]

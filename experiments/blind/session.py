@@ -1,4 +1,4 @@
-"""How a robot is measured: which poses in which order, the columns beside them, and the noise."""
+"""Measurement session of a robot: poses and their order, extra columns, and noise."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def _walk(arm: Arm, count: int, rng: np.random.Generator) -> Array:
 
 
 def _rounded(arm: Arm, q: Array) -> Array:
-    """As the table writes them: 1e-4 degrees or millimetres."""
+    """Round as the table does: 1e-4 degrees or millimetres."""
     slides = np.array([joint + 1 in arm.prismatic for joint in range(len(arm.rows))])
     turned = np.radians(np.round(np.degrees(q), 4))
     return np.where(slides, 1e-3 * np.round(1e3 * q, 4), turned)
@@ -115,7 +115,9 @@ def _room(time: Array, rng: np.random.Generator) -> Array:
 
 
 def measured_torque(torque: Array, rng: np.random.Generator) -> Array:
-    """What the controller reports: the torque that holds the joint against gravity, with noise of 1 % of its rms."""
+    """Return the torque that the controller reports: it holds the joint against gravity, with noise of 1 % of its
+    rms.
+    """
     return np.round(-torque + TORQUE_NOISE * np.sqrt(np.mean(torque**2)) * rng.normal(size=len(torque)), 3)
 
 

@@ -96,7 +96,7 @@ class Arm:
         return np.array([rotation_x(al) @ translation(a, 0, d) @ rotation_z(t) for al, a, d, t in self.rows])
 
     def heavier(self, factors: Array) -> Arm:
-        """The same arm with other masses than its description says."""
+        """Return the arm with masses multiplied by factors."""
         return replace(self, masses=self.masses * factors)
 
 
@@ -124,7 +124,7 @@ def points(arm: Arm, q: Array, placement: Array, tool: Array, twists: dict[int, 
 
 @dataclass(frozen=True)
 class Loads:
-    """What gravity does to the arm, in newton metres and newtons.
+    """Gravity loads on the arm, in newton metres and newtons.
 
     torque: (N, n) about each joint axis, the force along it where the joint slides.  moments: (n + 1, N, 3) about each
     frame's origin, in that frame's axes, of all that this frame carries (index 0: the base).

@@ -32,7 +32,7 @@ FITNESS = ("max", "rms", "cross-validated")
 
 
 def at_poses(problem: CartesianProblem, rows: slice) -> CartesianProblem:
-    """The same at some of the poses."""
+    """Return the problem at some of the poses."""
     inputs = Inputs(problem.inputs.names, problem.inputs.values[:, rows])
     return CartesianProblem(inputs, np.ascontiguousarray(problem.measured[:, rows]), problem.norm)
 

@@ -29,7 +29,7 @@ SEARCH = gp.Search(runs=1, strategies=(Linear(),), workers=1, population=512, ge
 
 
 def as_json(result: DiscoveryResult | CalibrationResult) -> dict[str, Any]:
-    """What report.json has of a result."""
+    """Return the content of report.json of a result."""
     with TemporaryDirectory() as folder:
         result.save(Path(folder) / "report.json")
         record: dict[str, Any] = json.loads((Path(folder) / "report.json").read_text(encoding="utf-8"))
@@ -44,7 +44,7 @@ def role(effect: dict[str, Any]) -> str:
 
 
 def one_robot(seed: int, planted: bool, search: gp.Search) -> dict[str, Any]:
-    """What the loop names, in its order, and the held-out errors [mm] of every step; of the hand-made model as well."""
+    """Return the findings in order, and the held-out errors [mm] of every step and of the hand-made model."""
     arm = gp.load_mechanism("irb6400r", f"{PAYLOAD:g} kg", payload_com=tuple(PAYLOAD_CENTRE))
     frame = pd.read_csv(io.StringIO(table(seed, planted)), dtype=str)
     held = (POSES - TRAINING) / POSES
@@ -84,7 +84,7 @@ def median_mean(robots: list[dict[str, Any]], model: str, step: int) -> float:
 
 
 def summary(robots: list[dict[str, Any]]) -> dict[str, Any]:
-    """What results.json says of all robots together."""
+    """Summarise all robots for results.json."""
     steps = {"standard": ("loop", 1), "hand-made": ("hand_made", -1), "loop": ("loop", -1)}
     medians = {name: median_mean(robots, *step) for name, step in steps.items()}
     return {"conclusions": conclusions(robots), "median_heldout_mean_mm": medians, "robots": robots}

@@ -50,7 +50,7 @@ def table(q: Array) -> pd.DataFrame:
 
 
 def statistics(error: Array) -> dict[str, float]:
-    """Of distances (N,) in m, said in mm."""
+    """Summarise distances (N,) in m; statistics in mm."""
     mm = 1e3 * error
     numbers = {"rms_mm": np.sqrt(np.mean(mm**2)), "p95_mm": np.percentile(mm, 95), "max_mm": mm.max()}
     return {name: round(float(value), 4) for name, value in numbers.items()}

@@ -58,7 +58,9 @@ def evolved(model: Calibration, train: Poses, chosen: Namespace) -> tuple[Progra
 
 
 def base_compliance_moves(model: Calibration, without: Calibration, train: Poses) -> Array:
-    """How far (3, N) the fitted base compliance, the model's last effect, moves the tip in the root frame, m."""
+    """Return the displacement (3, N) of the tip by the fitted base compliance, the model's last effect, in the root
+    frame, m.
+    """
     tips = [observe(m.model, train, m.theta, m.placement).tip[:, :3, 3] for m in (model, without)]
     return ((tips[0] - tips[1]) @ model.placement.registration[""][:3, :3]).T
 

@@ -88,7 +88,7 @@ def predictions(result: CalibrationResult, here: Hall) -> Row:
 
 
 def compensation(result: CalibrationResult, here: Hall, true: Exact) -> Row:
-    """The same of the points that compensated joint values reach, in the frame of the root."""
+    """Judge the points reached by compensated joint values, in the frame of the root."""
     fit, poses = result.calibrated.final, poses_of(result, here)
     saved = of_the_mechanism(result.model.saved)
     targets = joint_targets(saved, poses.subset(np.arange(TARGETS)).dataset)
@@ -179,7 +179,7 @@ def factor_of(result: CalibrationResult) -> float:
 
 
 def compared(first: CalibrationResult, second: CalibrationResult) -> Row:
-    """What `compare` calls changed of an unchanged machine that is set up again alike: of two tables."""
+    """List the changes that `compare` reports for two tables of one unchanged machine."""
     found = compare(first.record, second.record)
     every = (*found.effects, *(() if found.incomparable else found.parameters), *found.placement)
     return {
@@ -189,7 +189,7 @@ def compared(first: CalibrationResult, second: CalibrationResult) -> Row:
 
 
 def same_table(first: CalibrationResult, here: Hall, effects: list[str]) -> Row:
-    """What it calls changed of two fits of one table: with another share held out, and with the geometry alone."""
+    """List the changes that `compare` reports for two fits of one table: another held-out share, and geometry alone."""
     other = calibrate(here.mechanism, here.tables[0], effects, holdout=0.2, seed=1)
     found = compare(first.record, other.record)
     every = (*found.effects, *found.parameters, *found.placement)

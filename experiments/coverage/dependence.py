@@ -1,4 +1,5 @@
-"""How often the best of the catalogue stands out of noise that neighbours share, by each rule that could stop it.
+"""Rate at which the catalogue's best candidate exceeds noise that neighbours share, under each rule that could stop
+it.
 
 From the root of the repository: python -m experiments.coverage.dependence --trials 40 --out FILE
 The residual of an innocent robot is replaced by white noise and, of the same size, what the rows or the places of the
@@ -34,7 +35,7 @@ from gpmodel.table.split import stretches
 CASE = Case("innocent", "kuka_like", 120, 0.03, columns=("temperature",))
 PLANTED = "joint compliance, J3"
 EVERY = 4
-"""Of the catalogue's thousands, one in so many is offered."""
+"""Offered fraction of the catalogue: one candidate in `EVERY`."""
 OF_THE_SESSION = ("instrument", "drift", "set_up_step", "tool_slip")
 """Families that are right to stand out of such noise: they are not offered, so that whatever passes is wrong."""
 SHUFFLES = 99
@@ -66,7 +67,7 @@ def drawn(residual: Residual, shared: Draw | None, planted: np.ndarray, rng: np.
 
 
 def stopped(there: Residual, pool: list[Candidate], rng: np.random.Generator) -> dict[str, bool]:
-    """Whether the best candidate passes, by rule; nothing does where it is not worth its description."""
+    """Return whether the best candidate passes, by rule; none passes if its gain is below its description length."""
     nats = [score.nats for score in scores(there, pool)]
     best = int(np.argmax(nats))
     worth, limits = nats[best], there.criteria

@@ -1,4 +1,4 @@
-"""How wide the printed intervals are over the least that anybody could state who was told model and noise.
+"""Width of the printed intervals relative to the Cramér-Rao bound for known model and noise.
 
 Least variances: diag (Cᵀ Σ⁻¹ C + Λ)⁻¹ with the true covariance Σ of the readings, C what every unknown does to them
 and Λ the little that is believed beforehand; of Student's t with f degrees and scale s the information of a reading is

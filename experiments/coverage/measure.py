@@ -127,7 +127,7 @@ def robust_stderr(fit: Calibration, poses: Poses) -> np.ndarray:
 
 
 def found(case: Case, seed: int, search: Search) -> Row:
-    """What the loop adds to the robot, and whether it predicts better than the standard model."""
+    """Return the findings of the loop, and whether they predict better than the standard model."""
     here = bench(case, seed)
     data = here.poses.dataset
     train, heldout = hold_out(data, HELD_OUT, np.random.default_rng(seed))
@@ -149,7 +149,7 @@ def found(case: Case, seed: int, search: Search) -> Row:
 
 
 def stopped(loop: Discovery) -> dict[str, list[str]]:
-    """What passed every test but those for poses that depend on one another, and which of these it failed."""
+    """Return the candidates that failed only the tests of dependent poses, and the tests they failed."""
     judged = {h.candidate.name: h for entry in loop.rounds for h in entry.hypotheses}
     failed = {name: [t.name for t in h.verdict.tests if not t.passed] for name, h in judged.items()}
     return {name: tests for name, tests in failed.items() if tests and set(tests) <= DEPENDENCE}

@@ -26,7 +26,7 @@ from gpmodel.model.error_model import observe
 
 
 def compared(number: int, worlds: int) -> dict[str, Any]:
-    """Of the numbers of a machine, quantiles of the deviation over the worlds in σ, and the largest shift of a mean."""
+    """Return quantiles, over the worlds, of the error of a machine's numbers in σ, and the largest shift of a mean."""
     stratum, case, name = machine_of(number)
     with tempfile.TemporaryDirectory() as folder:
         here = hall(case, number, folder)

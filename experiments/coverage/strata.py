@@ -35,7 +35,7 @@ EFFECTS = {
     "eccentric": (effect("harmonic", 0.2, joint=3, per_turn=1), "eccentricity, 1 per turn, J3"),
     "base": (effect("base_compliance", 0.2), "base compliance"),
 }
-"""What is wrong beside the geometry, and the catalogue's name of it."""
+"""Undeclared effects beyond geometry, and the catalogue's name of each."""
 
 
 def machine_of(number: int) -> tuple[str, Case, str]:

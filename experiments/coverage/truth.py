@@ -1,4 +1,4 @@
-"""What is true of a machine in the gauge of a fit, and new poses of it that nobody measured for the fit."""
+"""Truth of a machine in the gauge of a fit, and new poses for tests."""
 
 from __future__ import annotations
 

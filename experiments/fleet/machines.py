@@ -18,7 +18,9 @@ NAMED = ("base_compliance", "joint_compliance J2")
 COMMON, OWN = 2e-4, 1e-4
 """Standard deviations of a constant error, m and rad: of the type, and of a machine about it."""
 SPREAD, WORN = 0.15, 2.5
-"""Of a compliance between machines, as a share of its mean; how many times as soft joint 2 of the worn machine is."""
+"""Spread of a compliance between machines, as a fraction of its mean, and softness of joint 2 of the worn machine as
+a multiple.
+"""
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ def built(seed: int, worn: int | None = None) -> Iterator[Built]:
 
 
 def mean_amounts(seed: int) -> list[float]:
-    """Of the type, rad/Nm."""
+    """Return the mean compliances of the type, rad/Nm."""
     return standing(CASE, seed)[1]
 
 

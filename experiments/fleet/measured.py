@@ -27,7 +27,7 @@ EFFECTS = (
     *(f"joint_curve {joint}_joint" for joint in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_2")),
     "joint_compliance elbow_joint",
 )
-"""What was found on series A before: error curves of the joints, and a compliant elbow."""
+"""Effects known from series A: error curves of the joints, and a compliant elbow."""
 COUNTS = (20, 40)
 
 

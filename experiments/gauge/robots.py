@@ -28,7 +28,7 @@ NOISE, GEOMETRY, YIELDS, HARDENS, FRESH = 3e-5, 2e-4, 3e-3, 1.5e-3, 300
 
 
 def joint_values(arm: Mechanism, motion: str, count: int, rng: np.random.Generator) -> Array:
-    """Of two joints alone, or of all within a range about one pose, rad."""
+    """Draw values of two joints alone, or of all joints within a range about one pose, rad."""
     lower, upper = np.array([(max(j.lower, -2.6), min(j.upper, 2.6)) for j in arm.joints]).T
     middle = rng.uniform(0.7 * lower + 0.3 * upper, 0.3 * lower + 0.7 * upper)
     if motion == "two joints":

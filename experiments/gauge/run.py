@@ -1,4 +1,4 @@
-"""What `predict` misses without the errors of the instrument, and with them, at exact positions nobody measured.
+"""Error of `predict` with and without instrument errors, at exact positions of new poses.
 
 Every robot has geometric errors, a second joint that yields and hardens, and 0.03 mm of noise. Some tables are in the
 frame of the robot itself, some in that of a tracker, some of these with an error of the tracker. With --discovers 0 the
@@ -57,7 +57,7 @@ def told(made: Measured) -> SavedModel:
 
 
 def one_robot(case: tuple[str, str, str], count: int, seed: int, discovers: bool) -> dict[str, Any]:
-    """What `predict` misses of one robot, of a discovery or of the truth fitted to the table."""
+    """Return the error of `predict` for one robot, from a discovery or from the true model fitted to the table."""
     made = measured(case, count, seed)
     if not discovers:
         return {"case": list(case), **judged(told(made), made)}

@@ -23,7 +23,7 @@ SEARCH = gp.Search(runs=1, strategies=(Linear(),), workers=1, population=512, ge
 
 
 def one_machine(seed: int, planted: bool, search: gp.Search = SEARCH) -> dict[str, Any]:
-    """What the loop names, and the held-out rms [mm] of every step, beside the truth."""
+    """Return the findings, the held-out rms [mm] of every step, and the truth."""
     text, machine = table(seed, planted)
     hexapod = gp.load_mechanism("hexapod")
     found = gp.discover(hexapod, pd.read_csv(io.StringIO(text), dtype=str), seed=seed, search=search)
@@ -40,7 +40,7 @@ def one_machine(seed: int, planted: bool, search: gp.Search = SEARCH) -> dict[st
 
 
 def right(machine: dict[str, Any]) -> bool:
-    """Whether something was found, and all of it is a cyclic error of the right leg."""
+    """Return whether all findings, at least one, are a cyclic error of the right leg."""
     of_leg = [f["inputs"] == [machine["truth"]["leg"]] and "cyclic error" in f["name"] for f in machine["found"]]
     return bool(of_leg) and all(of_leg)
 
@@ -59,7 +59,7 @@ def conclusions(machines: list[dict[str, Any]]) -> dict[str, str]:
 
 
 def medians(machines: list[dict[str, Any]]) -> dict[str, float]:
-    """Of the held-out rms, um, over the machines with a bad screw: of the first, the second and the last step."""
+    """Return medians of the held-out rms, um, over the machines with a bad screw: first, second and last step."""
     steps = [list(m["heldout_mm"].values()) for m in machines if m["planted"]]
     named = {"registration": 0, "standard": 1, "loop": -1}
     return {name: round(1e3 * float(np.median([s[k] for s in steps])), 2) for name, k in named.items()}

@@ -59,7 +59,7 @@ def draw_machine(rng: np.random.Generator, planted: bool) -> Machine:
 
 
 def readings(machine: Machine, place: Array, turn: Rotation) -> Array:
-    """What the encoders read (N, 6), m, of platforms at place (N, 3), m, turned by `turn`."""
+    """Return the encoder readings (N, 6), m, of platforms at place (N, 3), m, turned by `turn`."""
     upper = np.stack([turn.apply(ball) for ball in machine.upper], axis=1) + place[:, None]
     read = np.linalg.norm(upper - machine.lower, axis=2) - machine.offset
     wave = 2.0 * np.pi * read[:, machine.leg] / LEAD + machine.phase

@@ -1,4 +1,4 @@
-"""What the readings can tell at best: the Cramér-Rao bound of the tool over the workspace, by differences.
+"""Cramér-Rao bound of the tool over the workspace for given readings, by finite differences.
 
 C = (JᵀJ + P)⁻¹ of readings in standard deviations; the tool's deviation is that of G C Gᵀ less a motion of the whole.
 P is what the errors of the description are drawn with, so that lengths which touches leave open have a bound too; where
@@ -18,7 +18,7 @@ from experiments.instruments.reaching import ends
 from experiments.instruments.robots import GEOMETRY, Robot
 
 STEP, UNSEEN = 1e-6, 1e-6
-"""Of a difference, m or rad; singular value, of columns of length one, under which nothing is seen."""
+"""Step of a difference, m or rad, and singular value of unit columns below which nothing is observable."""
 
 
 def tool_points(robots: tuple[Robot, ...], made: Session, q: Array, arm: Array) -> Array:
@@ -97,7 +97,7 @@ def _frames(robots: tuple[Robot, ...], q: Array, arm: Array) -> Callable[[Array]
 
 
 def _held(made: Session, x: Array, tools: Array) -> Array:
-    """What is followed at the tool: its point, or the origin of the camera or board that it holds."""
+    """Return the tracked point at the tool: its point, or the origin of the camera or board that it holds."""
     return np.tile(frame(x[-6:])[:3, 3], (len(tools), 1)) if "camera" in made.kind else tools
 
 

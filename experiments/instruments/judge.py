@@ -32,7 +32,7 @@ FRESH, WRONG, SLIP, HELD = 200, 0.05, np.radians(0.3), 0.3
 """Poses to judge at; share of corners that are wrong; rad that three joints of a slipped probe are off; share
 held out."""
 SHIFT, TURN = 0.3, np.radians(20.0)
-"""How far off a wrong start is."""
+"""Displacement and rotation of a wrong start, m and rad."""
 CONVERGED = 1e-6
 """m and rad between where fits from two starts place a camera."""
 
@@ -66,7 +66,7 @@ def judge(kind: str, seed: int, guilty: bool, poses: int | None = None) -> dict[
 
 
 def table(made: Session, loaded: Mechanism) -> pd.DataFrame:
-    """What its owner would have: a row a pose, or a row a corner."""
+    """Return the table of its owner: a row a pose, or a row a corner."""
     out = pd.DataFrame({f"{j.name} [deg]": np.degrees(v) for j, v in zip(loaded.joints, made.q.T, strict=True)})
     if "camera" not in made.kind:
         return out.assign(**made.columns).map(str)
@@ -117,7 +117,7 @@ def _discovered(loaded: Mechanism, data: gp.Dataset) -> gp.DiscoveryResult:
 
 
 def converges(loaded: Mechanism, data: gp.Dataset, rng: np.random.Generator) -> bool:
-    """Whether a fit that starts 30 cm and 20 degrees off ends where that from the closed form does."""
+    """Return whether a fit that starts 30 cm and 20 degrees off converges to the solution of the closed-form start."""
     poses = weighed(loaded, prepare(loaded, data))
     model = ErrorModel(loaded, geometric_effects(loaded))
     right = calibrate(model, poses, condition_limit=100.0)
@@ -135,7 +135,7 @@ def _sigma(fit: Calibration, poses: Poses) -> float:
 
 
 def _spoiled(made: Session, rng: np.random.Generator) -> tuple[Session, set[int]] | None:
-    """The same with wrong corners, or one touch from which the probe slipped; and the rows, counted from zero."""
+    """Return the session with wrong corners or one slipped touch, and the affected rows, counted from zero."""
     if "camera" in made.kind:
         noisy = made.noisy.reshape(-1, 2).copy()
         rows = rng.choice(len(noisy), int(WRONG * len(noisy)), replace=False)

@@ -1,4 +1,4 @@
-"""What instruments read of a machine: pixels by a pinhole of its own, touches by joint values that reach them."""
+"""Simulated readings: pixels by an independent pinhole model, touches by joint values that reach them."""
 
 from __future__ import annotations
 
@@ -196,7 +196,7 @@ def _corners(camera: Array, board: Array) -> Array:
 
 
 def _in_sight(held: Array, stands: Array, outside: bool) -> Array:
-    """Whether a camera sees all corners of the board, from its front and not too flat."""
+    """Return whether a camera sees all corners of the board, from its front and not too flat."""
     camera, board = (
         (np.broadcast_to(stands, held.shape), held) if outside else (held, np.broadcast_to(stands, held.shape))
     )
@@ -224,7 +224,7 @@ def _nearby(robot: Robot, rng: np.random.Generator, share: float = 0.25) -> Arra
 
 
 def _fixed(target: Array, tools: Array) -> Array:
-    """The same place wherever the tools are."""
+    """Return a fixed target for all tools."""
     return target
 
 

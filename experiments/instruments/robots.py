@@ -19,7 +19,7 @@ from experiments.blind.simulator import Arm, Array, draw_poses, frames, gravity_
 SIX = ("ur_like", "puma_like", "staubli_like", "irb_like", "kuka_like", "cobot_ten", "welder")
 UNDECLARED = ("compliance", "harmonic", "gravity_backlash")
 CALLED = dict(zip(UNDECLARED, ("joint compliance", "eccentricity", "backlash by load"), strict=True))
-"""What the catalogue calls them."""
+"""Names in the catalogue."""
 GEOMETRY, SIZE, TOOL, APART = 3e-4, 4e-4, 0.15, 0.8
 """m and rad of every constant error; m RMS at the tool that the effect leaves of a geometric fit; m of the tool; of
 their lengths, how far two arms are apart."""
@@ -43,11 +43,11 @@ class Robot:
     amount: float = 0.0
 
     def columns(self, q: Array) -> list[Motion]:
-        """What the undeclared effect moves per unit of its unknowns: its form is known, its size and phase are not."""
+        """Return the columns of the undeclared effect per unit of its unknowns: known form, unknown size and phase."""
         return [] if self.shape is None else self.shape.basis(self._world(q))
 
     def true(self, q: Array) -> list[Motion]:
-        """What it does per unit of `amount`; nothing where it is innocent."""
+        """Return the columns of the true effect per unit of `amount`; empty for a robot without one."""
         return [] if self.shape is None else [self.shape.true(self._world(q))]
 
     def last(self, q: Array) -> Array:
@@ -56,7 +56,7 @@ class Robot:
         return self.moved(q, self.errors, self.base, true, np.full(len(true), self.amount))
 
     def moved(self, q: Array, errors: Array, base: Array, columns: list[Motion], shares: Array) -> Array:
-        """The same with other errors (n, 6), a motion (6,) of the base, and shares of an effect's columns."""
+        """Return the frames with errors (n, 6), a motion (6,) of the base, and shares of an effect's columns."""
         constant: list[Motion] = [{i: np.tile(e, (len(q), 1))} for i, e in enumerate([base, *errors])]
         twists = combine(np.concatenate([np.ones(len(constant)), shares]), constant + columns)
         return np.asarray(self.stands @ frames(self.arm, q, twists)[-1])

@@ -13,7 +13,7 @@ COLUMNS = (
     "median seconds",
 )  # fmt: skip
 Rows = dict[tuple[Any, ...], Row]
-"""Of one method, by robot."""
+"""Rows of one method, by robot."""
 
 
 def told(rows: Rows) -> dict[str, Rows]:

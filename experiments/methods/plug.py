@@ -88,7 +88,7 @@ def folder_name(name: str) -> str:
 
 
 def asked(method: Method, files: Files, true: Array, bounds: tuple[float, float]) -> tuple[Row, Answer | None]:
-    """What a method makes of one robot: 3-D rms at the poses against the true positions (N, 3), m, and its answer.
+    """Run a method on one robot: 3-D rms at the poses against the true positions (N, 3), m, and its answer.
 
     bounds: errors of geometry and oracle, mm.  ratio: the method's error over the oracle's; explained:
     (g^2 - m^2) / (g^2 - o^2) of geometry, method and oracle, where these differ; failed: what it said instead.

@@ -15,7 +15,7 @@ from experiments.methods.plug import POSITION, predicted
 from gpmodel.table.units import split_header
 
 SECONDS = float(os.environ.get("SYMBOLIC_SECONDS", "30"))
-"""Of symbolic regression, for one coordinate."""
+"""Seconds of symbolic regression for one coordinate."""
 Regression = Callable[[Array, Array], Callable[[Array], Array]]
 
 

@@ -12,7 +12,7 @@ Row = dict[str, Any]
 GOAL, LOOSE, EXPLAINED = 1.25, 1.5, 0.95
 SHORT_INPUTS, SHORT_NODES = 2, 9
 IDENTITY = ("method", "case", "seed", "factors", "index")
-"""What says which robot and which method, as far as a row has it."""
+"""Columns that identify robot and method, if present."""
 
 
 def saved(file: Path | None) -> dict[tuple[Any, ...], Row]:
@@ -24,7 +24,7 @@ def saved(file: Path | None) -> dict[tuple[Any, ...], Row]:
 
 
 def key(row: Row) -> tuple[Any, ...]:
-    """Which method, and which robot."""
+    """Return the identity of method and robot."""
     return tuple(row[name] for name in IDENTITY if name in row)
 
 

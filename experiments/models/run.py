@@ -26,8 +26,9 @@ PLANTED = {
     "J4": {"joint compliance, J4"},
     "the eccentricities": {"eccentricity, 1 per turn, several joints"},
 }
-"""What the truth holds, by what the catalogue calls it. J1 turns about the vertical, so that to tilt in proportion to
-the moment is the same below it and above."""
+"""Planted effects by their catalogue names. J1 turns about the vertical, so that a tilt proportional to the moment
+is equal below it and above.
+"""
 
 
 def one_robot(seed: int, runs: int, case: Case | None = None) -> dict[str, Any]:
@@ -51,7 +52,7 @@ def one_robot(seed: int, runs: int, case: Case | None = None) -> dict[str, Any]:
 
 
 def conclusions(robots: list[dict[str, Any]]) -> dict[str, str]:
-    """How many robots each conclusion of the thesis holds on, and medians."""
+    """State the number of robots for each conclusion of the thesis, and medians."""
     table = np.array([[r["mm"][step] for step in STEPS] for r in robots])
     base, both = table[:, 1] / table[:, 0], table[:, 2] / table[:, 0]
     loop = table[:, 3] / table[:, 2]

@@ -1,4 +1,4 @@
-"""How many random poses tell as much of the geometry as chosen ones, before anything is measured?
+"""Number of random poses that determine the geometry as well as chosen ones, before any measurement.
 
 By linear algebra alone: the pool of candidates is the workspace, random poses are drawn from it.
 """
@@ -18,8 +18,9 @@ RANDOM = (15, 20, 25, 30, 35, 40, 50, 60, 80, 100, 130, 160, 200, 260, 320)
 
 
 def told(question: Question, taken: IntArray) -> dict[str, float]:
-    """What poses tell: ± of the point, m, RMS and worst over the pool; ± of the worst combination of unknowns, and
-    of all of them together, whatever their scale."""
+    """Return the precision of poses: standard error of the point, m, RMS and worst over the pool; of the worst
+    combination of unknowns, and of all unknowns together, scale-free.
+    """
     columns, count = question.columns, len(question.known)
     rows = columns[taken].reshape(-1, count)
     information = LITTLE * np.eye(count) + rows.T @ rows

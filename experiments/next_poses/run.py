@@ -1,4 +1,4 @@
-"""How many random poses tell as much as those chosen by `gpmodel poses --after`?
+"""Number of random poses equivalent to poses chosen by `gpmodel poses --after`.
 
 Simulated robots with one named effect: thirty random poses, a calibration, then chosen or random poses, measured with
 the same noise, and a fit to all. Compared is what then happens, not what the design says of itself: by how much the
@@ -44,12 +44,12 @@ CASES = (
     ("ur10", "base_compliance", "2e-6", "joint_compliance shoulder_lift_joint"),
 )
 MEASURES = {"effect": "stated_percent", "point": "stated_um", "rivals": "rival_apart_sigma"}
-"""What each design is for, and the number that says so: the ± of the fit, which does not hang on one draw of noise."""
+"""Number that measures each design goal: the standard error of the fit, which does not depend on one draw of noise."""
 
 
 @dataclass(frozen=True)
 class Robot:
-    """What is true, the effects asked about, and what they could also be."""
+    """True effects of a robot, the effects in question, and alternatives to them."""
 
     truth: Simulation
     asked: tuple[Effect, ...]
@@ -70,7 +70,7 @@ class Robot:
         return calibrate(model, poses, condition_limit=LIMIT, robust=False)
 
     def certainty(self, q: Array, seed: int) -> dict[str, float]:
-        """What poses at q tell."""
+        """Return the precision from poses at q."""
         poses = self.measured(q, np.random.default_rng([seed, 1]))
         right, wrong = self.fit(poses, self.asked), self.fit(poses, self.rival)
         count = len(self.asked)
@@ -103,7 +103,7 @@ def robot(case: tuple[str, str, str, str], seed: int) -> tuple[Robot, Array]:
 
 
 def asked(made: Robot, first: Array, seed: int) -> tuple[dict[str, Question], Array]:
-    """What the poses are for, and the pool they are from."""
+    """Return the design questions of the poses, and their pool."""
     mechanism, rng = made.truth.model.mechanism, np.random.default_rng([seed, 3])
     poses = made.measured(first, np.random.default_rng([seed, 1]))
     outlook = Outlook.over(

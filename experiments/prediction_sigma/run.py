@@ -75,7 +75,7 @@ def standard(number: int, size: float) -> Row:
 
 
 def searched(number: int, size: float) -> Row:
-    """What `discover --runs 0` ships."""
+    """Evaluate the model that `discover --runs 0` returns."""
     name, poses, fresh = robot(number, size)
     table = frame_of(poses.dataset, MechanismChoice(name).load())
     result = gp.discover(name, table, search=gp.Search(runs=0))

@@ -1,4 +1,4 @@
-"""What a method says it found, against the law that was drawn."""
+"""Findings of a method compared with the drawn formula."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ALIKE = 0.95
 
 
 def stands_for(found: str, true: str, states: States) -> bool:
-    """Whether an input is the true one, or one that runs with it over the poses."""
+    """Return whether an input is the true one, or proportional to it over the poses."""
     if found == true:
         return True
     try:
@@ -37,7 +37,7 @@ def alike(first: Array, second: Array) -> float:
 
 
 def same_place(finding: EffectRecord, robot: Robot) -> bool:
-    """Whether a finding acts where the law does, or where it moves the tool alike."""
+    """Return whether a finding acts at the site of the formula, or moves the tool alike."""
     place = Place(finding.slot, finding.axis)
     if robot.place is None or place not in places(robot.machine.arm):
         return False

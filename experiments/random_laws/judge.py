@@ -45,7 +45,7 @@ def oracle(robot: Robot, files: Files) -> tuple[Array, States]:
 
 
 def drawn(robot: Robot) -> Row:
-    """What the robot is."""
+    """Describe the robot."""
     case, law, place = robot.machine.case, robot.law, robot.place
     return {
         "arm": case.arm, "poses": len(robot.train.q), "noise_mm": case.noise_mm, "kind": robot.kind,

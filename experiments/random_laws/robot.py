@@ -149,7 +149,7 @@ def _drive(machine: Machine, place: Place) -> str:
 
 
 def _ranges(machine: Machine, world: World) -> dict[str, tuple[float, float]]:
-    """Of joint values, of torques that vary and of readings: lowest and highest of a sample."""
+    """Return the lowest and highest sample values of joint values, varying torques and readings."""
     columns = columns_of(world)
     bounds = {name: (float(values.min()), float(values.max())) for name, values in columns.items()}
     widest = max((b - a for name, (a, b) in bounds.items() if name.startswith("torque")), default=0.0)

@@ -62,12 +62,12 @@ def _shape(x: str, rng: np.random.Generator) -> tuple[str, str]:
 
 
 def one_variable(rng: np.random.Generator) -> tuple[str, str]:
-    """What the shape is called, and a law in u."""
+    """Draw the name of a shape and a formula in u."""
     return _shape("u", rng)
 
 
 def two_variables(rng: np.random.Generator) -> tuple[str, str]:
-    """What the law is made of, and a law in u and v."""
+    """Draw the components of a formula in u and v, and the formula."""
     form = str(rng.choice(["product", "growing", "of a sum", "of a distance", "sum"], p=[0.4, 0.2, 0.15, 0.1, 0.15]))
     if form == "of a sum":
         name, text = _shape(f"((u + {_either(rng, 0.5, 1.0)}*v)/2)", rng)
@@ -85,7 +85,7 @@ def two_variables(rng: np.random.Generator) -> tuple[str, str]:
 
 
 def three_variables(rng: np.random.Generator) -> tuple[str, str]:
-    """What the law is made of, and a law in u, v and w."""
+    """Draw the components of a formula in u, v and w, and the formula."""
     form = str(rng.choice(["two growing", "one growing", "sum"], p=[0.5, 0.25, 0.25]))
     first, text = _shape("u", rng)
     if form == "one growing":

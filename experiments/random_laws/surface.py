@@ -27,7 +27,7 @@ SHORTEST, LONGEST = 0.05, 20.0
 
 @dataclass(frozen=True)
 class Rows:
-    """Of N poses: geometry (3N, P), motion (N, 3) by a unit twist, inputs (N, D) within [-1, 1]."""
+    """Rows of N poses: geometry (3N, P), motion (N, 3) by a unit twist, inputs (N, D) within [-1, 1]."""
 
     geometry: Array
     motion: Array
@@ -97,7 +97,7 @@ def squares_between(first: Array, second: Array) -> Array:
 
 
 def problem_of(rows: Rows, left: Array) -> Problem:
-    """What is left of a fit (3N,), beside the geometry."""
+    """Build the problem from the residual of a fit (3N,), with the geometry projected out."""
     count = len(rows.inputs)
     scale = np.linalg.norm(rows.geometry, axis=0)
     u, s, _ = np.linalg.svd(rows.geometry / np.where(scale > 0, scale, 1.0), full_matrices=False)

@@ -80,7 +80,7 @@ def drawn(factors: int, number: int) -> Place:
 
 
 def judged(factors: int, number: int) -> dict[str, Any]:
-    """What is found at a place, and its error over that of the law itself."""
+    """Return the formula found at a site, and its error relative to that of the true formula."""
     place = drawn(factors, number)
     problem, began = place.problem(), time.process_time()
     best = min(formulas_at(problem, 0, tuple(place.inputs)), key=lambda law: description_length(law, problem))

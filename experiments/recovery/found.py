@@ -1,4 +1,4 @@
-"""What an engine returns, and seconds of work on a machine that others use too."""
+"""Result of an engine, and CPU seconds on a shared machine."""
 
 import time
 from collections.abc import Callable
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Found:
-    """What an engine returns: predictions at new points; the program and its coefficients, the last the intercept."""
+    """Result of an engine: predictions at new points; the program and its coefficients, the last the intercept."""
 
     predict: Callable[[dict[str, Array]], Array]
     program: Program | None = None

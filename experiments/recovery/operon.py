@@ -69,7 +69,7 @@ PUBLISHED = {
 """Settings compared; symbols and what is not named are those of the first."""
 
 OPERON = {"Operon": PUBLISHED["its example: ten steps, error and length"]}
-"""What the other comparisons run."""
+"""Settings used by the other comparisons."""
 
 
 def main() -> None:

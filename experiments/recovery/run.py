@@ -45,9 +45,10 @@ def simple(number: float) -> sympy.Expr:
 
 
 def is_exact(found: Found, law: Law) -> bool:
-    """Whether program and law agree to 30 digits once numbers within 1e-10 of simple ones become these.
+    """Return whether program and truth agree to 30 digits after numbers within 1e-10 of simple ones are rounded to
+    them.
 
-    As it was found, or multiplied out, where numbers meet that stood apart.
+    The program is tried as found and expanded, since expansion merges numbers.
     """
     if found.program is None:
         return False
@@ -65,7 +66,7 @@ def with_simple_numbers(expression: sympy.Expr) -> sympy.Expr:
 
 
 def agree(guess: sympy.Expr, truth: sympy.Expr, names: dict[str, sympy.Symbol], law: Law) -> bool:
-    """Whether two expressions have the same 30 digits at five points."""
+    """Return whether two expressions have 30 equal digits at five points."""
     rng = np.random.default_rng(0)
     for _ in range(5):
         point = {names[k]: sympy.Rational(int(rng.uniform(*r) * 10**6), 10**6) for k, r in law.ranges.items()}
@@ -80,7 +81,7 @@ LAWS_IN = {"": "old", "_tune": "tune", "_unseen": "unseen", "_noise_0.01": "old,
 """The laws of each file of results."""
 
 WARM_UP = Law("warm-up", {"x": (1, 2), "y": (1, 2)}, "sin(x)*exp(y) + sin(3.3*y)*log(x)")
-"""What engines are compiled on before anything is timed."""
+"""Problem that compiles the engines before timing."""
 
 
 def attempt(engine: Any, law: Law, seed: int, seconds: float, noise: float) -> dict[str, Any]:
@@ -104,7 +105,7 @@ def attempt(engine: Any, law: Law, seed: int, seconds: float, noise: float) -> d
 
 
 def machine() -> dict[str, Any]:
-    """What the numbers depend on besides seeds."""
+    """Describe the machine, on which the numbers depend besides seeds."""
     found: dict[str, Any] = {"python": platform.python_version(), "cores": os.cpu_count(), "load": os.getloadavg()[0]}
     for package in ("gpmodel", "numpy", "numba", "pyoperon", "gplearn"):
         with suppress(PackageNotFoundError):
@@ -123,7 +124,7 @@ def record_look(folder: Path, engine: str, row: dict[str, Any]) -> None:
 
 
 def write_tables(folder: Path) -> None:
-    """What all the files of results say, into the README beside them."""
+    """Write the tables of all results files into the README."""
     solved: list[tuple[object, ...]] = []
     missed: list[tuple[object, ...]] = []
     for kind in ("", "_tune", "_unseen", "_noise_0.01"):

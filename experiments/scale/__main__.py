@@ -1,4 +1,4 @@
-"""What side by side gains, what handing out costs, and what many runs and many poses take.
+"""Gain of parallel work, cost of distribution, and cost of many runs and many poses.
 
 python -m experiments.scale             all of it, on an otherwise idle machine; writes results.json
 python -m experiments.scale --only overhead,memory

@@ -46,7 +46,7 @@ def _reader(name: str) -> Reader:
 
 
 def tried(chunk: Chunk) -> tuple[Counter[str], list[str], float]:
-    """How often each outcome, the texts of those that are neither read nor refused or slow, and the slowest's time."""
+    """Count the outcomes; return also texts that are neither read nor refused or are slow, and the slowest time."""
     reader, counts, odd, slowest = _reader(chunk.name), Counter[str](), [], 0.0
     place = "/dev/shm" if Path("/dev/shm").is_dir() else None
     with tempfile.TemporaryDirectory(dir=place) as folder, warnings.catch_warnings():
@@ -66,7 +66,7 @@ def tried(chunk: Chunk) -> tuple[Counter[str], list[str], float]:
 
 @dataclass(frozen=True)
 class Tally:
-    """What all readers did so far; chunks: how many of each reader's have been made, tried or lost on the way."""
+    """Totals of all readers; chunks: number of chunks made, tried or lost for each reader."""
 
     chunks: Counter[str]
     readers: dict[str, dict[str, float]]
@@ -96,7 +96,7 @@ class Tally:
 
 
 def missing(tally: Tally, inputs: int, only: str | None) -> list[Chunk]:
-    """What has to be tried until there are so many inputs, of every reader in turn."""
+    """List the chunks that remain until `inputs` inputs are tried, alternating between readers."""
     ordered = []
     for name, reader in readers().items():
         done = tally.readers.get(name, {"inputs": 0})["inputs"]

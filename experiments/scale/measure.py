@@ -1,4 +1,4 @@
-"""What side by side gains, what handing out costs, and what many runs and many poses take.
+"""Gain of parallel work, cost of distribution, and cost of many runs and many poses.
 
 python -m experiments.scale             all of it, on an otherwise idle machine; writes results.json
 python -m experiments.scale --only overhead,memory
@@ -37,7 +37,9 @@ from gpmodel.progress import Teller
 
 ARM = load_mechanism("irb6400r")
 TASKS, TASK_SECONDS = 1000, 0.02
-"""As long as `small_run`, the smallest there is; those of a discovery take from 0.3 s."""
+"""Number and duration of tasks: the duration of `small_run`, the shortest task; those of a discovery take from 0.3
+s.
+"""
 BLOCK = bytes(20_000)
 """Hashed without the interpreter in twenty microseconds: by so much a task is longer than it should be."""
 RUNS = 1000
@@ -45,7 +47,7 @@ POSES = 12_000
 
 
 def demo_residual() -> Residual:
-    """What the standard model leaves of the shipped table."""
+    """Return the residual of the standard model on the shipped table."""
     with as_file(files("gpmodel") / "data" / "demo.csv") as path:
         poses = prepare(ARM, read_table(path, ARM))
     return residual_of(calibrate(ErrorModel(ARM, geometric_effects(ARM)), poses), poses, Criteria(), 0)

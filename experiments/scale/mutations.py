@@ -10,7 +10,7 @@ TOKENS = (
     "\ufeff", "\U0001f600", "__import__('os')", "lambda: 0", "**", "%", "sin(", "1/0", "log(0)", "{{7*7}}",
     "${x}", "<script>", "NaN", "Infinity", "1_0",
 )  # fmt: skip
-"""What the grammars are made of, and what has broken readers before."""
+"""Tokens of the grammars, and tokens that have broken readers before."""
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,7 @@ def _file(text: str, folder: Path, name: str) -> Path:
 
 
 def _model(text: str, folder: Path) -> object:
-    """As somebody would who seals what he changed."""
+    """Load a model with a correct seal after mutation."""
     try:
         content = json.loads(text)
         text = json.dumps(content | {SEAL: seal(content)})

@@ -1,4 +1,4 @@
-"""What a fresh process takes before it evolves anything."""
+"""Time of a fresh process before evolution starts."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""What a lean installation takes: packages, bytes, and seconds of a fresh process that imports it and predicts.
+"""Cost of a lean installation: packages, bytes, and seconds of a fresh process that imports it and predicts.
 
     python -m experiments.speed.lean
 
@@ -32,7 +32,7 @@ PREDICTS = "import gpmodel as gp\ngp.load_model({model!r}).predict({table!r})"
 
 
 def megabytes(folder: Path, *, bytecode: bool) -> float:
-    """Of all files below a folder, without pip and setuptools themselves."""
+    """Return the size of all files below a folder, without pip and setuptools."""
     own = ("pip", "setuptools", "pkg_resources", "_distutils_hack")
     files = (f for f in folder.rglob("*") if f.is_file() and not f.relative_to(folder).parts[0].startswith(own))
     return round(sum(f.stat().st_size for f in files if bytecode or f.suffix != ".pyc") / 1e6, 1)

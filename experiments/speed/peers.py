@@ -1,4 +1,4 @@
-"""The same trees in DEAP and gplearn: compiled or interpreted as their users run them."""
+"""Equal trees in DEAP and gplearn: compiled or interpreted as their users run them."""
 
 import random
 

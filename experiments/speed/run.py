@@ -1,4 +1,4 @@
-"""How fast the engines run thesis scale, beside peers, and where the time goes.
+"""Speed of the engines at thesis scale, compared with peers, and profile of their time.
 
 From the root of the repository: python -m experiments.speed.run [--repeats 9] [--out FOLDER]
 gplearn is timed where it is installed. Wall times are medians and bests of one process, one engine after the other;
@@ -187,7 +187,7 @@ def beside_goals(results: dict[str, Any]) -> dict[str, Any]:
 
 
 def write_tables(results: dict[str, Any], readme: Path) -> None:
-    """What was measured, into the README."""
+    """Write the measurements into the README."""
     header = ("work", "median ms", "best ms", "goal ms", "median, times the arithmetic", "goal, times the arithmetic")
     order = ("median_ms", "best_ms", "goal_ms", "median_times_arithmetic", "goal_times_arithmetic")
     goals = results["beside goals"].items()

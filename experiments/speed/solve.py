@@ -106,7 +106,7 @@ class DeapDefault:
 
 
 def write_tables(folder: Path) -> None:
-    """What both files say, into the README beside them."""
+    """Write the tables of both files into the README."""
     for kind in ("solve", "solve_eased"):
         file = folder / f"{kind}.json"
         found = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}

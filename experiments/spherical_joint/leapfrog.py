@@ -26,7 +26,7 @@ def leap_frog(
     limit: int = 6000,
     tolerance: float = 1e-10,
 ) -> Solution:
-    """The same answer as variable projection, in many cheap alternations.
+    """Solve as variable projection does, by many cheap alternations.
 
     truncation: of the parameters' singular values. limit, tolerance: as in variable_projection. Raises InputError for
     fewer than 4 different poses or points in one plane.

@@ -1,4 +1,4 @@
-"""Which of the thirty parameters poses can tell apart: two reductions of the Jacobian, by SVD and by order.
+"""Identifiable parameters among the thirty: two reductions of the Jacobian, by SVD and by order.
 
 Columns are of position only, scaled to unit norm. Parameters that coincide with a joint angle (10, 17, 24) are no
 candidates. Source: Robertson (2003), Figure 3.15, Table 3.2.
@@ -122,7 +122,7 @@ def most_common_reduction(
 
 
 def observable_in_words(joint: PassiveJoint, q: Array) -> str:
-    """What positions alone determine when no angle is known, at poses q (N, 3)."""
+    """Describe the parameters that positions alone determine without known angles, at poses q (N, 3)."""
     columns = thesis_columns(joint, q, angles_known=False)
     reduction = reduce_in_order(columns, required=(1, 2, 3, 27, 15))
     offsets = [i for i in reduction.kept if i not in (1, 2, 3, 25, 26, 27)]

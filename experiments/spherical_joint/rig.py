@@ -17,7 +17,7 @@ Disturbance = Callable[[Array, Mapping[str, Array]], Mapping[int, Array]]
 
 @dataclass(frozen=True)
 class Rig:
-    """What is true of one rig. parameters: thesis index -> constant value, m or rad.
+    """Truth of one rig. parameters: thesis index -> constant value, m or rad.
 
     translation, rotation_deg: of the joint in the CMM's system, m and roll-pitch-yaw degrees (Table 3.4).
     noise: m, one coordinate. angle_noise: rad, of the angles in the table. reach: (3,) rad, poses within ± that.

@@ -92,7 +92,7 @@ def told(kind: str, poses: Poses) -> dict[str, Any]:
 
 
 def found_on(number: int, kind: str, on_axis: bool) -> dict[str, Any]:
-    """What the loop names on one rig, and by how much the fit of what is chosen exceeds the standard model's noise.
+    """Return the findings on one rig, and the residual of the fit relative to the standard model's noise.
 
     true_name: whether the finding has it, or lists it among what it could as well be. refused: what was chosen and
     failed a test.

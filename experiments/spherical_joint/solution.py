@@ -1,4 +1,4 @@
-"""What a solver of the joint hands back, and the step both solvers share."""
+"""Result of a solver of the joint, and the step that both solvers share."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ class Solution:
 
     @property
     def iterations(self) -> int:
-        """How many steps it took."""
+        """Number of steps."""
         return len(self.history)
 
 

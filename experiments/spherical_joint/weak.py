@@ -52,7 +52,7 @@ CASES: dict[str, Case] = {
 
 
 def disturbed(case: str, q: Array, warm: Array) -> dict[int, Array]:
-    """What is added (N,) to the parameter of a case at every pose, m."""
+    """Return the disturbance (N,) of the parameter of a case at every pose, m."""
     index, name, *_ = CASES[case]
     shape = GROWTH * (warm - 22.0) if index == 27 else LOBE * np.sin(2 * q[:, 0])
     return {index: shape if name else 0.0 * shape}
@@ -86,7 +86,9 @@ def strength(case: str, train: Poses) -> tuple[Calibration, dict[str, float]]:
 
 
 def one_rig(case: str, count: int, seed: int) -> dict[str, Any]:
-    """What the loop names, and the held-out rms [µm] of the standard model, of its own and of one told the effect."""
+    """Return the findings, and the held-out rms [µm] of the standard model, of the found model and of one with the
+    effect given.
+    """
     rng = np.random.default_rng([325, seed])
     rig = Rig(JOINT, parameters=OFFSETS, noise=NOISE, reach=(1.5, 1.2, 1.5))
     q, warm = rig.poses(count, rng), rng.uniform(*HALL, count)

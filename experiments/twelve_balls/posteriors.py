@@ -1,4 +1,4 @@
-"""How many poses of a machine is it worth to know its bad ball from the ball's own rig?
+"""Number of machine poses that knowledge of the bad ball from its own rig replaces.
 
 From the root of the repository: python -m experiments.twelve_balls.posteriors [--machines 6] [--out FOLDER]
 
@@ -48,7 +48,7 @@ def of_the_rig(fault: Fault, seed: int) -> SavedModel:
 
 
 def rms(fit: Calibration, poses: Poses) -> float:
-    """Of the errors in space, m."""
+    """Return the RMS of the spatial errors, m."""
     return float(np.sqrt(np.mean(errors_on(fit, poses) ** 2)))
 
 

@@ -61,7 +61,7 @@ def told(machine: Mechanism, poses: Poses, fault: Fault) -> dict[str, float]:
 
 
 def one_machine(kind: str, seed: int, planted: bool) -> dict[str, Any]:
-    """What the loop names of one machine, and the balls that it acts at."""
+    """Return the findings on one machine, and the balls at which they act."""
     text, fault = table(kind, seed, planted, POSES[kind])
     machine, poses = measured(kind, text)
     nothing = np.zeros(0, dtype=np.int64)

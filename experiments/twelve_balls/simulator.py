@@ -21,7 +21,7 @@ POINT_NOISE, TURN_NOISE = 2e-6, 5e-6
 ARMS = np.array([0, 0, 0, 1, 1, 2])
 BALLS = tuple(f"L{link}.{end}" for link in range(1, 7) for end in ("fixed", "platform"))
 REACH, TILT, HEIGHT = np.array([0.2, 0.2, 0.12]), np.radians(15.0), 0.4
-"""Of the hexapod's platform, m and rad."""
+"""Reach, tilt and height of the hexapod's platform, m and rad."""
 
 
 def length(text: str) -> float:
@@ -75,7 +75,9 @@ class Legs:
         return np.stack([turn.apply(ball) for ball in self.upper]) + place - self.feet()
 
     def lift(self, fault: Fault, home: Array, place: Array, turn: Rotation) -> Array:
-        """How much longer (6, N) the bad ball makes its link, m; home: vectors (12, 3) at home in the sockets' axes."""
+        """Return the lengthening (6, N) of a link by the bad ball, m; home: vectors (12, 3) at home in the sockets'
+        axes.
+        """
         out = np.zeros((6, len(place)))
         if fault.ball >= 0:
             link, end = divmod(fault.ball, 2)

@@ -48,7 +48,7 @@ def whole(value: object, argument: str, least: int = 0, most: float = math.inf) 
 
 
 def _real(value: object) -> TypeGuard[float]:
-    """Whether it is a finite number; a truth is none."""
+    """Return whether a value is a finite number; a bool is none."""
     return isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool) and math.isfinite(value)
 
 

@@ -56,14 +56,14 @@ class CalibrationResult(FittedResult):
 
     @cached_property
     def record(self) -> Report:
-        """The same as report.json has it, but for the errors of the exports, which are made with it."""
+        """Record of report.json, except for the errors of the exports, which are added on export."""
         ladder = replace(self.calibrated, saved=self.model.saved)
         record = replace(from_calibration(ladder, self.origin), model_sha256=self.model.sha256)
         return replace(record, verdict=f"{record.verdict} {self.note}".strip())
 
     @cached_property
     def model(self) -> Model:
-        """What predicts, compensates and is saved, fitted to all poses."""
+        """Model for prediction and compensation, fitted to all poses; the one that is saved."""
         final, poses = self.fit
         saved = saved_model(final, poses, np.setdiff1d(np.arange(len(poses)), self.calibrated.train))
         stated = poses.dataset.instrument
@@ -164,7 +164,7 @@ def checked_poses(
 
 
 def measured_joints(joints: Sequence[str], mechanism: Mechanism) -> list[tuple[str, tuple[Effect, ...]]]:
-    """What "BALL=RESULT" says of each ball of a machine. Raises InputError for what says nothing of one."""
+    """Read the "BALL=RESULT" of each ball of a machine. Raises InputError if the ball or the result is missing."""
     out = []
     for said in texts(joints, "joints", "('L3.fixed=rig',)"):
         name, _, result = said.partition("=")

@@ -77,7 +77,8 @@ class CertificateResult(Shown):
 def certificate(
     result: object, particulars: str | Path | Particulars | None = None, *, tolerance: str | None = None, **said: str
 ) -> CertificateResult:
-    """How accurate a machine is, printed by `summary()`, written by `report(folder)` and, as JSON, `save(file)`.
+    """State the accuracy of a machine as a certificate with `summary()`, `report(folder)` and, as JSON,
+    `save(file)`.
 
     result: of `calibrate`, `discover` or `verify`, or a folder that one of them left; where it holds a verification,
     that is certified: it was measured and not predicted. particulars: a TOML file of the lines machine, serial,

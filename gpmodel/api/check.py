@@ -22,7 +22,7 @@ from gpmodel.wording import counted, wrapped
 
 @dataclass(frozen=True, repr=False)
 class CheckResult(Shown):
-    """What is wrong or odd with a table. findings: errors first, each with `severity` and `text`."""
+    """Errors and remarks about a table. findings: errors first, each with `severity` and `text`."""
 
     _with_rows = False
     mechanism: str
@@ -32,7 +32,7 @@ class CheckResult(Shown):
 
     @property
     def valid(self) -> bool:
-        """Whether a model may be fitted to it."""
+        """True if a model may be fitted to the table."""
         return not any(f.severity == "error" for f in self.findings)
 
     @property

@@ -50,7 +50,7 @@ COMMAND = "gpmodel.discover"
 
 @dataclass(frozen=True, repr=False)
 class DiscoveryResult(FittedResult):
-    """What the model was missing. found: everything the loop did; record: the same as report.json has it."""
+    """Effects missing from the standard model. found: everything the loop did; record: content of report.json."""
 
     found: Discovery
     origin: Origin
@@ -63,7 +63,7 @@ class DiscoveryResult(FittedResult):
 
     @cached_property
     def model(self) -> Model:
-        """What predicts, compensates and is saved, fitted to all poses."""
+        """Model for prediction and compensation, fitted to all poses; the one that is saved."""
         found, data = self.found, self.found.poses.dataset
         saved = saved_model(found.final, found.poses, None if found.folds else found.heldout)
         noise = self.origin.noise
@@ -166,7 +166,7 @@ def _geometry(arm: Mechanism, standard: Sequence[str]) -> tuple[Effect, ...]:
 
 
 def _in_mechanism_names(offer: Offer, arm: Mechanism, states: States) -> Offer:
-    """What is offered with the mechanism's names of its joints; families make theirs of the mechanism itself."""
+    """Translate the joint names of an offer to the mechanism's; families already use them."""
     match offer:
         case Effect():
             return in_mechanism_names(offer, arm, states)
@@ -177,7 +177,7 @@ def _in_mechanism_names(offer: Offer, arm: Mechanism, states: States) -> Offer:
 
 
 def _in_table_names(progress: Say, dataset: Dataset) -> Say:
-    """The same progress with the joints as the table calls them."""
+    """Translate the joint names in progress messages to those of the table."""
     names = names_of(dataset)
     return lambda line: progress(replace(line, text=translate(line.text, names)))
 
@@ -208,7 +208,10 @@ def _split(holdout: object, folds: object, dataset: Dataset) -> tuple[float, int
 
 
 def _repeating(search: Search, named: bool) -> list[Search]:
-    """What a choice is repeated by, the quickest first: where something has a name, without evolution, then with it."""
+    """List the searches that repeat a choice in folds, the quickest first.
+
+    If a finding has a name the search runs first without evolution, then with it.
+    """
     return [replace(search, runs=0), search] if named and search.runs else [search]
 
 
@@ -221,11 +224,14 @@ def check_split(holdout: object, folds: object) -> None:
 
 
 LEAST = {"workers": 1, "population": 4, "opening_population": 4, "folds": 2, "blocks": 2, "shuffles": 1}
-"""Of the numbers with less of which nothing could be looked for, or nothing judged; all others may be zero."""
+"""Smallest values of numbers that a search or its tests need; all others may be zero."""
 
 
 def _sensible(search: Search, criteria: Criteria) -> tuple[Search, Criteria]:
-    """The same. Raises InputError that names the argument of another type, or the first field of no such number."""
+    """Return the search and criteria after validation.
+
+    Raises InputError that names the argument of a wrong type, or the first invalid field.
+    """
     if not isinstance(search, Search):
         raise InputError(f"{shown(search)}, expected gpmodel.Search(...)", "search")
     if not isinstance(criteria, Criteria):

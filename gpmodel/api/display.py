@@ -28,7 +28,7 @@ class Shown:
     if TYPE_CHECKING:
 
         def summary(self) -> str:
-            """What is printed."""
+            """Return the text to print."""
 
         def to_dataframe(self) -> pd.DataFrame:
             """Its rows."""

@@ -52,7 +52,7 @@ Norm = Literal["max", "rms"]
 SPACES: tuple[Space, ...] = get_args(Space)
 NORMS: tuple[Norm, ...] = get_args(Norm)
 COUNTED = ("inputs", "runs", "counts", "shuffled_runs", "shuffled", "operators", "p_values", "significant")
-"""Of a histogram, in evolve.json."""
+"""Fields of a histogram in evolve.json."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -79,7 +79,7 @@ class EvolutionResult(Shown):
 
     @cached_property
     def record(self) -> Report:
-        """The same as report.json has it."""
+        """Record of report.json."""
         return from_evolution(self.start, self.runs, self.histogram, self.origin, self.best)
 
     @property
@@ -286,7 +286,7 @@ def _finished(
 
 
 def _effort(population: object, generations: object, seconds: object, selection: object) -> Effort:
-    """What was asked of a run. Raises InputError that names the first number that is none."""
+    """Return the requested effort of a run. Raises InputError that names the first invalid number."""
     return Effort(
         None if population is None else whole(population, "population", 4),
         None if generations is None else whole(generations, "generations"),

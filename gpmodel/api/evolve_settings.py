@@ -1,4 +1,4 @@
-"""What evolves where: the thesis' settings in Cartesian space, the defaults at a slot."""
+"""Default settings of evolution: the thesis' settings in Cartesian space, smaller ones at a slot."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -14,8 +14,11 @@ from gpmodel.evolution.tree import Tree
 
 Space = Literal["cartesian", "slot"]
 POPULATIONS = {"cartesian": {"linear": 65536, "tree": 8192}, "slot": {"linear": 1024, "tree": 512}}
-"""Of compensators the thesis' own (section 5.2.2), and an eighth as many trees, which take as long; at a slot, where
-one law of one input is sought, what finds it."""
+"""Population sizes.
+
+Compensators use the thesis' size (section 5.2.2), and an eighth as many trees, which take as long. At a slot, where
+one formula of one input is sought, smaller populations suffice.
+"""
 GENERATIONS = 100
 """The thesis names none; after a hundred its populations are of one kind."""
 UNLIMITED, NO_END = 1_000_000, 1e9
@@ -24,7 +27,7 @@ UNLIMITED, NO_END = 1_000_000, 1e9
 
 @dataclass(frozen=True)
 class Effort:
-    """What a run was asked to take, and who breeds in it, None for the defaults."""
+    """Requested effort of a run and its selection scheme; None for the defaults."""
 
     population: int | None = None
     generations: int | None = None

@@ -22,7 +22,7 @@ class ExportsResult(Shown):
 
     @property
     def records(self) -> tuple[ExportRecord, ...]:
-        """The same as report.json has them."""
+        """Records of the exports in report.json."""
         return tuple(
             ExportRecord(
                 e.file,
@@ -64,7 +64,7 @@ class ExportsResult(Shown):
             self.write(draft)
 
     def write(self, folder: Path) -> None:
-        """The same into a folder that is there."""
+        """Write the exports into an existing folder."""
         for export in self.exports.made:
             write_text(folder / export.file, export.text)
 

@@ -1,4 +1,4 @@
-"""What results of a fit have in common: numbers, predictions and pictures at hand."""
+"""Common interface of the results of a fit: numbers, predictions and pictures."""
 
 import html
 from abc import ABC, abstractmethod
@@ -30,7 +30,7 @@ class RecordedResult:
 
         @property
         def record(self) -> Report:
-            """The same as report.json has it."""
+            """Record of report.json."""
 
     @property
     def histogram(self) -> pd.DataFrame:
@@ -113,7 +113,7 @@ class FittedResult(RecordedResult, ABC):
     @property
     @abstractmethod
     def model(self) -> Model:
-        """What predicts, compensates and is saved, fitted to all poses."""
+        """Model for prediction and compensation, fitted to all poses; the one that is saved."""
 
     @property
     @abstractmethod
@@ -121,13 +121,13 @@ class FittedResult(RecordedResult, ABC):
         """The fit to all poses, and these."""
 
     def predict(self, poses: TableLike, *, as_measured: bool = False, in_order: bool = False) -> pd.DataFrame:
-        """As `Model.predict`."""
+        """Predict readings; see `Model.predict`."""
         return self.model.predict(poses, as_measured=as_measured, in_order=in_order)
 
     def verify(
         self, table: TableLike, *, tolerance: str | None = None, in_order: bool = False, **sights: Described
     ) -> VerifyResult:
-        """As `Model.verify`."""
+        """Verify the model; see `Model.verify`."""
         return self.model.verify(table, tolerance=tolerance, in_order=in_order, **sights)
 
     @property

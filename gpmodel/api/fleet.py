@@ -108,7 +108,7 @@ class FleetResult(Shown):
 
 
 def _numbers(part: Part, machine: int) -> dict[str, str | float]:
-    """What a parameter is at a machine and of the type; of a block, which is no number, that it is none."""
+    """Tabulate a parameter of a machine and of its type; of a block, NaN for all values."""
     if isinstance(part, BlockPart):
         return {"unit": "1"} | dict.fromkeys(("value", "stderr", "shrunken", "shrunken_stderr", "mean"), np.nan)
     both = (part.shrunken[machine], part.shrunken_stderrs[machine]) if part.shrunken else (np.nan, np.nan)
@@ -179,7 +179,7 @@ def fleet(
 def _part(
     arms: Sequence[tuple[Mechanism, Poses]], final: Fleet, parts: tuple[MachinePart, ...], origin: Origin, chosen: str
 ) -> FleetPart:
-    """What fleet.json says of machines of one type, in the tables' names of the joints where all agree on them."""
+    """Build the record of machines of one type in fleet.json, with the tables' joint names if all agree."""
     arm, called_so = arms[0][0], {poses.dataset.columns for _, poses in arms}
     joints = tuple(j.name for j in arm.joints)
     x, y, z = tip_at_probe(arm).tolist()

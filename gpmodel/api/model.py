@@ -35,7 +35,7 @@ Point = Literal["tool", "frame"]
 POINTS: tuple[Point, ...] = ("tool", "frame")
 
 MODEL = "model.json"
-"""What a model is called in the folder of a result."""
+"""File name of the model in the folder of a result."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -72,7 +72,7 @@ class Model(Shown):
     def judged(
         self, poses: TableLike, as_measured: bool, session: bool, in_order: bool, progress: Say = silent
     ) -> tuple[pd.DataFrame, Array]:
-        """What `predict` and `misses` give, at the cost of one of them."""
+        """Return the results of `predict` and `misses` at the cost of one of them."""
         called(progress, "progress")
         told_of_reading(poses, progress)
         frame, text, path = frame_to_extend(poses, self.mechanism, "poses")
@@ -164,8 +164,10 @@ class Model(Shown):
     def verify(
         self, table: TableLike, *, tolerance: str | None = None, in_order: bool = False, **sights: Described
     ) -> "VerifyResult":
-        """Whether the model still holds, by a table measured afterwards; see `gpmodel.verify`, which has `cameras`,
-        `board` and `surfaces` as well."""
+        """Test whether the model still holds, from a table measured later.
+
+        See `gpmodel.verify`, which also has `cameras`, `board` and `surfaces`.
+        """
         from gpmodel.api.verification import verify_saved  # which `predict` need not wait for
         from gpmodel.report.verification import VerifyRequest
 
@@ -224,7 +226,7 @@ class Model(Shown):
         return "\n".join([head, aligned(kept)]) if kept else head
 
     def __eq__(self, other: object) -> bool:
-        """Whether it is the same model by its content; one that has no text is equal to itself alone."""
+        """Compare models by content; a model without text equals only itself."""
         return self is other or (isinstance(other, Model) and self.sha256 == other.sha256 != "")
 
     def __hash__(self) -> int:

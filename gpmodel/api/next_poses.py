@@ -1,4 +1,4 @@
-"""What the next poses after a result are for."""
+"""Purpose of the next poses after a result."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +24,10 @@ POOLED = 40
 TOLD_APART = 2.0
 """Standard deviations that all poses of the pool must put between rivals for any of them to be taken for it."""
 MOST_RIVALS = 3
-"""Of each finding, the closest: those after them predict worse and are told apart on the way."""
+"""Largest number of alternatives of each finding, the closest first.
+
+Later ones predict worse and become distinguishable on the way.
+"""
 
 
 def read_result(after: Model | str | Path) -> tuple[Model, Report | None]:
@@ -39,9 +42,10 @@ def read_result(after: Model | str | Path) -> tuple[Model, Report | None]:
 def next_questions(
     saved: SavedModel, record: Report | None, pool: Array, criterion: str | None, rng: np.random.Generator
 ) -> Asked:
-    """What is asked of a pool (P, n) of poses after a result: by "rivals", "effect", "i-optimal" or "spread".
+    """Pose the design question of a pool (P, n) of poses after a result, by "rivals", "effect", "i-optimal" or
+    "spread".
 
-    None for the first of these that there is something for. Raises InputError where there is nothing to ask.
+    None: the first of these that applies. Raises InputError where none applies.
     """
     outlook = Outlook.over(saved, pool, rng)
     of_point = outlook.of_the_point()
@@ -71,9 +75,10 @@ def next_questions(
 
 
 def of_rejected(saved: SavedModel, record: Report | None, pool: Array, number: int, rng: np.random.Generator) -> Asked:
-    """What is asked of a pool (P, n) of poses to decide a rejected candidate of a result, counted from 1.
+    """Pose the design question of a pool (P, n) of poses that decides a rejected candidate of a result, counted from
+    1.
 
-    Raises InputError where there is none of that number, or none that the catalogue has by its name.
+    Raises InputError where there is no candidate of that number, or the catalogue has none of its name.
     """
     rejected = record.rejected if record else ()
     if not 1 <= number <= len(rejected):

@@ -37,9 +37,9 @@ DRAWS = 5
 MOST = 10_000
 """Poses that may be asked for: twice as many as are chosen in a minute."""
 DECIMALS = 4
-"""Of a degree or a millimetre: what a controller takes."""
+"""Decimals of a degree or a millimetre that a controller takes."""
 ROWS = 9
-"""Of the curve, printed."""
+"""Rows of the printed curve."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -63,11 +63,11 @@ class PosesResult(Shown):
         return pd.DataFrame(dict(joint_column(name, j.kind, values) for name, j, values in joints))
 
     def to_csv(self) -> str:
-        """The same as text, with as many decimals as a controller takes."""
+        """Return the table as text, with as many decimals as a controller takes."""
         return table_text(self.to_dataframe(), DECIMALS)
 
     def summary(self) -> str:
-        """How many, what for, and the curve of what is known against their number."""
+        """Summarise the number of poses, their purpose, and the precision as a function of their number."""
         apart = f", no two closer than {self.spacing:.2f} of a range" if len(self.q) > 1 else ""
         lines = [f"{len(self.q)} poses of {self.mechanism.name}{apart}", wrapped(self.said, 0)]
         if not knows_its_shape(self.mechanism):
@@ -167,7 +167,7 @@ def _before(arm: Mechanism, pool: Array, count: int, kind: str, noise: float) ->
 
 
 def _curve(asked: Asked, order: IntArray, pool: int, rng: np.random.Generator) -> pd.DataFrame:
-    """What is known after each pose, and after as many random ones."""
+    """Tabulate the precision after each pose, and after as many random ones."""
     draws = [rng.choice(pool, len(order), replace=False) for _ in range(DRAWS)]
     chosen, random = (
         asked.said_of(deviations(asked.measure, order)),

@@ -43,9 +43,11 @@ def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], 
 
 
 def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path) -> None:
-    """The same of a fit, with model.json and every export that the model allows, all of it side by side; look: makes
-    the record. Where the report cannot be made, model.json is written alone, so that a fit is not lost with its pages.
-    Raises InputError likewise."""
+    """Write the report of a fit, model.json and every export that the model allows, in parallel.
+
+    look: makes the record. If the report fails, model.json is still written, so that the fit is not lost. Raises
+    InputError as `write_result` does.
+    """
     check_writable()
     from gpmodel.api.exports import ExportsResult
     from gpmodel.application.exports.make import parts_of, together

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class SavedResult(RecordedResult):
-    """What calibrate or discover left in a folder. record: its report.json."""
+    """Result of calibrate or discover in a folder. record: its report.json."""
 
     folder: Path
     record: Report
@@ -49,14 +49,14 @@ class SavedResult(RecordedResult):
 
 
 def load_result(folder: str | Path) -> SavedResult:
-    """What `calibrate` or `discover` left in a folder. Raises InputError where there is nothing, or it is damaged."""
+    """Load the result of `calibrate` or `discover` from a folder. Raises InputError if it is missing or damaged."""
     path = file_path(folder, "folder")
     return SavedResult(path, read_report(path))
 
 
 @dataclass(frozen=True, repr=False)
 class CompareResult:
-    """What changed between two calibrations of a machine. found: quantity by quantity."""
+    """Difference between two calibrations of a machine. found: quantity by quantity."""
 
     found: "Comparison"
 
@@ -102,7 +102,7 @@ class CompareResult:
 
 
 def compare(before: object, after: object) -> CompareResult:
-    """What changed between two results of one machine: of calibrate, discover or load_result, or their folders.
+    """Compare two results of one machine: of calibrate, discover or load_result, or their folders.
 
     Raises InputError where they are none, or of two machines.
     """

@@ -46,7 +46,7 @@ class SimulationResult(Shown):
         return frame_of(self.table, self.truth.mechanism)
 
     def summary(self) -> str:
-        """How many poses, of what, and what is true."""
+        """Summarise the number of poses, the mechanism and the true effects."""
         return f"{len(self.table)} poses of {self.truth.mechanism.name}\n{self.truth.summary()}"
 
     def save(self, file: str | Path, **more: object) -> Path:

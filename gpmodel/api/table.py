@@ -29,9 +29,9 @@ from gpmodel.table.write import frame_of
 from gpmodel.texts import read_toml
 
 TableLike = Dataset | pd.DataFrame | str | Path
-"""What a table is given as; poses to predict may also be an array (N, n) of joint values, rad and m."""
+"""Types accepted as a table; poses to predict may also be an array (N, n) of joint values, rad and m."""
 Described = Mapping[str, object] | str | Path | None
-"""What a TOML file says, or where it is."""
+"""Content of a TOML file, or its path."""
 
 LARGE = 4 << 20
 """Bytes of a table that takes a second to read: some 30 000 poses."""
@@ -71,7 +71,7 @@ def read_table(
 
 
 def specified(dataset: Dataset, instrument: object) -> Dataset:
-    """The same table, measured by an instrument of that specification; None says nothing. Raises InputError."""
+    """Return the table with the specification of its instrument; None changes nothing. Raises InputError."""
     if instrument is None:
         return dataset
     if not isinstance(instrument, str):
@@ -82,7 +82,7 @@ def specified(dataset: Dataset, instrument: object) -> Dataset:
 def described(
     cameras: Described = None, board: Described = None, surfaces: Described = None
 ) -> dict[str, Mapping[str, object]]:
-    """What is given of them, files read. Raises InputError for a file that cannot be."""
+    """Return the given descriptions, with files read. Raises InputError for an unreadable file."""
     given = dict(zip(KINDS, (cameras, board, surfaces), strict=True))
     return {
         name: value if isinstance(value, Mapping) else read_toml(file_path(value, name), f"a description of {name}")
@@ -102,9 +102,10 @@ def dataset_of(
     source: TableLike, mechanism: Mechanism, *, need_measurement: bool, argument: str = "table",
     described: Mapping[str, Mapping[str, object]] | None = None,
 ) -> Dataset:  # fmt: skip
-    """The same; poses that nobody measured as well where `need_measurement` is False.
+    """Read a table for a mechanism; also unmeasured poses if `need_measurement` is False.
 
-    argument: that errors name. Raises InputError as `read_table`, or where it was read for other joints.
+    argument: name of the argument in messages. Raises InputError as `read_table`, or for a dataset with other
+    joints.
     """
     payload = choice_of(mechanism).payload
     if isinstance(source, np.ndarray) and not need_measurement:
@@ -160,7 +161,7 @@ def cells_of(source: pd.DataFrame | str | Path, argument: str = "table") -> Cell
 
 
 def frame_to_extend(source: TableLike, mechanism: Mechanism, argument: str) -> tuple[pd.DataFrame, pd.DataFrame, Path]:
-    """What new columns are put beside, the same as cells of text, and what messages call it."""
+    """Return the frame to extend by new columns, its cells as text, and its name in messages."""
     if isinstance(source, Dataset):
         frame = frame_of(source, mechanism)
         return frame, frame, Path(source.source)
@@ -171,7 +172,7 @@ def frame_to_extend(source: TableLike, mechanism: Mechanism, argument: str) -> t
 
 
 def with_numbers(frame: pd.DataFrame) -> pd.DataFrame:
-    """The same with columns of numbers that were read as text as numbers; what holds any other text is as it is."""
+    """Return the frame with text columns of numbers as numbers; columns with other text are unchanged."""
     out = frame.copy()
     for name in out.columns[
         out.dtypes.map(pd.api.types.is_object_dtype) | out.dtypes.map(pd.api.types.is_string_dtype)

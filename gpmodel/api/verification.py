@@ -25,9 +25,9 @@ from gpmodel.table.read import dataset_from
 from gpmodel.table.units import split_header
 
 CORRECTED = "corrected_"
-"""How `compensate` calls the joint values it gives."""
+"""Prefix of the corrected joint values in tables of `compensate`."""
 GIVEN_BESIDE = ("correction", "residual", "sigma", "outside", "status")
-"""What it gives beside them."""
+"""Columns that `compensate` adds to them."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -45,12 +45,12 @@ class VerifyResult(Shown):
 
     @property
     def holds(self) -> bool:
-        """Whether the model holds: neither drifted nor of another machine."""
+        """True if the model holds: neither drifted nor of another machine."""
         return self.record.verdict == "holds"
 
     @property
     def passed(self) -> bool:
-        """Whether it holds and every row is within the tolerance, where one was given."""
+        """True if the model holds and every row is within the tolerance, if one was given."""
         return self.record.passed
 
     def to_dataframe(self) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""Whether a model still holds, by poses measured after it was fitted."""
+"""Test of a model on poses measured after its fit."""
 
 from pathlib import Path
 

@@ -1,1 +1,1 @@
-"""What a finished model is for: files, prediction, compensation."""
+"""Uses of a finished model: files, prediction, compensation."""

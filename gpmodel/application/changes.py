@@ -1,4 +1,4 @@
-"""What changed since a model was fitted: everything that could have, tested against what the model leaves."""
+"""Tests of changes since a model was fitted: each possible change against the residual of the model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from gpmodel.numerics.interval import chance_of_ratio
 
 SET_UP: Kind = "set-up"
 SIGNIFICANCE = 0.005
-"""Of each of the two tests of a model that holds, of all that is left and of what is named: a hundredth in all."""
+"""Significance of each of the two tests of a valid model, of the whole residual and of named changes: 1 % together."""
 MOST = 4
 """Changes named at most: where more would be, nothing is what it was."""
 AS_LIKELY = 4.0
@@ -26,7 +26,8 @@ POWER = 0.9
 
 @dataclass(frozen=True)
 class NamedChange:
-    """What changed, by how much ± one standard deviation, in `unit`; of a `size` as a share of what the model has.
+    """Change of a named quantity, value ± one standard error, in `unit`; of a `size` as a fraction of the model's
+    value.
 
     chance: of so much while nothing changed, corrected for all that was tried. rivals: what explains the poses as well.
     """
@@ -51,7 +52,8 @@ class Visible:
 
 
 def changes(found: Recheck, tried: Sequence[PossibleChange]) -> tuple[tuple[NamedChange, ...], Recheck]:
-    """What changed beyond chance, the least probable first, each beside those before it; and what is left then.
+    """Select the significant changes, the least probable first, each given the earlier ones; return the residual
+    after them.
 
     The chance of one is that of its F ratio over its share of the significance (weighted Bonferroni). Where the set-up
     is seen to move along the rows, poses depend on those before: a set-up that wanders is taken out too, and
@@ -81,7 +83,7 @@ def _chance(found: Recheck, score: float, numbers: int) -> float:
 
 
 def visible(found: Recheck, tried: Sequence[PossibleChange]) -> tuple[Visible, ...]:
-    """What of every joint's zero these poses would show with the chance POWER."""
+    """Return the smallest change of each joint zero that these poses detect with the chance POWER."""
     zeros = {h.name: h for h in tried if h.kind == "zero"}
     out = []
     for joint in found.session.saved.mechanism.joints:

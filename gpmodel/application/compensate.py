@@ -113,7 +113,7 @@ def of_frame(saved: SavedModel) -> SavedModel:
 
 
 def _table_names(saved: SavedModel, dataset: Dataset) -> tuple[str, ...]:
-    """What the targets call the joints; where they name none, what the table of the fit does."""
+    """Return the joint names of the targets; without joint columns, those of the fitted table."""
     given = dataset.columns or dataset.joints
     return saved.columns if given == dataset.joints else given
 

@@ -1,4 +1,4 @@
-"""What accuracy is to be expected on poses that nobody measured, as bounds: a Monte Carlo over all that is fitted.
+"""Expected accuracy at unmeasured poses, as bounds: a Monte Carlo simulation over all fitted quantities.
 
 Each world draws the model's numbers from their covariance, tails and scale of the noise by how sure they are, and
 measures every pose in it. Source: JCGM 101 (2008), propagation of distributions.
@@ -52,11 +52,13 @@ class ErrorBounds:
 
 
 def further_poses(fit: Calibration, poses: Poses, spread: float | None = None) -> ErrorBounds | None:
-    """Of a model fitted to `poses`; None where joint values are approximate, positions are not whole, what the model
-    remembers is not known there, or hardly more was measured than fitted.
+    """Bound the errors of a model fitted to `poses` at further poses.
 
-    spread: of one coordinate of a reading about the model, m, with its discrepancy; without it `fit.sigma`. A search
-    fits a part of the noise, so that its residuals are too small by that ratio.
+    None if joint values are approximate, positions are incomplete, memory columns are unknown there, or the
+    measurements hardly outnumber the unknowns.
+
+    spread: standard deviation of one coordinate of a reading about the model, m, with its discrepancy; by default
+    `fit.sigma`. A search fits a part of the noise, so that its residuals are too small by that ratio.
     """
     data = poses.dataset
     whole = np.flatnonzero(np.isfinite(data.position).all(axis=1))
@@ -82,7 +84,7 @@ def further_poses(fit: Calibration, poses: Poses, spread: float | None = None) -
 
 
 def _coordinates(fit: Calibration, problem: Linearised, use: IntArray) -> float:
-    """What the points of the rows `use` are worth in independent coordinates, less the unknowns."""
+    """Return the effective number of independent coordinates of the rows `use`, less the unknowns."""
     fitted = problem.weights[use] > 0
     return float(fit.freedom * fitted[:, :3].sum() / max(fitted.sum(), 1))
 

@@ -1,4 +1,4 @@
-"""What was found of one ball joint on its own rig, as a belief about a ball of a machine: thesis, section 1.5.1."""
+"""Posterior of a ball joint from its rig, used as prior of a ball of a machine: thesis, section 1.5.1."""
 
 from collections.abc import Sequence
 from dataclasses import replace

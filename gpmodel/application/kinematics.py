@@ -30,7 +30,7 @@ LONGEST_STEP = 0.3
 POOL = 4096
 """Random joint values among which starts for Cartesian targets are sought: six joints, four values each."""
 NEAREST = 6
-"""Of those, the nearest to a target are tried first, as many as there are joints in most arms."""
+"""Number of nearest starts tried first for a target, as many as the joints of most arms."""
 SEEDS = 24
 """Starts in all before a target is called not reached."""
 
@@ -48,9 +48,11 @@ def tips(saved: SavedModel, dataset: Dataset, *, nominal: bool) -> tuple[Poses, 
 
 
 def look_at(saved: SavedModel, dataset: Dataset, target: Array, *, nominal: bool) -> tuple[Array, Array]:
-    """What is missing (N, 6), m and rad, to targets (N, 4, 4) in the root frame, and its change (N, 6, n) per joint
-    value; exact for the nominal mechanism, and off by the size of the errors for the real one, whose joints are taken
-    to move it as they would the nominal one."""
+    """Return the pose error (N, 6), m and rad, to targets (N, 4, 4) in the root frame, and its Jacobian (N, 6, n).
+
+    The Jacobian is exact for the nominal mechanism. For the calibrated one it is off by the size of the errors,
+    since nominal joint motions are used.
+    """
     observed = tips(saved, dataset, nominal=nominal)[1]
     turn = target[:, :3, :3] @ np.swapaxes(observed.tip[:, :3, :3], 1, 2)
     miss = np.hstack([target[:, :3, 3] - observed.tip[:, :3, 3], se3.rotation_vector(turn)])
@@ -122,7 +124,9 @@ def _place(frames: Array, whole: bool) -> Array:
 
 
 def _best(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, starts: Array) -> tuple[Array, Array]:
-    """Of the solutions from starts (N, k, n), the best (N, n) and its cost (N,): 1000 and more where there is none."""
+    """Return the best (N, n) of the solutions from starts (N, k, n) and its cost (N,): 1000 and more without a
+    solution.
+    """
     mechanism = saved.mechanism
     count, tries, joints = starts.shape
     each = np.repeat(np.arange(count), tries)

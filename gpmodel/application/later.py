@@ -42,7 +42,7 @@ class Session:
 
     @property
     def observed(self) -> Observed:
-        """What the model says of every pose."""
+        """Predicted readings of every pose."""
         return observe(self.saved.model, self.poses, self.saved.theta, self.saved.placement)
 
     @property
@@ -51,8 +51,11 @@ class Session:
         return pose_error(self.observed, self.poses.dataset)
 
     def anew(self, problem: Linearised) -> Mask:
-        """Which columns (P + E,) this session finds for itself: registration and what stands in the world; the tool and
-        what links carry where they are free. Effects and lenses are the model's."""
+        """Return the columns (P + E,) that this session fits: registration and stationary objects; the tool and
+        carried objects where they are free.
+
+        Effects and lenses are held at the model's values.
+        """
         held = {name for name in problem.placement_names if name.split(" ", 1)[0] == "tool"}
         for kind, key in kept_by(self.saved, self.poses.dataset):
             held |= {f"{key} {own}" for own in kind.own[key]}

@@ -33,7 +33,9 @@ class Measured:
 
 
 def measured_record(measured: Measured | None) -> dict[str, object] | None:
-    """As JSON, SI; None where there is no table or it holds readings that tables have no columns for."""
+    """Return the measured table as JSON, SI; None without a table or if it holds readings that tables have no
+    columns for.
+    """
     if measured is None or not all(
         isinstance(o, Touches | Pixels | Inclination) for o in measured.dataset.observations
     ):
@@ -61,7 +63,7 @@ def measured_record(measured: Measured | None) -> dict[str, object] | None:
 
 
 def measured_from(record: MeasuredPart, mechanism: Mechanism) -> Measured:
-    """What `measured_record` wrote. Raises InputError where it has other joints."""
+    """Read the record of `measured_record`. Raises InputError if its joints differ."""
     joints = mechanism.joints
     count = len(record.row)
     if {len(row) for row in record.q} - {len(joints)}:
@@ -97,7 +99,7 @@ def measured_from(record: MeasuredPart, mechanism: Mechanism) -> Measured:
 
 
 def counted(dataset: Dataset, metres: Mapping[str, float]) -> Dataset:
-    """The same with pixels and angles that count as so many metres, by the name of their kind."""
+    """Return the dataset with pixels and angles weighed by `metres`, keyed by the name of their kind."""
     return replace(
         dataset,
         observations=tuple(

@@ -67,7 +67,7 @@ class SavedModel:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """What the table of the fit calls the joints; where there is none, the mechanism's names."""
+        """Joint names in the fitted table; without a table, the mechanism's names."""
         named = self.measured.dataset.columns if self.measured is not None else ()
         return named or tuple(joint.name for joint in self.mechanism.joints)
 
@@ -78,7 +78,7 @@ class SavedModel:
 
 
 def saved_model(fit: Calibration, poses: Poses, heldout: IntArray | None = None) -> SavedModel:
-    """What of a calibration on `poses` is worth keeping. heldout: rows that no choice has seen."""
+    """Reduce a calibration on `poses` to a saved model. heldout: rows unseen by every choice."""
     dataset = poses.dataset
     read = needed(fit.model, dataset)
     columns = {*dataset.joints, *(name for effect in fit.model.effects for name in effect.inputs)}

@@ -26,7 +26,7 @@ MOST_TERMS = 64
 MOST_COLUMNS = 500
 """Columns of a table, as spreadsheets of a session have them, and labels of one kind."""
 MOST_UNKNOWNS = 5000
-"""Of registration, tools and what observations find of themselves: five for every bar that was laid."""
+"""Largest number of unknowns of registration, tools and observations: five for every bar position."""
 MOST_ROWS = 1_000_000
 """Poses of a table, a hundred times those of the largest measured."""
 LARGEST_NUMBER = 1e13
@@ -91,7 +91,7 @@ class EffectPart(msgspec.Struct, frozen=True):
 
 
 class MechanismPart(msgspec.Struct, frozen=True):
-    """What the model corrects. name: built in, or of the file whose text is `description`.
+    """Mechanism that the model corrects. name: built-in name, or the name of the file with text `description`.
 
     tip_at_probe_m: where its tip is at one oblique pose, by which it is recognised.
     """

@@ -1,4 +1,4 @@
-"""What further poses would tell a fitted model: how well its effects are known, and its rivals told apart.
+"""Value of further poses for a fitted model: precision of its effects, and discrimination from alternatives.
 
 The latter is T-optimality for models that are linear in what they do not share: Atkinson and Fedorov (1975).
 """
@@ -23,7 +23,7 @@ BUILT = 1e-3
 """Metres or radians: standard deviation of a geometric error before anything is measured."""
 
 LITTLE = 1e-9
-"""Of what the pool would tell of an unknown: with less than that the measured poses tell nothing of it."""
+"""Smallest information of the measured poses about an unknown, as a fraction of the pool's; less counts as none."""
 
 
 @dataclass(frozen=True)
@@ -54,12 +54,14 @@ class Outlook:
         return cls(saved, *ready)
 
     def of_the_point(self) -> Question:
-        """How well the predicted point is known over the pool, its variance in m²: I-optimal."""
+        """Pose the question of the predicted point: its variance over the pool, m²; I-optimal."""
         here, there = self._columns(self.measured), self._columns(self.pool)
         return _question(here, there, self.saved.sigma**2 * over_the_pool(there), self._believed)
 
     def of_finding(self, finding: Questioned) -> Question:
-        """How well a finding is known: the RMS of what its ± moves the measured points by, over what it moves them."""
+        """Pose the question of a finding: RMS displacement of the measured points by its standard error, relative to
+        the finding's.
+        """
         here, there = self._columns(self.measured), self._columns(self.pool)
         own = len(self.saved.covariance.placement) + finding.effects
         theta, moves = self.saved.theta[finding.effects], over_the_pool(here[:, :, own])
@@ -68,8 +70,9 @@ class Outlook:
         return _question(here, there, weight, self._believed)
 
     def of_more(self, effects: tuple[Effect, ...]) -> Question:
-        """How well effects beside the model would be known: the mean square over the pool, m², of what their ± moves
-        the point by."""
+        """Pose the question of effects outside the model: mean square displacement over the pool, m², by their
+        standard errors.
+        """
         here, there = (self._columns(poses, effects) for poses in (self.measured, self.pool))
         own = np.arange(there.shape[2] - len(effects), there.shape[2])
         weight = np.zeros((there.shape[2], there.shape[2]))
@@ -78,8 +81,9 @@ class Outlook:
         return _question(here, there, weight, believed)
 
     def beside(self, finding: Questioned, rival: tuple[Effect, ...]) -> Question:
-        """How well the amplitude of a finding, in the shape it was fitted in, is known beside a rival: 1 / σ is by how
-        many standard deviations they are apart."""
+        """Pose the question of a finding's amplitude, in its fitted shape, given an alternative: 1 / σ is their
+        separation in standard errors.
+        """
         here, there = (self._amplitude_last(poses, finding, rival) for poses in (self.measured, self.pool))
         weight = np.zeros((there.shape[2], there.shape[2]))
         weight[-1, -1] = 1.0
@@ -89,8 +93,10 @@ class Outlook:
 
     @property
     def _believed(self) -> Array:
-        """What is known of each unknown (P + E,) before measuring, 1 / σ²: priors, and that no machine is built worse
-        than BUILT of geometry that the measured poses may not tell."""
+        """Prior precision 1 / σ² of each unknown (P + E,).
+
+        Geometry that the measured poses may not determine is bounded by BUILT.
+        """
         effects = self.saved.model.effects
         priors = np.array([min(e.prior, BUILT) if e.constant else e.prior for e in effects])
         return np.concatenate([np.zeros(len(self.saved.covariance.placement)), 1.0 / priors**2])
@@ -118,7 +124,9 @@ class Outlook:
 
 
 def _question(here: Array, there: Array, weight: Array, believed: Array) -> Question:
-    """Of columns at the measured poses and over the pool, in unknowns scaled to what is known of each by itself."""
+    """Scale the unknowns by their information and build the question from columns at the measured poses and over the
+    pool.
+    """
     known, may_tell = np.einsum("pij,pik->jk", here, here) + np.diag(believed), np.einsum("pij,pij->j", there, there)
     scale = np.sqrt(np.maximum(np.diag(known), LITTLE * may_tell))
     scale[scale == 0.0] = 1.0

@@ -1,4 +1,4 @@
-"""What may have changed about a machine since its model was fitted."""
+"""Possible changes of a machine since its model was fitted."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -26,9 +26,9 @@ Kind = Literal["zero", "tool", "size", "geometry", "catalogue", "set-up"]
 SHARES: dict[Kind, float] = {
     "zero": 1 / 3, "tool": 1 / 6, "size": 1 / 6, "geometry": 1 / 6, "catalogue": 1 / 12, "set-up": 1 / 12
 }  # fmt: skip
-"""How the significance is shared: what slips and is crashed oftenest is asked for first."""
+"""Share of the significance of each kind of change; frequent causes (slips, crashes) get the most."""
 LEAST = 1e-3
-"""Of a column's length: where less than that is left of it, registration or tool stand for it."""
+"""Smallest remaining fraction of a column's length; below it registration or tool absorb the column."""
 STANDING = "base"
 """The slot of what the machine stands on."""
 PIXELS = lens.NAMES[:4]
@@ -72,14 +72,14 @@ class PossibleChange:
         return (float(values[0]) if len(values) == 1 else size), deviation
 
     def beside(self, left: Recheck) -> "PossibleChange":
-        """The same less what was taken out; without columns where nothing of it is left."""
+        """Return the change without the span of the removed columns; without columns if nothing remains."""
         columns = self.columns - left.basis @ (left.basis.T @ self.columns)
         little = np.linalg.norm(columns) < LEAST * np.linalg.norm(self.columns)
         return replace(self, columns=np.zeros_like(columns) if little else columns)
 
 
 def zero_of(joint: str) -> str:
-    """What the zero of a joint is called."""
+    """Name the zero of a joint."""
     return f"zero of {joint}"
 
 
@@ -93,7 +93,7 @@ def possible_changes(found: Recheck) -> tuple[PossibleChange, ...]:
 
 
 def _within(one: PossibleChange, other: PossibleChange) -> bool:
-    """Whether it is a part of the other, as a shift of the last link along one axis is of a tool point's."""
+    """Return whether one change is part of another, as a shift of the last link is of a change of the tool point."""
     left = rank.remove(rank.orthonormal(other.columns), one.columns)
     return bool(np.linalg.norm(left) < LEAST * np.linalg.norm(one.columns))
 
@@ -154,7 +154,7 @@ def _geometry(found: Recheck) -> Iterator[PossibleChange]:
 
 
 def _of_the_catalogue(found: Recheck) -> Iterator[PossibleChange]:
-    """What its families offer of one number, or of one amplitude and phase, that the model does not have."""
+    """Yield the families' candidates of one number, or of one amplitude and phase, that the model lacks."""
     model, poses = found.session.saved.model, found.problem.poses
     own = {effect.name for effect in model.effects}
     offered = [

@@ -1,4 +1,4 @@
-"""What the instrument would read at poses nobody measured."""
+"""Predicted readings of the instrument at unmeasured poses."""
 
 import re
 
@@ -55,7 +55,7 @@ def observed_by(saved: SavedModel, given: Poses) -> tuple[Poses, Observed]:
 
 
 def _predicted(saved: SavedModel, given: Poses, solved: bool) -> dict[str, Array]:
-    """The same of some of the poses. solved: whether solved joint values are columns as well."""
+    """Predict some of the poses. solved: also return the solved joint values as columns."""
     check_finite(saved, given)
     poses, observed = observed_by(saved, given)
     tip = observed.tip

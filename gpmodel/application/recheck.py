@@ -88,12 +88,12 @@ class Recheck:
 
     @property
     def chance(self) -> float:
-        """Of so large a |z|² while the model holds."""
+        """Chance of at least this |z|² if the model holds."""
         return chance_of_ratio(self.chi_square / self.degrees, *self._as_many)
 
     @property
     def chance_of_less(self) -> float:
-        """Of so small a |z|² while the model holds and the noise is that of the fit."""
+        """Chance of at most this |z|² if the model holds and the noise is that of the fit."""
         return chance_of_less(self.chi_square / self.degrees, *self._as_many)
 
     @property
@@ -110,8 +110,10 @@ class Recheck:
 
     @cached_property
     def by_pose(self) -> tuple[Array, Array]:
-        """Of every pose (N,): what its 3-D error is promised to be, RMS, m, with all that V holds and the registration
-        fitted; and the chance of so unlikely an error while the model holds. NaN where it does not count."""
+        """Expected 3-D error, RMS, m, of every pose (N,), and the chance of its actual error if the model holds.
+
+        The expectation includes V and the fitted registration. NaN for poses that do not count.
+        """
         promised, chance = (np.full(len(self.bundle), np.nan) for _ in range(2))
         left, fitted = self.spread.restored(self.z), self.spread.restored(self.basis)
         turns = self._turns
@@ -126,7 +128,7 @@ class Recheck:
 
     @property
     def _turns(self) -> Mask:
-        """Which rows (M,) are angles."""
+        """Rows (M,) that are angles."""
         if self.problem.left is not None:
             return np.zeros(len(self.z), dtype=bool)
         component = np.nonzero(self.problem.weights > 0)[1]
@@ -138,7 +140,7 @@ class Recheck:
         return rank.remove(self.basis, self.spread.whiten(self.blocks.means(columns)))
 
     def without(self, columns: Array) -> "Recheck":
-        """The same with whitened columns (M, k) taken out too."""
+        """Return the recheck with whitened columns (M, k) removed too."""
         more = rank.orthonormal(columns)
         return replace(self, z=rank.remove(more, self.z), basis=np.hstack([self.basis, more]))
 

@@ -1,4 +1,4 @@
-"""How well a model knows where the tool is."""
+"""Uncertainty of the predicted tool position."""
 
 from collections.abc import Sequence
 
@@ -23,7 +23,7 @@ def point_deviation(saved: SavedModel, poses: Poses, observed: Observed, *, plac
 
 
 def coordinate_deviations(saved: SavedModel, poses: Poses, observed: Observed, *, placed: bool = True) -> Array:
-    """The same of each coordinate (N, 3) along the axes of the instrument: √ (diag(J Σ Jᵀ) + d²)."""
+    """Return the standard error of each coordinate (N, 3) along the axes of the instrument: √ (diag(J Σ Jᵀ) + d²)."""
     if len(saved.stderr) and not saved.covariance.placement:
         return np.full((len(poses), 3), np.nan)
     first = 0 if placed else len(saved.covariance.placement)

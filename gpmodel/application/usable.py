@@ -1,4 +1,4 @@
-"""What of a saved model is used for poses that nobody measured, and where it is used beyond its ranges."""
+"""Parts of a saved model that apply at unmeasured poses, and warnings outside its ranges."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -106,7 +106,7 @@ def of_the_session(saved: SavedModel) -> tuple[Effect, ...]:
 
 
 def lasting(effect: Effect) -> bool:
-    """Whether what happened during a session is there after it: neither the instrument's, nor a wander."""
+    """Return whether an effect persists after its session: neither the instrument's, nor a wander."""
     known = family(effect.family)
     return not effect.of_the_instrument and not (known and known.wanders)
 
@@ -227,7 +227,7 @@ def _clamped_basis(basis: Basis, ranges: Mapping[str, tuple[float, float]]) -> C
 
 
 def _is_steady(basis: Basis, own: Mapping[str, tuple[float, float]], wider: Mapping[str, tuple[float, float]]) -> bool:
-    """Whether a basis changes from ranges to wider ones by less than half of what it does within."""
+    """Return whether a basis function changes from its ranges to wider ones by less than half of its change within."""
     count = max(3, round(LOOKS ** (1.0 / len(own))))
     ends = ((wider[name][0], low, high, wider[name][1]) for name, (low, high) in own.items())
     values = [np.concatenate([np.linspace(a, b, count) for a, b in pairwise(four)]) for four in ends]
@@ -238,8 +238,7 @@ def _is_steady(basis: Basis, own: Mapping[str, tuple[float, float]], wider: Mapp
 
 
 def outside(saved: SavedModel, states: States) -> tuple[str, ...]:
-    """Of each pose, the inputs of the model beyond the ranges it was fitted in, as text by the names
-    of the table of the fit; empty where there are none."""
+    """List, for each pose, the inputs outside the ranges of the fit, named as in its table; empty without any."""
     read = {name for effect in saved.model.effects for name in effect.inputs}
     words, called = np.full(len(states), "", dtype=object), saved.names
     for name, (low, high) in saved.ranges.items():

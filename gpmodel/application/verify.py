@@ -1,4 +1,4 @@
-"""Whether a fitted model still holds for its machine, by poses measured afterwards, and what changed where it does not.
+"""Test of a fitted model on poses measured later, and identification of the changes where it fails.
 
 The registration is found anew: nobody puts an instrument in the same place twice. The tool point is the model's.
 """
@@ -29,7 +29,7 @@ from gpmodel.table.dataset import Dataset
 
 Verdict = Literal["holds", "drifted", "another machine"]
 HALF = 0.5
-"""Of the error of nominal geometry: a model that leaves more of it is nearer to none than to the machine's own."""
+"""Largest residual of a valid model as a fraction of the nominal error."""
 UNEXPLAINED = 0.01
 """Share of chi-square that changes may leave which are all that changed: their squares, when a joint was crashed."""
 
@@ -158,8 +158,10 @@ def _with_or_without_the_instrument(saved: SavedModel, dataset: Dataset) -> tupl
 
 
 def _another_tool(found: Recheck, start: Placement) -> Recheck | None:
-    """The same with the tool point found anew, where it is so far off that nothing is linear any more: somebody mounted
-    another one. None where it is not."""
+    """Recheck with a refitted tool point where the error is too large for a linear test: another tool was mounted.
+
+    None where the error is small.
+    """
     session = found.session
     far = root_mean_square(session.errors[session.use])
     if far < FAR:

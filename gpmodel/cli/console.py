@@ -1,4 +1,4 @@
-"""What the command line prints, and tables it writes."""
+"""Printed texts and written tables of the command line."""
 
 import contextlib
 import math
@@ -26,7 +26,7 @@ from gpmodel.table.write import table_text
 PATIENCE = 10.0
 """Seconds between passing lines where they cannot take each other's place."""
 NOISE = {"px": "0.1px", "deg": "0.002deg"}
-"""What `--noise` may be where readings are no lengths."""
+"""Examples of `--noise` for readings that are no lengths."""
 CLEAR = "\r\x1b[K"
 """Back to the start of the line, which is emptied."""
 
@@ -44,8 +44,10 @@ MEASURED = re.compile(r"[xyzuv]|length|(distance|inclination)_.*")
 
 
 def place_for(out: Path | None, default_name: str, source: Path | None = None) -> Path | None:
-    """As `path_for`; None without --out. Raises InputError, before the work, where a table with measurements is there
-    that is no output: what simulate writes has its truth beside it, what predict and compensate write has sigma.
+    """Return the output path, None without --out.
+
+    Raises InputError, before the work, if the file is a measured table and no output: simulate writes its truth next
+    to the table, predict and compensate write sigma.
 
     source: a table that may be replaced, because its columns are kept.
     """
@@ -82,12 +84,12 @@ def write_frame(frame: pd.DataFrame, out: Path | None, default_name: str, source
 
 
 def command_line() -> str:
-    """What was typed, for the record."""
+    """Return the command line as typed, for the record."""
     return " ".join(["gpmodel", *sys.argv[1:]])
 
 
 def session_note(names: tuple[str, ...], session: bool) -> str:
-    """What becomes of effects that belong to the session a model was fitted to; waves of one thing are said once."""
+    """State the treatment of effects of the session a model was fitted to; waves of one effect are named once."""
     said = ", ".join(dict.fromkeys(re.sub(r"( [TR][xyz])?, wave \d+$", "", name) for name in names))
     if session:
         return f"row k is taken for row k of the session the model was fitted to: {said}"

@@ -82,12 +82,12 @@ def discover_request(request: Request, folder: Path, say: Say, executor: Workers
 
 
 def settings() -> object:
-    """What of the search no option says."""
+    """Return the search settings that have no option."""
     return Search(), Criteria()
 
 
 def search_of(request: Request, executor: Workers) -> Search:
-    """How hard to look."""
+    """Build the search from the options."""
     ends = None if request.minutes is None else 60 * request.minutes
     strategies = strategies_named(request.options["representation"], "slot")
     return Search(runs=request.options["runs"], strategies=strategies, stop_after=ends, executor=executor)

@@ -91,7 +91,7 @@ def evolve(
 
 
 def settings() -> object:
-    """What of the search no option says."""
+    """Return the search settings that have no option."""
     return [settings_for(space, default_strategies(space), Effort()) for space in SPACES]
 
 
@@ -110,7 +110,7 @@ def evolved(request: Request, journal: KeptRuns | None, executor: Workers, say: 
 
 
 def selection_of(truncation: float | None, tournament: int | None) -> SelectionScheme | None:
-    """What the two options ask for, None where neither does. Raises InputError where both do."""
+    """Return the requested selection scheme, None without either option. Raises InputError for both."""
     if truncation is not None and tournament is not None:
         raise InputError("--tournament as well, expected one of the two", "truncation")
     try:

@@ -131,7 +131,7 @@ class CommandGroup(click.Group):
 
 
 def option_of(argument: str, params: Sequence[click.Parameter]) -> str:
-    """What a user of the command line calls an argument of the library."""
+    """Return the option name of a library argument."""
     options = (p.opts[-1] for p in params if isinstance(p, click.Option) and p.name == argument)
     return next(options, argument)
 

@@ -50,9 +50,9 @@ def predict(
 
 
 WHICH = {"tool": "point", "frame": "origin"}
-"""What of either is meant."""
+"""Part of the tool or frame that is meant."""
 PROGRAMS: dict[str, Language] = {".mod": "RAPID", ".dat": "KRL"}
-"""What files of a robot's program are called."""
+"""Language of a robot program by file suffix."""
 
 
 @click.command()

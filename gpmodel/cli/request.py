@@ -1,4 +1,4 @@
-"""What was asked of a search, kept so that `--resume DIR` is enough to ask it again."""
+"""Request of a search, stored so that `--resume DIR` can repeat it."""
 
 import contextlib
 import hashlib
@@ -34,7 +34,7 @@ FILES = (*SIGHTS, "model")
 CALLED = {"effects": "effect", "joints": "joint"}
 """Options by another name than their values."""
 JOINT = "joint "
-"""What comes before the name of a ball where the result of its joint is told."""
+"""Prefix of a ball's name in front of the result of its joint."""
 
 
 @dataclass(frozen=True)
@@ -55,10 +55,10 @@ class Request:
     def kept_in(
         self, out: Path | None, say: Say, journal: Callable[[Unfinished], Journal]
     ) -> Iterator[Journal | None]:  # fmt: skip
-        """What is finished is kept by a `journal` until the results are written to `out`, where nobody else works
-        meanwhile; nowhere without it.
+        """Keep finished parts in a `journal` until the results are written to `out`; keep nothing without it.
 
-        What ends it says how to go on; bad input, before anything is finished, leaves nothing behind.
+        No other process may write to the folder meanwhile. An interruption states how to resume; bad input before
+        the first finished part leaves nothing behind.
         """
         if out is None:
             yield None
@@ -72,7 +72,7 @@ class Request:
                 files.close()
 
     def _unfinished(self, out: Path, say: Say) -> Unfinished:
-        """The same as files, with paths relative to `out`, so that both can move together."""
+        """Return the request as files, with paths relative to `out`, so that both can move together."""
         name = self.choice.name
         mechanism = {"mechanism": Path(name)} if Path(name).is_file() else {}
         files = {"table": self.table, **mechanism, **_named_in(self.options)}
@@ -106,9 +106,11 @@ class Request:
 
 @dataclass(frozen=True)
 class Typed:
-    """What was typed: a table and a mechanism, the folder of an unfinished search to go on with, or both.
+    """Typed command: a table and a mechanism, the folder of an unfinished search to resume, or both.
 
-    folder: of --out. options: all others by name. result: the file that a finished one leaves, beside a page.
+    folder: value of --out.
+    options: all others by name.
+    result: file that a finished command leaves, next to a page.
     """
 
     table: Path | None
@@ -119,10 +121,10 @@ class Typed:
     result: str = REPORT
 
     def request(self, settings: object) -> Request | None:
-        """What is to be done; None where the search to resume is finished, which is said.
+        """Return the request; None, with a message, if the search to resume is finished.
 
-        Raises InputError where there is no table, nothing to resume, something beside a finished search that it would
-        not change, or a file that is no longer there.
+        Raises InputError without a table, with nothing to resume, for options that cannot change a finished search,
+        or for a missing file.
         """
         ctx = click.get_current_context()
         command = str(ctx.command.name)
@@ -189,7 +191,7 @@ def _resumable(command: str, files: Unfinished) -> Iterator[None]:
 
 
 def _typed_beside(ctx: click.Context) -> list[str]:
-    """What was typed beside --resume that numbers depend on, by its name on the command line."""
+    """List the options given with --resume that change numbers, by their command-line names."""
     return [
         param.human_readable_name if isinstance(param, click.Argument) else param.opts[0]
         for param in ctx.command.params

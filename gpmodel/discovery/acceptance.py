@@ -35,7 +35,7 @@ class Hypothesis:
 
     @property
     def accepted(self) -> bool:
-        """Whether it passed every test."""
+        """True if the candidate passed every test."""
         return self.verdict.accepted
 
     @property
@@ -45,7 +45,7 @@ class Hypothesis:
 
     @property
     def shuffles(self) -> int:
-        """How many shuffled residuals its chance was told from."""
+        """Number of permuted residuals behind the chance."""
         return self.chance.shuffles
 
     @property

@@ -29,11 +29,13 @@ from gpmodel.table.split import JUDGED
 
 @dataclass(frozen=True)
 class Problem:
-    """What groups are chosen for.
+    """Problem of a selection of groups.
 
-    standard: calibration of the standard model. fit: calibrates the training poses with candidates, from a fit to go on
-    from. offers: the catalogue and what its user names. input_prices: nats by input, from the histograms of references.
-    late: whether the time is up.
+    standard: calibration of the standard model.
+    fit: calibrates the training poses with candidates, starting from a fit.
+    offers: the catalogue and the user's families and candidates.
+    input_prices: nats by input, from the histograms of references.
+    late: returns whether the time is up.
     """
 
     standard: Calibration

@@ -34,10 +34,11 @@ from gpmodel.selection.programs import as_candidate, parts, without_poles
 
 @dataclass(frozen=True)
 class RoundContext:
-    """Which round this is, where its messages go, and where its finished runs are kept.
+    """Context of a round: its number, its messages, and the store of finished runs.
 
-    late: whether the time is up. opening: the first round where named effects are offered, explored with a small
-    budget. pooled: rounds before ran with the same budget on shuffled residuals.
+    late: returns whether the time is up.
+    opening: the first round with named effects, explored with a small budget.
+    pooled: earlier rounds ran with an equal budget on permuted residuals.
     """
 
     number: int
@@ -54,7 +55,7 @@ class OutOfTime(Exception):
 
 @dataclass(frozen=True)
 class Exploration:
-    """What GP made of one residual: candidates, the null of their description lengths, and the histogram."""
+    """Result of genetic programming on one residual: candidates, null of their description lengths, and histogram."""
 
     candidates: tuple[Candidate, ...]
     null_nats: Array
@@ -110,7 +111,7 @@ def explore(
 def posed(
     residual: Residual, sites: tuple[Site, ...], search: Search, rows: IntArray
 ) -> tuple[SlotProblem, Mapping[str, str]]:
-    """What is evolved on some poses at all sites, and how its inputs are written over the table's columns."""
+    """Pose the problem of evolution on some poses at all sites, and name its inputs by the table's columns."""
     inputs, names = readable_inputs(residual.poses.states, rows)
     return SlotProblem(inputs, targets(residual, sites, rows), parsimony=search.nats_per_node), names
 
@@ -132,10 +133,10 @@ def candidates_of(
     residual: Residual, sites: tuple[Site, ...], search: Search, question: tuple[SlotProblem, Mapping[str, str]],
     runs: Sequence[Evolution],
 ) -> tuple[Candidate, ...]:  # fmt: skip
-    """What the runs found, as effects at their sites, each once; without those that pass a pole.
+    """Return the candidates of the runs, as effects at their sites, each once, without those that pass a pole.
 
-    Parts of a program have their constants fitted again: what two outputs said together one often says by itself.
-    question: what was posed to the runs.
+    Constants of the parts of a program are refitted: one output alone often explains what two outputs share.
+    question: the problem posed to the runs.
     """
     states, between = residual.poses.states, residual.poses.states.between()
     problem, names = question

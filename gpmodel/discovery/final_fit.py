@@ -1,4 +1,4 @@
-"""What was found, fitted to all poses, the constants inside it as well."""
+"""Final fit of the found model to all poses, including the constants inside formulas."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -18,7 +18,7 @@ from gpmodel.model.error_model import ErrorModel
 from gpmodel.table.split import JUDGED
 
 STEPS = 6
-"""Of Gauss-Newton in the constants inside laws, at most."""
+"""Largest number of Gauss-Newton steps in the constants inside formulas."""
 
 SETTLED = 0.02
 """Step of a constant at which it has settled, in its deviations."""

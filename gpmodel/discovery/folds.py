@@ -78,7 +78,7 @@ def _repeated(found: Discovery, choices: Sequence[Discovery], criteria: Criteria
 
 
 def _evolved(found: Discovery) -> bool:
-    """Whether a finding has no name, and something that was evolved passed, of which it may be made."""
+    """Return whether an unnamed finding may come from an accepted evolved candidate."""
     return any(is_program(finding.candidate.found_by) for finding in found.findings)
 
 

@@ -139,8 +139,10 @@ def formulas(left: Residual, curves: Sequence[Candidate], search: Search) -> Ite
 
 
 def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
-    """What is searched for a curve: laws of its inputs at its place, and without a name where it would save more;
-    nothing where it has several places or more inputs. Of one column remembered in two ways each is asked by itself.
+    """Pose the formula searches of a curve: formulas of its inputs at its site.
+
+    Unnamed formulas are searched where they would save more. No search is posed for several sites or more inputs. If
+    two inputs are lagged copies of one column, each is searched separately.
     """
     residual = left.without(curve.effects)
     sites = places(curve)

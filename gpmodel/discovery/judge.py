@@ -138,7 +138,7 @@ def spread_by_rivals(
 
 
 def _explained(residual: Residual, effects: Sequence[Effect]) -> Array:
-    """What effects explain (M + B,) where they are fitted beside the model, their own columns alone."""
+    """Return the contribution (M + B,) of effects fitted in addition to the model, their own columns only."""
     columns = residual.columns(effects)
     norms = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
     left, _ = residual.projected(effects)

@@ -1,4 +1,4 @@
-"""How hard to look: the runs of the search, what they evolve with, and when to stop."""
+"""Settings of the search: its runs, their operators, and when to stop."""
 
 import math
 from dataclasses import dataclass, field
@@ -49,12 +49,12 @@ class Search:
 
     @property
     def side_by_side(self) -> Workers:
-        """What runs independent tasks."""
+        """Workers for independent tasks."""
         return self.executor or self.here
 
     @property
     def here(self) -> Forks:
-        """The same on this machine, for what is too large to be sent to another."""
+        """Workers on this machine, for tasks too large to be sent to another."""
         return self.executor if isinstance(self.executor, Forks) else Forks(self.workers)
 
     def cost(self, nodes: int, places: int) -> float:

@@ -39,7 +39,7 @@ class Finding:
 
     @property
     def candidate(self) -> Candidate:
-        """What was found."""
+        """Candidate that was found."""
         return self.hypothesis.candidate
 
 
@@ -60,7 +60,7 @@ class Round:
 
     @property
     def stands_out(self) -> bool:
-        """Whether anything in it is beyond chance, whatever the other tests say."""
+        """True if any candidate exceeds the permutation null, whatever the other tests decide."""
         return bool(self.exploration.histogram.significant) or any(h.verdict.passed("chance") for h in self.hypotheses)
 
 
@@ -100,7 +100,7 @@ class Discovery:
 
     @property
     def folds(self) -> int:
-        """How many parts of the poses were held out in turn; 0 where one is for good."""
+        """Number of parts held out in turn; 0 for one fixed held-out set."""
         return len(self.parts)
 
     def step(self, number: int) -> Step:
@@ -114,7 +114,7 @@ class Discovery:
 
     @property
     def confirmed(self) -> bool:
-        """Whether the held-out poses bear out all that was added; nothing added is nothing to doubt."""
+        """True if the held-out poses confirm the added effects, or if none were added."""
         return self.confirmation is None or self.confirmation.passed
 
 
@@ -175,7 +175,7 @@ class Journal(KeptRuns):
     nowhere."""
 
     def begin(self) -> tuple[list[Finding], list[Round]]:
-        """What is finished already. Called once, before the first line of progress."""
+        """Return the finished findings and rounds. Called once, before the first line of progress."""
         return [], []
 
     def keep(self, findings: Sequence[Finding], rounds: Sequence[Round]) -> None:
@@ -220,18 +220,20 @@ class State:
 
     @property
     def evolved(self) -> tuple[Candidate, ...]:
-        """What GP found so far that is offered as groups."""
+        """Candidates from genetic programming that are offered as groups."""
         return tuple(c for r in self.rounds for c in r.evolved)
 
     @property
     def late(self) -> bool:
-        """Whether the time is up."""
+        """True if the time is up."""
         return time.monotonic() > self.ends
 
     @property
     def repeating(self) -> bool:
-        """Whether another round would see what the last one saw: that neither found nor dropped anything, whatever was
-        evolved in it. Where an opening round's small search sees more than chance and finds nothing, a whole one may.
+        """True if another round would repeat the last one: the last round added and removed nothing.
+
+        An exception is an opening round whose small search exceeds the null without a finding; a full search may
+        find one.
         """
         last = self.rounds[-1] if self.rounds else None
         if last is None or last.dropped or any(f.round == last.number for f in self.findings):
@@ -239,7 +241,7 @@ class State:
         return not (self.opening(last.number) and self.search.runs and last.stands_out)
 
     def opening(self, number: int) -> bool:
-        """Whether a round has the small search of a first one beside what the catalogue offers."""
+        """Return whether a round is the first one, with a small search in addition to the catalogue."""
         return bool(self.offers) and number == 1
 
     def model(self, found: Sequence[Candidate]) -> ErrorModel:
@@ -252,7 +254,7 @@ class State:
         return self._fit(model, self.train, start)
 
     def fit_sample(self, model: ErrorModel, start: Calibration | None = None) -> Calibration:
-        """The same, of the poses that choices are made on."""
+        """Fit a model to the training poses, on which choices are made."""
         return self._fit(model, self.sample, start)
 
     def _fit(self, model: ErrorModel, rows: IntArray, start: Calibration | None) -> Calibration:

@@ -58,7 +58,7 @@ def _compact(cross: Array) -> Array:
 
 
 KINDS = {"m": "length", "Nm": "torque", "N": "force", "degC": "temperature", "K": "temperature", "s": "time"}
-"""What a column is a measure of, by its unit; other units are kinds of their own."""
+"""Kind of a column by its unit; other units are kinds of their own."""
 
 ALIKE = 1e-4
 """Share of a load's variance that a length may leave of it and still say the same: a hundredth of its spread, as a
@@ -108,19 +108,19 @@ def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str
 
 
 def _in_step(row: Array, clock: Array) -> bool:
-    """Whether a clock (N,) never falls along the rows (N,), and tells them apart."""
+    """Return whether a clock (N,) never falls along the rows (N,), and distinguishes them."""
     along = clock[np.argsort(row, kind="stable")]
     return bool(np.all(np.diff(along) >= 0) and along[0] < along[-1])
 
 
 def in_proportion(first: Array, second: Array) -> bool:
-    """Whether two columns (N,) are one but for origin, scale, and ``ALIKE`` of their variance."""
+    """Return whether two columns (N,) are equal up to origin, scale, and ``ALIKE`` of their variance."""
     first, second = (column - column.mean() for column in (first, second))
     return bool((first @ second) ** 2 > (1.0 - ALIKE) * (first @ first) * (second @ second) > 0)
 
 
 def kind_of(name: str, states: States) -> str:
-    """What a column is a measure of; what the rows before leave of an angle is a travel, which has no period."""
+    """Return the kind of a column; a memory column of an angle is a travel, which has no period."""
     unit = states.units[name]
     if name == "row":
         return "row"

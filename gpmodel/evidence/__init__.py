@@ -1,1 +1,1 @@
-"""What the measurements say of an effect: residuals, scores, null, tests, limits."""
+"""Evidence of the measurements for an effect: residuals, scores, null, tests, limits."""

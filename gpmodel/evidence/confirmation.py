@@ -31,7 +31,7 @@ class Confirmation:
 
 
 def confirmation(standard: Calibration, found: Calibration, heldout: Poses, criteria: Criteria) -> Confirmation:
-    """Whether what was found predicts held-out poses better than the standard model."""
+    """Test whether the found model predicts held-out poses better than the standard model."""
     unit = independent_units(heldout.dataset, criteria)
     return paired(errors_on(standard, heldout), errors_on(found, heldout), unit, criteria)
 

@@ -100,14 +100,14 @@ class Verdict:
 
     @property
     def accepted(self) -> bool:
-        """Whether every test is passed."""
+        """True if every test is passed."""
         return all(test.passed for test in self.tests)
 
     @property
     def why(self) -> str:
-        """What failed, in words; empty where nothing did."""
+        """Failed tests in words; empty if none failed."""
         return "; ".join(_WORDS[test.name](test) for test in self.tests if not test.passed)
 
     def passed(self, name: str) -> bool:
-        """Whether the test of that name passed, or was not asked of this candidate."""
+        """Return whether the test of that name passed or did not apply."""
         return all(test.passed for test in self.tests if test.name == name)

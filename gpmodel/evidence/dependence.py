@@ -1,4 +1,4 @@
-"""How much less poses say that depend on one another: repeats, stretches of rows, regions of space."""
+"""Cluster-robust variance inflation by dependent poses: repeats, stretches of rows, regions of space."""
 
 from collections.abc import Iterator
 
@@ -14,8 +14,9 @@ from gpmodel.table.units import clock_names
 
 
 def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
-    """How many times larger the variance of a candidate's coefficient is than if poses were independent, by what makes
-    them depend on one another: repeats, stretches of rows, regions of space. At least 1.
+    """Return the variance inflation (at least 1) of a candidate's coefficient by each kind of dependence.
+
+    The kinds are repeats, stretches of rows and regions of space.
 
     With s the product of the candidate's own contribution and what it leaves, summed over each pose: Σ_blocks (Σ s)² /
     Σ s², the ratio of cluster-robust to plain variance (Liang and Zeger 1986), over what it is without dependence where
@@ -42,7 +43,7 @@ def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
 
 
 def reads_a_clock(candidate: Candidate, states: States) -> bool:
-    """Whether it is a function of the rows or of the time."""
+    """Return whether a candidate is a function of the rows or of the time."""
     return not clock_names(states.units).isdisjoint(candidate.inputs)
 
 
@@ -92,8 +93,10 @@ def _when_independent(explained: Array, placed: Array, pose: IntArray, block: In
 
 
 def order_matters(residual: Residual, candidate: Candidate) -> bool:
-    """Whether rows share something that random folds would not part: they are in the order of measurement, or the
-    candidate reads the row."""
+    """Return whether dependence between rows would survive random folds.
+
+    Rows are in the order of measurement, or the candidate reads the row.
+    """
     return residual.poses.states.past is not None or "row" in candidate.inputs
 
 

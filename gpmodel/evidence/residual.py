@@ -72,7 +72,7 @@ LARGEST = 1e100
 """A column of larger numbers is not scored: their squares would not be numbers."""
 
 STEPS, SETTLED = 30, 1.01
-"""Of the iteration for the noise: how many at most, and the factor on σ that ends it."""
+"""Largest number of iterations for the noise, and the factor on σ that ends them."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ WOBBLE, RUN_OUT = 5e-5, 2e-5
 """rad, 10 arc seconds; m, of a robot's crossed roller bearing (ISO 230-7; Slocum 1992, ch. 8)."""
 
 LOBES = (2, 3, 4)
-"""Of a ball: oval, as centreless grinding leaves it, and one more, that a number has neighbours on either side."""
+"""Lobes of a ball: oval, as from centreless grinding, and neighbours on either side."""
 
 Curve = tuple[Effect, ...]
 
@@ -178,8 +178,10 @@ def _phases(name: str, site: Site, number: int, angle: str, family: str, cost: f
 
 
 def _machine_balls(mechanism: Mechanism) -> Iterator[tuple[str, str, Site, float]]:
-    """Of every ball of a machine and each of its angles: the angle, the direction of its leg in words and as a place,
-    and the log of how many balls there are."""
+    """Iterate over the balls of a machine and their angles.
+
+    Yields the angle, the direction of its leg in words and as a site, and the log of the number of balls.
+    """
     balls = [ball for ball in balls_of(mechanism) if ball.name]
     for ball in balls:
         said, shift = ball.along

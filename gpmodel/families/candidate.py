@@ -35,7 +35,7 @@ def maker_of(representation: str) -> str:
 
 
 def is_program(found_by: str) -> bool:
-    """Whether a maker is genetic programming in some representation."""
+    """Return whether a maker is genetic programming in any representation."""
     return found_by not in {CATALOGUE, NAMED, SMOOTH_TERM, FORMULA, FORMULA_OF_PROGRAM}
 
 
@@ -82,12 +82,12 @@ class Candidate:
 
     @property
     def has_priors(self) -> bool:
-        """Whether its unknowns are believed to be small before measuring: its effects come with priors, all or none."""
+        """True if the effects have priors; either all of them do or none."""
         return bool(np.isfinite(self.effects[0].prior))
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """What its bases read, in the order of their first mention."""
+        """Inputs of the basis functions, in the order of their first mention."""
         return tuple(dict.fromkeys(name for effect in self.effects for name in effect.inputs))
 
     @property
@@ -107,7 +107,7 @@ class Candidate:
 
     @property
     def kind(self) -> Kind:
-        """What its unknowns are together.
+        """Kind of the unknowns together.
 
         single: one number. harmonic: sine and cosine of one argument. vector: one basis along several axes. curve: a
         sum of different bases.
@@ -184,8 +184,10 @@ def across(joint: Joint) -> tuple[str, str]:
 
 
 def loaded(states: States, load: str) -> bool:
-    """Whether a load is there and more than rounding, or than next to none: an axis through its centre of mass carries
-    none, a wrist that hangs straight down hardly any."""
+    """Return whether a load exists and exceeds rounding and negligible values.
+
+    An axis through its centre of mass carries no load; a wrist that hangs straight down hardly any.
+    """
 
     def most(name: str) -> float:
         return float(np.max(np.abs(states[name]), initial=0.0))

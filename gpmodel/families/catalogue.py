@@ -108,7 +108,7 @@ def family(name: str) -> Family | None:
 
 
 def explained(name: str) -> str:
-    """What the family of that name is physically and who says so; empty where there is none."""
+    """Return the physical explanation and source of the family of that name; empty if there is none."""
     found = family(name)
     return f"{found.explanation} ({found.source})" if found else ""
 

@@ -18,7 +18,10 @@ FOLLOWING = (3, 1.5)
 
 
 def continued(curve: Candidate) -> tuple[Effect, ...]:
-    """As many harmonics again as a fine curve has, their deviations falling on as k^-1.5; none of any other effects."""
+    """Return further harmonics, as many again as a fine curve has, with prior standard deviations falling as k^-1.5.
+
+    Empty for effects of any other kind.
+    """
     count, last = len(curve.effects) // 2, curve.effects[-1]
     if count <= SMOOTH[0] or len(curve.inputs) > 1 or last.terms[0].basis != wave("cos", count, curve.inputs[0]):
         return ()

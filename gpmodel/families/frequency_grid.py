@@ -83,7 +83,7 @@ def transmission_ripple(mechanism: Mechanism, states: States) -> Iterator[Candid
 
 
 def mesh_compliance(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """The same times the joint's torque, rad/Nm."""
+    """Yield the named ripples times the joint's torque, rad/Nm."""
     for j, load in _loaded(mechanism, states):
         yield from (_ripple("mesh_compliance", j, n, COST + float(np.log(NAMED[-1])), load) for n in NAMED)
 
@@ -95,7 +95,7 @@ def ripple_grids(mechanism: Mechanism, states: States) -> Iterator[FrequencyGrid
 
 
 def mesh_grids(mechanism: Mechanism, states: States) -> Iterator[FrequencyGrid]:
-    """The same times the joint's torque."""
+    """Yield the ripple grids times the joint's torque."""
     for j, load in _loaded(mechanism, states):
         yield from _grid(_ripple("mesh_compliance", j, symbol(), COST, load), j, states, load)
 

@@ -36,7 +36,7 @@ class Constant:
 
     @property
     def symbol(self) -> str:
-        """What stands for it in the names and bases of a template."""
+        """Symbol of the constant in the names and basis functions of a template."""
         return symbol(self.number)
 
 
@@ -112,7 +112,7 @@ class NonlinearParameters:
 
 
 def symbol(number: int = 0) -> str:
-    """What stands for a constant, the first by default, in the names and bases of a template."""
+    """Return the symbol of a constant, by default the first, in the names and basis functions of a template."""
     return f"{SYMBOL}{number}"
 
 
@@ -124,7 +124,7 @@ def geometric(name: str, unit: str, span: tuple[float, float], count: int) -> It
 
 
 def law_name(effects: Sequence[Effect]) -> str:
-    """What a law of effects at one place is called that nobody has named: `f and g on slot axis`."""
+    """Name an unnamed formula from its effects at one site: `f and g on slot axis`."""
     place = effects[0].terms[0]
     return f"{' and '.join(str(e.terms[0].basis) for e in effects)} on {place.slot} {place.axis}"
 
@@ -136,12 +136,12 @@ def numbered(effects: Sequence[Effect]) -> tuple[Effect, ...]:
 
 
 def _reads(text: str, symbol: str) -> bool:
-    """Whether a text holds a whole symbol: CONSTANT1 is not in CONSTANT10."""
+    """Return whether a text contains a whole symbol: CONSTANT1 is not in CONSTANT10."""
     return re.search(rf"{symbol}(?!\d)", text) is not None
 
 
 NAMES = {"lag": "lag", "play": "half-width", "stop": "half-width"}
-"""What the constant of a remembered column is."""
+"""Meaning of the constant of each memory column."""
 
 
 def remembered(name: str, effects: Sequence[Effect], unit: Callable[[str, str], str]) -> NonlinearParameters | None:

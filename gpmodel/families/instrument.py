@@ -69,7 +69,7 @@ def _sizes(seen: Seen) -> _Sizes:
 
 
 def _polar(states: States) -> Seen | None:
-    """What was seen, where the origin of its frame can be an instrument that reads angles and a distance."""
+    """Return the measured points if the origin of their frame can be an instrument that reads angles and a distance."""
     seen = states.seen
     if seen is None or np.min(seen.columns[R]) < NEAREST or np.max(np.abs(seen.columns[E])) > STEEPEST:
         return None

@@ -66,7 +66,7 @@ def backlash_load(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def balancing_spring(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """What a spring that balances the second revolute joint leaves: sin q."""
+    """Yield the residual of a spring that balances the second revolute joint: sin q."""
     for j in revolute(mechanism)[1:2]:
         effect = drive_effect(f"balancing spring, {j.name}", j, Expression(f"sin({j.name})"), family="balancing_spring")
         yield one(effect.name, effect, 4.5)

@@ -101,8 +101,9 @@ def lagged_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 def _following(
     mechanism: Mechanism, column: str, where: str, kelvin: str
 ) -> Iterator[tuple[str, tuple[Effect, ...], float]]:
-    """What may follow a temperature, and its cost: all links, each link, the tilt of the base and of each axis, each
-    zero."""
+    """Yield the effects that may follow a temperature, with their cost: all links, each link, the tilt of the base
+    and of each axis, each zero.
+    """
     family, basis, cost = "lagged_growth", Expression(column), 4.0 + float(np.log(LAGS))
     name = f"growth of the arm {where}"
     yield name, (arm_growth(name, mechanism, basis, f"1/{kelvin}", family, EXPANSION),), cost

@@ -1,4 +1,4 @@
-"""What a search is offered: families of effects, candidates, single effects."""
+"""Offer of a search: families of effects, candidates, single effects."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace

@@ -97,7 +97,9 @@ def _clock(states: States) -> tuple[str, float, float, str]:
 
 
 def warm_up(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """What warms up: exp(-t/τ) of joint zeros, set-up and links, for several time constants τ, said in the name."""
+    """Yield warm-up effects: exp(-t/τ) of joint zeros, set-up and links, for several time constants τ, stated in the
+    name.
+    """
     clock, start, span, unit = _clock(states)
     since = clock if clock == "row" else f"({clock} - {start:.12g})"
     basis = Expression(f"exp(-{since}/{symbol()})")

@@ -1,4 +1,4 @@
-"""How links grow: the effects that every family of thermal errors is made of."""
+"""Effects of growing links, of which every family of thermal errors is made."""
 
 import math
 from collections.abc import Iterator

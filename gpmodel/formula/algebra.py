@@ -17,7 +17,7 @@ logical_not = sympy.Function("not_")
 """1 where its argument is 0, else 0: left alone by the algebra."""
 
 deadzone, logistic, hypot = map(sympy.Function, ("deadzone", "logistic", "hypot"))
-"""What of its argument is beyond -1 to 1; 1/(1 + exp(-a)); sqrt(a*a + b*b): left alone by the algebra."""
+"""Functions that the algebra leaves alone: excess of the argument beyond -1 to 1; 1/(1 + exp(-a)); sqrt(a*a + b*b)."""
 
 _SYMPY: dict[str, Callable[..., sympy.Expr]] = {
     "add": lambda a, b: a + b,

@@ -1,4 +1,4 @@
-"""How long a law is to read."""
+"""Description length of a formula."""
 
 from gpmodel.formula.program import Node, Program
 

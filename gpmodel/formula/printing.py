@@ -17,7 +17,7 @@ _ONE_LETTER = re.compile(r"[A-Za-z]\d*$")
 _STEP, _NOT = sympy.Function("step"), sympy.Function("not")
 
 DIGITS = 6
-"""Of numbers in LaTeX: no fitted number is known to more."""
+"""Digits of numbers in LaTeX; no fitted number is known to more."""
 
 
 def latex(program: Program) -> str:
@@ -32,7 +32,9 @@ def latex(program: Program) -> str:
 def latex_lines(
     program: Program, names: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[list[tuple[str, str]], list[str]]:
-    """The same as names and texts of the parts, and one text an output. names: others of the inputs."""
+    """Return LaTeX names and texts of the parts, and one text an output. names: replacements for the names of
+    inputs.
+    """
     written = {sympy.Symbol(name, real=True): _symbol(names.get(name, name)) for name in program.inputs}
     pieces, outputs = _rounded(program)
 

@@ -83,7 +83,7 @@ class Program:
 
     @cached_property
     def input_counts(self) -> dict[str, int]:
-        """How often each input is referenced by effective code."""
+        """Number of references to each input in effective code."""
         counts: dict[str, int] = {}
         for index in self._references():
             if self.nodes[index].operator == "input":
@@ -93,7 +93,7 @@ class Program:
 
     @cached_property
     def operator_counts(self) -> dict[str, int]:
-        """How often each operator stands in the effective code."""
+        """Number of occurrences of each operator in effective code."""
         return dict(Counter(node.operator for node in self.nodes if node.arguments))
 
     @cached_property
@@ -112,7 +112,7 @@ class Program:
         return Builder(list(self.nodes)).program(self.outputs[k] for k in outputs)
 
     def with_constants(self, values: Iterable[float]) -> "Program":
-        """The same program with other constants, in the order of ``constants``; equal ones become one node.
+        """Return the program with other constants, in the order of ``constants``; equal ones become one node.
 
         Raises InputError for one that is not finite.
         """
@@ -135,7 +135,7 @@ class Program:
         return other if len(set(leaves)) == len(leaves) else other.rebuilt(Builder.add)
 
     def with_inputs(self, programs: Mapping[str, "Program"]) -> "Program":
-        """The same program with one-output programs in the place of the inputs of these names."""
+        """Return the program with one-output programs substituted for the inputs of these names."""
 
         def build(builder: Builder, node: Node, copies: list[int]) -> int:
             other = programs.get(str(node.value)) if node.operator == "input" else None
@@ -155,7 +155,7 @@ class Program:
         return self._text(named=True)
 
     def written_out(self) -> str:
-        """The same without names: a shared subexpression stands as often as it is used."""
+        """Write the program without names: a shared subexpression is repeated at each use."""
         return self._text(named=False)
 
     def _text(self, named: bool) -> str:

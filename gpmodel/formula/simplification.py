@@ -14,8 +14,10 @@ from gpmodel.formula.program import Program
 _ONE_OPERATOR = 2
 
 MOST_TERMS = 64
-"""Of an expression multiplied out, a sine or cosine counted as two: algebra on more takes seconds and shortens
-hardly any."""
+"""Largest number of terms of an expanded expression, a sine or cosine counted as two.
+
+Algebra on more takes seconds and hardly shortens any.
+"""
 
 
 def simplify(program: Program) -> Program:
@@ -38,7 +40,7 @@ def simplify(program: Program) -> Program:
 
 
 def _is_written(program: Program) -> bool:
-    """Whether an operator of it stands in texts only and is never evolved."""
+    """Return whether any of its operators is used in texts only and never evolved."""
     return any(BY_NAME[name].code >= WRITTEN for name in program.operator_counts)
 
 
@@ -51,7 +53,7 @@ def _unchanged(expression: sympy.Expr) -> sympy.Expr:
 
 
 def _by_levels(expression: sympy.Expr) -> sympy.Expr:
-    """What algebra makes of an expression: where a function of an angle stands within a function, each on its own.
+    """Simplify an expression level by level: functions of an angle nested within a function are simplified first.
 
     Identities of angles are sought in the whole of what they are given, also within the arguments of what is one
     number to them. One that multiplied out had more than MOST_TERMS stays as it is.
@@ -74,7 +76,7 @@ def _by_levels(expression: sympy.Expr) -> sympy.Expr:
 
 
 def _terms(expression: sympy.Expr) -> int:
-    """How many terms an expression has that is multiplied out."""
+    """Count the terms of an expression after expansion."""
     if expression.is_Add:
         return sum(map(_terms, expression.args))
     if expression.is_Mul:

@@ -85,7 +85,7 @@ def _variance(values: Array, variances: Array, wanted: float) -> float:
 
 
 def deviations(judges: Sequence[Judge], machines: int) -> Deviations:
-    """Of every machine in everything that it is judged by.
+    """Test every machine in every judged quantity against the others.
 
     A judge's residuals are each against the other machines, its chances are corrected for all machines and judges
     (Holm). The farthest is set outside first where its chance is below SIGNIFICANCE, so that it hides no other; then
@@ -115,8 +115,10 @@ def residual(value: float, variance: float, mean: float, prior: float, machines:
 
 
 def chance_of(z: float, machines: int) -> float:
-    """Of a deviation from the mean of `machines` others in their spread, two-sided: Student's t of as many but one
-    degrees of freedom."""
+    """Return the two-sided chance of a deviation of `z` from the mean of `machines` others in units of their spread.
+
+    Student's t of `machines` - 1 degrees of freedom.
+    """
     return 2.0 * float(special.stdtr(machines - 1, -abs(z)))
 
 
@@ -127,7 +129,9 @@ def in_normal(z: float, chance: float) -> float:
 
 
 def deleted(values: Array, variances: Array, inside: Mask) -> tuple[Array, Array]:
-    """Of estimates and variances (m,), residuals z (m,) and their chances, each against those inside but itself.
+    """Return deleted residuals z (m,) and their chances for estimates and variances (m,).
+
+    Each is compared with the machines inside, without itself.
 
     z_i = (y_i - μ) / √(v_i + τ² + stderr(μ)²) with μ, τ of the other machines: a deleted residual, with Student's t of
     m - 2 degrees of freedom because τ is estimated (Viechtbauer and Cheung 2010; Higgins et al. 2009).

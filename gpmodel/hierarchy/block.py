@@ -24,15 +24,19 @@ would only dilute what is asked of a machine."""
 
 @dataclass(frozen=True)
 class BlockInformation:
-    """What poses say of a block: values (m, E) with unit variance about root (m, E, E) times the block's effects, zero
-    in directions that the poses do not tell; count (m,) of those they do."""
+    """Information of poses about a block of effects.
+
+    values: (m, E) with unit variance.
+    root: (m, E, E) factor of the information, zero in directions that the poses do not determine.
+    count: (m,) number of determined directions.
+    """
 
     values: Array
     root: Array
     count: Array
 
     def subset(self, machines: Mask) -> "BlockInformation":
-        """The same of some machines (m,)."""
+        """Return the information of some machines (m,)."""
         return BlockInformation(self.values[machines], self.root[machines], self.count[machines])
 
 
@@ -55,14 +59,16 @@ def blocks(effects: Sequence[Effect]) -> list[tuple[str, tuple[Effect, ...]]]:
 
 
 def _alike(names: list[str]) -> str:
-    """What names begin with, up to a comma; the first of them where that is nothing."""
+    """Return the common beginning of names up to a comma; the first name without one."""
     parts = [name.split(", ") for name in names]
     same = takewhile(lambda at: len(set(at)) == 1, zip(*parts, strict=False))
     return ", ".join(at[0] for at in same) or names[0]
 
 
 def block_information(fits: Sequence[Calibration], effects: tuple[Effect, ...]) -> BlockInformation:
-    """What fits say of a block, with its priors and with known noise: Λ = C⁻¹ - 1 and Λ b̂ = C⁻¹ θ of each, Λ = Rᵀ R."""
+    """Compute the information of fits about a block of effects, given priors and known noise: Λ = C⁻¹ - 1 and Λ b̂ =
+    C⁻¹ θ of each, Λ = Rᵀ R.
+    """
     values, roots = [], []
     prior, mean = (np.array([getattr(e, k) for e in effects]) for k in ("prior", "mean"))
     for fit in fits:
@@ -115,8 +121,10 @@ def distance(of: BlockInformation, machine: int, mean: Array, covariance: Array,
 def further_distance(
     fit: Calibration, effects: tuple[Effect, ...], believed: tuple[Effect, ...], machines: int
 ) -> tuple[float, float]:
-    """The same of a machine fitted by itself about what is `believed` of its type, the same effects with the prior of
-    `machines` of it."""
+    """Return the distance of a machine fitted alone from the prior of its type.
+
+    believed: the same effects with the prior learned from `machines` machines.
+    """
     own, mean, deviation = (
         np.array([getattr(e, k) for e in of]) for of, k in ((effects, "prior"), (believed, "mean"), (believed, "prior"))
     )
@@ -125,8 +133,10 @@ def further_distance(
 
 
 def _common(of: BlockInformation, share: float = 1.0) -> Common:
-    """What machines have in common, τ² being where Q = Σ r² / (1 + τ² λ) is `share` of its expectation; zero where it
-    is below that without any."""
+    """Estimate what machines have in common.
+
+    τ² solves Q = Σ r² / (1 + τ² λ) = `share` of its expectation; it is zero if Q is below that at τ² = 0.
+    """
 
     def excess(variance: float) -> float:
         _, _, square, expected = _weighed(of, variance)

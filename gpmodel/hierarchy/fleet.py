@@ -100,8 +100,10 @@ def calibrate_fleet(
 
 
 def with_prior(own: Calibration, poses: Poses, prior: tuple[Effect, ...], outlying: Set[str]) -> Calibration:
-    """The same poses fitted with a prior of all but the `outlying` and those that the machine alone has, weighed by the
-    noise that it has."""
+    """Refit a machine with the prior of its type, at the machine's noise level.
+
+    Effects in `outlying` and effects of the machine alone keep their priors.
+    """
     untaught = {e.name: e for e in own.model.effects if e.name in outlying}
     effects = (*(untaught.get(e.name, e) for e in prior), *beyond(own, prior))
     return calibrate(ErrorModel(own.model.mechanism, effects, own.sigma), poses, condition_limit=LARGEST_LIMIT)

@@ -11,7 +11,7 @@ from gpmodel.texts import read_toml
 
 TABLES = (".csv", ".txt", ".xlsx")
 HIDDEN = (".", "~$")
-"""How names of files begin that are no tables; Excel leaves the latter beside a table that is open."""
+"""Prefixes of files that are not tables; Excel leaves the latter next to an open table."""
 LONGEST_NAME = 60
 """Characters of the name of a machine's folder."""
 ABOUT = "fleet.toml"

@@ -1,4 +1,4 @@
-"""Which effects the machines of a type have in common, and what each has beside them."""
+"""Effects that the machines of a type have in common, and effects of each machine alone."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

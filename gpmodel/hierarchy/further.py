@@ -21,7 +21,7 @@ from gpmodel.numerics.interval import SIGNIFICANCE, holm
 from gpmodel.wording import length
 
 PRIOR = "the prior of the fleet"
-"""What the last step of such a machine is called."""
+"""Name of the last step of a further machine."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Further:
     outlying: tuple[str, ...]
 
     def in_words(self, poses: Poses) -> str:
-        """What the prior is worth in poses, and where the machine is unlike its type."""
+        """State the value of the prior in poses, and the effects in which the machine differs from its type."""
         found = f" It is unlike its type in {', '.join(self.outlying)}." if self.outlying else ""
         if self.alone is None:
             return f"These {len(poses)} poses alone do not determine the model.{found}"

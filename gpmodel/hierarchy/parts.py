@@ -1,4 +1,4 @@
-"""What fleet.json says of machines calibrated together, each of them among the others."""
+"""Records of machines calibrated together in fleet.json, each among the others."""
 
 import msgspec
 import numpy as np
@@ -42,7 +42,7 @@ def block_parts(final: Fleet) -> tuple[BlockPart, ...]:
 
 
 def in_table_names(fleet: FleetPart) -> FleetPart:
-    """The same with the joints as the tables call them, to be read: fleet.json itself has the mechanism's names."""
+    """Return the record with the joint names of the tables, for reading; fleet.json has the mechanism's names."""
     names, renamed = table_names(fleet.joints, fleet.columns), msgspec.structs.replace
 
     def said(of: tuple[str, ...]) -> tuple[str, ...]:

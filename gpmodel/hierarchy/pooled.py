@@ -123,7 +123,7 @@ def _weeded(chosen: dict[str, Candidate], residuals: Residuals, criteria: Criter
 
 
 def _passes(machines: Sequence[Residual], group: Group, nats: float, criteria: Criteria) -> bool:
-    """Whether the net gain and the cross-validated gain over all machines, each in its own noise, are large enough."""
+    """Return whether net gain and cross-validated gain over all machines, each at its own noise, are large enough."""
     if nats <= criteria.minimum_nats:
         return False
     gains = [

@@ -1,4 +1,4 @@
-"""What is believed of a machine of a type before it is measured, learned from the machines by marginal likelihood.
+"""Prior of a further machine of a type, learned from the machines by marginal likelihood.
 
     b_i ~ N(μ, T),  T = diag(τ²)                                b_i: all effects of machine i, geometry complete
 
@@ -24,13 +24,17 @@ WIDE = 3e-3
 and remains only of what no machine's poses show."""
 
 STEPS, SETTLED = 500, 1e-4
-"""Of the iteration at most, and the relative change of every τ² at which it ends: a hundredth of its own deviation
-with hundreds of machines."""
+"""Largest number of iterations, and the relative change of every τ² at which they end.
+
+The change is a hundredth of the standard error of τ² with hundreds of machines.
+"""
 
 
 @dataclass(frozen=True)
 class Information:
-    """What poses say of effects: Λ (m, E, E) and η (m, E), likelihood exp(ηᵀb - bᵀΛb / 2) of each of m machines."""
+    """Information of poses about effects: Λ (m, E, E) and η (m, E), likelihood exp(ηᵀb - bᵀΛb / 2) of each of m
+    machines.
+    """
 
     matrix: Array
     vector: Array
@@ -74,8 +78,10 @@ def _size(own: Sequence[Calibration], name: str) -> float:
 
 
 def _information(fits: Sequence[Calibration], size: Array) -> Information:
-    """What the poses alone say, in units of `size`: Λ = C⁻¹ - 1, η = C⁻¹ θ with θ, C of fits with that as prior, of the
-    first effects of each; those after them are the machine's own."""
+    """Compute the information of the poses alone, in units of `size`, about the first effects of each fit.
+
+    Λ = C⁻¹ - 1 and η = C⁻¹ θ, with θ, C of fits with `size` as prior; later effects are the machine's own.
+    """
     of_effects = [slice(first := len(fit.covariance.placement), first + len(size)) for fit in fits]
     own = [fit.covariance.values[at, at] for fit, at in zip(fits, of_effects, strict=True)]
     inverse = np.linalg.inv(np.array(own) / np.outer(size, size))

@@ -91,7 +91,7 @@ class SharedPart(msgspec.Struct, frozen=True):
 
 
 class PriorPart(msgspec.Struct, frozen=True):
-    """What is believed of an effect of a further machine: mean and standard deviation."""
+    """Prior of an effect of a further machine: mean and standard deviation."""
 
     name: Label
     family: Name
@@ -195,7 +195,7 @@ FILE = Sealed(KIND, (SCHEMA,), FleetPart, "fleet", f"the {NAME} of gpmodel fleet
 
 
 def prior_model(fleet: FleetPart, mechanism: Mechanism) -> ErrorModel:
-    """What is believed of a machine of the type before it is measured: effects with mean and prior, and the noise.
+    """Return the prior model of a further machine of the type: effects with mean and prior, and the noise.
 
     Raises InputError where the fleet's machines have other joints, or put their tips elsewhere.
     """

@@ -1,1 +1,1 @@
-"""What the engine needs to know of a mechanism, and where mechanisms come from."""
+"""Interface between the engine and a mechanism, and the providers of mechanisms."""

@@ -32,7 +32,7 @@ class Ball:
 
     @property
     def suffix(self) -> str:
-        """What tells an effect of it from that of another ball of the machine."""
+        """Suffix that distinguishes an effect of this ball from that of another ball of the machine."""
         return f", {self.name}" if self.name else ""
 
 

@@ -47,7 +47,9 @@ def stands(tree: Branched) -> list[int]:
 
 
 def lineage(mechanism: Mechanism) -> Mask:
-    """Whether an error at one slot moves the frame of another (S, S): it or one before it on the same chain."""
+    """Return whether an error at one slot moves the frame of another (S, S): the slot itself or a later one of its
+    chain.
+    """
     tree, count = branched(mechanism), len(mechanism.slots)
     if tree is None:
         return np.triu(np.ones((count, count), dtype=bool))
@@ -72,7 +74,7 @@ def assembled(tree: Branched, transforms: Array, errors: Mapping[int, Array]) ->
 
 
 WORLD = ("world", "base")
-"""What stands still."""
+"""Names of the stationary frames."""
 
 
 @runtime_checkable

@@ -1,4 +1,4 @@
-"""What the engine needs to know of a mechanism: a chain of slots, and the loads in it."""
+"""Interface of a mechanism: a chain of slots, and the loads in it."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ class Mechanism(Protocol):
 
     @property
     def name(self) -> str:
-        """What it is called."""
+        """Name of the mechanism."""
 
     @property
     def joints(self) -> tuple[Joint, ...]:
@@ -54,7 +54,7 @@ class Mechanism(Protocol):
         the first is given in the mechanism's root frame. q: (N, n), rad and m, table coordinates."""
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
-        """What gravity does to the mechanism at rest, by name, each (N,): the load itself, not what holds it.
+        """Return the gravity loads on the mechanism at rest, by name, each (N,): the load itself, not its reaction.
 
         torque_J2 (Nm; N of a prismatic joint): generalised force on the coordinate J2, in table coordinates: minus the
         slope of the potential energy, positive where gravity pushes the coordinate up. With J2 counted positive
@@ -63,7 +63,8 @@ class Mechanism(Protocol):
         force_J2_x .. moment_J2_z (N, Nm): wrench that the weight of everything beyond J2 exerts at the origin of
         J2.moving, in its axes; force_base_x .. moment_base_z likewise of the whole, in the frame of the base. A
         weight points along gravity. Names use the joints' names. payload: (N,) kg carried at the tool.
-        Empty where no masses are known and payload is zero."""
+        Empty where no masses are known and payload is zero.
+        """
 
 
 @runtime_checkable
@@ -86,8 +87,10 @@ class ClosedLoops(Protocol):
         """
 
     def closes(self, q: Array, twists: Mapping[int, Array] | None = None) -> Mask:
-        """Whether its loops close (N,) with the error twists of `assembled`, nominally without; q: (N, n) table
-        coordinates."""
+        """Return whether the loops close (N,) with the error twists of `assembled`, nominally without.
+
+        q: (N, n) table coordinates.
+        """
 
     def carried(self, frames: Array, slot: int) -> Array:
         """Twist of the slot `tool` in its own frame per unit twist at a slot, (N, 6, 6), by implicit differentiation.
@@ -148,11 +151,11 @@ class Described(Protocol):
 
     @property
     def not_read(self) -> tuple[str, ...]:
-        """What is left out of the description, each with where it stands."""
+        """Parts of the description that are ignored, each with its location."""
 
 
 def bare_of(mechanism: Mechanism) -> Mechanism:
-    """What the provider of a mechanism built."""
+    """Return the mechanism that the provider built."""
     return mechanism.bare if isinstance(mechanism, Wrapping) else mechanism
 
 
@@ -170,7 +173,7 @@ class Reaching(Protocol):
     """A mechanism whose lever a first fit finds, because its nominal description has none."""
 
     def reaching(self, point: Iterable[float]) -> Mechanism:
-        """The same with the tool at `point` (3,), m, in the measured frame."""
+        """Return the mechanism with the tool at `point` (3,), m, in the measured frame."""
 
 
 @runtime_checkable
@@ -196,13 +199,13 @@ class Collides(Protocol):
 
     @property
     def has_shape(self) -> bool:
-        """Whether it does; otherwise it never meets or hides anything."""
+        """True if the shape is known; without it the mechanism never collides and never hides anything."""
 
     def collides(self, q: Array) -> Mask:
-        """Whether it meets itself (N,) at q (N, n), rad and m."""
+        """Return where the mechanism collides with itself (N,) at q (N, n), rad and m."""
 
     def hides(self, q: Array, points: Array, instrument: Array) -> Mask:
-        """Whether a part of it stands (N,) between points (N, 3) and the instrument (3,), m, in the root frame."""
+        """Return where a part blocks the line (N,) from points (N, 3) to the instrument (3,), m, in the root frame."""
 
 
 @runtime_checkable

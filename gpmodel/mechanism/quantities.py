@@ -1,4 +1,4 @@
-"""What gravity, masses and lengths can be: the one g, and the one rule for what no part of a machine is."""
+"""Admissible gravity, masses and lengths: one value of g, and one range that excludes impossible machines."""
 
 from gpmodel.errors import InputError
 

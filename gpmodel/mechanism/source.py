@@ -1,4 +1,4 @@
-"""What a mechanism is loaded from: a name or file, its measured frame, and what it carries."""
+"""Description from which a mechanism is loaded: a name or file, its measured frame, and its payload."""
 
 import atexit
 import shutil
@@ -126,7 +126,7 @@ class LoadedMechanism:
 
     @property
     def name(self) -> str:
-        """What the description calls it, harmless in source and on a terminal."""
+        """Name in the description, safe to write in source code and on a terminal."""
         return harmless(self.bare.name)
 
     @property
@@ -138,28 +138,28 @@ class LoadedMechanism:
         return self.bare.slots
 
     def transforms(self, q: Array) -> Array:
-        """As Mechanism.transforms."""
         return self.bare.transforms(q)
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
-        """As Mechanism.loads."""
         return self.bare.loads(q, payload)
 
     def unit_loads(self, q: Array) -> dict[str, Array]:
-        """As Weighed.unit_loads; none where the mechanism does not say."""
+        """Return the unit loads of Weighed.unit_loads; empty if the mechanism has none."""
         return self.bare.unit_loads(q) if isinstance(self.bare, Weighed) else {}
 
     @property
     def levers(self) -> dict[str, Array]:
-        """As workspace.links of what the provider built."""
+        """Links of the mechanism that the provider built; see workspace.links."""
         return links(self.bare)
 
     def reaching(self, point: Iterable[float]) -> "LoadedMechanism":
-        """The same where a first fit found the tool `point` (3,), m, in the measured frame; it matters to a lever."""
+        """Return the mechanism with its lever adapted to the tool `point` (3,), m, in the measured frame, of a first
+        fit.
+        """
         return replace(self, bare=self.bare.reaching(point)) if isinstance(self.bare, Reaching) else self
 
     def carrying_at(self, point: Iterable[float]) -> "LoadedMechanism":
-        """The same with the centre of mass of its payload at `point` (3,), m, in the measured frame."""
+        """Return the mechanism with the centre of mass of its payload at `point` (3,), m, in the measured frame."""
         return replace(self.choice, payload_com=tuple(float(v) for v in point)).load()
 
     def __repr__(self) -> str:
@@ -168,5 +168,5 @@ class LoadedMechanism:
 
 
 def choice_of(mechanism: Mechanism) -> MechanismChoice:
-    """What `mechanism` can be loaded from again; its name alone where it was built in Python."""
+    """Return the choice from which `mechanism` can be loaded again; only its name if it was built in Python."""
     return mechanism.choice if isinstance(mechanism, LoadedMechanism) else MechanismChoice(mechanism.name)

@@ -1,4 +1,4 @@
-"""What a mechanism spans: random poses within its limits, its links, and the tip by which it is recognised."""
+"""Workspace of a mechanism: random poses within its limits, its links, and the tip position that identifies it."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -82,5 +82,5 @@ def tip_at_probe(mechanism: Mechanism) -> Array:
 
 
 def same_machine(tip: ArrayLike, other: ArrayLike) -> bool:
-    """Whether two tips at that pose are of one machine."""
+    """Return whether two tip positions at the probe pose belong to one machine."""
     return bool(np.allclose(tip, other, atol=TIP_TOLERANCE, rtol=0))

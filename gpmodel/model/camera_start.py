@@ -16,7 +16,7 @@ before."""
 IN_TURN = 20
 """Steps of a body's pose between them."""
 TURNING = 1e-3
-"""Of the largest singular value, the second smallest: less, and the views turn about one axis alone."""
+"""Smallest ratio of the second smallest singular value to the largest; below it all views turn about one axis."""
 FEWEST_VIEWS = 3
 """Between them two turns, about two axes: fewer leave a hand-eye transform open."""
 
@@ -86,8 +86,11 @@ def view_pose(board: Array, seen: Array, plane: Array | None) -> Array:
 
 
 def _body_pose(body: Array, seen: Array) -> Array:
-    """The same of points that are not in one plane, from weak perspective on: t to the lines of sight for R, R to the
-    points nearest on them, in turn, reweighted against wrong points."""
+    """Estimate the pose of a body whose points are not in one plane.
+
+    Starts from weak perspective, then alternates: t fits the lines of sight given R, R fits the nearest points on
+    them. Each step is reweighted against wrong points.
+    """
     sight = np.column_stack([seen, np.ones(len(seen))])
     onto = sight[:, :, None] * sight[:, None, :] / np.sum(sight**2, axis=1)[:, None, None]
     weight = np.ones(len(body))

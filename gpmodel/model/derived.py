@@ -70,7 +70,7 @@ class Derived:
 
 
 def link_weights(mechanism: Mechanism, q: Array) -> Derived | None:
-    """What the links weigh on the joints, link by link, as `Weighed.unit_loads` has it; None where nobody says.
+    """Return the joint torques of each link's weight, as `Weighed.unit_loads` gives them; None if they are unknown.
 
     In N·m; of a first moment of mass (`_of_J4_x`) in N·m a kg·m, which is m/s².
     """

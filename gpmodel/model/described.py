@@ -1,4 +1,4 @@
-"""What files say of cameras, boards and surfaces, as the parts that observations are made of."""
+"""Cameras, boards and surfaces as described in TOML files."""
 
 from collections.abc import Callable, Mapping
 
@@ -14,7 +14,7 @@ from gpmodel.numerics import se3
 from gpmodel.table.toml_table import TomlTable
 
 KINDS = ("cameras", "board", "surfaces")
-"""What a file may describe."""
+"""Kinds of objects that a file may describe."""
 
 SOLVED = {"focal": (0, 1), "centre": (2, 3), "distortion": (4, 5, 6, 7), "distortion k3": (8,)}
 """Numbers of a lens by what `solve` calls them."""
@@ -29,7 +29,7 @@ Slot = Callable[[str, str], int]
 
 
 def cameras_of(content: object, slot: Slot) -> tuple[Camera, ...]:
-    """Of [camera.NAME]: link, focal_px = [fx, fy], centre_px = [cx, cy], distortion = [k1, k2, p1, p2, k3], solve."""
+    """Read [camera.NAME]: link, focal_px = [fx, fy], centre_px = [cx, cy], distortion = [k1, k2, p1, p2, k3], solve."""
     out = []
     for name, table in _named(content, "cameras", "camera"):
         focal, centre = table.numbers("focal_px", 2), table.numbers("centre_px", 2)
@@ -55,8 +55,11 @@ def cameras_of(content: object, slot: Slot) -> tuple[Camera, ...]:
 
 
 def boards_of(content: object, slot: Slot) -> tuple[tuple[Board, Mapping[str, Array]], ...]:
-    """Of [board.NAME]: link, and either columns, rows and pitch_mm (markers 0, 1, ... row by row), or
-    [board.NAME.points_mm] with a place [x, y, z] a marker. Each with its markers' corners (3,), m."""
+    """Read [board.NAME] and return each board with the corners (3,), m, of its markers.
+
+    A board has a link, and either columns, rows and pitch_mm (markers 0, 1, ... row by row), or
+    [board.NAME.points_mm] with a position [x, y, z] of each marker.
+    """
     out = []
     for name, table in _named(content, "board", "board"):
         points = table.take("points_mm", None)
@@ -79,8 +82,11 @@ def boards_of(content: object, slot: Slot) -> tuple[tuple[Board, Mapping[str, Ar
 
 
 def features_of(content: object) -> tuple[tuple[Feature, ...], tuple[Feature, ...]]:
-    """Of [plane.NAME], [sphere.NAME] and [line.NAME]: those of one artefact, whose places to each other are known, and
-    spheres of known diameter that stand anywhere. probe_diameter_mm: of the ball that touches."""
+    """Read [plane.NAME], [sphere.NAME] and [line.NAME].
+
+    Returns the features of one artefact, whose relative poses are known, and free spheres of known diameter.
+    probe_diameter_mm: diameter of the touching ball.
+    """
     whole = TomlTable(content, "surfaces")
     probe = 0.5 * _not_negative(whole, "probe_diameter", 0.0)
     fixed: list[Feature] = []

@@ -17,7 +17,7 @@ REGISTRATION, TOOL = "setup", "tool"
 
 
 def made_of(parts: object, kind: type) -> bool:
-    """Whether it is a tuple of a kind alone."""
+    """Return whether `parts` is a tuple of one kind only."""
     return isinstance(parts, tuple) and all(isinstance(part, kind) for part in parts)
 
 
@@ -82,12 +82,12 @@ class Effect:
 
     @property
     def of_the_instrument(self) -> bool:
-        """Whether it moves what the instrument reads alone, and not the mechanism."""
+        """True if the effect moves only the instrument's readings, not the mechanism."""
         return self.slots == (INSTRUMENT,)
 
     @property
     def constant(self) -> bool:
-        """Whether it is the same at every pose: a geometric error."""
+        """True if the effect is constant over the poses: a geometric error."""
         return not self.inputs
 
     def twist(self, states: States, slot: str) -> Array:

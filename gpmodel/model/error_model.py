@@ -45,7 +45,7 @@ class Poses:
         return len(self.dataset)
 
     def subset(self, rows: IntArray) -> "Poses":
-        """The same at some rows only."""
+        """Return the poses of some rows."""
         return Poses(self.dataset.subset(rows), self.transforms[:, rows], self.states.subset(rows), self.tip_slot[rows])
 
 
@@ -115,7 +115,7 @@ class ErrorModel:
         return self.frames_after(poses, self.twists(poses, theta))
 
     def frames_after(self, poses: Poses, twists: Mapping[int, Array]) -> Array:
-        """The same after error twists (N, 6) that are known, by the index of their slot."""
+        """Return the frames after known error twists (N, 6), keyed by the index of their slot."""
         if loops := closed(self.mechanism):
             return loops.assembled(poses.dataset.q, twists)
         if tree := branched(self.mechanism):
@@ -143,11 +143,11 @@ def closing(model: ErrorModel, data: Dataset, theta: Array) -> IntArray:
 
 
 def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement) -> Observed:
-    """What the instrument would read at `poses`: T_register · Π T_i exp(Σ_k θ_k φ_k e_k) · T_tool of each, and what
-    moves it.
+    """Predict the readings of the instrument at `poses`, T_register · Π T_i exp(Σ_k θ_k φ_k e_k) · T_tool, and the
+    frames that move them.
 
-    theta: (E,) values of model.effects, SI. placement: a registration for every set-up of the poses and a point for
-    every tool; KeyError where one is missing.
+    theta: (E,) values of model.effects, SI.
+    placement: a registration for every set-up of the poses and a point for every tool. KeyError where one is missing.
     """
     data, tip_slot = poses.dataset, poses.tip_slot
     twists = model.twists(poses, theta)
@@ -173,8 +173,10 @@ def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement)
 
 
 def _completed(known: Own, kinds: tuple[Observation, ...], tips: Tips) -> Own:
-    """What is known of the observations' own unknowns, and what is not, as these poses themselves say it: a point that
-    only held-out poses touched is found from them."""
+    """Add the observations' unknowns that the fit lacks, estimated from these poses.
+
+    A point that only held-out poses touched is an example.
+    """
     new = [kind for kind in kinds if not known.keys() >= kind.own.keys()]
     return {**{key: value for kind in new for key, value in kind.start(tips).items()}, **known} if new else known
 

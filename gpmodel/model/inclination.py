@@ -44,12 +44,12 @@ class Inclination:
 
     @property
     def kept(self) -> tuple[str, ...]:
-        """How each is mounted on its link."""
+        """Names of the mountings of the inclinometers on their links."""
         return tuple(f"inclinometer {name}" for name, _ in self.links)
 
     @property
     def readings(self) -> Mask:
-        """Which components (N, 2) were measured."""
+        """Measured components (N, 2), True where finite."""
         return np.isfinite(self.values)
 
     def subset(self, rows: IntArray) -> "Inclination":

@@ -26,16 +26,17 @@ SAME_VIEW = 1e-6
 """Radians or metres up to which rows were seen in one pose: rounding of what was written."""
 
 METRES_A_PIXEL, METRES_A_RADIAN = 1e-3, 1.0
-"""What they count as before the readings themselves say it: a pixel at a metre, a radian at a lever of one."""
+"""Metres per pixel and per radian before the readings are weighed: a pixel at a metre, a radian at a lever of one."""
 
 
 def with_observations(
     dataset: Dataset, mechanism: Mechanism, described: Mapping[str, Mapping[str, object]] | None = None
 ) -> Dataset:
-    """The same table with what its columns `on_plane` to `inclination_y` read. described: as Dataset.described, instead
-    of what it has.
+    """Return the table with the observations that its columns `on_plane` to `inclination_y` hold.
 
-    Raises InputError for a label with too few touches, a camera or marker nobody describes, too few corners.
+    described: replaces Dataset.described.
+
+    Raises InputError for a label with too few touches, a camera or marker without a description, too few corners.
     """
     dataset = dataset if described is None else replace(dataset, described=described)
     found: list[Observation] = [*_touches(dataset), *_pixels(dataset, mechanism), *_inclinations(dataset, mechanism)]

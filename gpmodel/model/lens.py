@@ -45,7 +45,7 @@ def by_point(points: Array, lens: Array) -> Array:
 
 
 def by_lens(points: Array, lens: Array) -> Array:
-    """The same (N, 2, 9) per unit of the numbers of the lens."""
+    """Return the derivatives of the pixels (N, 2, 9) by the numbers of the lens."""
     x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
     fx, fy = lens.T[:2]
     r2 = x * x + y * y

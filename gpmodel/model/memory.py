@@ -45,7 +45,9 @@ def read_by(name: str) -> tuple[str, ...]:
 
 
 def constant_of(name: str) -> tuple[str, str, float] | None:
-    """What a derived column does (`play`, `stop`, `lag`), to which column, and its constant; None without one."""
+    """Return the operation of a derived column (`play`, `stop`, `lag`), its column and its constant; None without
+    one.
+    """
     match = _WITH_CONSTANT.match(name)
     return (match["what"], match["of"], float(match["size"].replace("p", "."))) if match else None
 

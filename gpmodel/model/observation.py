@@ -1,4 +1,6 @@
-"""What an instrument reads of a pose: a point, an orientation, a distance, or anything with the same few answers."""
+"""Readings of an instrument at a pose: a point, an orientation, a distance, or any other kind with the same
+interface.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -28,7 +30,7 @@ class Tips:
 
 
 Own = Mapping[str, Array]
-"""What observations have to find of themselves, by key: the places of anchors, surfaces, cameras."""
+"""Unknowns of the observations by key: positions of anchors, surfaces, cameras."""
 
 
 class Observation(Protocol):
@@ -41,7 +43,7 @@ class Observation(Protocol):
 
     @property
     def name(self) -> str:
-        """What the table calls it."""
+        """Name in the table."""
 
     @property
     def unit(self) -> str:
@@ -57,11 +59,11 @@ class Observation(Protocol):
 
     @property
     def absolute(self) -> bool:
-        """Whether it places the mechanism in the instrument's frame."""
+        """True if the reading places the mechanism in the instrument's frame."""
 
     @property
     def oriented(self) -> bool:
-        """Whether it says how the tool is turned."""
+        """True if the orientation of the tool was measured."""
 
     @property
     def own(self) -> Mapping[str, tuple[str, ...]]:
@@ -73,10 +75,10 @@ class Observation(Protocol):
 
     @property
     def readings(self) -> Mask:
-        """Which components (N, m) were measured."""
+        """Measured components (N, m), True where measured."""
 
     def subset(self, rows: IntArray) -> "Observation":
-        """The same readings at some poses only."""
+        """Return the readings at some poses."""
 
     def residual(self, tips: Tips, own: Own) -> Array:
         """Measured minus predicted (N, m), NaN where unmeasured."""
@@ -86,10 +88,10 @@ class Observation(Protocol):
         in the instrument's axes."""
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
-        """The same per unit motion of the frames of some slots, by their index, in the root's axes."""
+        """Return the sensitivity to a unit motion of the frame of each slot, by slot index, in the root's axes."""
 
     def by_own(self, tips: Tips, own: Own) -> Array:
-        """The same (N, m, k) per unit step of its own unknowns."""
+        """Return the sensitivity (N, m, k) to a unit step of the observation's unknowns."""
 
     def moved(self, key: str, value: Array, step: Array) -> Array:
         """One of its own unknowns after a step (k,)."""
@@ -99,7 +101,7 @@ class Observation(Protocol):
 
 
 class AtTheTip:
-    """What most kinds share: no frame but the tip's moves them; their own unknowns are added to and kept by nothing."""
+    """Observation that only the frame of the tip moves; no unknowns of other kinds are added."""
 
     kept: ClassVar[tuple[str, ...]] = ()
 
@@ -113,19 +115,19 @@ class AtTheTip:
 
 
 class NothingOwn(AtTheTip):
-    """What reads a frame that registration and tool place: nothing is left to find."""
+    """Observation of a frame that registration and tool place, without unknowns."""
 
     own: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     values: Array
 
     @property
     def readings(self) -> Mask:
-        """Which components (N, 3) were measured."""
+        """Measured components (N, 3), True where finite."""
         return np.isfinite(self.values)
 
     @property
     def absolute(self) -> bool:
-        """Whether it places the mechanism in the instrument's frame: where anything was measured."""
+        """True if anything was measured: the reading places the mechanism in the instrument's frame."""
         return bool(self.readings.any())
 
     def by_own(self, tips: Tips, own: Own) -> Array:
@@ -173,7 +175,7 @@ class Orientation(NothingOwn):
 
     @property
     def oriented(self) -> bool:
-        """Whether it says how the tool is turned."""
+        """True if the orientation of the tool was measured."""
         return self.absolute
 
     def subset(self, rows: IntArray) -> "Orientation":
@@ -213,14 +215,14 @@ class Distance(AtTheTip):
 
     @property
     def readings(self) -> Mask:
-        """Which (N, 1) were measured."""
+        """Measured rows (N, 1), True where finite."""
         return np.isfinite(self.values)[:, None]
 
     def subset(self, rows: IntArray) -> "Distance":
         return Distance(self.name, self.values[rows])
 
     def predict(self, tips: Tips, own: Own) -> Array:
-        """What it would read (N, 1), m."""
+        """Predict the distance (N, 1), m."""
         return np.asarray(np.linalg.norm(tips.root[:, :3, 3] - own[self.name], axis=1)[:, None])
 
     def residual(self, tips: Tips, own: Own) -> Array:

@@ -51,7 +51,7 @@ class Observed:
 
     @property
     def turns(self) -> Mask:
-        """Which components (m,) are rotations, whose weight the fit finds."""
+        """Rotational components (m,), whose weight the fit estimates."""
         return np.repeat([kind.metres is None for kind in self.kinds], [kind.components for kind in self.kinds])
 
     def scales(self, rotation_weight: float) -> Array:
@@ -60,7 +60,7 @@ class Observed:
         return np.repeat(each, [kind.components for kind in self.kinds])
 
     def rows(self, kind: Observation) -> slice:
-        """Which components are of an observation."""
+        """Return the slice of the components of an observation."""
         first = 0
         for other in self.kinds:
             if other.name == kind.name:
@@ -114,17 +114,17 @@ class Observed:
         ]
 
     def tool_sensitivity(self) -> Array:
-        """The same per unit twist of the tool frame: (N, m, 6)."""
+        """Return the sensitivity to a unit twist of the tool frame: (N, m, 6)."""
         turn = self.tip[:, :3, :3]
         return self._moved(_motion(turn, np.zeros_like(turn), turn))
 
     def registration_sensitivity(self, centre: Array) -> Array:
-        """The same per unit twist of the registration about `centre`, in the instrument's axes."""
+        """Return the sensitivity to a unit twist of the registration about `centre`, in the instrument's axes."""
         eye = np.broadcast_to(np.eye(3), (len(self.tip), 3, 3))
         return self._moved(_motion(eye, -se3.hat(self.tip[:, :3, 3] - centre), eye), absolute=True)
 
     def own_sensitivity(self, kind: Observation) -> Array:
-        """The same per unit step of an observation's own unknowns: (N, m, k)."""
+        """Return the sensitivity to a unit step of an observation's unknowns: (N, m, k)."""
         out = np.zeros((len(self.tip), self.components, sum(len(names) for names in kind.own.values())))
         out[:, self.rows(kind)] = kind.by_own(self.tips, self.own)
         return out

@@ -23,9 +23,12 @@ WORLD = -1
 
 
 FEWEST_CORNERS, FEWEST_MARKERS = 4, 6
-"""Of one view: fewer leave the pose of a board open, or that of a body where some are wrong."""
+"""Smallest number of corners and of markers in one view.
+
+Fewer corners leave the pose of a board open; fewer markers leave that of a body open if some are wrong.
+"""
 FLAT = 1e-3
-"""Of a board's size, how far its corners may be off one plane."""
+"""Largest distance of a board's corners from one plane, as a fraction of its size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +55,7 @@ class Board(Mounted):
 
     @cached_property
     def flat(self) -> bool:
-        """Whether its corners are in one plane."""
+        """True if the corners are in one plane."""
         off = camera_start.flattened(self.corners)[1].max()
         return bool(off <= FLAT * np.ptp(self.corners, axis=0).max())
 
@@ -92,7 +95,7 @@ class Pixels:
 
     @property
     def readings(self) -> Mask:
-        """Which components (N, 2) were measured."""
+        """Measured components (N, 2), True where finite."""
         return np.isfinite(self.values)
 
     def subset(self, rows: IntArray) -> "Pixels":
@@ -201,7 +204,9 @@ class Pixels:
                     yield camera_start.homography(flat, self.values[rows])
 
     def _posed(self, tips: Tips, pair: tuple[int, int], known: Array) -> tuple[Array, Array]:
-        """Of every view of a pair the board's carrier in the camera's, and the board in the camera (V, 4, 4)."""
+        """Return for every view of a pair the board's carrier in the frame of the camera's carrier, and the board in
+        the camera (V, 4, 4).
+        """
         camera, board = self.cameras[pair[0]], self.boards[pair[1]]
         plane = camera_start.flattened(board.corners)[0] if board.flat else None
         moved, seen = [], []

@@ -65,7 +65,9 @@ def sites_of(mechanism: Mechanism) -> tuple[Site, ...]:
 
 
 def _is_new(step: Array, axis: str) -> bool:
-    """Whether a twist along an axis of a frame is along none of the frame before it. step: (4, 4) from that to it."""
+    """Return whether a twist along an axis of a frame is along no axis of the previous frame. step: (4, 4) from the
+    previous.
+    """
     along = step[:3, "xyz".index(axis[1])]
     turned = np.cross(step[:3, 3], along) if axis[0] == "R" else np.zeros(3)
     return int(np.sum(np.abs([*along, *turned]) > SAME)) > 1

@@ -1,4 +1,4 @@
-"""What a basis may read: named, unit-carrying columns, one value a pose."""
+"""Named columns with units, one value a pose, that a basis function may read."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -95,13 +95,15 @@ class States:
         return "rows" if self.past.clock == "row" else self.units[self.past.clock]
 
     def subset(self, rows: IntArray | Mask) -> "States":
-        """The same columns at some poses only; what they remember is still that of the whole table."""
+        """Return the columns at some poses; memory columns still follow the whole table."""
         taken = np.arange(len(self))[rows] if self.rows is None else self.rows[rows]
         columns = MappingProxyType({k: v[rows] for k, v in self.columns.items()})
         return replace(self, columns=columns, rows=taken)
 
     def seen_at(self, points: Array) -> "States":
-        """The same with the instrument's columns of points (N, 3) in its frame, m, instead of those it measured."""
+        """Return the states with the instrument's columns computed from points (N, 3) in its frame, m, not from
+        measured ones.
+        """
         return replace(self, columns=MappingProxyType({**self.columns, **seen_columns(points)}))
 
     def between(self, count: int = 2000) -> "Between":

@@ -1,4 +1,4 @@
-"""What a tool may touch: a plane, a sphere, a line, a point, and how far it is off.
+"""Surfaces that a tool may touch: a plane, a sphere, a line, a point, and the distance to each.
 
 Each lies in a frame of its own: the plane is z = 0, the line the z axis, the sphere about the origin, the point there.
 """
@@ -14,7 +14,9 @@ from gpmodel.errors import InputError
 from gpmodel.numerics import se3
 
 ALONG_A_LINE = 0.01
-"""Of the spread of touches along a line, that across it: less says nothing of how a plane turns about that line."""
+"""Smallest width of the touches across a line as a fraction of their length; below it the turn of a plane about the
+line is unknown.
+"""
 
 
 @dataclass(frozen=True)

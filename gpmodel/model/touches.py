@@ -36,13 +36,17 @@ class Feature:
 
     @property
     def shape(self) -> Surface:
-        """What it does."""
+        """Surface that is touched."""
         return SURFACES[self.surface]
 
 
 @dataclass(frozen=True, eq=False)
 class Artefact:
-    """What has one pose. name: of its unknowns. axes: of the twists of its own frame that anything shows."""
+    """Rigid artefact with one pose.
+
+    name: name of its unknowns.
+    axes: observable twists of its frame.
+    """
 
     name: str
     axes: tuple[int, ...]
@@ -50,12 +54,12 @@ class Artefact:
 
     @property
     def sized(self) -> bool:
-        """Whether its radius is to be found."""
+        """True if the radius is to be estimated."""
         return bool(np.isnan(self.features[0].radius))
 
     @property
     def is_bar(self) -> bool:
-        """Whether it is two ends a known distance apart."""
+        """True for two ends a known distance apart."""
         return self.features[0].surface == "end"
 
     @property
@@ -90,7 +94,7 @@ class Touches(AtTheTip):
 
     @cached_property
     def readings(self) -> Mask:
-        """Which components (N, m) were measured."""
+        """Measured components (N, m), True where measured."""
         out = np.zeros((len(self.body), self.components), dtype=bool)
         for shape, rows in self._rows:
             out[rows, : shape.slope(np.ones((1, 3))).shape[1]] = True
@@ -204,7 +208,7 @@ class Touches(AtTheTip):
 
     @cached_property
     def _features(self) -> tuple[IntArray, Array, Array]:
-        """Of every row (N,) its feature among those of all bodies; their frames in their bodies, and known radii."""
+        """Feature of every row (N,) among the features of all bodies; their frames in their bodies, and known radii."""
         flat = [f for body in self.bodies for f in body.features]
         first = np.cumsum([0, *(len(body.features) for body in self.bodies)])[:-1]
         at = np.where(self.body >= 0, first[self.body] + self.feature, 0)

@@ -6,7 +6,7 @@ from scipy import special
 from gpmodel.arrays import Array
 
 COVERAGE = 0.95
-"""Of every interval that is stated."""
+"""Coverage of every reported interval."""
 
 
 def coverage_factor(freedom: float) -> float:
@@ -25,7 +25,7 @@ def freedom_of_sum(deviations: Array, freedoms: Array) -> Array:
 
 
 SIGNIFICANCE = 0.01
-"""What is beyond chance is below this, after correction for all that was looked at: as in the acceptance rule."""
+"""Significance level after correction for all tests, as in the acceptance rule."""
 
 
 def holm(chances: Array) -> Array:
@@ -41,7 +41,9 @@ def holm(chances: Array) -> Array:
 
 
 def chance_of_ratio(ratio: float, numbers: float, freedom: float) -> float:
-    """Of a mean square of `numbers` normal deviates this many times a variance estimated with `freedom`, or more.
+    """Return the chance of a mean square of `numbers` normal deviates at least `ratio` times an estimated variance.
+
+    Its degrees of freedom are `freedom`.
 
     F distributed; where the variance is known, `freedom` infinite, χ² over its degrees.
     """
@@ -51,7 +53,7 @@ def chance_of_ratio(ratio: float, numbers: float, freedom: float) -> float:
 
 
 def chance_of_less(ratio: float, numbers: float, freedom: float) -> float:
-    """Of a mean square as of `chance_of_ratio` that many times the variance, or less."""
+    """Return the chance of a mean square at most `ratio` times the variance; see `chance_of_ratio`."""
     if np.isinf(freedom):
         return float(special.chdtr(numbers, ratio * numbers))
     return float(special.fdtr(numbers, freedom, ratio))

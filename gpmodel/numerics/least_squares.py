@@ -37,7 +37,7 @@ def root_mean_square(values: Array) -> float:
 
 
 REGULAR = 1e-13
-"""Of the largest eigenvalue of products of unit columns: smaller ones are rounding."""
+"""Smallest eigenvalue of products of unit columns relative to the largest; smaller ones are rounding."""
 
 INSIDE = 1e-6
 """Share of a unit vector of coefficients that combinations of columns which are zero, but for rounding, take up: above
@@ -58,9 +58,9 @@ class LeaveOneOut:
 
     @classmethod
     def of(cls, columns: Array) -> "LeaveOneOut":
-        """Of columns (M, K), scaled before the rank is decided; those that are negligible count as zero.
+        """Build from columns (M, K), scaled before the rank is decided; negligible columns count as zero.
 
-        Of hundreds that priors keep regular from the eigenvalues s² of their products.
+        With hundreds of columns that priors keep regular, uses the eigenvalues s² of their products.
         """
         norms = np.sqrt(np.einsum("mk,mk->k", columns, columns))
         norms = np.where(norms > NEGLIGIBLE, norms, np.inf)
@@ -74,7 +74,7 @@ class LeaveOneOut:
         return cls(norms, u[:, :rank], s[:rank], vt[:rank].T)
 
     def alone(self, k: int) -> Array:
-        """What the others leave (M,) of column k; zero where they span it."""
+        """Return the part (M,) of column k that the other columns do not span; zero if they span it."""
         own = self.v[k]
         if own @ own < 1.0 - INSIDE:
             return np.zeros(len(self.u))

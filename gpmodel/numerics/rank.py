@@ -1,4 +1,4 @@
-"""Which parameters the poses can tell apart: scaling, rank, unique shares."""
+"""Identifiable parameters of a set of poses: scaling, rank, unique shares."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -41,8 +41,12 @@ def factored(gram: Array) -> tuple[Array, bool]:
 
 @dataclass(frozen=True)
 class Span:
-    """What columns span: orthonormal ones (M, k), and where given more (M, b), orthogonal to those, with the Cholesky
-    factor of their products for scipy's cho_solve."""
+    """Span of columns.
+
+    plain: orthonormal columns (M, k).
+    rest: further columns (M, b), orthogonal to those.
+    factor: Cholesky factor of the products of `rest`, for scipy's cho_solve.
+    """
 
     plain: Array
     rest: Array | None = None
@@ -71,7 +75,7 @@ class Span:
 
     @property
     def size(self) -> int:
-        """How many columns."""
+        """Number of columns."""
         return int(self.plain.shape[1] + (0 if self.rest is None else self.rest.shape[1]))
 
     def remove(self, columns: Array) -> Array:

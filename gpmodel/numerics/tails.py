@@ -1,4 +1,4 @@
-"""How far out measurements lie: Student's t whose degrees of freedom, like its scale, are only as sure as a sample."""
+"""Tails of the error distribution: Student's t with uncertain degrees of freedom and scale."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from gpmodel.arrays import Array
 FREEDOMS = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 1000.0)
 """Degrees of freedom that are weighed against each other, all alike beforehand; the last is the normal distribution."""
 NODES = 40
-"""Of Student's t as a mixture of normal distributions."""
+"""Nodes of Student's t as a mixture of normal distributions."""
 STEPS = 100
 SETTLED = 1e-3
 """Iterations of a scale at most; its relative change that ends them."""
@@ -18,8 +18,14 @@ SETTLED = 1e-3
 
 @dataclass(frozen=True)
 class Tails:
-    """Of independent coordinates: by degrees of freedom (K,), scales (K,), weights (K,) that sum to one, and relative
-    standard deviations of the scales (K,). evidence: logarithm of the mean likelihood over the freedoms."""
+    """Error distributions of independent coordinates.
+
+    freedom: degrees of freedom (K,).
+    scale: scales (K,).
+    weight: weights (K,) that sum to one.
+    uncertain: relative standard errors of the scales (K,).
+    evidence: logarithm of the mean likelihood over the degrees of freedom.
+    """
 
     freedom: Array
     scale: Array
@@ -41,8 +47,9 @@ class Tails:
 
 
 def tails(values: Array, count: float, blur: Array | float = 0.0) -> Tails:
-    """Of a sample (M,) about zero that is worth `count` independent ones: likelihood over FREEDOMS, each with its best
-    scale, whose variance is s² (f + 3) / (2 f count).
+    """Fit the tails to a sample (M,) about zero, worth `count` independent values.
+
+    The likelihood is taken over FREEDOMS, each with its best scale, whose variance is s² (f + 3) / (2 f count).
 
     blur: (M,) variance of what a fit to the rest adds to each value, over that of the value: a sum of many, so that it
     is normal. Student's t is one over draws of its variance s² u, u = f / χ²_f, at NODES quantiles; scales by the EM
@@ -67,9 +74,11 @@ def tails(values: Array, count: float, blur: Array | float = 0.0) -> Tails:
 def with_far_ones(
     inside: Array, far: Array, count: float, blurs: tuple[Array | float, Array | float] = (0.0, 0.0)
 ) -> Tails:
-    """Of errors (M, 3) and of those (F, 3) that a fit left out: the tails of one distribution, or failures, which may
-    lie anywhere as far away as the farthest, each weighed by its evidence; any rate of failures is as likely as another
-    beforehand, so that F of them are F! M! / (F + M + 1)!.
+    """Fit the tails to errors (M, 3) and to errors (F, 3) that a fit excluded.
+
+    Two alternatives are weighed by their evidence: tails of one distribution, or failures anywhere up to the
+    farthest distance. Any rate of failures has the same prior probability, so that F failures have F! M! / (F + M +
+    1)!.
 
     count: independent coordinates that the errors inside are worth. blurs: (M,) and (F,), as of `tails`.
     """

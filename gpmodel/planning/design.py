@@ -34,13 +34,13 @@ SHORTLIST = 60
 
 
 class Goal(Protocol):
-    """What a design is for: smaller is better."""
+    """Goal of a design: smaller is better."""
 
     def value(self, information: Array) -> float:
         """The logarithm of what is to be small, of M (K, K)."""
 
     def change(self, information: Array, columns: Array, sign: float) -> Array:
-        """What is gained (N,) by adding (sign 1) each of N poses with columns (N, 3, K), or removing (-1)."""
+        """Return the gain (N,) of adding (sign 1) each of N poses with columns (N, 3, K), or of removing it (-1)."""
 
 
 @dataclass(frozen=True)

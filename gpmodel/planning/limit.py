@@ -1,4 +1,4 @@
-"""What no choice of so many poses could do better than.
+"""Lower bound of the goal over all sets of a given number of poses.
 
 A choice of n poses is a measure of mass n over the pool; among all measures the variance is convex in the information
 M, so that the tangent at any measure bounds every choice, and the best measure nearly meets it. Sources: Kiefer and

@@ -100,8 +100,10 @@ GOALS: dict[str, Callable[[Array], Goal]] = {
 
 
 def geometric_question(mechanism: Mechanism, pool: Array, noise: float) -> Question:
-    """How well poses of a pool (P, n) tell where the tool is, m, by the geometric errors, with noise of a coordinate in
-    m: I-optimal."""
+    """Pose the design question of the tool position, m, given the geometric errors: I-optimal over a pool (P, n).
+
+    noise: standard deviation of one coordinate, m.
+    """
     columns = geometric_columns(mechanism, pool)
     goal = Variance(noise**2 * over_the_pool(columns))
     return Question(columns, np.zeros((columns.shape[2], columns.shape[2])), goal)

@@ -39,7 +39,7 @@ class Reach:
     collisions: bool = True
 
     def failures(self, mechanism: Mechanism, q: Array) -> dict[str, Mask]:
-        """What forbids poses q (N, n), by its name, each (N,)."""
+        """Return the violated constraints of poses q (N, n), by name, each (N,)."""
         frames = chain(mechanism.transforms(q))[-1]
         points = frames[:, :3, :3] @ self.tool + frames[:, :3, 3]
         found: dict[str, Mask] = {"outside the box": ((points < self.box[0]) | (points > self.box[1])).any(axis=1)}
@@ -59,7 +59,7 @@ class Reach:
 
 
 def knows_its_shape(mechanism: Mechanism) -> bool:
-    """Whether the mechanism knows where it meets itself."""
+    """Return whether the mechanism has a shape for collision tests."""
     bare = bare_of(mechanism)
     return isinstance(bare, Collides) and bare.has_shape
 

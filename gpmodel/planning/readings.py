@@ -1,4 +1,4 @@
-"""What a simulated instrument reads of a mechanism with known errors."""
+"""Simulated readings of a mechanism with known errors."""
 
 from dataclasses import dataclass, replace
 
@@ -30,7 +30,7 @@ class Real:
 def read_in(
     scene: Scene, real: Real, empty: Dataset, noise: float, rng: np.random.Generator
 ) -> tuple[Dataset, Placement]:
-    """What the instrument reads of a mechanism with known errors, and the placement with what it had to find.
+    """Simulate the readings of a mechanism with known errors, and the placement with the observations' unknowns.
 
     empty: the poses with nothing measured. noise: standard deviation of one reading, m, px or rad.
     """

@@ -1,4 +1,4 @@
-"""What a simulated instrument looks at or touches, and which poses it takes."""
+"""Targets and surfaces of a simulated instrument, and its poses."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -147,7 +147,7 @@ def _seen_scene(outside: bool, pool: Array, frames: Array, count: int, rng: np.r
 
 
 def _inside(seen: Array) -> Mask:
-    """Whether all corners are in the image, for boards (P, 4, 4) in the camera."""
+    """Return whether all corners are in the image, for boards (P, 4, 4) in the camera."""
     grid = PITCH * np.array([[i, j, 0.0] for j in range(BOARD[1]) for i in range(BOARD[0])])
     points = np.einsum("pij,cj->pci", seen[:, :3, :3], grid) + seen[:, None, :3, 3]
     ahead = points[:, :, 2] > 0.1

@@ -1,1 +1,1 @@
-"""What is kept on disk of a search while it runs."""
+"""Records of a running search on disk."""

@@ -1,4 +1,4 @@
-"""What a discovery has finished, on disk at once; going on from it gives the same numbers."""
+"""Finished parts of a discovery on disk; resuming from them reproduces the numbers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

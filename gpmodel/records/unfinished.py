@@ -1,4 +1,4 @@
-"""What a long command has finished, on disk at once: sealed JSON beside what was asked."""
+"""Finished parts of a long command on disk: sealed JSON with its request."""
 
 import dataclasses
 import math
@@ -52,7 +52,7 @@ _TYPES = {
         Node,
     )
 }
-"""What may be read back; a name that is not here is refused."""
+"""Types that may be read back; other names are refused."""
 
 
 def encode(value: Any) -> Any:
@@ -144,7 +144,7 @@ class Unfinished:
         write_json(self.folder / f"{name}.json", sealed)
 
     def read(self, name: str) -> dict[str, Any] | None:
-        """What was written for this request; None where there is nothing, or it is damaged."""
+        """Read the record of this request; None if it is missing or damaged."""
         path = self.folder / f"{name}.json"
         try:
             content = read_json(path)
@@ -168,7 +168,7 @@ class Unfinished:
 
     @property
     def empty(self) -> bool:
-        """Whether nothing is finished yet."""
+        """True if nothing is finished yet."""
         return not self._finished()
 
     def _finished(self) -> list[Path]:
@@ -198,7 +198,7 @@ def unfinished(out: Path) -> dict[str, Any] | None:
 
 
 def _differing(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """What is no longer as it was, one phrase each."""
+    """List the changes, one phrase each."""
     changed = [key for key in (*before, *(k for k in now if k not in before)) if before.get(key) != now.get(key)]
     return [_difference(key, before, now) for key in changed]
 

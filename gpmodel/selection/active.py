@@ -1,4 +1,4 @@
-"""What is in the model: its posterior, its evidence, and what each group in it gains.
+"""Groups in the model: their posterior, the evidence, and the gain of each group.
 
 With A (M, K) the active columns times √a, C = σ² I + A Aᵀ and H = (σ² I + AᵀA)⁻¹ = L⁻ᵀL⁻¹:
 C⁻¹ = (I - A H Aᵀ) / σ², so that S and q of any group need the products XᵀA alone.
@@ -199,7 +199,7 @@ class Active:
 
     @cached_property
     def of_kind(self) -> IntArray:
-        """How many selected groups (K,) are of each kind that is offered at several joints."""
+        """Number of selected groups (K,) of each kind that is offered at several joints."""
         kinds = self.pool.block[list(self.found)]
         return np.bincount(kinds[kinds >= 0], minlength=len(self.pool.shared))
 

@@ -74,7 +74,9 @@ class Group(Candidate):
 
 
 def is_curve(candidate: Candidate) -> bool:
-    """Whether a candidate says how an error looks and names no part: a smooth term, or one of a generic family."""
+    """Return whether a candidate describes an error without naming a part: a smooth term, or one of a generic
+    family.
+    """
     known = family(candidate.family)
     return candidate.found_by == SMOOTH_TERM or (known is not None and known.generic)
 
@@ -158,12 +160,12 @@ class Price:
         return group.cost + self.limits.head_start * (not group.family)
 
     def to_enter(self, group: Group) -> float:
-        """What a group must gain to enter the model: the least gain of any group, its description, its inputs."""
+        """Return the gain a group needs to enter the model: minimum gain, description and inputs."""
         read = [self.of_input.get(name, 0.0) for name in group.inputs]
         return self.limits.minimum_nats + self.to_describe(group) + (float(np.mean(read)) if read else 0.0)
 
     def to_read(self, group: Group) -> float:
-        """What a reader loses by a curve that names no part, once formulas of it are offered, or by a long formula."""
+        """Return the price of reading a smooth term once formulas of it are offered, or of a long formula."""
         names = {group.name, *(part.name for part in group.parts)}
         curve = is_curve(group) and len(group.effects) > FEW and not names.isdisjoint(self.with_formulas)
         basis = group.place.basis

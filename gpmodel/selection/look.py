@@ -89,7 +89,7 @@ class Screening:
 
 @dataclass(frozen=True)
 class Look:
-    """What a look chose, what could stand in the place of each of its groups, and the exact fit behind it."""
+    """Result of one look: selected groups, alternatives to each, and the exact fit behind them."""
 
     active: Active
     rivals: Mapping[int, tuple[Alternative, ...]]
@@ -103,7 +103,7 @@ def looked(screening: Screening, groups: Sequence[Group], state: Expansion, step
 
 
 def left_by(screening: Screening, beside: Sequence[Group], state: Expansion) -> Active:
-    """What some groups leave."""
+    """Return the model that contains only some groups."""
     return reestimate(_started(screening, beside, state))
 
 

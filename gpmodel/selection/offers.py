@@ -1,4 +1,4 @@
-"""Which groups are offered: each candidate of the catalogue, those of one kind at several joints as one group more."""
+"""Offered groups: each candidate of the catalogue, and a joint group of each kind that acts at several joints."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence, Set
@@ -35,9 +35,10 @@ def of_offers(offers: Iterable[Offer]) -> Builder:
 
 
 def of_evolved(candidates: Sequence[Candidate], cost: Callable[[int], float]) -> Builder:
-    """What genetic programming found, terms that share no input as laws of their own, the terms of each as parts.
+    """Build groups from evolved candidates; terms without a shared input become separate formulas, with their terms
+    as parts.
 
-    cost: nats of so many nodes.
+    cost: nats of a number of nodes.
     """
 
     def build(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
@@ -51,7 +52,7 @@ def of_evolved(candidates: Sequence[Candidate], cost: Callable[[int], float]) ->
 
 @dataclass(frozen=True)
 class Offering:
-    """What a selection may choose of.
+    """Offer of a selection.
 
     single: builders of groups from the start. sites, inputs: places where free functions of one or two of the inputs
     are looked for. grids: waves at more rates than can be named, offered once nothing single is left. wanted: whether

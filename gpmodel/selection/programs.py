@@ -43,9 +43,9 @@ def parts(program: Program) -> list[Program]:
 
 
 def laws(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate, ...]:
-    """What was evolved as one law for each set of inputs that its terms share; as it is where that is one.
+    """Split an evolved candidate into one formula for each set of inputs that its terms share.
 
-    cost: nats of so many nodes.
+    cost: nats of a number of nodes.
     """
     sets: list[list[int]] = []
     for k, effect in enumerate(candidate.effects):
@@ -71,7 +71,9 @@ def _some(candidate: Candidate, own: Sequence[int], cost: Callable[[int], float]
 
 
 def without_poles(criteria: Criteria, candidate: Candidate, measured: States, between: Columns) -> bool:
-    """Whether its bases stay of one size between the measured poses; a quotient that passes a pole there does not."""
+    """Return whether its basis functions stay bounded between the measured poses; a quotient that passes a pole does
+    not.
+    """
     for effect in candidate.effects:
         for term in effect.terms:
             largest = float(np.max(np.abs(term.basis(between))))
@@ -96,7 +98,7 @@ _OTHER = {"add": "subtract", "subtract": "add"}
 
 
 def with_plain_signs(program: Program) -> Program:
-    """The same program, of the same size and values, with x - (-c) as x + c, -c + x as x - c, and c·y alike for c."""
+    """Return the program, at equal size and values, with x - (-c) as x + c, -c + x as x - c, and c·y alike for c."""
     return program.rebuilt(_plain)
 
 

@@ -58,7 +58,7 @@ class Offered:
     grids: Sequence[FrequencyGrid]
 
     def with_formulas_of(self, curves: frozenset[str]) -> "Offered":
-        """The same where formulas of some curves are offered, too: these pay for reading from then on."""
+        """Return the offer with formulas of some curves; these curves pay a reading price from then on."""
         prices = self.screening.prices
         prices = replace(prices, with_formulas=prices.with_formulas | curves)
         return replace(self, screening=replace(self.screening, prices=prices))
@@ -95,7 +95,7 @@ class Selection:
 
 
 def summarised(offered: Offered, look: Look) -> Selection:
-    """What was chosen, from the groups in the model and their rivals."""
+    """Summarise the selected groups and their alternatives."""
     active = look.active
     kept: list[Kept] = []
     for g in active.found:

@@ -178,7 +178,7 @@ def named_by_site(model: Active) -> Active:
 
 
 def rests_on_one_pose(before: Active, after: Active) -> bool:
-    """Whether one pose alone brings most of what a move gains: a group fitted to an outlier."""
+    """Return whether one pose brings most of the gain of a move: a group fitted to an outlier."""
     gained = before.misfit * (before.sigma2 / after.sigma2) - after.misfit
     return float(gained.max()) > before.criteria.one_pose_share * float(gained.sum())
 

@@ -150,10 +150,13 @@ def _best(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> Itera
 
 @dataclass(frozen=True)
 class Places:
-    """How the rows of a model meet functions of the pose at S sites: at each of P poses the sum of squares of a unit
-    twist (S, P), its products with what the model takes out (S, P, K) and with what it leaves (S, P).
+    """Projections of a model's rows on functions of the pose at S sites.
 
-    Of poses that share a deviation the values of a function are taken as one.
+    energy: sum of squares of a unit twist at each of P poses (S, P).
+    sums: products with the columns that the model projects out (S, P, K).
+    rhs: products with the residual (S, P).
+
+    Poses of one exchangeable block share one value of a function.
     """
 
     poses: IntArray
@@ -163,7 +166,7 @@ class Places:
 
     @staticmethod
     def of(active: Active, sites: Sequence[Site]) -> "Places":
-        """Of the poses of a model, or of some evenly along its rows where there are many."""
+        """Project the rows of a model; of many poses, use a subset spread evenly along the rows."""
         rows = active.pool.rows
         at = np.unique(np.linspace(0, len(rows.present) - 1, min(SCREENED, len(rows.present))).astype(int))
         taken = np.hstack([rows.placement, active.spanned])

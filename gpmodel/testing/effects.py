@@ -1,4 +1,4 @@
-"""What effects and their families must hold to."""
+"""Contract of effects and their families."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -24,7 +24,7 @@ PAYLOAD = 10.0
 """Kilograms, at most, that the poses of a check carry."""
 
 INSTRUMENT_AT = (-1.0, -3.5, 0.5)
-"""Of the mechanism's root in the frame of the instrument that reads the poses of a check, m: as a tracker stands."""
+"""Origin of the mechanism's root in the instrument's frame in the checks, m: a typical tracker position."""
 
 
 def check_family(
@@ -80,7 +80,7 @@ def _check_effect(effect: Effect, mechanism: Mechanism, poses: Poses, placement:
 
 
 def _has(states: States, name: str) -> bool:
-    """Whether these poses have a column or can derive it, as what is remembered and what an instrument reads."""
+    """Return whether these poses have a column or can derive it, as memory and instrument columns."""
     try:
         return len(states[name]) == len(states)
     except InputError:

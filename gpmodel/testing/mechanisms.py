@@ -1,4 +1,4 @@
-"""What a mechanism must hold to: slots, transforms, drives and loads."""
+"""Contract of a mechanism: slots, transforms, drives and loads."""
 
 from collections.abc import Callable, Sequence
 

@@ -1,4 +1,4 @@
-"""What a representation of programs must hold to."""
+"""Contract of a representation of programs."""
 
 import numpy as np
 

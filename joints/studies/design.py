@@ -42,7 +42,7 @@ def design_study(path: Path | None = None, seed: int = 0) -> Study:
 
 
 def _parts(design: JointDesign) -> tuple[Table, ...]:
-    """What the thermal loop is made of, and the film guide of a fluid joint."""
+    """Tabulate the parts of the thermal loop, and of the film guide of a fluid joint."""
     thermal = design.settings["thermal"]
     loop = [LoopPart(**part) for part in thermal["part"]]
     rates = [(part.name, part.growth_per_kelvin) for part in loop]
@@ -109,7 +109,7 @@ def _page(design: JointDesign, parts: tuple[Table, ...], drawn: dict[str, Figure
 
 
 def _micro(text: str) -> str:
-    """As print sets it: µm for the um of terminals and JSON keys."""
+    """Write µm for the um of terminals and JSON keys."""
     return re.sub(r"\bum\b", "µm", text)
 
 

@@ -37,7 +37,7 @@ _HEADS = (
 SOUGHT = 40
 """Frequencies over the range of the response among which the largest motion is sought, before it is refined."""
 RATIO_DIGITS = 5
-"""Of a damping ratio: where hammer begins it is 0 but for rounding."""
+"""Digits of a damping ratio; it is zero up to rounding at the onset of hammer."""
 
 
 def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:
@@ -119,7 +119,7 @@ def _hammer(
 
 
 def _lossy(s: Settings, load: float, system: BallOnFilm, frequency: Array) -> tuple[Table, dict[str, dict[str, float]]]:
-    """What friction of the sliding joint and hysteresis of the magnets change, at one amplitude of force."""
+    """Compute the effect of sliding friction and magnetic hysteresis at one amplitude of force."""
     pull, force = magnet_stiffness(load, s["stand_off"]), float(positive("losses.force", s["force"], "N"))
     grip = float(not_negative("losses.friction_coefficient", s["friction_coefficient"], "")) * load
     cases = {

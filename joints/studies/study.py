@@ -1,4 +1,4 @@
-"""What a study hands back, before anything is printed or written."""
+"""Results of a study, before anything is printed or written."""
 
 import io
 from collections.abc import Mapping, Sequence

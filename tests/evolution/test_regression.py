@@ -4,15 +4,15 @@ from itertools import count
 
 import numpy as np
 import pytest
+from gpmodel.evolution.island import BUDGET, EXACT
+from gpmodel.evolution.linked_problem import PRICE, LinkedProblem
+from gpmodel.evolution.linked_solution import solved
+from gpmodel.evolution.linked_terms import climbed_terms
 
 from gpmodel.errors import InputError
 from gpmodel.evolution.building_blocks import Vocabulary
 from gpmodel.evolution.engine import values
 from gpmodel.evolution.generations import Generations
-from gpmodel.evolution.island import BUDGET, EXACT
-from gpmodel.evolution.linked_problem import PRICE, LinkedProblem
-from gpmodel.evolution.linked_solution import solved
-from gpmodel.evolution.linked_terms import climbed_terms
 from gpmodel.evolution.links import LINKS, Link, LinkTerm
 from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.regression import SEQUENCES, Law, regression_front

@@ -36,7 +36,7 @@ class PredictedPoints:
 
 @dataclass(frozen=True)
 class Check:
-    """What `predict` gives, and the inputs (N, k) that a forward model reads at the same poses."""
+    """Reference of `predict`, and the inputs (N, k) of a forward model at the same poses."""
 
     forward: Forward
     predicted: PredictedPoints

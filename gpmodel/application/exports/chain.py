@@ -42,7 +42,6 @@ class Chain:
         return self.weights[list(self.moving)]
 
     def transforms(self, q: Array) -> Array:
-        """As Mechanism.transforms."""
         out = np.repeat(self.fixed[:, None], len(q), axis=1)
         for s in self.moving:
             twists = np.zeros((len(q), 6))

@@ -96,7 +96,7 @@ def _measured_torques(saved: SavedModel) -> set[str]:
 
 
 def _masses(saved: SavedModel, chain: Chain, tip: str) -> tuple[tuple[Body, ...], Array]:
-    """What weighs and gravity; each of several arms bears itself alone, no payload."""
+    """Return the bodies with mass, and gravity; each of several arms bears only itself, without payload."""
     tree = branched(saved.mechanism)
     bare = bare_of(saved.mechanism) if tree is None else tree.alone(tip)
     if not isinstance(bare, Massive):

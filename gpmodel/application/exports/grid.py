@@ -38,7 +38,7 @@ NEAR, STEPS = 20, 5
 """Poses near the middle that are looked at; steps from one to a node."""
 
 TRIED = 5
-"""Of these, the farthest from singular, that a box is sought about."""
+"""Number of poses, the farthest from singular, about which a box is sought."""
 
 CHECKS, TRIALS = 1000, 200
 """Random points at which interpolation in the grid is judged, and in a size that is tried."""
@@ -116,7 +116,9 @@ def _largest(poses: Sequence["_Held"], spread: float) -> tuple["_Held", Array]:
 
 
 def _serves(pose: "_Held", cube: Array) -> bool:
-    """Whether every node, and every point between them, is reached as it is held and its error gone but for LEFT."""
+    """Return whether all nodes and all points between them are reachable in the same posture, with errors reduced to
+    LEFT.
+    """
     tried = _over(pose, cube, PROBES, np.random.default_rng(0), part=False)
     whole = tried.reached == 1.0 and len(tried.error) == TRIALS
     return whole and bool(tried.error.max() < LEFT * root_mean_square(tried.before))
@@ -161,8 +163,10 @@ class _Held:
         return q
 
     def corrections(self, points: Array, q: Array, part: bool) -> Array:
-        """What is to be added (N, n) to the nominal joint values q (N, n) of points, NaN where nothing can be. part: as
-        in `corrected`."""
+        """Return the corrections (N, n) of the nominal joint values q (N, n) of points, NaN where there is none.
+
+        part: as in `corrected`.
+        """
         moves = np.full_like(q, np.nan)
         here = np.flatnonzero(np.isfinite(q).all(axis=1))
         if len(here):

@@ -35,7 +35,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Loads:
-    """What writes the loads of a mechanism. bodies: all that weigh, the payload last."""
+    """Writer of the loads of a mechanism. bodies: all bodies with mass, the payload last."""
 
     mechanism: Mechanism
     chain: Chain

@@ -42,9 +42,9 @@ HEADER = "declarations of model.c, for C and C++"
 POSES = 1000
 """Poses at which an export is held against `predict`: their RMS is known to 2 % (1 / √(2·1000))."""
 PRINTED = {"RMS": r"RMS (\S+) m", "largest": r"largest (\S+) m", "miss": r"miss (\S+) m", "us": r"(\S+) us"}
-"""What the test in a C file prints."""
+"""Patterns of the results that the test in a C file prints."""
 CASES = 20
-"""Of these, written into the C file for the test of a compiler."""
+"""Number of poses written into the C file as test cases."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def exports_of(
 def parts_of(
     saved: SavedModel, place: Place, *, box: Array | None = None, nodes: int = NODES, seed: int = 0
 ) -> list[Callable[[], Exports]]:
-    """The same in parts that may be made side by side: files of one fit or one source are one part."""
+    """Return the exports as parts that can run in parallel; files of one fit or one source are one part."""
     if saved.measured is not None:
         check_finite(saved, prepare(saved.mechanism, saved.measured.dataset))
     fresh = partial(fresh_poses, saved, POSES, np.random.default_rng(seed))
@@ -119,7 +119,7 @@ def together(parts: Iterable[Exports]) -> Exports:
 
 
 def _made(saved: SavedModel, makers: Mapping[str, Callable[[str], Export]]) -> Exports:
-    """What of some files the model allows."""
+    """Write the files that the model allows, and collect the reasons for the others."""
     made, refused = [], {}
     unmeasured = [joint.name for joint in saved.mechanism.joints if not joint.measured]
     for file, make in makers.items():
@@ -204,8 +204,11 @@ def _c(file: str, check: Check) -> Export:
 
 
 def tested(text: str) -> dict[str, float]:
-    """What the test in a C file finds: `RMS` and `largest` difference, m, from the points in it, the largest `miss`, m,
-    after its inverse, its time `us`; NaN where there is no compiler, or it refuses."""
+    """Run the test in a C file.
+
+    Returns the `RMS` and `largest` difference, m, from the points in the file, the largest `miss`, m, after its
+    inverse, and its time `us`. NaN if there is no compiler or it rejects the file.
+    """
     nothing = dict.fromkeys(("RMS", "largest", "miss", "us"), np.nan)
     compiler = shutil.which("cc")
     if compiler is None:

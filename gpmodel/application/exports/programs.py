@@ -25,7 +25,7 @@ Language = Literal["RAPID", "KRL"]
 LANGUAGES: tuple[Language, ...] = ("RAPID", "KRL")
 
 AXES = 6
-"""Of a robot in either; others are external."""
+"""Number of axes of a robot in either format; further axes are external."""
 NAME = 24
 """Characters of a name in KRL; RAPID has 32."""
 

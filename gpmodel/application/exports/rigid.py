@@ -97,7 +97,7 @@ def _constant_twists(fit: Calibration, one: Poses) -> dict[str, Array]:
 
 URDF = "calibrated.urdf"
 LINK = "Measured link: "
-"""What the comment says before the link at which the tool point is given."""
+"""Prefix of the comment that names the link of the tool point."""
 
 
 def urdf_text(rigid: Rigid, note: str) -> str:
@@ -152,9 +152,11 @@ def _times(factor: float) -> str:
 
 
 def note_of(rigid: Rigid, file: str, link: str = "the measured link", at: Mapping[str, Array] | None = None) -> str:
-    """What the geometry holds, how far it is off, and what is missing, in lines, for the head of a file. link: that the
-    tool point is said in, of several arms those of all with commas between; at: the measured link there, (4, 4), m, by
-    the name of that one, of which nothing is where it is itself."""
+    """State the contents, the error and the omissions of the geometry, in lines for the head of a file.
+
+    link: link of the tool point; of several arms all links, separated by commas.
+    at: pose of the measured link in it, (4, 4), m, by name; empty where it is the link itself.
+    """
     fit = rigid.fit
     lines = [f"Geometry of {harmless(fit.model.mechanism.name)}, fitted without what a rigid description cannot hold."]
     if len(rigid.heldout):

@@ -46,14 +46,14 @@ class Place:
         return replace(data, labels={**data.labels, **here})
 
     def said(self, saved: SavedModel) -> str:
-        """Which of several set-ups and tools it is, in a sentence; empty where there is one of each."""
+        """Name the set-up and tool in a sentence; empty where there is one of each."""
         placed = saved.placement
         own = (("Set-up", self.setup, placed.registration), ("Tool", self.tool, placed.tool))
         return " ".join(f"{what} {name}, one of {', '.join(all_)}." for what, name, all_ in own if len(all_) > 1)
 
 
 def tips_of(saved: SavedModel) -> dict[str, str]:
-    """Of several arms the measured link that each tool is on, those on one alone; nothing of a single arm."""
+    """Return the measured link of each tool that is on one link only; empty for a single arm."""
     tree = branched(saved.mechanism)
     if tree is None or saved.measured is None:
         return {} if tree is None else {tip: tip for tip in tree.tips if tip in saved.placement.tool}

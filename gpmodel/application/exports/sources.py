@@ -141,7 +141,7 @@ def _defaults(forward: Forward) -> dict[str, float]:
 
 
 def input_names(forward: Forward) -> tuple[str, ...]:
-    """What has to be given beside the joint values, by the names of the table of the fit."""
+    """Return the names of the inputs other than joint values, as in the fitted table."""
     return tuple(translate(name, forward.saved.names) for name in forward.inputs)
 
 
@@ -158,8 +158,9 @@ def _bodies(forward: Forward) -> tuple[Body, ...]:
 
 
 def _weights(forward: Forward, one: str, none: str) -> Iterator[tuple[str, list[str]]]:
-    """How much of every body weighs, by name: of all of them, and of each that a load names alone; the last is the
-    payload."""
+    """Yield the named weight vectors of the bodies: of all bodies, and of each body that a load names. The payload
+    is last.
+    """
     every = [one] * (len(_bodies(forward)) - 1) + ["s_payload"]
     yield "weights", every
     for k in range(len(forward.bodies)):
