@@ -9,6 +9,7 @@ from typing import TypeVar
 import click
 
 from gpmodel.api.mechanism import load_mechanism
+from gpmodel.characters import printable, steers
 from gpmodel.errors import InputError
 
 
@@ -32,12 +33,16 @@ class Number(click.ParamType):
 
 
 class NamedPath(click.Path):
-    """A path; no name at all would be the folder one is in."""
+    """A path. No name would be the folder one is in; a line break forges a line of what is printed."""
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:  # type: ignore[override]
-        """The path. Fails with one line where it is empty."""
+        """The path. Fails with one line where it is empty, or ends a line or steers a terminal."""
         if not str(value):
             self.fail("'' is no path", param, ctx)
+        if steers(str(value)):
+            self.fail(
+                f"{printable(str(value), '')!r} holds control characters; expected a path without any", param, ctx
+            )
         return super().convert(value, param, ctx)  # type: ignore[arg-type]
 
 

@@ -76,3 +76,11 @@ def test_poses_says_nothing_before_it_refuses() -> None:
     assert one_line(run("poses", "--mechanism", "irb6400r", "-n", 3, "--noise", "nan"), 2).startswith(
         "gpmodel: --noise"
     )
+
+
+@pytest.mark.parametrize("path", ["a\nfit to calibrate with; no warnings\nb", "a\x1b[2Jb", "a\x00b"])
+def test_a_path_forges_no_line_of_what_is_printed(path: str, tmp_path: Path) -> None:
+    table = write(GOOD, tmp_path / "measured.csv")
+    for words in (("check", path), ("check", table, "--out", path), ("certificate", path)):
+        arm = ("--mechanism", "irb6400r") if words[0] == "check" else ()
+        assert "holds control characters" in one_line(run(*words, *arm), 2)
