@@ -48,6 +48,13 @@ class InputError(GpModelError, ValueError):
         super().__init__(f"{argument}: {self.said}" if argument else self.said)
 
 
+class LayoutError(InputError):
+    """A table in a layout that is not read as it stands."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(f"{message}; or try gpmodel import FILE --guess")
+
+
 class OpenLoopsError(InputError):
     """Joint values, with the errors of a mechanism, at which its closed loops do not meet."""
 

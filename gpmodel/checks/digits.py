@@ -24,8 +24,8 @@ def written_to_a_digit(data: Dataset) -> bool:
 
 def computed(left: float, data: Dataset) -> Iterator[str]:
     """A table of a controller's own forward kinematics. left: RMS, m, of registration and tool alone."""
-    rounding = _rounding(data)
-    if written_to_a_digit(data) and left < min(ENOUGH * rounding, FINEST):
+    step = rounding(data)
+    if written_to_a_digit(data) and left < min(ENOUGH * step, FINEST):
         yield (
             f"these positions are computed, not measured: registration and tool leave {1e6 * left:.2g} µm, the "
             "rounding of their digits; expected positions of an instrument, not those the controller shows"
@@ -34,17 +34,17 @@ def computed(left: float, data: Dataset) -> Iterator[str]:
 
 def rounded(left: float, data: Dataset) -> Iterator[str]:
     """A residual that is rounding. left: RMS, m, of the standard model."""
-    rounding, (step, turn) = _rounding(data), _last_digits(data)
-    if FINEST < left < ENOUGH * rounding:
+    largest, (step, turn) = rounding(data), _last_digits(data)
+    if FINEST < left < ENOUGH * largest:
         ends = [f"joint values end at {np.degrees(turn):.3g} deg"] if turn else []
         ends += [f"positions end at {1e3 * step:.3g} mm"] if step else []
         yield (
             f"rounding explains what is left: {' and '.join(ends)}, which makes up to "
-            f"{1e3 * rounding:.3g} mm RMS; expected more digits"
+            f"{1e3 * largest:.3g} mm RMS; expected more digits"
         )
 
 
-def _rounding(data: Dataset) -> float:
+def rounding(data: Dataset) -> float:
     """RMS distance, m, that rounding of all joint values and positions makes, at most: every joint at full reach."""
     step, turn = _last_digits(data)
     whole = data.position[np.isfinite(data.position).all(axis=1)]

@@ -26,15 +26,18 @@ class Reading:
     scale: float = 1.0
 
 
-def of_joints(mechanism: Mechanism, q: Array, p: Array, only: Mask | None = None) -> Iterator[Reading]:
+def of_joints(
+    mechanism: Mechanism, q: Array, p: Array, only: Mask | None = None, *, scaled: bool = True
+) -> Iterator[Reading]:
     """The other angle unit, the other sign, two columns swapped, an angle counted from its neighbour's.
 
-    only: (n,) bool, the joints that may be read otherwise; None for all.
+    only: (n,) bool, the joints that may be read otherwise; None for all. scaled: in the other angle unit, too.
     """
     joints = mechanism.joints
     chosen = np.ones(len(joints), dtype=bool) if only is None else only
     revolute = np.array([j.kind == "revolute" for j in joints])
-    for factor, given, meant in ((np.pi / 180, "radians", "deg"), (180 / np.pi, "degrees", "rad")):
+    units = ((np.pi / 180, "radians", "deg"), (180 / np.pi, "degrees", "rad"))
+    for factor, given, meant in units if scaled else ():
         what = f"joint values given as {given} look like {'degrees' if meant == 'deg' else 'radians'}"
         if only is None:
             yield Reading(f"{what}: write [{meant}] in their headers", np.where(revolute, q * factor, q), p)

@@ -34,10 +34,10 @@ def rotations_flaw(mechanism: Mechanism, data: Dataset) -> str | None:
     frames = flange(mechanism, data.q[rows])
     turned = registered(frames, data.position[rows]).turn @ frames[:, :3, :3]
     vectors = data.rotation[rows]
-    now = _miss(turned, Rotation.from_rotvec(vectors).as_matrix())
+    now = miss(turned, Rotation.from_rotvec(vectors).as_matrix())
     if now < COARSE:
         return None
-    misses = {name: _miss(turned, rotations) for name, rotations in _conventions(vectors)}
+    misses = {name: miss(turned, rotations) for name, rotations in _conventions(vectors)}
     best = min(misses, key=lambda name: round(misses[name], 6))
     said = f"rx, ry, rz miss the mechanism's rotations by {np.degrees(now):.3g} deg"
     if misses[best] > min(COARSE, now / FAR_BETTER):
@@ -51,7 +51,7 @@ def rotations_flaw(mechanism: Mechanism, data: Dataset) -> str | None:
     )
 
 
-def _miss(turned: Array, measured: Array) -> float:
+def miss(turned: Array, measured: Array) -> float:
     """Median angle, rad, by which measured rotations (N, 3, 3) miss A R_flange (N, 3, 3) times the best constant B."""
     relative = np.swapaxes(turned, 1, 2) @ measured
     tool = se3.nearest_rotation(relative.sum(axis=0))

@@ -1,12 +1,14 @@
 """`gpmodel import`: a file of another program as a table, a camera or a mechanism this program reads."""
 
+import sys
 from pathlib import Path
 
 import click
 import pandas as pd
 
 from gpmodel.api.arguments import quantity
-from gpmodel.cli.console import write_frame
+from gpmodel.checks.guess import guess_files
+from gpmodel.cli.console import path_for, write_frame
 from gpmodel.cli.options import PATH, mechanism_options, quiet_option
 from gpmodel.cli.terminal import echo
 from gpmodel.errors import InputError
@@ -14,19 +16,27 @@ from gpmodel.files import write_text
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.described import boards_of, cameras_of
 from gpmodel.model.pixel import WORLD
-from gpmodel.table.figaroh import figaroh_table, is_figaroh
-from gpmodel.table.foreign import import_file, read_map, unread
+from gpmodel.table.figaroh import figaroh_map, is_figaroh
+from gpmodel.table.foreign import ColumnMap, import_file, read_map, unread
 from gpmodel.table.imported import Imported
+from gpmodel.table.join import read_files
 from gpmodel.table.opencv import camera_or_corners
 from gpmodel.table.robot_calibration import calibrated_urdf
 from gpmodel.table.ros_bag import bag_table, is_bag
 from gpmodel.table.ur_conf import calibrated_rows
+from gpmodel.table.write import table_text
 from gpmodel.texts import toml_text
+
+SHOWN = 5
+"""Rows of a table that are shown with the reading of its columns."""
 
 
 @click.command("import")
-@click.argument("file", type=PATH)
-@click.option("--map", "map_file", type=PATH, help="TOML: [columns], [orientation].")
+@click.argument("files", metavar="FILE...", type=PATH, nargs=-1, required=True)
+@click.option("--guess", "guessing", is_flag=True, help="Find out what the columns are; needs --mechanism.")
+@click.option("--yes", is_flag=True, help="With --guess: take its reading in spite of its doubts.")
+@click.option("--map", "map_file", type=PATH, help="TOML: [columns], [tool.NAME], [orientation].")
+@click.option("--join", metavar="HOW", help="Of two files: order, 'No = Point' or 'time t = Time'.")
 @mechanism_options(required=False)
 @click.option("--joints", type=PATH, help="Of corners: joint values, a row a view.")
 @click.option("--square", metavar="SIZE", help="Of corners: from one to the next, as in 24mm.")
@@ -35,10 +45,15 @@ from gpmodel.texts import toml_text
 @click.option("--out", type=PATH, help="The table, .csv. [default: print it]")
 @quiet_option
 def import_table(
-    file: Path, map_file: Path | None, mechanism: Mechanism | None, joints: Path | None, square: str | None,
-    topic: str | None, nominal: Path | None, out: Path | None, quiet: bool,
+    files: tuple[Path, ...], guessing: bool, yes: bool, map_file: Path | None, join: str | None,
+    mechanism: Mechanism | None, joints: Path | None, square: str | None, topic: str | None, nominal: Path | None,
+    out: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Turn a FILE of another program into what this one reads.
+
+    --guess finds out what the columns of any table are, by their names and by what fits --mechanism M: it prints its
+    reading, names every doubt, and writes the table and the map that repeats it. Joint values and positions may be in
+    two files.
 
     A table of FIGAROH and a ROS bag (--mechanism M says which joints slide), corners of OpenCV (--joints, --square)
     become a table; a camera's YAML of ROS or OpenCV a --cameras file; UR's calibration.conf and robot_calibration's
@@ -54,14 +69,18 @@ def import_table(
         columns = ["roll [deg]", "pitch [deg]", "yaw [deg]"]
         convention = "intrinsic XYZ"
     """
-    if out is not None and out.exists() and out.samefile(file):
+    file = files[0]
+    if out is not None and out.exists() and any(out.samefile(f) for f in files if f.exists()):
         raise InputError(f"--out {out}: is the file itself; expected another name")
     given = {"map_file": map_file, "mechanism": mechanism, "joints": joints, "square": square, "topic": topic,
-             "nominal": nominal}  # fmt: skip
+             "nominal": nominal, "guessing": guessing or None, "yes": yes or None, "join": join}  # fmt: skip
+    if len(files) > 1 and map_file is None and not guessing:
+        raise InputError(f"{files[1]}: a second file; expected --guess or --map with it")
     read: tuple[str, ...]
-    if map_file is not None:
-        columns = read_map(map_file)
-        made, read = Imported(import_file(file, columns), left_out=unread(file, columns)), ("map_file",)
+    if guessing:
+        made, read = _guessed(files, mechanism, (join, yes, quiet), out), ("guessing", "mechanism", "yes", "join")
+    elif map_file is not None:
+        made, read = _mapped(files, read_map(map_file), join or ""), ("map_file", "join")
     elif is_bag(file):
         made, read = bag_table(file, mechanism, topic), ("mechanism", "topic")
     elif file.suffix.lower() == ".conf":
@@ -72,9 +91,11 @@ def import_table(
         size = None if square is None else quantity(square, "length", "square", positive=True)
         made, read = camera_or_corners(file, joints, size), ("joints", "square")
     elif is_figaroh(file):
-        made, read = figaroh_table(file, mechanism), ("mechanism",)
+        made, read = _mapped(files, figaroh_map(file, mechanism), ""), ("mechanism",)
     else:
-        raise InputError(f"{file}: of no layout that is known here; expected --map MAP.toml beside it")
+        raise InputError(
+            f"{file}: of no layout that is known here; expected --map MAP.toml, or --guess with --mechanism M"
+        )
     if surplus := [name for name, value in given.items() if value is not None and name not in read]:
         raise InputError(f"says nothing of {file.name}; leave it away", surplus[0])
     _check(made, file)
@@ -83,12 +104,41 @@ def import_table(
     _write(made, file, out, quiet)
 
 
+def _mapped(files: tuple[Path, ...], columns: ColumnMap, join: str) -> Imported:
+    """Import by a map."""
+    sheet = read_files(files, join or columns.join, columns.header)
+    return Imported(import_file(sheet, columns), left_out=unread(sheet, columns))
+
+
+def _guessed(
+    files: tuple[Path, ...], mechanism: Mechanism | None, said: tuple[str | None, bool, bool], out: Path | None
+) -> Imported:
+    """Show a reading of the files, ask about its doubts and write its map. said: --join, --yes and --quiet.
+
+    Raises InputError where nothing fits, or a doubt stands and nobody can be asked.
+    """
+    (join, yes, quiet), file = said, files[0]
+    if mechanism is None:
+        raise InputError("needs --mechanism M, whose joints the columns are of", "guessing")
+    sheet, found = guess_files(files, mechanism, join)
+    table = import_file(sheet, found.map)
+    echo("\n".join([*sheet.said, *found.lines, table.head(SHOWN).to_string(index=False)]), err=out is None or quiet)
+    for doubt in found.doubts:
+        echo(f"doubt: {doubt}", err=True)
+    if found.doubts and not yes:
+        if not sys.stdin.isatty():
+            raise InputError(f"{file.name}: {'; '.join(found.doubts)}; --yes takes the reading above")
+        click.confirm("Is the reading above right?", abort=True, err=True)
+    return Imported(table, {"map": found.map.content()})
+
+
 def _check(made: Imported, file: Path) -> None:
     """Raises InputError where the cameras and boards that would be written could not be read again."""
     parts = {"cameras": made.content, **made.described} if isinstance(made.content, dict) else made.described
     try:
         for name, content in parts.items():
-            {"cameras": cameras_of, "board": boards_of}[name](content, lambda *_: WORLD)
+            if name != "map":
+                {"cameras": cameras_of, "board": boards_of}[name](content, lambda *_: WORLD)
     except InputError as error:
         raise InputError(f"{file.name}: {error}") from None
 
@@ -103,11 +153,16 @@ def _write(made: Imported, file: Path, out: Path | None, quiet: bool) -> None:
         write_text(out, text)
         said = "written"
     else:
+        path = None if out is None else path_for(out, f"{file.stem}.table.csv")
+        ours = path is not None and path.with_suffix(".map.toml").exists()
+        if path is not None and path.is_file() and not ours and path.read_bytes() != table_text(made.content).encode():
+            raise InputError(f"{path}: is there, with other content; expected another name", "out")
         path = write_frame(made.content, out, f"{file.stem}.table.csv")
         said = f"{len(made.content)} rows, {len(made.content.columns)} columns"
     beside = {} if path is None else {name: path.with_suffix(f".{name}.toml") for name in made.described}
     for name, where in beside.items():
         write_text(where, toml_text(made.described[name]))
     if not quiet and path is not None:
-        options = "".join(f" --{name} {where}" for name, where in beside.items())
+        options = "".join(f" --{name} {where}" for name, where in beside.items() if name != "map")
+        said += f", {beside['map']} repeats it" if "map" in beside else ""
         echo(f"{said} in {path}{options and f'; read with{options}'}")

@@ -1,6 +1,6 @@
 """Files as cells of text, and cells as numbers: separators and decimal commas found out."""
 
-import codecs
+import contextlib
 import csv
 import hashlib
 import io
@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.arrays import Array
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, LayoutError
 from gpmodel.texts import read_limited
 
 LARGEST = 1e20
@@ -48,19 +48,12 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
         raise InputError(EMPTY.format(path.name))
     digest = hashlib.sha256(raw).hexdigest()
     if path.suffix.lower() in (".xlsx", ".xls"):
-        try:
-            _check_unpacked(raw, path)
-            header = pd.read_excel(io.BytesIO(raw), header=None, nrows=1, dtype=str).iloc[0].dropna()
-            frame = pd.read_excel(io.BytesIO(raw), dtype=str, keep_default_na=False, na_values=[""])
-        except ImportError:
-            raise InputError(f"{path.name}: Excel tables need openpyxl; pip install 'gpmodel[excel]'") from None
-        except InputError:
-            raise
-        except IndexError:
-            raise InputError(EMPTY.format(path.name)) from None
-        except Exception as error:  # zip, xml and openpyxl errors of many kinds
-            raise InputError(f"{path.name}: is no readable Excel table ({error})") from None
-        _check_names(header.tolist(), path)
+        first = excel_cells(raw, path)[0]
+        if not first:
+            raise InputError(EMPTY.format(path.name))
+        names = [name or f"Unnamed: {i}" for i, name in enumerate(first[0])]
+        _check_names([name for name in first[0] if name], path)
+        frame = pd.DataFrame(first[1:], columns=names, dtype=object).replace("", None)
     else:
         frame = _read_text(raw, path)
     rows, names = len(frame), [str(name) for name in frame]
@@ -72,6 +65,22 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
     return frame.reset_index(drop=True), digest
 
 
+def excel_cells(raw: bytes, path: Path) -> list[list[list[str]]]:
+    """Cells of each sheet of an Excel file, row by row, "" where empty. Raises InputError where it cannot be read."""
+    try:
+        _check_unpacked(raw, path)
+        sheets = pd.read_excel(
+            io.BytesIO(raw), header=None, sheet_name=None, dtype=str, keep_default_na=False, na_values=[""]
+        )
+    except ImportError:
+        raise InputError(f"{path.name}: Excel tables need openpyxl; pip install 'gpmodel[excel]'") from None
+    except InputError:
+        raise
+    except Exception as error:  # zip, xml and openpyxl errors of many kinds
+        raise InputError(f"{path.name}: is no readable Excel table ({error})") from None
+    return [sheet.fillna("").to_numpy(dtype=str).tolist() for sheet in sheets.values()]
+
+
 def _check_unpacked(raw: bytes, path: Path) -> None:
     """Raises InputError where an Excel table is larger than it looks."""
     if zipfile.is_zipfile(io.BytesIO(raw)):
@@ -80,18 +89,23 @@ def _check_unpacked(raw: bytes, path: Path) -> None:
             raise InputError(f"{path.name}: {size >> 20} MB unpacked, expected at most {LARGEST_FILE >> 20} MB")
 
 
-def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
-    encodings = ("utf-16",) if raw[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else ("utf-8-sig", "latin-1")
-    for encoding in encodings:
-        try:
+def decoded(raw: bytes, path: Path) -> tuple[str, str]:
+    """Text of a file and its encoding: UTF-8, UTF-16 (by its mark, or by every other byte being zero), Windows-1252 or
+    Latin-1. Raises InputError where it is no text."""
+    wide = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}.get(raw[:2])
+    start = raw[:200]
+    if wide is None and len(start) > 9 and start[1::2].count(0) > 0.9 * len(start) // 2:
+        wide = "utf-16-le"
+    for encoding in (wide,) if wide else ("utf-8-sig", "cp1252", "latin-1"):
+        with contextlib.suppress(UnicodeDecodeError):
             text = raw.decode(encoding)
-            break
-        except UnicodeDecodeError:
-            continue
-    else:
-        raise InputError(f"{path.name}: is no text; expected a table in UTF-8")
-    if "\0" in text:
-        raise InputError(f"{path.name}: is no text; expected a table in UTF-8")
+            if "\0" not in text:
+                return text, encoding.removesuffix("-sig")
+    raise InputError(f"{path.name}: is no text; expected a table in UTF-8")
+
+
+def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
+    text, _ = decoded(raw, path)
     header = text.lstrip().splitlines()[0]
     if len(header) > LONGEST_HEADER:
         said = f"expected at most {MOST_COLUMNS} columns in {LONGEST_HEADER}"
@@ -100,9 +114,9 @@ def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
     separator = max(counts, key=lambda s: counts[s])
     names = next(csv.reader([header], delimiter=separator, skipinitialspace=True))
     if header.startswith(COMMENTS) or not np.isnan(pd.to_numeric(names[0].replace(",", "."), errors="coerce")):
-        raise InputError(f"{path.name}, line 1: {header[:40]!r} is no header; {_header_line(text)}")
+        raise LayoutError(f"{path.name}, line 1: {header[:40]!r} is no header; {_header_line(text)}")
     if not _UNIT.search(header) and (below := _header_line(text)) != NAMES:
-        raise InputError(f"{path.name}, line 1: {header[:40]!r} is no header; {below}")
+        raise LayoutError(f"{path.name}, line 1: {header[:40]!r} is no header; {below}")
     _check_names(names, path)
     try:
         with warnings.catch_warnings():
@@ -112,12 +126,12 @@ def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
                 keep_default_na=False, na_values=[""],
             )  # fmt: skip
     except pd.errors.ParserWarning:
-        raise InputError(
+        raise LayoutError(
             f"{path.name}: rows have more cells than the header; expected one cell a column "
             f"(with decimal commas, separate columns by ';')"
         ) from None
     except (pd.errors.ParserError, csv.Error) as error:
-        raise InputError(f"{path.name}: rows and header do not agree ({str(error).strip()})") from None
+        raise LayoutError(f"{path.name}: rows and header do not agree ({str(error).strip()})") from None
     if len(frame) > 1 and not text.endswith(("\n", "\r")):
         _check_end(frame, text.splitlines()[-2:], separator, path)
     if separator != ",":
@@ -149,7 +163,7 @@ def _check_names(header: list[str], path: Path) -> None:
     written = [name.strip() for name in header if name.strip()]
     for name in written:
         if written.count(name) > 1:
-            raise InputError(f"{path.name}: column '{name}' appears twice; expected each name once")
+            raise LayoutError(f"{path.name}: column '{name}' appears twice; expected each name once")
 
 
 def numbers(column: pd.Series, where: str) -> Array:

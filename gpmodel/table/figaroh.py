@@ -2,19 +2,15 @@
 joint, rad and m, without units. Source: thanhndv212/figaroh-plus, calibration/data_loader.py."""
 
 import re
-from functools import partial
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
-from scipy.spatial.transform import Rotation
-
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.table.cells import numbers, read_frame
-from gpmodel.table.imported import Imported, cells, joint_cells, rotation_vectors, surplus_joints
+from gpmodel.table.cells import read_frame
+from gpmodel.table.foreign import ColumnMap, OrientationColumns
+from gpmodel.table.units import JOINT_UNITS
 
-_MARKER = re.compile(r"^(x|y|z|phix|phiy|phiz)(\d+)$")
+_MARKER = re.compile(r"^(?:phi)?[xyz](\d+)$")
 
 
 def is_figaroh(path: Path) -> bool:
@@ -22,28 +18,25 @@ def is_figaroh(path: Path) -> bool:
     return path.suffix.lower() == ".csv" and {"x1", "y1", "z1"} <= {str(c).strip() for c in read_frame(path)[0].columns}
 
 
-def figaroh_table(path: Path, mechanism: Mechanism | None) -> Imported:
-    """A row a pose and marker: several markers are tools of one setup, rows of one pose one group.
+def figaroh_map(path: Path, mechanism: Mechanism | None) -> ColumnMap:
+    """A row a pose and marker: several markers are tools of one setup, rows of one pose one group. Angles are read of
+    a single marker.
 
-    Raises InputError as `joint_cells`, or where a marker has not all of x, y and z.
+    Raises InputError without a mechanism, or where a joint or a coordinate of a marker is missing.
     """
-    frame, _ = read_frame(path)
-    frame.columns = frame.columns.astype(str).str.strip()
-    found = [match for match in map(_MARKER.match, frame.columns) if match]
-    values = {c: numbers(frame[c], f"{path.name}, column '{c}'") for c in frame.columns}
-    beside = {c: v for c, v in values.items() if not _MARKER.match(c)}
-    joints = joint_cells(mechanism, beside, path.name)
-    parts = []
-    markers = sorted({int(match[2]) for match in found})
+    if mechanism is None:
+        raise InputError(f"{path.name}: joint values without units; expected --mechanism M, whose joints turn or slide")
+    names = [str(column).strip() for column in read_frame(path)[0].columns]
+    joints = {joint.name: f"{joint.name} [{JOINT_UNITS[joint.kind]}]" for joint in mechanism.joints}
+    if missing := [name for name in joints if name not in names]:
+        raise InputError(f"{path.name}: no values of joint '{missing[0]}'; it has {choices(missing[0], names)}")
+    markers = sorted({int(found[1]) for name in names if (found := _MARKER.match(name))})
     for k in markers:
-        if missing := [f"{axis}{k}" for axis in "xyz" if f"{axis}{k}" not in values]:
+        if missing := [f"{axis}{k}" for axis in "xyz" if f"{axis}{k}" not in names]:
             raise InputError(f"{path.name}: marker {k} has no column '{missing[0]}'; expected x{k}, y{k} and z{k}")
-        part = dict(joints) | {f"{axis} [m]": cells(values[f"{axis}{k}"]) for axis in "xyz"}
-        angles = [values[name] for axis in "xyz" if (name := f"phi{axis}{k}") in values]
-        if len(angles) == 3:
-            vectors = rotation_vectors(partial(Rotation.from_euler, "xyz"), np.column_stack(angles))
-            part |= {f"r{a} [rad]": cells(v) for a, v in zip("xyz", vectors.T, strict=True)}
-        labels = {"group": [str(n + 1) for n in range(len(frame))]} if len(markers) > 1 else {}
-        parts.append(pd.DataFrame(part | labels | ({"tool": [str(k)] * len(frame)} if labels else {})))
-    table = pd.concat(parts).sort_index(kind="stable").reset_index(drop=True)
-    return Imported(table, left_out=surplus_joints(mechanism, beside))
+    points = {str(k): {axis: f"{axis}{k} [m]" for axis in "xyz"} for k in markers}
+    if len(points) > 1:
+        return ColumnMap(joints, source=f"the joints of {mechanism.name}", tools=points)
+    angles = tuple(f"phi{axis}1 [rad]" for axis in "xyz")
+    oriented = OrientationColumns(angles, "fixed XYZ") if "phix1" in names else None
+    return ColumnMap(joints | points["1"], oriented, f"the joints of {mechanism.name}")

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -13,16 +13,18 @@ from scipy.spatial.transform import Rotation
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError, choices
 from gpmodel.formula.expression import Expression
-from gpmodel.table.cells import LARGEST, numbers, read_frame
+from gpmodel.table.cells import LARGEST, numbers
 from gpmodel.table.dataset import LABELS
 from gpmodel.table.imported import cells, left_out, rotation_vectors
-from gpmodel.table.units import factor, known_unit, split_header
+from gpmodel.table.layout import Sheet, name_and_unit, spelled_unit
+from gpmodel.table.units import factor, identifier, known_unit, split_header
 from gpmodel.texts import read_toml
 
 EXAMPLE = 'x = "tracker_x [mm]" or x = "target_x - error_x [mm]"'
 FAR_FROM_ONE = 0.05
 """Of the norm of a quaternion: written with two digits each, they are nearer."""
 _EULER = re.compile(r"^(intrinsic|fixed) ([XYZ])(?!\2)([XYZ])(?!\3)([XYZ])$")
+_NUMBERED = re.compile(r"^c?(\d+)$")
 
 
 @dataclass(frozen=True)
@@ -39,11 +41,28 @@ class OrientationColumns:
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """columns: name in the table -> column of the file, or formula of its columns, with its unit in brackets."""
+    """columns: name in the table -> column of the file, or formula of its columns, with its unit in brackets; a column
+    is written by its name, or by its number as c7. tools: x, y and z likewise of several reflectors, by their names.
+    header: whether the file has one. join: how a second file is joined, see `gpmodel.table.join`."""
 
     columns: Mapping[str, str]
     orientation: OrientationColumns | None = None
     source: str = "map"
+    tools: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    header: bool = True
+    join: str = ""
+
+    def content(self) -> dict[str, object]:
+        """Return what a TOML file says of it."""
+        out: dict[str, object] = ({} if self.header else {"header": False}) | ({"join": self.join} if self.join else {})
+        out["columns"] = dict(self.columns)
+        if self.tools:
+            out["tool"] = {name: dict(point) for name, point in self.tools.items()}
+        if self.orientation is not None:
+            out["orientation"] = {
+                "columns": list(self.orientation.columns), "convention": self.orientation.convention
+            }  # fmt: skip
+        return out
 
 
 def read_map(path: Path) -> ColumnMap:
@@ -53,26 +72,36 @@ def read_map(path: Path) -> ColumnMap:
     """
     content = read_toml(path, "a map of columns")
     columns, orientation = content.pop("columns", None), content.pop("orientation", None)
+    header, join, tools = content.pop("header", True), content.pop("join", ""), content.pop("tool", {})
     if content:
-        raise InputError(f"{path.name}: '{next(iter(content))}' is unknown; expected [columns] and [orientation]")
+        known = "[columns], [tool.NAME], [orientation], header and join"
+        raise InputError(f"{path.name}: '{next(iter(content))}' is unknown; expected {known}")
+    if not isinstance(header, bool) or not isinstance(join, str):
+        raise InputError(f'{path.name}: expected header = false, and join = "order" or a column\'s name')
     if not isinstance(columns, dict) or not columns or not all(isinstance(v, str) for v in columns.values()):
         raise InputError(f"{path.name}: expected a table [columns] with lines such as {EXAMPLE}")
+    points = tools.values() if isinstance(tools, dict) else [None]
+    if not all(
+        isinstance(p, dict) and set(p) == set("xyz") and all(isinstance(v, str) for v in p.values()) for p in points
+    ):
+        raise InputError(f"{path.name}: [tool.NAME]: expected x, y and z, lines such as {EXAMPLE}")
     if orientation is not None and any(name in columns for name in ("rx", "ry", "rz")):
         raise InputError(f"{path.name}: rx, ry, rz and [orientation] are both given; expected one of the two")
-    return ColumnMap(columns, None if orientation is None else _orientation(orientation, path.name), path.name)
+    oriented = None if orientation is None else _orientation(orientation, path.name)
+    return ColumnMap(columns, oriented, path.name, tools, header, join)
 
 
 def _orientation(content: object, where: str) -> OrientationColumns:
     if not isinstance(content, dict) or set(content) != {"columns", "convention"}:
         raise InputError(f'{where}: [orientation]: expected `columns = [...]` and `convention = "intrinsic XYZ"`')
     convention, columns = content["convention"], content["columns"]
-    _, expected = _reader(convention, f"{where}: [orientation]")
+    _, expected = orientation_reader(convention, f"{where}: [orientation]")
     if not isinstance(columns, list) or len(columns) != expected or not all(isinstance(c, str) for c in columns):
         raise InputError(f"{where}: [orientation]: columns: expected {expected} texts for '{convention}'")
     return OrientationColumns(tuple(columns), convention)
 
 
-def _reader(convention: object, where: str) -> tuple[Callable[[Array], Rotation], int]:
+def orientation_reader(convention: object, where: str) -> tuple[Callable[[Array], Rotation], int]:
     """What turns rows of numbers (radians) into rotations, and how many numbers it needs."""
     if convention == "rotation vector":
         return Rotation.from_rotvec, 3
@@ -90,52 +119,89 @@ def _reader(convention: object, where: str) -> tuple[Callable[[Array], Rotation]
     return partial(Rotation.from_euler, axes if euler[1] == "intrinsic" else axes.lower()), 3
 
 
-def import_file(path: Path, columns: ColumnMap) -> pd.DataFrame:
-    """The file's rows as a table with units in its headers, text cells; orientations as rotation vectors [deg].
+def import_file(sheet: Sheet, columns: ColumnMap) -> pd.DataFrame:
+    """The sheet's rows as a table with units in its headers, text cells; orientations as rotation vectors [deg].
 
-    Separator and decimal comma are found out. Columns the map does not name are left out. Raises InputError for a
-    column that is not there, a formula that cannot be read, a missing or unknown unit, text among numbers.
+    Columns the map does not name are left out; three equal coordinates are no point, but what programs write where
+    none was seen. Of several reflectors a row is a pose and reflector. Raises InputError for a column that is not
+    there, a formula that cannot be read, a missing or unknown unit, text among numbers.
     """
-    frame, _ = read_frame(path)
-    frame.columns = frame.columns.astype(str).str.strip()
+    out = _mapped(sheet, columns.columns, columns.source)
+    if columns.orientation is not None:
+        vectors = _rotation_vectors(sheet, columns.orientation, f"{columns.source}: [orientation]")
+        out |= {f"r{axis} [deg]": cells(np.degrees(v)) for axis, v in zip("xyz", vectors.T, strict=True)}
+    if not columns.tools:
+        return _without_equal(pd.DataFrame(out))
+    poses = {} if "group" in out else {"group": [str(k + 1) for k in range(len(sheet.cells))]}
+    parts = [
+        _without_equal(pd.DataFrame(out | _mapped(sheet, point, f"{columns.source}: [tool.{name}]") | poses)).assign(
+            tool=name
+        )
+        for name, point in columns.tools.items()
+    ]
+    return pd.concat(parts).sort_index(kind="stable").reset_index(drop=True)
+
+
+def _without_equal(table: pd.DataFrame) -> pd.DataFrame:
+    """Empty x, y and z where the three are one number."""
+    point = [name for name in table if split_header(str(name))[0] in ("x", "y", "z")]
+    if len(point) == 3:
+        same = (table[point[0]] == table[point[1]]) & (table[point[1]] == table[point[2]])
+        table.loc[same, point] = ""
+    return table
+
+
+def _mapped(sheet: Sheet, columns: Mapping[str, str], source: str) -> dict[str, pd.Series | list[str]]:
+    """Cells by the header they get."""
     out: dict[str, pd.Series | list[str]] = {}
-    for name, text in columns.columns.items():
-        where = f"{columns.source}: {name}"
+    for name, text in columns.items():
+        where = f"{source}: {name}"
         if name in LABELS:
-            out[name] = _column(frame, text.strip(), path, where).fillna("").str.strip()
+            out[name] = sheet.cells[column_of(sheet, text.strip(), where)].fillna("").str.strip()
             continue
-        values, unit = _values(frame, text, path, where)
+        values, unit = _values(sheet, text, where)
         if unit is None or not known_unit(unit):
             problem = "no unit" if unit is None else f"'[{unit}]' is no known unit"
             raise InputError(f"{where}: {problem}; write for example {EXAMPLE}")
         out[f"{name} [{unit}]"] = cells(values)
-    if columns.orientation is not None:
-        vectors = _rotation_vectors(frame, columns.orientation, path, f"{columns.source}: [orientation]")
-        out |= {f"r{axis} [deg]": cells(np.degrees(v)) for axis, v in zip("xyz", vectors.T, strict=True)}
-    return pd.DataFrame(out)
+    return out
 
 
-def unread(path: Path, columns: ColumnMap) -> tuple[str, ...]:
-    """Say which columns of a file a map does not name."""
-    frame, _ = read_frame(path)
-    frame.columns = frame.columns.astype(str).str.strip()
+def unread(sheet: Sheet, columns: ColumnMap) -> tuple[str, ...]:
+    """Say which columns of a sheet a map does not name."""
     oriented = () if columns.orientation is None else columns.orientation.columns
-    read = {name for text in (*columns.columns.values(), *oriented) for name in _names(frame, text)}
-    return left_out(f"not in {columns.source}", (str(name) for name in frame if name not in read))
+    points = (text for point in columns.tools.values() for text in point.values())
+    read = {i for text in (*columns.columns.values(), *points, *oriented) for i in _read_by(sheet, text)}
+    return left_out(f"not in {columns.source}", (n or f"c{i + 1}" for i, n in enumerate(sheet.names) if i not in read))
 
 
-def _names(frame: pd.DataFrame, text: str) -> tuple[str, ...]:
+def _read_by(sheet: Sheet, text: str) -> tuple[int, ...]:
     """The columns that a line of a map reads: one by its name, or those of a formula."""
-    name = split_header(text.strip())[0]
-    return (name,) if name in frame.columns else Expression(name).inputs
+    for name in (text.strip(), split_header(text)[0]):
+        if (found := find(sheet, name)) is not None:
+            return (found,)
+    return tuple(column_of(sheet, name, "") for name in Expression(split_header(text)[0]).inputs)
 
 
-def _rotation_vectors(frame: pd.DataFrame, orientation: OrientationColumns, path: Path, where: str) -> Array:
+def find(sheet: Sheet, name: str) -> int | None:
+    """The column of that name: as the header has it, without its unit, as an expression writes it, or by number, c7.
+
+    None where no column has it, or several have.
+    """
+    for as_named in (str.strip, lambda header: name_and_unit(header)[0], identifier):
+        found = [i for i, header in enumerate(sheet.names) if header and as_named(header) == name]
+        if found:
+            return found[0] if len(found) == 1 else None
+    number = _NUMBERED.match(name)
+    return int(number[1]) - 1 if number and 0 < int(number[1]) <= len(sheet.names) else None
+
+
+def _rotation_vectors(sheet: Sheet, orientation: OrientationColumns, where: str) -> Array:
     """Rotation vectors (N, 3), rad; NaN where any of the numbers is missing."""
-    reader, count = _reader(orientation.convention, where)
+    reader, count = orientation_reader(orientation.convention, where)
     parts = []
     for text in orientation.columns:
-        values, unit = _values(frame, text, path, where)
+        values, unit = _values(sheet, text, where)
         if count == 3 and unit is None:
             raise InputError(f"{where}: '{text}' has no unit; write '{text} [deg]'")
         parts.append(values if count == 4 else values * factor(unit or "1", "angle", where))
@@ -146,19 +212,26 @@ def _rotation_vectors(frame: pd.DataFrame, orientation: OrientationColumns, path
     return rotation_vectors(reader, rows)
 
 
-def _values(frame: pd.DataFrame, text: str, path: Path, where: str) -> tuple[Array, str | None]:
+def _values(sheet: Sheet, text: str, where: str) -> tuple[Array, str | None]:
     """Numbers (N,) of a column or a formula of columns, and the unit written behind it."""
     name, unit = split_header(text)
-    if name in frame.columns:
-        return numbers(frame[name], f"{path.name}, column '{name}'"), unit
+    if (column := find(sheet, name)) is not None:
+        header = sheet.names[column]
+        bare, own, sure = name_and_unit(header)
+        if sure and unit is not None and own not in (None, spelled_unit(unit)) and bare == name != header:
+            raise InputError(f"{where}: '{header}' is in [{own}]; expected that, or '{header} [{unit}]' against it")
+        return _numbers(sheet, column, unit), unit
+    if (column := find(sheet, text.strip())) is not None:
+        unit = unit or name_and_unit(text)[1]
+        return _numbers(sheet, column, unit), unit
     try:
         formula = Expression(name)
     except InputError:
         formula = None
     if formula is None or formula.inputs in ((), (name,)):
-        _column(frame, name, path, where)
+        column_of(sheet, name, where)
     assert formula is not None
-    parts = {i: numbers(_column(frame, i, path, where), f"{path.name}, column '{i}'") for i in formula.inputs}
+    parts = {i: _numbers(sheet, column_of(sheet, i, where)) for i in formula.inputs}
     values = np.array(formula(pd.DataFrame(parts).to_records()))
     given = np.isfinite(np.column_stack([*parts.values()])).all(axis=1)
     if (wrong := np.flatnonzero(given & ~(np.abs(values) <= LARGEST))).size:
@@ -166,7 +239,19 @@ def _values(frame: pd.DataFrame, text: str, path: Path, where: str) -> tuple[Arr
     return values, unit
 
 
-def _column(frame: pd.DataFrame, name: str, path: Path, where: str) -> pd.Series:
-    if name not in frame.columns:
-        raise InputError(f"{where}: {path.name} has no column '{name}'; it has {choices(name, frame.columns)}")
-    return frame[name]
+def _numbers(sheet: Sheet, column: int, unit: str | None = None) -> Array:
+    """Numbers (N,) of a column; of clock times in seconds those after the first."""
+    if unit == "s" and (times := sheet.seconds(column)) is not None:
+        return np.asarray(times, dtype=np.float64)
+    return numbers(sheet.cells[column], f"{sheet.source}, column '{sheet.names[column] or column + 1}'")
+
+
+def column_of(sheet: Sheet, name: str, where: str) -> int:
+    """The same as `find`. Raises InputError where no column has the name, or several have."""
+    if (found := find(sheet, name)) is None:
+        if sheet.names.count(name) > 1:
+            numbers = ", ".join(f"c{i + 1}" for i, header in enumerate(sheet.names) if header == name)
+            raise InputError(f"{where}: {sheet.source} has several columns '{name}'; expected one of {numbers}")
+        known = [header for header in sheet.names if header] or [f"c1 to c{len(sheet.names)}"]
+        raise InputError(f"{where}: {sheet.source} has no column '{name}'; it has {choices(name, known)}")
+    return found

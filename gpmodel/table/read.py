@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
 from gpmodel.characters import steers
-from gpmodel.errors import InputError, choices
+from gpmodel.errors import InputError, LayoutError, choices
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Joint, Mechanism, followers
 from gpmodel.mechanism.quantities import checked_mass
@@ -172,9 +172,9 @@ def _split_columns(frame: pd.DataFrame, path: Path) -> dict[str, tuple[str | Non
         if steers(name):
             raise InputError(f"{path.name}: column {i + 1} has control characters in its name; expected plain text")
         if not name or _NAMELESS.match(name):
-            raise InputError(f"{path.name}: column {i + 1} has no name; expected a name and its unit in every header")
+            raise LayoutError(f"{path.name}: column {i + 1} has no name; expected a name and its unit in every header")
         if name in columns:
-            raise InputError(f"{path.name}: column '{name}' appears twice; expected each name once")
+            raise LayoutError(f"{path.name}: column '{name}' appears twice; expected each name once")
         columns[name] = (unit, frame.iloc[:, i])
     _check_brackets(columns, path)
     return columns
@@ -186,7 +186,7 @@ def _check_brackets(columns: dict[str, tuple[str | None, pd.Series]], path: Path
     wrong = [m for n, m in found.items() if m and known_unit(m["unit"]) and _has_numbers(columns[n][1])]
     if wrong:
         names = ", ".join(f"'{m[0]}'" for m in wrong)
-        raise InputError(f"{path.name}: unit in parentheses: {names}; write '{wrong[0]['name']} [{wrong[0]['unit']}]'")
+        raise LayoutError(f"{path.name}: unit in parentheses: {names}; write '{wrong[0]['name']} [{wrong[0]['unit']}]'")
 
 
 def _joint_columns(
@@ -201,7 +201,7 @@ def _joint_columns(
     small = {name.casefold(): name for name in expected}
     if wrong := [column for column in columns if column not in expected and column.casefold() in small]:
         meant = ", ".join(f"'{small[column.casefold()]}'" for column in wrong)
-        raise InputError(f"{path.name}: {_columns(wrong)}: written {meant} where it is meant so; expected that")
+        raise LayoutError(f"{path.name}: {_columns(wrong)}: written {meant} where it is meant so; expected that")
     missing = [name for name in expected if name not in columns]
     if missing and missing[0] in empty:
         raise InputError(f"{path.name}, column '{missing[0]}': empty in every row; expected a number in every row")
@@ -209,7 +209,9 @@ def _joint_columns(
         units = "[mm] or [m]" if expected[missing[0]].kind == "prismatic" else "[deg] or [rad]"
         by_names = choices(expected[missing[0]].name, by_name)
         ways = " or ".join(dict.fromkeys((choices(missing[0], by_number), by_names)))
-        raise InputError(f"{path.name}: joint column '{missing[0]}' is missing; expected {ways}, this one with {units}")
+        raise LayoutError(
+            f"{path.name}: joint column '{missing[0]}' is missing; expected {ways}, this one with {units}"
+        )
     surplus = [c for c in columns if re.fullmatch(r"J\d+", c) and c not in by_number and c not in by_name]
     if surplus:
         raise InputError(
@@ -240,7 +242,7 @@ def _check_headers(columns: dict[str, tuple[str | None, pd.Series]], joints: dic
         pure = ", or [1] for a pure number" if any(text.endswith("[unit]'") for text in bare.values()) else ""
         said.append(f"{_columns(list(bare))}: no unit; write {', '.join(bare.values())}{pure}")
     if said:
-        raise InputError(f"{path.name}, {'; '.join(said)}")
+        raise LayoutError(f"{path.name}, {'; '.join(said)}")
 
 
 def _columns(names: list[str]) -> str:

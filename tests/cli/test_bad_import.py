@@ -73,6 +73,13 @@ IMPORTS: dict[str, tuple[dict[str, str], tuple[str, ...], str]] = {
         ("--map", "m.toml"),
         "row 1: quaternion of norm 0, expected 1",
     ),
+    "a guess without a mechanism": ({"f.txt": "a,b\n1,2\n"}, ("--guess",), "--guess: needs --mechanism M"),
+    "a guess of nothing": (
+        {"f.txt": "a,b\n1,2\n"},
+        ("--guess", "--mechanism", "irb6400r"),
+        "2 columns of numbers; expected 6 joint values",
+    ),
+    "two files without a way": ({"f.txt": "a,b\n1,2\n"}, ("f.txt",), "f.txt: a second file; expected --guess or --map"),
     "an option that is not read": (
         {"f.txt": "a,b\n1,2\n", "m.toml": MAP},
         ("--map", "m.toml", "--square", "24mm"),

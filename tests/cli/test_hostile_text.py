@@ -95,6 +95,28 @@ def in_table(column: str, *, header: bool = False) -> Callable[[str, Path], list
     return make
 
 
+def foreign(place: str) -> Callable[[str, Path], list[list[object]]]:
+    """A file of another program, with the text in its header, in its cells or above its header."""
+
+    def make(text: str, folder: Path) -> list[list[object]]:
+        frame = table(20)
+        frame.columns = [*(f"A{i}" for i in range(1, 7)), *"XYZ", *map(str, frame.columns[9:])]
+        frame = frame.assign(**({text: range(20)} if place == "header" else {"note": [text, "b"] * 10}))
+        path, above = folder / "f.csv", f"{text}\n" * (place == "above")
+        path.write_text(above + frame.to_csv(index=False), encoding="utf-8")
+        (folder / "m.toml").write_text(f"join = {json.dumps(text)}\n[columns]\nJ1 = {json.dumps(text + ' [deg]')}\n")
+        out = folder / "out.csv"
+        return [
+            ["import", path, "--mechanism", "irb6400r", "--guess", "--out", out],
+            ["check", path, "--mechanism", "irb6400r"],
+            ["import", path, "--map", out.with_suffix(".map.toml")],
+            ["import", path, path, "--map", folder / "m.toml"],
+            ["import", path, "--mechanism", "irb6400r", "--guess"],
+        ]
+
+    return make
+
+
 def beside_table(kind: str) -> Callable[[str, Path], list[list[object]]]:
     """The name of a camera, a board or a surface."""
 
@@ -194,12 +216,13 @@ FORMATS: dict[str, Callable[[str, Path], list[list[object]]]] = {
     **{
         f"CSV, {label}": in_table(label) for label in ("setup", "tool", "group", "camera", "marker", "on_plane", "note")
     },
+    **{f"foreign, {place}": foreign(place) for place in ("header", "cells", "above")},
     **{kind: beside_table(kind) for kind in ("cameras", "board", "surfaces")},
     "model.json": in_json("model.json"),
     "report.json": in_json("report.json"),
     "particulars": in_particulars,
 }
-AT_ONCE = ("TOML, name", "URDF, ROBOT", "CSV, header", "CSV, setup", "board")
+AT_ONCE = ("TOML, name", "URDF, ROBOT", "CSV, header", "CSV, setup", "board", "foreign, header")
 WHOLE = {"model.json": pytest.mark.slow, "report.json": pytest.mark.slow}
 """Every text of a saved result by every command that reads it takes minutes."""
 CASES = [

@@ -9,7 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from gpmodel.cli.import_ import import_table
 from gpmodel.errors import InputError
-from gpmodel.table.foreign import import_file, read_map, unread
+from gpmodel.table.foreign import ColumnMap, import_file, read_map, unread
+from gpmodel.table.join import read_files
+from gpmodel.table.layout import read_sheet
 from gpmodel.table.read import dataset_from
 from robots import load_mechanism
 
@@ -44,7 +46,7 @@ def test_separator_and_decimal_sign_are_found_out(tmp_path: Path, separator: str
     file, mapping = write(tmp_path, f"[columns]\n{JOINTS}\n{POINT}", separator=separator, decimal=decimal)
     mechanism = load_mechanism("ur5")
     assert mechanism is not None
-    dataset = dataset_from(import_file(file, read_map(mapping)), file, mechanism)
+    dataset = dataset_from(import_file(read_sheet(file), read_map(mapping)), file, mechanism)
     assert dataset.q[2] == pytest.approx([2.1, 2.2, 2.3, 2.4, 2.5, 2.6], abs=1e-12)
     assert dataset.position[1] == pytest.approx([0.1015, -0.20025, 0.3], abs=1e-12)
 
@@ -52,17 +54,17 @@ def test_separator_and_decimal_sign_are_found_out(tmp_path: Path, separator: str
 def test_arithmetic_labels_and_inputs(tmp_path: Path) -> None:
     mapping = f'[columns]\n{JOINTS}\nx = "px - 2*dx [mm]"\nwarmth = "px/100 [degC]"\ngroup = "day"'
     file, path = write(tmp_path, mapping)
-    frame = import_file(file, read_map(path))
+    frame = import_file(read_sheet(file), read_map(path))
     assert frame["x [mm]"].astype(float).tolist() == [99.5, 100.5, 101.5]
     assert frame["warmth [degC]"].astype(float).tolist() == [1.005, 1.015, 1.025]
     assert frame["group"].tolist() == ["day 0", "day 1", "day 2"]
-    assert unread(file, read_map(path)) == ("not in map.toml: py, pz, a, b, c, d",)
+    assert unread(read_sheet(file), read_map(path)) == ("not in map.toml: py, pz, a, b, c, d",)
 
 
 def test_an_empty_cell_stays_empty_through_a_formula(tmp_path: Path) -> None:
     file, path = write(tmp_path, f'[columns]\n{JOINTS}\nx = "px - dx [mm]"')
     file.write_text(file.read_text().replace("101.5", "", 1))
-    assert import_file(file, read_map(path))["x [mm]"].tolist() == ["100.0", "", "102.0"]
+    assert import_file(read_sheet(file), read_map(path))["x [mm]"].tolist() == ["100.0", "", "102.0"]
 
 
 @pytest.mark.parametrize(
@@ -82,7 +84,7 @@ def test_orientations_become_rotation_vectors(tmp_path: Path, convention: str, u
     columns = [f'"{c}{f" [{unit}]" if unit else ""}"' for c in "abcd"[: numbers.shape[1]]]
     mapping = f'[columns]\n{JOINTS}\n[orientation]\ncolumns = [{", ".join(columns)}]\nconvention = "{convention}"'
     file, path = write(tmp_path, mapping, numbers)
-    frame = import_file(file, read_map(path))
+    frame = import_file(read_sheet(file), read_map(path))
     vectors = np.radians(frame[["rx [deg]", "ry [deg]", "rz [deg]"]].astype(float).to_numpy())
     assert np.abs((Rotation.from_rotvec(vectors) * truth.inv()).magnitude()).max() < 1e-12
 
@@ -99,7 +101,7 @@ def test_intrinsic_xyz_is_the_product_of_the_three_turns(tmp_path: Path) -> None
         f'[columns]\n{JOINTS}\n[orientation]\ncolumns = ["a [rad]", "b [rad]", "c [rad]"]\nconvention = "intrinsic XYZ"'
     )
     file, path = write(tmp_path, mapping)
-    frame = import_file(file, read_map(path))
+    frame = import_file(read_sheet(file), read_map(path))
     vector = np.radians(frame.loc[1, ["rx [deg]", "ry [deg]", "rz [deg]"]].astype(float).to_numpy())
     a, b, c = ANGLES[1]
     product = turn(0, a) @ turn(1, b) @ turn(2, c)
@@ -129,7 +131,7 @@ def test_intrinsic_xyz_is_the_product_of_the_three_turns(tmp_path: Path) -> None
 def test_a_bad_map_is_one_clear_line(tmp_path: Path, mapping: str, said: str) -> None:
     file, path = write(tmp_path, mapping)
     with pytest.raises(InputError) as caught:
-        import_file(file, read_map(path))
+        import_file(read_sheet(file), read_map(path))
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -150,3 +152,44 @@ def test_the_file_itself_is_never_overwritten(tmp_path: Path) -> None:
     run = CliRunner().invoke(import_table, [str(file), "--map", str(path), "--out", str(file)])
     assert isinstance(run.exception, InputError)
     assert file.read_bytes() == before
+
+
+def test_a_column_is_named_with_its_unit_without_it_or_by_number(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("J1 [deg],X (mm),J 3 [deg]\n1,2,3\n4,5,6\n")
+    for text in ("J1 [deg]", "J1 [deg] [deg]", "c1 [deg]", "1 [deg]", "c3 - X [deg]", "J_3__deg_ - c2 [deg]"):
+        sheet = read_sheet(tmp_path / "t.csv")
+        assert import_file(sheet, ColumnMap({"J1": text})).iloc[0, 0] == "1.0", text
+    with pytest.raises(InputError, match=r"'J1 \[deg\]' is in \[deg\]; expected that, or 'J1 \[deg\] \[rad\]'"):
+        import_file(sheet, ColumnMap({"J1": "J1 [rad]"}))
+
+
+def test_a_file_without_a_header_goes_by_numbers(tmp_path: Path) -> None:
+    (tmp_path / "t.txt").write_text("a b c\n1 2 3\n4 5 6\n")
+    (tmp_path / "m.toml").write_text('header = false\n[columns]\nJ1 = "2 [deg]"\nx = "c3 - c1 [mm]"\n')
+    columns = read_map(tmp_path / "m.toml")
+    sheet = read_sheet(tmp_path / "t.txt", columns.header)
+    assert sheet.names == ("", "", "")
+    assert import_file(sheet, columns)["x [mm]"].tolist() == ["2.0", "2.0"]
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ("order", "t.csv: 3 rows, u.csv has 2; expected as many"),
+        ("no = No", "t.csv has no column 'no'; it has N"),
+        ("N = x", "no common value of 'N = x'"),
+        ("rows 1-2 = 1-3", "'1-2 = 1-3'; expected as many rows of both"),
+        ("rows 1-9 = 1-9", "t.csv has 3 rows, u.csv 2"),
+        ("rows all", "'all'; expected as many rows of both"),
+        ("time N = M", "no times; expected clock times or numbers"),
+    ],
+)
+def test_what_cannot_be_joined_is_one_line(how: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("N,J1\n1,10\n2,20\n3,30\n")
+    (tmp_path / "u.csv").write_text("M,x\np3,7.5\np1,8.5\n")
+    with pytest.raises(InputError) as caught:
+        read_files((tmp_path / "t.csv", tmp_path / "u.csv"), how)
+    assert said in str(caught.value)
+    joined = read_files((tmp_path / "t.csv", tmp_path / "u.csv"), "N = M")
+    assert joined.cells.to_numpy().tolist() == [["3", "30", "p3", "7.5"], ["1", "10", "p1", "8.5"]]
+    assert "rows of t.csv without a partner: 2" in joined.said

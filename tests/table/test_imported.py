@@ -38,6 +38,9 @@ def test_a_table_of_figaroh_passes_check(measured: Dataset, tmp_path: Path) -> N
     np.testing.assert_allclose(table.position, measured.position)
     np.testing.assert_allclose(table.rotation, Rotation.from_euler("xyz", turned).as_rotvec())
     plain = figaroh(measured, tmp_path / "plain.csv")
+    said = one_line(run("import", plain, "--mechanism", ARM, "--out", out), 2)
+    assert "is there, with other content; expected another name" in said
+    out = tmp_path / "plain_table.csv"
     assert run("import", plain, "--mechanism", ARM, "--out", out).exit_code == 0
     done = run("check", out, "--mechanism", ARM)
     assert done.exit_code == 0
@@ -223,7 +226,7 @@ def test_what_has_no_known_layout_asks_for_a_map(measured: Dataset, tmp_path: Pa
     source = figaroh(measured, tmp_path / "f.csv")
     assert "expected --mechanism M" in one_line(run("import", source), 2)
     more = figaroh(measured, tmp_path / "more.csv", gripper=measured.q[:, 0])
-    assert "left out, no joint of" in run("import", more, "--mechanism", ARM).stderr
+    assert "left out, not in the joints of" in run("import", more, "--mechanism", ARM).stderr
     source.write_text(source.read_text().replace("J3", "Jx", 1))
     assert "no values of joint 'J3'" in one_line(run("import", source, "--mechanism", ARM), 2)
     source.write_text(source.read_text().replace("x1", "px", 1))

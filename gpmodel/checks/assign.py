@@ -1,0 +1,172 @@
+"""Assignments of columns to joints and points of a mechanism whose registration leaves little."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from gpmodel.arrays import Array, IntArray
+from gpmodel.checks.families import Columns, joint_families, lettered, windows
+from gpmodel.checks.misfit import Registered, flange, least_misfit, registered, spread_of
+from gpmodel.checks.mixed_up import FEWEST_ROWS, GOOD_SHARE, MOST_ROWS, POOR_LENGTH, typical
+from gpmodel.checks.readings import LENGTHS, OF_ANOTHER_SIZE, of_joints
+from gpmodel.mechanism.protocol import Mechanism, closed
+from gpmodel.numerics.least_squares import root_mean_square
+from gpmodel.numerics.outliers import OUTLIER_SHARE
+from gpmodel.table.layout import Sheet, name_and_unit
+from gpmodel.table.units import factor_like
+
+MOST_COLUMNS = 60
+"""Columns of numbers among which joints and coordinates are looked for without names."""
+ENOUGH_TO_SCREEN = 25
+"""Rows from which the lower bound of the misfit, of 13 unknowns a coordinate, excludes anything."""
+MOST_DEGREES = 370.0
+"""Of joint values in columns whose names do not say that they are some."""
+SI_UNIT = {"revolute": "rad", "prismatic": "m"}
+WRITTEN_IN = {"revolute": ("deg", "rad"), "prismatic": ("mm", "m")}
+"""Units in which joint values are written, by the kind of joint."""
+
+
+class Axis(NamedTuple):
+    """What a header says. sure: the unit is in brackets or in a line of units."""
+
+    name: str
+    unit: str | None
+    sure: bool
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Columns of the joints and of a point, with the units in which they fit.
+
+    left: RMS, m, of what registration and tool leave. reading: how else the joints are to be read, "" as they stand;
+    turned: (n, n) what that makes of the joint columns. rows: (K,) those compared. q: (K, n), rad and m. found: the
+    registration.
+    """
+
+    joints: Columns
+    units: tuple[str, ...]
+    points: Columns
+    unit: str
+    left: float
+    rows: IntArray
+    q: Array
+    found: Registered
+    reading: str = ""
+    turned: Array | None = None
+
+
+class Assigner:
+    """Assignments of a sheet's columns, compared on MOST_ROWS of the rows."""
+
+    def __init__(self, sheet: Sheet, mechanism: Mechanism, rows: IntArray | None = None) -> None:
+        self.mechanism = mechanism
+        self.axes = [header_of(sheet, i) for i in range(len(sheet.names))]
+        self.values = {i: v.to_numpy() for i in sheet.columns if (v := sheet.numbers(i)) is not None}
+        self.moving = {i for i, v in self.values.items() if np.nanmax(v) > np.nanmin(v)}
+        self.rows = np.arange(len(sheet.cells)) if rows is None else rows
+
+    def fits(self) -> list[Fit]:
+        """All that fit of the first stage in which any does: columns that go by their names, then by their places."""
+        names, numeric = [axis.name for axis in self.axes], sorted(self.values)
+        count, few = len(self.mechanism.joints), numeric[:MOST_COLUMNS]
+        named = list(dict.fromkeys(joint_families(names, self.mechanism, numeric)))
+        largest = {i: float(np.nanmax(np.abs(v))) for i, v in self.values.items()}
+        placed = [
+            c for c in windows(few, count, (1, 2, 3))
+            if max(largest[i] for i in c) < MOST_DEGREES and 2 * len(self.moving & set(c)) >= count
+        ]  # fmt: skip
+        varied = [i for i in numeric if i in self.moving]
+        points, beside = (
+            list(dict.fromkeys(lettered(names, varied))),
+            list(windows(varied[:MOST_COLUMNS], 3, (1, 2, 4))),
+        )
+        for joints, triples in product((named, placed), (points, beside)):
+            if found := list(self._fits(joints, triples, otherwise=joints is named)):
+                return found
+        return []
+
+    def _fits(self, joints: Iterable[Columns], triples: Sequence[Columns], *, otherwise: bool) -> Iterator[Fit]:
+        for columns in joints:
+            rest = [t for t in triples if not set(t) & set(columns)]
+            for reread in (False, True)[: 1 + (otherwise and not closed(self.mechanism))]:
+                found = [
+                    fit for units in self._units(columns) for points in rest
+                    for fit in self._of(columns, units, points, reread=reread)
+                ]  # fmt: skip
+                yield from found
+                if found:
+                    break
+
+    def _units(self, columns: Columns) -> Iterator[tuple[str, ...]]:
+        """Units of joint columns: those of the headers, then one for all that turn, and one for all that slide."""
+        kinds, seen = [joint.kind for joint in self.mechanism.joints], set()
+        slides = WRITTEN_IN["prismatic"] if "prismatic" in kinds else ()
+        for turn, slide in product((None, *WRITTEN_IN["revolute"]), (None, *slides)):
+            chosen = {"revolute": turn, "prismatic": slide}
+            own = [
+                self.axes[i].unit if si_of(self.axes[i].unit, k) else None for i, k in zip(columns, kinds, strict=True)
+            ]
+            units = tuple(chosen[k] or unit or WRITTEN_IN[k][0] for k, unit in zip(kinds, own, strict=True))
+            if units not in seen:
+                seen.add(units)
+                yield units
+
+    def _of(self, columns: Columns, units: tuple[str, ...], points: Columns, *, reread: bool) -> Iterator[Fit]:
+        """The fit of these columns, as they stand or with joints coupled, swapped or counted the other way round."""
+        rows = self.rows[np.isfinite([self.values[i][self.rows] for i in (*columns, *points)]).all(axis=0)]
+        raw = np.column_stack([self.values[i][rows] for i in points])
+        rows, raw = rows[np.ptp(raw, axis=1) > 0], raw[np.ptp(raw, axis=1) > 0]
+        step = max(1, len(rows) // MOST_ROWS)
+        rows, raw = rows[::step], raw[::step]
+        if len(rows) < FEWEST_ROWS or not np.ptp(raw, axis=0).any():
+            return
+        kinds = [joint.kind for joint in self.mechanism.joints]
+        q = np.column_stack([si_of(u, k) * self.values[i][rows] for i, u, k in zip(columns, units, kinds, strict=True)])
+        if not reread:
+            if (best := self._registered(flange(self.mechanism, q), raw, points)) is not None:
+                yield Fit(columns, units, points, best[0], best[1], rows, q, best[2])
+            return
+        for reading in of_joints(self.mechanism, q, raw, scaled=False):
+            if (best := self._registered(flange(self.mechanism, reading.q), raw, points)) is not None:
+                turned = np.asarray(np.round(np.linalg.lstsq(q, reading.q)[0]), dtype=np.float64).T
+                yield Fit(columns, units, points, best[0], best[1], rows, reading.q, best[2], reading.meaning, turned)
+
+    def _registered(self, frames: Array, raw: Array, points: Columns) -> tuple[str, float, Registered] | None:
+        """Unit of points (K, 3), what registration leaves and the registration; None where none leaves little."""
+        if len(raw) >= ENOUGH_TO_SCREEN and not _may_fit(frames, raw):
+            return None
+        said, reach = [self.axes[i].unit for i in points], spread_of(frames[:, :3, 3])
+        given = said[0] if len(set(said)) == 1 and si_of(said[0], "prismatic") else None
+        best: tuple[str, float, Registered] | None = None
+        for unit in dict.fromkeys([given, *LENGTHS] if given else LENGTHS):
+            p = si_of(unit, "prismatic") * raw
+            if not 1.0 / OF_ANOTHER_SIZE < spread_of(p) / max(reach, 1e-9) < OF_ANOTHER_SIZE:
+                continue
+            most, errors = typical(frames, p)
+            left = root_mean_square(errors[most])
+            if left < max(POOR_LENGTH, GOOD_SHARE * min(spread_of(p), reach) / 2) and (best is None or left < best[1]):
+                best = unit, left, registered(frames[most], p[most])
+        return best
+
+
+def header_of(sheet: Sheet, column: int) -> Axis:
+    """Read name and unit of a column."""
+    return Axis(*name_and_unit(sheet.names[column]))
+
+
+def si_of(unit: str | None, kind: str) -> float:
+    """SI units that one unit of a joint of that kind is, 0 where it is of another dimension."""
+    return factor_like(unit or "", SI_UNIT[kind]) or 0.0
+
+
+def _may_fit(frames: Array, raw: Array) -> bool:
+    """Whether points (K, 3) in any unit could fit, without the OUTLIER_SHARE of them that fit worst."""
+    columns = np.hstack([np.ones((len(frames), 1)), frames[:, :3, 3], frames[:, :3, :3].reshape(-1, 9)])
+    kept = np.arange(len(raw))
+    for _ in range(3):
+        left = np.linalg.norm(raw - columns @ np.linalg.lstsq(columns[kept], raw[kept])[0], axis=1)
+        kept = np.sort(np.argsort(left)[: round((1.0 - OUTLIER_SHARE) * len(raw))])
+    return least_misfit(frames[kept], raw[kept]) < GOOD_SHARE * spread_of(raw[kept])

@@ -1,0 +1,372 @@
+"""What the columns of a foreign file are: the assignment that fits the mechanism, and every doubt about it."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, product
+from pathlib import Path
+
+import numpy as np
+
+from gpmodel.arrays import Array, IntArray
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.checks.assign import SI_UNIT, Assigner, Fit, header_of, si_of
+from gpmodel.checks.digits import ENOUGH, FINEST, rounding
+from gpmodel.checks.families import Columns, said_to_be, windows
+from gpmodel.checks.misfit import flange
+from gpmodel.checks.mixed_up import FAR_BETTER, FEWEST_ROWS, POOR_LENGTH
+from gpmodel.checks.rotations import COARSE, PROPER, TAIT_BRYAN, miss
+from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.error_model import ErrorModel, prepare
+from gpmodel.model.sites import geometric_effects
+from gpmodel.numerics.least_squares import root_mean_square
+from gpmodel.table.dataset import LABELS, unmeasured
+from gpmodel.table.foreign import FAR_FROM_ONE, ColumnMap, OrientationColumns, find, orientation_reader
+from gpmodel.table.join import COMMON, ORDER, joined, read_files, rows_side_by_side, ways
+from gpmodel.table.layout import Sheet, read_sheet
+from gpmodel.table.units import identifier, known_unit
+
+APART = 2e-3
+"""Metres between the tool points of two reflectors, or of two set-ups' tools."""
+COARSEST = 1e-4
+"""Metres of rounding that is told from the errors of an arm: no arm is better before it is calibrated."""
+MOST_LABELS = 12
+"""Different values of a column that names tools or set-ups."""
+COMPUTED_TURN = 1e-5
+"""Radians by which no instrument's orientations miss those of a mechanism: what misses by less is computed."""
+CONVENTIONS = (
+    "rotation vector",
+    *(f"{kind} {axes.upper()}" for kind, axes in product(("intrinsic", "fixed"), (*TAIT_BRYAN, *PROPER))),
+)
+
+
+@dataclass(frozen=True)
+class Guess:
+    """map: what the columns are. lines: a reading of each column, with the reason. doubts: what decides between two
+    tables and no value of the file tells; a person has to."""
+
+    map: ColumnMap
+    lines: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+
+def guess_files(paths: Sequence[Path], mechanism: Mechanism, join: str | None) -> tuple[Sheet, Guess]:
+    """Read one file, or two joined in the first way that fits, and assign its columns. Raises InputError as `guess`."""
+    sheets = [read_sheet(path) for path in paths]
+    if len(paths) != 2 or join:
+        sheet = read_files(paths, join or "")
+        found = guess(sheet, mechanism)
+        return sheet, replace(found, map=replace(found.map, join=join or ""))
+    refused: InputError | None = None
+    for how in chain(ways(sheets[0], sheets[1]), _by_pose(sheets[0], sheets[1], mechanism)):
+        try:
+            sheet = joined(sheets[0], sheets[1], how)
+            found = guess(sheet, mechanism)
+            return sheet, replace(found, map=replace(found.map, join=how))
+        except InputError as error:
+            refused = error
+    said = f"{paths[0].name} and {paths[1].name}: no common column, no times, and not as many rows"
+    raise refused or InputError(f"{said}; expected --join with a column of each")
+
+
+def _by_pose(first: Sheet, second: Sheet, mechanism: Mechanism) -> Iterator[str]:
+    """Pair the rows of joint values and positions that lie nearest, by the registration of the first or last third."""
+    for one, other in ((first, second), (second, first)):
+        third = min(len(one.cells), len(other.cells)) // 3
+        for part in (slice(None, third), slice(-third, None)):
+            fits = (
+                Assigner(joined(one.part(part), other.part(part), ORDER), mechanism).fits()
+                if third >= FEWEST_ROWS
+                else []
+            )
+            if not fits or max(fits[0].joints) >= len(one.names) or min(fits[0].points) < len(one.names):
+                continue
+            fit = min(fits, key=lambda fit: fit.left)
+            q = np.column_stack(
+                [
+                    si_of(u, j.kind) * numbers_of(one, i)
+                    for i, u, j in zip(fit.joints, fit.units, mechanism.joints, strict=True)
+                ]
+            )
+            q = q if fit.turned is None else q @ fit.turned.T
+            p = si_of(fit.unit, "prismatic") * np.column_stack(
+                [numbers_of(other, i - len(one.names)) for i in fit.points]
+            )
+            apart = np.linalg.norm(fit.found.points(flange(mechanism, q))[:, None] - p, axis=2)
+            near = apart.argmin(axis=0)
+            mutual = (apart.argmin(axis=1)[near] == np.arange(len(p))) & (
+                apart.min(axis=0) < FAR_BETTER * max(fit.left, APART)
+            )
+            if mutual.mean() > COMMON:
+                pairs = np.column_stack([near[mutual], np.flatnonzero(mutual)])
+                yield rows_side_by_side(pairs if one is first else pairs[:, ::-1])
+
+
+def guess(sheet: Sheet, mechanism: Mechanism) -> Guess:
+    """Assign a sheet's columns by their names and by the registration that they leave little of.
+
+    Raises InputError where nothing fits the mechanism, or only positions that were computed.
+    """
+    label, fits = _fits(sheet, mechanism)
+    if not fits:
+        raise InputError(_nothing(sheet, mechanism))
+    doubts: list[str] = []
+    lines: dict[int, str] = {}
+    fits = _one_set_of_joints(sheet, fits, doubts, lines)
+    fits = _measured(sheet, mechanism, fits, lines)
+    tools = _reflectors(sheet, fits, doubts, lines)
+    best = fits[0]
+    columns = {**_joints(sheet, mechanism, best, doubts, lines)}
+    points = [_point(sheet, fit, doubts, lines) for fit in tools]
+    columns |= points[0] if len(points) == 1 else {}
+    if label is not None:
+        column, roles = label
+        columns |= dict.fromkeys(roles, f"c{column + 1}")
+        lines[column] = f"{' and '.join(roles)}: its values tell apart rows that fit a registration of their own"
+    orientation = _orientation(sheet, mechanism, best, lines)
+    columns |= _inputs(sheet, lines, columns)
+    text = [f"{i + 1:3} {name or '(no name)'}: {lines.get(i, 'left out')}" for i, name in enumerate(sheet.names)]
+    several = {str(k + 1): point for k, point in enumerate(points)} if len(points) > 1 else {}
+    return Guess(ColumnMap(columns, orientation, "guess", several, any(sheet.names)), tuple(text), tuple(doubts))
+
+
+def _fits(sheet: Sheet, mechanism: Mechanism) -> tuple[tuple[int, tuple[str, ...]] | None, list[Fit]]:
+    """Assignments that fit; where none does, those of the rows with one text or number in a column, and that column."""
+    if fits := Assigner(sheet, mechanism).fits():
+        return None, fits
+    for column in sheet.columns:
+        text = sheet.cells[column].fillna("")
+        values = text.value_counts()
+        if not 1 < len(values) <= MOST_LABELS or values.min() < FEWEST_ROWS:
+            continue
+        parts = [Assigner(sheet, mechanism, np.flatnonzero(text == value)).fits() for value in values.index]
+        alike = [
+            part[0]
+            for part in parts
+            if part and part[0].joints == parts[0][0].joints and part[0].points == parts[0][0].points
+        ]
+        if len(alike) == len(values):
+            one = alike[0].found
+            moved = any(
+                np.linalg.norm(f.found.turn @ p + f.found.shift - one.turn @ p - one.shift) > APART
+                for f in alike
+                for p in np.eye(3)
+            )
+            other = any(np.linalg.norm(fit.found.tool - one.tool) > APART for fit in alike)
+            return (column, ("setup",) * moved + ("tool",) * (other or not moved)), alike[:1]
+    return None, []
+
+
+def _nothing(sheet: Sheet, mechanism: Mechanism) -> str:
+    """Say why nothing fits."""
+    count, names = len(mechanism.joints), ", ".join(joint.name for joint in mechanism.joints)
+    numbers = sum(sheet.numbers(i) is not None for i in sheet.columns)
+    if numbers < count + 3:
+        return (
+            f"{sheet.source}: {numbers} columns of numbers; expected {count} joint values ({names}) and x, y, z a row"
+        )
+    if len(sheet.cells) < FEWEST_ROWS:
+        return f"{sheet.source}: {len(sheet.cells)} rows; expected {FEWEST_ROWS} at least to tell columns by, or --map"
+    return (
+        f"{sheet.source}: no {count} columns as joint values ({names}) and 3 as positions fit {mechanism.name} by any "
+        "unit, sign or coupling; expected measured positions of this mechanism, a row a pose, or --map MAP.toml"
+    )
+
+
+def _one_set_of_joints(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: dict[int, str]) -> list[Fit]:
+    """Fits of one set of joint values: the measured one of commanded and measured ones, as far as their names tell."""
+    best = min(fits, key=lambda fit: fit.left)
+    fits = [fit for fit in fits if fit.left < max(FAR_BETTER * best.left, APART)]
+    sets = list(dict.fromkeys(fit.joints for fit in fits))
+    names = [column or str(i + 1) for i, column in enumerate(sheet.names)]
+    said = {joints: said_to_be(names, joints) for joints in sets}
+    first = max(sets, key=lambda joints: said[joints])
+    for other in sets:
+        if other != first:
+            shown = [" to ".join(names[i] for i in (s[0], s[-1])) for s in (first, other)]
+            alike = all(sheet.cells[a].equals(sheet.cells[b]) for a, b in zip(first, other, strict=True))
+            if not alike and said[first] == said[other]:
+                doubts.append(
+                    f"joint values are in {shown[0]} and in {shown[1]}; expected those that the encoders showed"
+                )
+            lines |= {i: f"left out: {shown[0]} are taken for the joint values" for i in other if i not in first}
+    return sorted((fit for fit in fits if fit.joints == first), key=lambda fit: fit.points)
+
+
+def _measured(sheet: Sheet, mechanism: Mechanism, fits: list[Fit], lines: dict[int, str]) -> list[Fit]:
+    """Fits of points that were not computed from the joint values. Raises InputError where all were."""
+    left = []
+    for fit in fits:
+        if _computed(sheet, mechanism, fit):
+            lines |= dict.fromkeys(fit.points, "left out: computed by the controller, not measured")
+        else:
+            left.append(fit)
+    if not left:
+        names = ", ".join(sheet.names[i] or f"column {i + 1}" for i in fits[0].points)
+        raise InputError(
+            f"{sheet.source}: the positions {names} are computed by the controller from its joint values: the standard "
+            f"model leaves less than {1e6 * FINEST:g} um; expected positions of an instrument"
+        )
+    return left
+
+
+def _computed(sheet: Sheet, mechanism: Mechanism, fit: Fit) -> bool:
+    """Whether registration leaves no more of the points than the rounding of their digits, or the standard model less
+    than any instrument's noise."""
+    p = np.column_stack([si_of(fit.unit, "prismatic") * numbers_of(sheet, i)[fit.rows] for i in fit.points])
+    data = replace(unmeasured([joint.name for joint in mechanism.joints], fit.q), position=p)
+    if fit.left < max(FINEST, min(ENOUGH * rounding(data), COARSEST)):
+        return True
+    effects = geometric_effects(mechanism)
+    if 2 * p.size < 3 * len(effects) + 18:
+        return False
+    return root_mean_square(calibrate(ErrorModel(mechanism, effects), prepare(mechanism, data)).fitted_error) < FINEST
+
+
+def numbers_of(sheet: Sheet, column: int) -> Array:
+    """Numbers (N,) of a column that holds some."""
+    values = sheet.numbers(column)
+    assert values is not None
+    return np.asarray(values, dtype=np.float64)
+
+
+def _reflectors(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: dict[int, str]) -> list[Fit]:
+    """Fits of different tool points. Of two with one tool point the one that its names call measured is taken."""
+    taken: list[Fit] = []
+    said = {fit.points: said_to_be(sheet.names, fit.points) for fit in fits}
+    for fit in sorted(fits, key=lambda f: (-said[f.points], f.points)):
+        if said[fit.points] < 0 <= max(said.values()):
+            lines |= dict.fromkeys(fit.points, "left out: nominal by its name; another point is measured")
+            continue
+        same = next((f for f in taken if np.linalg.norm(f.found.tool - fit.found.tool) < APART), None)
+        shared = any(set(f.points) & set(fit.points) for f in taken)
+        if same is None and not shared:
+            taken.append(fit)
+            continue
+        if same is not None and not shared:
+            shown = [" ".join(sheet.names[i] or f"column {i + 1}" for i in f.points) for f in (same, fit)]
+            if said[same.points] == said[fit.points] and not _congruent(sheet, same, fit):
+                doubts.append(f"positions are in {shown[0]} and in {shown[1]}; expected one that was measured")
+        lines |= {i: "left out: the point is read from other columns" for i in fit.points if not shared}
+    return sorted(taken, key=lambda f: f.points)
+
+
+def _congruent(sheet: Sheet, one: Fit, other: Fit) -> bool:
+    """Whether two sets of points are one, in two frames."""
+    a, b = (
+        np.column_stack([numbers_of(sheet, i) for i in f.points]) * si_of(f.unit, "prismatic") for f in (one, other)
+    )
+    known = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
+    apart = [np.linalg.norm(p[known] - p[known][:1], axis=1) for p in (a, b)]
+    return bool(np.abs(apart[0] - apart[1]).max() < FINEST)
+
+
+def _ref(sheet: Sheet, column: int, unit: str) -> str:
+    """Write a column for a map: by its name where that is one of a kind, else by its number."""
+    name, own, sure = header_of(sheet, column)
+    plain = name.replace("_", "").replace(" ", "").isalnum() and not name[:1].isdigit() and not (sure and own != unit)
+    return f"{name if plain and find(sheet, name) == column else f'c{column + 1}'} [{unit}]".replace(" []", "")
+
+
+def _joints(sheet: Sheet, mechanism: Mechanism, fit: Fit, doubts: list[str], lines: dict[int, str]) -> dict[str, str]:
+    """Lines of the map for the joints."""
+    out: dict[str, str] = {}
+    turned = np.eye(len(fit.joints)) if fit.turned is None else fit.turned
+    if "swapped" in fit.reading:
+        doubts.append(f"{fit.reading}, against their names; expected the file's names corrected")
+    for joint, row, unit, column in zip(mechanism.joints, turned, fit.units, fit.joints, strict=True):
+        if row.tolist() == np.eye(len(row))[len(out)].tolist():
+            out[joint.name] = _ref(sheet, column, unit)
+        else:
+            text = " ".join(f"{'-' if c < 0 else '+'} c{fit.joints[k] + 1}" for k, c in enumerate(row.tolist()) if c)
+            out[joint.name] = f"{text.removeprefix('+ ').replace('- ', '0 - ', text.startswith('- '))} [{unit}]"
+        _, own, sure = header_of(sheet, column)
+        if sure and own != unit and si_of(own, joint.kind):
+            doubts.append(f"'{sheet.names[column]}' fits as [{unit}], its header says [{own}]")
+        lines[column] = f"{joint.name} [{unit}]" + f", read as {out[joint.name]}" * (
+            out[joint.name] != _ref(sheet, column, unit)
+        )
+    if fit.reading:
+        lines[fit.joints[0]] += f"; {fit.reading}"
+    if fit.left > POOR_LENGTH:
+        doubts.append(f"registration and tool leave {1e3 * fit.left:.3g} mm, more than arms are off")
+    return out
+
+
+def _point(sheet: Sheet, fit: Fit, doubts: list[str], lines: dict[int, str]) -> dict[str, str]:
+    """Lines of the map for one point."""
+    for axis, column in zip("xyz", fit.points, strict=True):
+        _, own, sure = header_of(sheet, column)
+        lines[column] = f"{axis} [{fit.unit}]"
+        if sure and own != fit.unit and si_of(own, "prismatic"):
+            doubts.append(f"'{sheet.names[column]}' fits as [{fit.unit}], its header says [{own}]")
+    lines[fit.points[0]] += (
+        f"; registration leaves {1e3 * fit.left:.3g} mm, tool point {np.round(1e3 * fit.found.tool, 1).tolist()} mm"
+    )
+    return {axis: _ref(sheet, column, fit.unit) for axis, column in zip("xyz", fit.points, strict=True)}
+
+
+def _orientation(sheet: Sheet, mechanism: Mechanism, fit: Fit, lines: dict[int, str]) -> OrientationColumns | None:
+    """Columns of orientations that fit the mechanism's, and their convention."""
+    turned = fit.found.turn @ flange(mechanism, fit.q)[:, :3, :3]
+    free = [i for i in sheet.columns if i not in lines and sheet.numbers(i) is not None]
+    found = []
+    for count in (4, 3):
+        for columns in windows(free, count):
+            found += list(_conventions(sheet, columns, fit.rows, turned))
+        if found:
+            break
+    if not found:
+        return None
+    left, convention, unit, columns = min(found, key=lambda item: (round(item[0], 6), item[1] != "rotation vector"))
+    if left < COMPUTED_TURN or lines.get(columns[0] - 1, "").startswith("left out: computed"):
+        lines |= dict.fromkeys(columns, "left out: orientation computed by the controller, not measured")
+        return None
+    lines |= dict.fromkeys(
+        columns, f"orientation, {convention} {unit}; it misses the mechanism's by {1e3 * left:.2g} mrad"
+    )
+    return OrientationColumns(tuple(_ref(sheet, i, unit) for i in columns), convention)
+
+
+def _conventions(
+    sheet: Sheet, columns: Columns, rows: IntArray, turned: Array
+) -> Iterator[tuple[float, str, str, Columns]]:
+    """Conventions in which columns fit: median miss, rad, convention, unit, columns."""
+    numbers = np.column_stack([numbers_of(sheet, i)[rows] for i in columns])
+    whole = np.isfinite(numbers).all(axis=1)
+    if whole.sum() < FEWEST_ROWS:
+        return
+    numbers, turned = numbers[whole], turned[whole]
+    if len(columns) == 4:
+        if np.abs(np.linalg.norm(numbers, axis=1) - 1.0).max() > FAR_FROM_ONE:
+            return
+        tried = [(convention, "", 1.0) for convention in ("quaternion xyzw", "quaternion wxyz")]
+    else:
+        tried = [(c, unit, si_of(unit, "revolute")) for unit in ("deg", "rad") for c in CONVENTIONS]
+    for convention, unit, size in tried:
+        reader, _ = orientation_reader(convention, "")
+        if (left := miss(turned, reader(size * numbers).as_matrix())) < COARSE:
+            yield left, convention, unit, columns
+
+
+def _inputs(sheet: Sheet, lines: dict[int, str], taken: dict[str, str]) -> dict[str, str]:
+    """Lines of the map for labels, times, the payload and inputs of a known unit that is no length and no angle."""
+    out: dict[str, str] = {}
+    for i in sheet.columns:
+        if i in lines:
+            continue
+        name, unit, _ = header_of(sheet, i)
+        values, word = sheet.numbers(i), identifier(name)
+        if name.lower() in LABELS and name.lower() not in taken:
+            out[name.lower()], lines[i] = f"c{i + 1}", f"label {name.lower()}"
+        elif sheet.seconds(i) is not None and "time" not in out:
+            out["time"], lines[i] = f"c{i + 1} [s]", "input time [s]"
+        elif values is None:
+            lines[i] = "left out: text" if sheet.cells[i].notna().any() else "left out: empty"
+        elif values.isna().any() or values.nunique() < 2:
+            lines[i] = "left out: constant" if values.nunique() < 2 else "left out: not in every row"
+        elif unit is None or not known_unit(unit) or any(si_of(unit, kind) for kind in SI_UNIT):
+            lines[i] = "left out: no unit" if unit is None else f"left out: a reading in {unit} that no model needs"
+        elif word not in out and word not in taken:
+            out[word], lines[i] = _ref(sheet, i, unit), f"input {word} [{unit}]"
+    return out

@@ -1,0 +1,134 @@
+"""Two files of one session side by side: by the order of their rows, by a column of both, or by time."""
+
+import re
+from collections.abc import Iterator, Sequence
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from gpmodel.arrays import IntArray
+from gpmodel.errors import InputError
+from gpmodel.table.foreign import column_of
+from gpmodel.table.layout import Sheet, read_sheet
+from gpmodel.wording import some
+
+ORDER, ROWS = "order", "rows "
+COMMON = 0.5
+"""Share of the shorter file's rows that a column of both has to match."""
+_STRETCH = re.compile(r"^\s*(\d{1,7})-(\d{1,7}) *= *(\d{1,7})-(\d{1,7})\s*$")
+_LAST_NUMBER = re.compile(r"(\d+)\D*$")
+
+
+def read_files(paths: Sequence[Path], how: str, header: bool = True) -> Sheet:
+    """Read one file, or two joined. Raises InputError as `read_sheet` and `joined`, and of more than two."""
+    sheets = [read_sheet(path, header) for path in paths]
+    if len(sheets) > 2:
+        raise InputError(f"{paths[2]}: a third file; expected one, or joint values in one and positions in the other")
+    if len(sheets) == 1 and how:
+        raise InputError(f"{paths[0].name} alone; expected a second file that is joined by '{how}'", "join")
+    return sheets[0] if len(sheets) == 1 else joined(sheets[0], sheets[1], how or ORDER)
+
+
+def ways(first: Sheet, second: Sheet) -> Iterator[str]:
+    """Ways in which two sheets could belong together, the surest first: columns that hold the same texts or numbers of
+    points, clock times, the order of as many rows."""
+    ours, theirs = ({i: _keys(sheet, i) for i in sheet.columns} for sheet in (first, second))
+    for i, one in ours.items():
+        for k, other in theirs.items():
+            if one.is_unique and len(set(one) & set(other)) >= max(COMMON * min(len(one), len(set(other))), 2):
+                yield f"c{i + 1} = c{k + 1}"
+    clocks = [[i for i in sheet.columns if sheet.seconds(i) is not None] for sheet in (first, second)]
+    yield from (f"time c{i + 1} = c{k + 1}" for i, k in product(*clocks))
+    if len(first.cells) == len(second.cells):
+        yield ORDER
+
+
+def joined(first: Sheet, second: Sheet, how: str) -> Sheet:
+    """Rows of both sheets side by side; `said` names the rows without a partner.
+
+    how: `order`; `No = Point`, a column of each, or one name of both; `time t = Time Stamp`, the nearest row of the
+    first sheet for each of the second; `rows 1-6 = 1-6, 8-40 = 7-39`. Raises InputError where that is impossible.
+    """
+    if how == ORDER:
+        if len(first.cells) != len(second.cells):
+            said = f"{len(first.cells)} rows, {second.source} has {len(second.cells)}"
+            raise InputError(f"{first.source}: {said}; expected as many, or --join with a column of both")
+        return _beside(first, second, np.arange(len(first.cells)), np.arange(len(second.cells)), how)
+    if how.startswith(ROWS):
+        pairs = np.array([pair for text in how.removeprefix(ROWS).split(",") for pair in _stretch(text)])
+        if (pairs < 0).any() or (pairs >= [len(first.cells), len(second.cells)]).any():
+            raise InputError(
+                f"join: '{how[:60]}'; {first.source} has {len(first.cells)} rows, {second.source} {len(second.cells)}"
+            )
+        return _beside(first, second, pairs[:, 0], pairs[:, 1], "nearest pose")
+    by_time = how.startswith("time ")
+    left, _, right = how.removeprefix("time ").partition("=")
+    i = column_of(first, left.strip(), "join")
+    k = column_of(second, (right or left).strip(), "join")
+    if by_time:
+        one, other = _clock(first, i), _clock(second, k)
+        order = np.argsort(one)
+        after = np.clip(np.searchsorted(one[order], other), 1, len(one) - 1)
+        earlier = other - one[order][after - 1] < one[order][after] - other
+        return _beside(first, second, order[after - earlier], np.arange(len(other)), how)
+    places = {key: row for row, key in enumerate(_keys(first, i))}
+    rows = np.array([(places[key], row) for row, key in enumerate(_keys(second, k)) if key in places])
+    if not len(rows):
+        raise InputError(f"join: {first.source} and {second.source} have no common value of '{how}'")
+    return _beside(first, second, rows[:, 0], rows[:, 1], how)
+
+
+def rows_side_by_side(pairs: IntArray) -> str:
+    """Write pairs of rows (K, 2), counted from 0, as `joined` reads them: `rows 1-6 = 1-6, 8-40 = 7-39`."""
+    parts = np.split(pairs, np.flatnonzero((np.diff(pairs, axis=0) != 1).any(axis=1)) + 1)
+    ends = [(part[0] + 1, part[-1] + 1) for part in parts]
+    return ROWS + ", ".join(f"{a[0]}-{b[0]} = {a[1]}-{b[1]}" for a, b in ends)
+
+
+def _stretch(text: str) -> list[tuple[int, int]]:
+    """Pairs of rows, counted from 0, of `8-40 = 7-39`. Raises InputError where it is none."""
+    found = _STRETCH.match(text)
+    numbers = [int(word) - 1 for word in found.groups()] if found else [0, 0, 0, 1]
+    if numbers[1] - numbers[0] != numbers[3] - numbers[2]:
+        raise InputError(
+            f"join: '{text.strip()[:60]}'; expected as many rows of both, as in rows 1-6 = 1-6, 8-40 = 7-39"
+        )
+    return list(zip(range(numbers[0], numbers[1] + 1), range(numbers[2], numbers[3] + 1), strict=True))
+
+
+def _clock(sheet: Sheet, column: int) -> np.ndarray:
+    """Seconds of the day (N,), or whatever a column of numbers counts."""
+    if sheet.seconds(column) is None:
+        if (values := sheet.numbers(column)) is None:
+            raise InputError(f"join: {sheet.source}, column {column + 1}: no times; expected clock times or numbers")
+        return values.to_numpy()
+    stamps = pd.to_datetime(
+        sheet.cells[column].str.extract(r"(\d+:\d+(?::\d+(?:[.,]\d+)?)?)")[0].str.replace(",", "."), format="mixed"
+    )
+    return (stamps.dt.hour * 3600 + stamps.dt.minute * 60 + stamps.dt.second + 1e-6 * stamps.dt.microsecond).to_numpy()
+
+
+def _keys(sheet: Sheet, column: int) -> "pd.Series[str]":
+    """What names the points of the rows: a text, or the last number in it; broken numbers name none."""
+    text = sheet.cells[column].fillna("").astype(str).str.strip().str.casefold()
+    if text.str.contains(r"\d[.:]\d").any() or (text == "").any():
+        return pd.Series([f"{column} {row} {sheet.source}" for row in range(len(text))])
+    numbers = text.str.extract(_LAST_NUMBER)[0].str.lstrip("0")
+    return text if numbers.isna().any() else numbers
+
+
+def _beside(first: Sheet, second: Sheet, one: np.ndarray, other: np.ndarray, how: str) -> Sheet:
+    left = first.cells.iloc[one].reset_index(drop=True)
+    right = second.cells.iloc[other].reset_index(drop=True)
+    cells = pd.concat([left, right], axis=1)
+    cells.columns = pd.RangeIndex(cells.shape[1])
+    said = [f"{first.source} and {second.source} joined by {how}: {len(cells)} rows"]
+    for sheet, rows in ((first, one), (second, other)):
+        lost = sorted(set(range(len(sheet.cells))) - set(rows.tolist()))
+        if lost and not (how.startswith("time") and sheet is first):
+            said.append(f"rows of {sheet.source} without a partner: {some([row + 1 for row in lost])}")
+    return Sheet(
+        first.names + second.names, cells, (*first.said, *second.said, *said), f"{first.source} + {second.source}"
+    )

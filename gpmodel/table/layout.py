@@ -1,0 +1,246 @@
+"""Cells of files of any layout: encoding, separator, decimal sign, header and units are recognised."""
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pandas as pd
+
+from gpmodel.errors import InputError
+from gpmodel.table.cells import COMMENTS, EMPTY, LARGEST_FILE, MOST_COLUMNS, decoded, excel_cells
+from gpmodel.table.units import known_unit
+from gpmodel.texts import read_limited
+
+SEPARATORS = ("\t", ";", ",", "|", " ")
+FEWEST_NUMBERS = 3
+"""Numbers that make a line one of data: x, y and z have as many."""
+MOST_HEADERS = 4
+"""Lines of one header: names, kinds and units one below the other."""
+LONGEST_NAME = 200
+"""Characters of a name in which units are looked for."""
+MISSING = {"", "-", "--", "---", "nan", "n/a", "na", "#n/a", "null", "none", "-nan", "-nan(ind)"}
+"""Cells that say that nothing was measured."""
+UNITS = {
+    "°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad", "millimeters": "mm",
+    "millimetres": "mm", "millimeter": "mm", "meter": "m", "meters": "m", "micron": "um", "microns": "um",
+    "inches": "in", "inch": "in", "°c": "degC", "c": "degC", "celsius": "degC", "°f": "degF", "sec": "s",
+    "seconds": "s", "%": "percent", "nm": "N*m", "grad": "deg",
+}  # fmt: skip
+"""How programs write units, in small letters."""
+BEHIND = (
+    "mm",
+    "cm",
+    "um",
+    "m",
+    "in",
+    "inch",
+    "inches",
+    "deg",
+    "degree",
+    "degrees",
+    "rad",
+    "degc",
+    "kg",
+    "s",
+    "sec",
+    "ms",
+)
+"""Units that are recognised at the end of a name without brackets."""
+_BRACKETS = re.compile(r"[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]")
+_BEHIND = re.compile(rf"(?i)^(.*?\w)\s*(?:[ _/,.-]|\bin\b)\s*({'|'.join(BEHIND)})$")
+_POINT = re.compile(r"^[-+]?(?:\d{1,3}(?:[, ]\d{3})+|\d+)?\.?\d*(?:[eE][-+]?\d+)?$")
+_COMMA = re.compile(r"^[-+]?(?:\d{1,3}(?:[. ]\d{3})+|\d+)?,?\d*(?:[eE][-+]?\d+)?$")
+_BETWEEN_WORDS = re.compile(
+    r"(?:(?<!\w)([A-Za-z]\w{0,30})\s{0,9}[=:]?\s{0,9})?"
+    r"(?<![\w.])([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\w.])(?:\s*(deg|rad|mm)\b)?"
+)
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A file's cells. names: what the header says of each column, "" where it says nothing. cells: text (N, columns),
+    decimal points throughout, missing where empty; columns are numbered from 0. said: how the file was read."""
+
+    names: tuple[str, ...]
+    cells: pd.DataFrame
+    said: tuple[str, ...]
+    source: str
+
+    @property
+    def columns(self) -> range:
+        """Numbers of the columns, from 0."""
+        return range(len(self.names))
+
+    def part(self, rows: slice) -> "Sheet":
+        """Take some of the rows."""
+        return replace(self, cells=self.cells.iloc[rows].reset_index(drop=True))
+
+    def numbers(self, column: int) -> "pd.Series[float] | None":
+        """Return the numbers (N,) of a column, NaN where empty; None where it holds text, or nothing."""
+        text = self.cells[column]
+        values = pd.to_numeric(text, errors="coerce")
+        return values.astype(float) if values.notna().any() and (values.isna() == text.isna()).all() else None
+
+    def seconds(self, column: int) -> "pd.Series[float] | None":
+        """Return times (N,), s after the first, of a column of clock times, with or without dates; None of any other.
+
+        Dates with strokes, whose order of day and month differs from country to country, are read if all are one.
+        """
+        text = self.cells[column]
+        known = text.dropna().astype(str)
+        if known.empty or not known.str.contains(r"\d:\d\d").all():
+            return None
+        if known.str.extract(r"(\d+/\d+/\d+)")[0].nunique() > 1:
+            return None
+        stamps = pd.to_datetime(
+            text, errors="coerce", format="mixed", dayfirst=bool(known.str.contains(r"\d\.\d").all()), utc=True
+        )
+        return None if stamps.isna().any() else (stamps - stamps.min()).dt.total_seconds()
+
+
+def read_sheet(path: Path, header: bool = True) -> Sheet:
+    """Read a text or Excel file of any layout. header: whether lines above the data may name the columns.
+
+    Raises InputError: missing, empty, or without a number.
+    """
+    raw = read_limited(path, LARGEST_FILE, "a measured table")
+    if not raw.strip():
+        raise InputError(EMPTY.format(path.name))
+    if path.suffix.lower() in (".xlsx", ".xls"):
+        sheets = excel_cells(raw, path)
+        return max((_sheet(rows, ".", path, header) for rows in sheets), key=lambda sheet: sheet.cells.count().sum())
+    text, encoding = decoded(raw, path)
+    lines = text.splitlines()
+    rows, separator, decimal = _split(lines)
+    if _programmed(lines):
+        return _between_words(text, path)
+    named = {"\t": "tabs", " ": "blanks"}.get(separator, f"'{separator}'")
+    sheet = _sheet(rows, decimal, path, header)
+    return Sheet(
+        sheet.names, sheet.cells, (f"{encoding}, {named} between cells, decimal '{decimal}'", *sheet.said), path.name
+    )
+
+
+def name_and_unit(header: str, own: str | None = None) -> tuple[str, str | None, bool]:
+    """Split what a header says into a name and a unit; whether the unit is in brackets or in a line of units (`own`).
+
+    `J1 (deg)`, `X_mm`, `Temperature in °C` are read as well as `J1 [deg]`.
+    """
+    text = " ".join(header.split()).strip("\"' ")
+    if own and (unit := spelled_unit(own)):
+        return text, unit, True
+    for found in reversed(list(_BRACKETS.finditer(text[:LONGEST_NAME]))):
+        if unit := spelled_unit(found[1]):
+            return " ".join(f"{text[: found.start()]} {text[found.end() :]}".split()), unit, True
+    if len(text) <= LONGEST_NAME and (behind := _BEHIND.match(text)):
+        return behind[1].strip(" _/,.-"), spelled_unit(behind[2]), False
+    return text, None, False
+
+
+def spelled_unit(text: str) -> str | None:
+    """Return a unit as this program writes it; None where it is none."""
+    bare = text.strip(" []().").replace("µ", "u").replace("μ", "u")
+    for unit in (UNITS.get(bare.lower(), bare), bare.lower()):
+        if unit and not unit[0].isdigit() and known_unit(unit):
+            return unit
+    return None
+
+
+def _is_number(cell: str, decimal: str) -> bool:
+    return bool((_COMMA if decimal == "," else _POINT).match(cell)) and any(c.isdigit() for c in cell)
+
+
+def _plain(cell: str, decimal: str) -> str:
+    """A number with a decimal point and without signs between thousands; other text as it is."""
+    if not _is_number(cell, decimal):
+        return cell
+    return cell.replace("." if decimal == "," else ",", "").replace(" ", "").replace(",", ".")
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    if separator == " ":
+        return line.split()
+    return [cell.strip().strip("'") for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+
+
+def _split(lines: Sequence[str]) -> tuple[list[list[str]], str, str]:
+    """Split lines by the separator and decimal sign that give most numbers in lines of one width."""
+    best: tuple[int, list[list[str]], str, str] = (-1, [], ",", ".")
+    for separator in SEPARATORS:
+        rows = [_cells(line, separator) if line.strip() else [] for line in lines]
+        for decimal in ".,":
+            counts = [sum(_is_number(cell, decimal) for cell in row) for row in rows]
+            fewest = min(FEWEST_NUMBERS, max(counts))
+            wide = Counter(len(row) for row, n in zip(rows, counts, strict=True) if n >= fewest)
+            usual = wide.most_common(1)[0][0] if wide else 0
+            score = sum(n for row, n in zip(rows, counts, strict=True) if len(row) == usual)
+            if score > best[0]:
+                best = score, rows, separator, decimal
+    return best[1:]
+
+
+def _sheet(rows: list[list[str]], decimal: str, path: Path, header: bool) -> Sheet:
+    """Find the data among rows of cells, and what stands above them."""
+    counts = [sum(_is_number(cell, decimal) for cell in row) for row in rows]
+    fewest = min(FEWEST_NUMBERS, max(counts, default=0))
+    data = [i for i, n in enumerate(counts) if n >= max(fewest, 1) and not rows[i][0].startswith(COMMENTS)]
+    if not data:
+        raise InputError(f"{path.name}: no line with a number; expected a table, a row a pose")
+    width = Counter(len(rows[i]) for i in data).most_common(1)[0][0]
+    if width > MOST_COLUMNS:
+        raise InputError(f"{path.name}: {width} columns; expected at most {MOST_COLUMNS}")
+    fitting = [i for i in data if len(rows[i]) == width or (len(rows[i]) < width and i > data[0])]
+    odd = [i + 1 for i in data if i not in set(fitting)]
+    above = _above(rows, fitting[0], width, decimal) if header else []
+    names = [" ".join(dict.fromkeys(w for w in words if w)) for words in zip(*above, strict=True)] or [""] * width
+    cells = pd.DataFrame([[_plain(c, decimal) for c in rows[i] + [""] * (width - len(rows[i]))] for i in fitting])
+    cells = cells.mask(cells.map(lambda cell: cell.lower() in MISSING)).astype(object)
+    said = [f"{len(cells)} rows from line {fitting[0] + 1} on"]
+    said += [f"lines {', '.join(map(str, odd[:6]))} left out: not {width} cells as the others"] * bool(odd)
+    return Sheet(tuple(names), cells, tuple(said), path.name)
+
+
+def _above(rows: list[list[str]], first: int, width: int, decimal: str) -> list[list[str]]:
+    """Lines of the header, of `width` cells each: those above the data with about as many cells and hardly a number."""
+    found: list[list[str]] = []
+    for row in reversed(rows[:first]):
+        words = list(row)
+        if not any(words):
+            if found:
+                break
+            continue
+        words[0] = words[0].lstrip("".join(COMMENTS) + "/ ") if words[0].startswith(COMMENTS) else words[0]
+        words = words[1:] if len(words) == width + 1 and not words[0] else words
+        texts = [w for w in words if w and not _is_number(w, decimal)]
+        if not width / 2 < len(words) <= width or len(texts) < (width + 1) // 2 or len(found) == MOST_HEADERS:
+            break
+        found.insert(0, words + [""] * (width - len(words)))
+    if len(found) > 1 and all(not w or spelled_unit(w) for w in found[-1]):
+        found[-1] = [f"[{w.strip('[]()')}]" if w else "" for w in found[-1]]
+    return found
+
+
+def _programmed(lines: Sequence[str]) -> bool:
+    """Whether numbers stand in brackets or behind signs of equality, as in points of a robot's program."""
+    numbers = [line for line in lines if len(_BETWEEN_WORDS.findall(line)) >= FEWEST_NUMBERS]
+    return bool(numbers) and sum(bool(re.search(r"[={\[].*\d", line)) for line in numbers) > len(numbers) / 2
+
+
+def _between_words(text: str, path: Path) -> Sheet:
+    """Numbers of the lines that are alike but for them, as `A1 -12.5,A2 30` or `[[1.5,2,3],[1,0,0,0]]`."""
+    whole = re.sub(r"\{[^{}]*\}", lambda found: " ".join(found[0].split()), text)
+    alike: dict[tuple[str, ...], list[list[str]]] = {}
+    for line in whole.splitlines():
+        found = _BETWEEN_WORDS.findall(line)
+        names = tuple(f"{word} [{unit}]" if unit else word for word, _, unit in found)
+        point = re.search(r"(\w+)\s*:?=", line)
+        if len(found) >= FEWEST_NUMBERS:
+            alike.setdefault(names, []).append([point[1] if point else "", *(number for _, number, _ in found)])
+    if not alike:
+        raise InputError(f"{path.name}: no line of {FEWEST_NUMBERS} numbers; expected a table, a row a pose")
+    names, rows = max(alike.items(), key=lambda item: len(item[1]) * len(item[0]))
+    said = f"{len(rows)} lines of a program that differ in {len(names)} numbers"
+    return Sheet(("point", *names), pd.DataFrame(rows, dtype=object).replace("", None), (said,), path.name)
