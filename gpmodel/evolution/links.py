@@ -30,12 +30,14 @@ class Link:
     """The operator of a response that makes it a sum, and the one that makes the sum a response again; "" for none.
 
     with_inputs: whether the inputs under the same operator are terms of every sum: powers under the logarithm, squares
-    under the square.
+    under the square. quotient: whether terms of a denominator are offered too, which multiply the response:
+    y (1 - sum b (phi - mean phi)) = sum c phi.
     """
 
     operator: str = ""
     inverse: str = ""
     with_inputs: bool = False
+    quotient: bool = False
 
     def forward(self, response: Array) -> Array:
         """The response (N,) as the sum that it is."""
@@ -77,30 +79,40 @@ class Link:
             max(float(rest @ rest), 1e-300), (self.operator,), len(response), ROUNDING_SHARE,
         )  # fmt: skip
 
-    def formula(self, terms: Sequence[Program], inputs: Mapping[str, Array], response: Array) -> Program | None:
-        """The formula of the terms of every sum and more, the coefficients by least squares.
+    def formula(
+        self, terms: Sequence[Program], inputs: Mapping[str, Array], response: Array, below: Sequence[Program] = ()
+    ) -> Program | None:
+        """The formula of the terms of every sum and more, and those below the bar, the coefficients by least squares.
 
         Terms that save less than their price are left out, and an exponent becomes the nearest multiple of a half where
         that costs less than to write another: only so has the power of a negative number its sign. None where no term
         remains or the columns are no numbers.
         """
         every = [*self.always(inputs), *terms]
-        root = self.root_weights(response)
-        table = root[:, None] * np.stack([term.evaluate(inputs)[0] for term in every], axis=1)
+        root, under = self.root_weights(response), [term.evaluate(inputs)[0] for term in below]
+        columns = [*(term.evaluate(inputs)[0] for term in every), *below_the_bar(np.array(under), response)]
+        table = root[:, None] * np.stack(columns, axis=1)
         if not np.isfinite(table).all():
             return None
         exponents = [self.operator == "log" and bool(term.inputs) for term in every]
-        held = _solved(table, root * self.forward(response), exponents)
-        kept = [(every[k], c) for k, c in sorted(held.items()) if c]
-        with np.errstate(all="ignore"), suppress(InputError):
-            return self._assembled(kept) if kept else None
+        held = _solved(table, root * self.forward(response), [*exponents, *(False for _ in below)])
+        above = [(term, held[k]) for k, term in enumerate(every) if held.get(k)]
+        pairs = enumerate(zip(below, under, strict=True), len(every))
+        divided = [(term, -held[k], float(values.mean())) for k, (term, values) in pairs if held.get(k)]
+        with np.errstate(all="ignore"), suppress(InputError, ZeroDivisionError):
+            return self._assembled(above, divided) if above else None
         return None
 
-    def _assembled(self, terms: Sequence[tuple[Program, float]]) -> Program:
+    def _assembled(
+        self, terms: Sequence[tuple[Program, float]], below: Sequence[tuple[Program, float, float]]
+    ) -> Program:
         if self.operator == "log":
             return _product(terms)
-        whole = reduce(lambda one, other: joined("add", one, other), (_scaled(*term) for term in terms))
-        return joined(self.inverse, whole) if self.inverse else whole
+        if not below:
+            return joined(self.inverse, _sum(terms)) if self.inverse else _sum(terms)
+        one = 1.0 - sum(c * mean for _, c, mean in below)
+        over = [(term, c / one) for term, c in terms]
+        return joined("divide", _sum(over), _sum([(parse("1"), 1.0), *((term, c / one) for term, c, _ in below)]))
 
 
 LINKS = (
@@ -108,7 +120,18 @@ LINKS = (
     Link("log", "exp", with_inputs=True),
     Link("reciprocal", "reciprocal"),
     Link("square", "sqrt", with_inputs=True),
+    Link(quotient=True),
 )
+
+
+def below_the_bar(values: Array, response: Array) -> Array:
+    """Columns (..., N) of terms of a denominator, centred: a denominator of mean 1 is not small everywhere."""
+    with np.errstate(all="ignore"):
+        return np.asarray((values - values.mean(axis=-1, keepdims=True)) * response) if values.size else values
+
+
+def _sum(terms: Sequence[tuple[Program, float]]) -> Program:
+    return reduce(lambda one, other: joined("add", one, other), (_scaled(*term) for term in terms))
 
 
 def _solved(table: Array, there: Array, exponents: Sequence[bool]) -> dict[int, float]:

@@ -7,20 +7,26 @@ itself (``gpmodel.evolution.memetic``).
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import chain
 
 import numpy as np
 
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError
+from gpmodel.evolution.engine import Code, values
+from gpmodel.evolution.formulas import formulas_at
 from gpmodel.evolution.founders import joined
 from gpmodel.evolution.generations import Generations
 from gpmodel.evolution.linear import Linear
-from gpmodel.evolution.links import LINKS, PRICE, Link, exactly
+from gpmodel.evolution.links import LINKS, PRICE, Link, below_the_bar, exactly
 from gpmodel.evolution.memetic import Formulas, bred
-from gpmodel.evolution.pareto import Archive, program_at
+from gpmodel.evolution.pareto import Archive
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import ROUNDING_SHARE, Targets, regression
+from gpmodel.evolution.representation import Population
+from gpmodel.evolution.scoring import Scores, projected_scores
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.formula.parse import parse
 from gpmodel.formula.program import Program
@@ -31,6 +37,10 @@ PROMISING = 1.0 - 1e-7
 """Gain of a program whose formula is looked at once it is found."""
 FINISHING, FOUNDERS = 0.15, 12
 """Share of the time that is kept to breed the best formulas; so many of them."""
+PASSES = 2
+"""Solutions of a quotient, each weighted by the denominator before."""
+MOST_INPUTS = 2
+"""Inputs up to which formulas of one term are searched from short forms at the end, under the best link."""
 SEQUENCES = Linear(operators="physics", constants=(1.0, 2.0, np.pi), own_constants=1, outputs=4, registers=6)
 BUDGET = Budget(population=512, restart_after=40, polish_every=0, threads=1)
 """What is bred under a link, and the effort of one population."""
@@ -73,10 +83,14 @@ def regression_front(
         found += _judged(island.formulas([[]]), columns, response)
     while clock() - began < (1.0 - FINISHING) * seconds and not _exact(found):
         for island in islands:
-            found += _judged(island.step(), columns, response)
+            guests = [one for other in islands if other is not island for one in other.best()]
+            found += _judged(island.step(guests if island.is_stuck else []), columns, response)
     if not _exact(found):
-        for island in islands:
-            found += _judged(island.every(), columns, response)
+        every = [list(_judged(island.every(), columns, response)) for island in islands]
+        found += chain.from_iterable(every)
+        least = [min((law.nats for law in some), default=np.inf) for some in every]
+        if len(inputs.names) <= MOST_INPUTS:
+            found += _judged(islands[int(np.argmin(least))].short(), columns, response)
         found += _judged(_finished(found, inputs, response), columns, response)
     if not found:
         raise InputError("regress: no program is finite on these inputs")
@@ -91,21 +105,89 @@ def _exact(laws: Iterable[Law]) -> bool:
     return any(law.left < EXACT for law in laws)
 
 
+@dataclass(frozen=True)
+class QuotientProblem(SlotProblem):
+    """A response whose programs stand above and below the bar of a quotient."""
+
+    response: Array = field(default_factory=lambda: np.zeros(0))
+
+    def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
+        """Description length and gain of decoded programs, each output offered above the bar and below it."""
+        outputs = values(code, fixed).copy()
+        under = below_the_bar(outputs, self.response)
+        offered = np.concatenate([outputs, under], axis=1)
+        scores = projected_scores(offered.copy(), code, len(fixed), self.targets, self.parsimony)
+        divided = np.flatnonzero(scores.chosen >> outputs.shape[1])
+        if len(divided):
+            some, chosen = offered[divided], scores.chosen[divided]
+            gain = 1.0 - self._share_left(some, (chosen[:, None] >> np.arange(some.shape[1])) & 1 == 1)
+            size = (scores.complexity[divided] + np.bitwise_count(chosen)).astype(float)
+            scores.score[divided] = np.minimum(-self.nats(gain, size), 0.0)
+            scores.gain[divided] = np.where(scores.score[divided] < 0.0, gain, 0.0)
+        return scores
+
+    def _share_left(self, offered: Array, chosen: Mask) -> Array:
+        """Share (P,) of the variance of the response that quotients of chosen columns (P, 2 m, N) leave.
+
+        Solved with each point's error divided by the denominator found before (Sanathanan and Koerner 1963): a
+        denominator shrinks any error of the linear problem.
+        """
+        programs, columns, points = offered.shape
+        table = np.concatenate([np.ones((programs, 1, points)), np.where(chosen[:, :, None], offered, 0.0)], axis=1)
+        with np.errstate(all="ignore"):
+            table /= np.maximum(np.abs(table).max(axis=2, keepdims=True), 1e-300)
+            table[~np.isfinite(table).all(axis=(1, 2))] = 0.0
+            used = np.any(table, axis=2)
+            idle = np.eye(columns + 1) * np.where(used, 1e-13 * points, 1.0)[:, None]
+            left, weight = np.ones(programs), np.ones((programs, points))
+            for _ in range(PASSES):
+                weighted = table * weight[:, None]
+                gram = weighted @ table.swapaxes(1, 2) + idle
+                solution = np.linalg.solve(gram, (weighted @ self.response)[:, :, None])
+                parts, half = solution * table, 1 + columns // 2
+                below = 1.0 - parts[:, half:].sum(axis=1) / self.response
+                rest = np.square(self.response - parts[:, :half].sum(axis=1) / below).sum(axis=1)
+                weight = np.nan_to_num(1.0 / np.square(below), posinf=0.0)
+                left = np.fmin(left, rest / self.energy)
+        return left
+
+    @cached_property
+    def energy(self) -> float:
+        """Sum of squares of the response about its mean."""
+        return float(np.sum(np.square(self.response - self.response.mean())))
+
+
 class _Island:
     """A population under one link, and the best program of each size that it has seen."""
 
     def __init__(self, inputs: Inputs, response: Array, link: Link, rng: np.random.Generator) -> None:
         self.link, self.columns, self.response = link, inputs.mapping(), response
-        problem = SlotProblem(inputs, link.targets(self.columns, response), parsimony=PRICE)
+        targets = link.targets(self.columns, response)
+        plain = SlotProblem(inputs, targets, parsimony=PRICE)
+        problem = QuotientProblem(inputs, targets, parsimony=PRICE, response=response) if link.quotient else plain
+        self.problem = problem
         self.run = Generations(problem, Settings(SEQUENCES, budget=BUDGET), rng)
         self.population, self.scores = self.run.start()
         self.archive, self.record, self.idle = Archive(), np.inf, 0
 
-    def step(self) -> Iterator[Program]:
-        """Breed one generation, or begin anew; formulas that may be exact."""
-        if self.idle >= BUDGET.restart_after:
+    @property
+    def is_stuck(self) -> bool:
+        """Whether nothing has improved for so long that the next population is a fresh one."""
+        return self.idle >= BUDGET.restart_after
+
+    def best(self) -> list[Population]:
+        """The program of least description length."""
+        kept = self.archive.kept
+        nats = {k: float(self.problem.nats(one.gain, k + one.chosen.bit_count())) for k, one in kept.items()}
+        return [kept[max(nats, key=nats.__getitem__)].population] if kept else []
+
+    def step(self, guests: Iterable[Population]) -> Iterator[Program]:
+        """Breed one generation, or begin anew with guests from other links; formulas that may be exact."""
+        if self.is_stuck:
             self.idle, self.record = 0, np.inf
             self.population, self.scores = self.run.start()
+            for guest in guests:
+                self.population, self.scores = self.population.join(guest), self.scores.join(self.run.scores(guest))
         else:
             self.population, self.scores = self.run.following(self.population, self.scores)
         best = float(self.scores.score.min())
@@ -114,19 +196,27 @@ class _Island:
         improved = self.archive.add(self.population, self.scores)
         return self._of_sizes(size for size in improved if self.archive.kept[size].gain > PROMISING)
 
+    def short(self) -> Iterator[Program]:
+        """Formulas of one term beside those of every sum."""
+        if self.link.quotient:
+            return self.formulas([])
+        return self.formulas([one.program] for one in formulas_at(self.problem, 0, self.problem.inputs.names))
+
     def every(self) -> Iterator[Program]:
         """Formulas of all programs kept."""
         return self._of_sizes(self.archive.kept)
 
     def _of_sizes(self, sizes: Iterable[int]) -> Iterator[Program]:
-        kept = [self.archive.kept[size] for size in sizes]
-        programs = [program_at(one.population, 0, one.chosen, self.run.layout) for one in kept]
-        return self.formulas([one.select([k]) for k in range(len(one.outputs))] for one in programs)
+        count = self.run.layout.outputs
+        for one in [self.archive.kept[size] for size in sizes]:
+            program = one.population.program(0, self.run.layout)
+            above, below = ([program.select([k]) for k in range(count) if one.chosen >> k + s & 1] for s in (0, count))
+            yield from self.formulas([above], below)
 
-    def formulas(self, sets: Iterable[list[Program]]) -> Iterator[Program]:
+    def formulas(self, sets: Iterable[list[Program]], below: list[Program] | None = None) -> Iterator[Program]:
         """The formula of each set of terms, where there is one."""
         for terms in sets:
-            formula = self.link.formula(terms, self.columns, self.response)
+            formula = self.link.formula(terms, self.columns, self.response, below or [])
             if formula is not None:
                 yield formula
 
@@ -138,7 +228,7 @@ def _finished(laws: Iterable[Law], inputs: Inputs, response: Array) -> Iterator[
     plain = Targets(ones, nothing, response[None], energy, ("response",), len(response), ROUNDING_SHARE)
     population = Formulas(SlotProblem(inputs, plain, parsimony=PRICE))
     population.add(law.program for law in sorted(laws, key=lambda law: law.nats)[:FOUNDERS])
-    bred(population, inputs.names)
+    bred(population, inputs.names, 1)
     return (one.program for one in population.found)
 
 
@@ -146,13 +236,13 @@ def _judged(programs: Iterable[Program], columns: dict[str, Array], response: Ar
     """Programs as laws, times the factor that fits best, with what they leave of the response; the finite ones."""
     variance = float(np.sum(np.square(response - response.mean())))
     for program in programs:
-        values = program.evaluate(columns)[0]
+        fit = program.evaluate(columns)[0]
         with np.errstate(all="ignore"):
-            size = float(values @ values)
+            size = float(fit @ fit)
         if not np.isfinite(size) or size <= 0:
             continue
-        factor = float(values @ response) / size
-        left = float(np.sum(np.square(response - factor * values))) / variance
+        factor = float(fit @ response) / size
+        left = float(np.sum(np.square(response - factor * fit))) / variance
         law = Law(_scaled(program, factor), left, 0.5 * len(response) * float(np.log(max(left, EXACT))))
         yield replace(law, nats=law.nats + PRICE * law.length)
 
