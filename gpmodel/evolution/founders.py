@@ -142,6 +142,12 @@ def _powers() -> Iterator[Element]:
         yield Element(f"power(abs({{q}} - {{a}}), {p + 1.0})", partial(_even_power, p + 1.0), c=c)
 
 
+def _rectified() -> Iterator[Element]:
+    """Rectified waves; among the compositions they begin too far from the data's rate."""
+    for c, k in product(_inside(ALONE), _in_proportion(TURNS, ALONE)):
+        yield Element("abs(sin({k}*({q} - {a})))", lambda x: np.abs(np.sin(x)), 0.5 * k, c)
+
+
 def _odd_power(exponent: float, x: Array) -> Array:
     return np.asarray(x * np.abs(x) ** exponent)
 
@@ -190,7 +196,7 @@ def edges(column: Array) -> Elements:
     return Elements(Element(EDGE, lambda x: np.asarray(x > 0.0, dtype=float), c=c) for c in middles.tolist())
 
 
-ELEMENTS, FINE = Elements(_elements()), Elements((*_elements(ALONE), *_cubics(), *_powers()))
+ELEMENTS, FINE = Elements(_elements()), Elements((*_elements(ALONE), *_cubics(), *_powers(), *_rectified()))
 FAR = Elements(Element("square({q} - {a})", np.square, c=c) for d in OUTSIDE for c in (-d, 1.0 + d))
 """Squares from places outside the range, of which other elements are taken: a wave of one is a chirp."""
 
