@@ -22,6 +22,9 @@ MOST_COLUMNS = 60
 """Columns of numbers among which joints and coordinates are looked for without names."""
 ENOUGH_TO_SCREEN = 25
 """Rows from which the lower bound of the misfit, of 13 unknowns a coordinate, excludes anything."""
+ROUGH, ROUNDS = 0.25, 8
+"""Share of the spread that a coarse fit leaves at most, and its rounds: ten poses of three arms left 0.004,
+points of other rows 0.6."""
 MOST_DEGREES = 370.0
 """Of joint values in columns whose names do not say that they are some."""
 SI_UNIT = {"revolute": "rad", "prismatic": "m"}
@@ -145,6 +148,8 @@ class Assigner:
             p = si_of(unit, "prismatic") * raw
             if not 1.0 / OF_ANOTHER_SIZE < spread_of(p) / max(reach, 1e-9) < OF_ANOTHER_SIZE:
                 continue
+            if len(raw) < ENOUGH_TO_SCREEN and _roughly(frames, p) > ROUGH * spread_of(p):
+                continue
             most, errors = typical(frames, p)
             left = root_mean_square(errors[most])
             if left < max(POOR_LENGTH, GOOD_SHARE * min(spread_of(p), reach) / 2) and (best is None or left < best[1]):
@@ -160,6 +165,16 @@ def header_of(sheet: Sheet, column: int) -> Axis:
 def si_of(unit: str | None, kind: str) -> float:
     """SI units that one unit of a joint of that kind is, 0 where it is of another dimension."""
     return factor_like(unit or "", SI_UNIT[kind]) or 0.0
+
+
+def _roughly(frames: Array, p: Array) -> float:
+    """Median error, m, of few points (K, 3) after ROUNDS closed-form registrations and tool points in turn."""
+    tool: Array = np.zeros(3)
+    for _ in range(ROUNDS):
+        found = Registered.of(frames, p, tool)
+        left = (p - found.shift) @ found.turn - frames[:, :3, 3]
+        tool = np.asarray(np.linalg.lstsq(frames[:, :3, :3].reshape(-1, 3), left.ravel())[0], dtype=np.float64)
+    return float(np.median(found.errors(frames, p)))
 
 
 def _may_fit(frames: Array, raw: Array) -> bool:

@@ -22,8 +22,8 @@ from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.dataset import LABELS, unmeasured
 from gpmodel.table.foreign import FAR_FROM_ONE, ColumnMap, OrientationColumns, find, orientation_reader
-from gpmodel.table.join import COMMON, ORDER, joined, read_files, rows_side_by_side, ways
-from gpmodel.table.layout import Sheet, read_sheet
+from gpmodel.table.join import COMMON, ORDER, joined, read_files, rows_side_by_side, sheets_of, ways
+from gpmodel.table.layout import Sheet
 from gpmodel.table.units import identifier, known_unit
 
 APART = 2e-3
@@ -52,20 +52,22 @@ class Guess:
 
 def guess_files(paths: Sequence[Path], mechanism: Mechanism, join: str | None) -> tuple[Sheet, Guess]:
     """Read one file, or two joined in the first way that fits, and assign its columns. Raises InputError as `guess`."""
-    sheets = [read_sheet(path) for path in paths]
-    if len(paths) != 2 or join:
+    sheets = sheets_of(paths)
+    if len(sheets) == 1 or join:
         sheet = read_files(paths, join or "")
         found = guess(sheet, mechanism)
         return sheet, replace(found, map=replace(found.map, join=join or ""))
+    first, second = sheets
+    alone = ("",) if len(paths) == 1 else ()
     refused: InputError | None = None
-    for how in chain(ways(sheets[0], sheets[1]), _by_pose(sheets[0], sheets[1], mechanism)):
+    for how in chain(alone, ways(first, second), _by_pose(first, second, mechanism)):
         try:
-            sheet = joined(sheets[0], sheets[1], how)
+            sheet = joined(first, second, how) if how else first
             found = guess(sheet, mechanism)
             return sheet, replace(found, map=replace(found.map, join=how))
         except InputError as error:
             refused = error
-    said = f"{paths[0].name} and {paths[1].name}: no common column, no times, and not as many rows"
+    said = f"{first.source} and {second.source}: no common column, no times, and not as many rows"
     raise refused or InputError(f"{said}; expected --join with a column of each")
 
 

@@ -21,6 +21,7 @@ from gpmodel.table.foreign import ColumnMap, import_file, read_map, unread
 from gpmodel.table.imported import Imported
 from gpmodel.table.join import read_files
 from gpmodel.table.opencv import camera_or_corners
+from gpmodel.table.read import dataset_from
 from gpmodel.table.robot_calibration import calibrated_urdf
 from gpmodel.table.ros_bag import bag_table, is_bag
 from gpmodel.table.ur_conf import calibrated_rows
@@ -122,6 +123,7 @@ def _guessed(
         raise InputError("needs --mechanism M, whose joints the columns are of", "guessing")
     sheet, found = guess_files(files, mechanism, join)
     table = import_file(sheet, found.map)
+    dataset_from(table, Path(sheet.source), mechanism)
     echo("\n".join([*sheet.said, *found.lines, table.head(SHOWN).to_string(index=False)]), err=out is None or quiet)
     for doubt in found.doubts:
         echo(f"doubt: {doubt}", err=True)
@@ -164,5 +166,6 @@ def _write(made: Imported, file: Path, out: Path | None, quiet: bool) -> None:
         write_text(where, toml_text(made.described[name]))
     if not quiet and path is not None:
         options = "".join(f" --{name} {where}" for name, where in beside.items() if name != "map")
-        said += f", {beside['map']} repeats it" if "map" in beside else ""
-        echo(f"{said} in {path}{options and f'; read with{options}'}")
+        options = options and f"; read with{options}"
+        options += f"; {beside['map']} repeats it" if "map" in beside else ""
+        echo(f"{said} in {path}{options}")

@@ -11,7 +11,7 @@ import pandas as pd
 from gpmodel.arrays import IntArray
 from gpmodel.errors import InputError
 from gpmodel.table.foreign import column_of
-from gpmodel.table.layout import Sheet, read_sheet
+from gpmodel.table.layout import Sheet, read_sheets
 from gpmodel.wording import some
 
 ORDER, ROWS = "order", "rows "
@@ -21,14 +21,20 @@ _STRETCH = re.compile(r"^\s*(\d{1,7})-(\d{1,7}) *= *(\d{1,7})-(\d{1,7})\s*$")
 _LAST_NUMBER = re.compile(r"(\d+)\D*$")
 
 
-def read_files(paths: Sequence[Path], how: str, header: bool = True) -> Sheet:
-    """Read one file, or two joined. Raises InputError as `read_sheet` and `joined`, and of more than two."""
-    sheets = [read_sheet(path, header) for path in paths]
-    if len(sheets) > 2:
+def sheets_of(paths: Sequence[Path], header: bool = True) -> list[Sheet]:
+    """Read one file or two; one Excel file may hold two sheets. Raises InputError as `read_sheets`, and of more."""
+    sheets = [sheet for path in paths for sheet in read_sheets(path, header)[: max(2 // len(paths), 1)]]
+    if len(paths) > 2:
         raise InputError(f"{paths[2]}: a third file; expected one, or joint values in one and positions in the other")
+    return sheets
+
+
+def read_files(paths: Sequence[Path], how: str, header: bool = True) -> Sheet:
+    """Read one file, or two joined. Raises InputError as `sheets_of` and `joined`."""
+    sheets = sheets_of(paths, header)
     if len(sheets) == 1 and how:
         raise InputError(f"{paths[0].name} alone; expected a second file that is joined by '{how}'", "join")
-    return sheets[0] if len(sheets) == 1 else joined(sheets[0], sheets[1], how or ORDER)
+    return sheets[0] if len(paths) == 1 and not how else joined(sheets[0], sheets[1], how or ORDER)
 
 
 def ways(first: Sheet, second: Sheet) -> Iterator[str]:

@@ -17,6 +17,8 @@ from gpmodel.texts import read_limited
 SEPARATORS = ("\t", ";", ",", "|", " ")
 FEWEST_NUMBERS = 3
 """Numbers that make a line one of data: x, y and z have as many."""
+SNIFFED = 300
+"""Lines by which separator and decimal sign are chosen."""
 MOST_HEADERS = 4
 """Lines of one header: names, kinds and units one below the other."""
 LONGEST_NAME = 200
@@ -101,8 +103,9 @@ class Sheet:
         return None if stamps.isna().any() else (stamps - stamps.min()).dt.total_seconds()
 
 
-def read_sheet(path: Path, header: bool = True) -> Sheet:
-    """Read a text or Excel file of any layout. header: whether lines above the data may name the columns.
+def read_sheets(path: Path, header: bool = True) -> list[Sheet]:
+    """Read a text file of any layout, or the sheets of an Excel file that hold numbers. header: whether lines above the
+    data may name the columns.
 
     Raises InputError: missing, empty, or without a number.
     """
@@ -110,18 +113,21 @@ def read_sheet(path: Path, header: bool = True) -> Sheet:
     if not raw.strip():
         raise InputError(EMPTY.format(path.name))
     if path.suffix.lower() in (".xlsx", ".xls"):
-        sheets = excel_cells(raw, path)
-        return max((_sheet(rows, ".", path, header) for rows in sheets), key=lambda sheet: sheet.cells.count().sum())
+        parts = [rows for rows in excel_cells(raw, path) if any(_is_number(cell, ".") for row in rows for cell in row)]
+        return [_sheet(rows, ".", path, header) for rows in parts] or [_sheet([], ".", path, header)]
     text, encoding = decoded(raw, path)
     lines = text.splitlines()
-    rows, separator, decimal = _split(lines)
-    if _programmed(lines):
-        return _between_words(text, path)
+    if _programmed(lines[:SNIFFED]):
+        return [_between_words(text, path)]
+    separator, decimal = _separator(lines[:SNIFFED])
+    sheet = _sheet([_cells(line, separator) if line.strip() else [] for line in lines], decimal, path, header)
     named = {"\t": "tabs", " ": "blanks"}.get(separator, f"'{separator}'")
-    sheet = _sheet(rows, decimal, path, header)
-    return Sheet(
-        sheet.names, sheet.cells, (f"{encoding}, {named} between cells, decimal '{decimal}'", *sheet.said), path.name
-    )
+    return [replace(sheet, said=(f"{encoding}, {named} between cells, decimal '{decimal}'", *sheet.said))]
+
+
+def read_sheet(path: Path, header: bool = True) -> Sheet:
+    """Read the first of `read_sheets`."""
+    return read_sheets(path, header)[0]
 
 
 def name_and_unit(header: str, own: str | None = None) -> tuple[str, str | None, bool]:
@@ -166,9 +172,9 @@ def _cells(line: str, separator: str) -> list[str]:
     return [cell.strip().strip("'") for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
 
 
-def _split(lines: Sequence[str]) -> tuple[list[list[str]], str, str]:
-    """Split lines by the separator and decimal sign that give most numbers in lines of one width."""
-    best: tuple[int, list[list[str]], str, str] = (-1, [], ",", ".")
+def _separator(lines: Sequence[str]) -> tuple[str, str]:
+    """Choose the separator and the decimal sign that give most numbers in lines of one width."""
+    best = (-1, ",", ".")
     for separator in SEPARATORS:
         rows = [_cells(line, separator) if line.strip() else [] for line in lines]
         for decimal in ".,":
@@ -177,29 +183,30 @@ def _split(lines: Sequence[str]) -> tuple[list[list[str]], str, str]:
             wide = Counter(len(row) for row, n in zip(rows, counts, strict=True) if n >= fewest)
             usual = wide.most_common(1)[0][0] if wide else 0
             score = sum(n for row, n in zip(rows, counts, strict=True) if len(row) == usual)
-            if score > best[0]:
-                best = score, rows, separator, decimal
+            best = max(best, (score, separator, decimal), key=lambda item: item[0])
     return best[1:]
 
 
 def _sheet(rows: list[list[str]], decimal: str, path: Path, header: bool) -> Sheet:
     """Find the data among rows of cells, and what stands above them."""
     counts = [sum(_is_number(cell, decimal) for cell in row) for row in rows]
-    fewest = min(FEWEST_NUMBERS, max(counts, default=0))
-    data = [i for i, n in enumerate(counts) if n >= max(fewest, 1) and not rows[i][0].startswith(COMMENTS)]
+    fewest = max(min(FEWEST_NUMBERS, max(counts, default=0)), 1)
+    data = [i for i, n in enumerate(counts) if n >= fewest and not rows[i][0].startswith(COMMENTS)]
     if not data:
         raise InputError(f"{path.name}: no line with a number; expected a table, a row a pose")
     width = Counter(len(rows[i]) for i in data).most_common(1)[0][0]
     if width > MOST_COLUMNS:
         raise InputError(f"{path.name}: {width} columns; expected at most {MOST_COLUMNS}")
-    fitting = [i for i in data if len(rows[i]) == width or (len(rows[i]) < width and i > data[0])]
+    usual = Counter(counts[i] for i in data).most_common(1)[0][0]
+    whole = [i for i in data if 2 * counts[i] > usual]
+    fitting = [i for i in whole if len(rows[i]) == width or (len(rows[i]) < width and i > whole[0])]
     odd = [i + 1 for i in data if i not in set(fitting)]
     above = _above(rows, fitting[0], width, decimal) if header else []
     names = [" ".join(dict.fromkeys(w for w in words if w)) for words in zip(*above, strict=True)] or [""] * width
     cells = pd.DataFrame([[_plain(c, decimal) for c in rows[i] + [""] * (width - len(rows[i]))] for i in fitting])
     cells = cells.mask(cells.map(lambda cell: cell.lower() in MISSING)).astype(object)
     said = [f"{len(cells)} rows from line {fitting[0] + 1} on"]
-    said += [f"lines {', '.join(map(str, odd[:6]))} left out: not {width} cells as the others"] * bool(odd)
+    said += [f"lines {', '.join(map(str, odd[:6]))} left out: not {width} cells, or few numbers"] * bool(odd)
     return Sheet(tuple(names), cells, tuple(said), path.name)
 
 

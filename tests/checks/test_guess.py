@@ -5,6 +5,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from cli_cases import run
 from scipy.spatial.transform import Rotation
@@ -168,6 +169,19 @@ def test_rows_without_names_are_joined_by_the_nearest_pose(tmp_path: Path) -> No
     assert found.map.join == "rows 1-12 = 1-12, 14-17 = 13-16, 19-30 = 17-28"
     sheet, _ = guess_files((joints, points), measured()[0], None)
     assert "rows of q.csv without a partner: 13, 18" in sheet.said
+
+
+def test_two_sheets_of_a_book_are_joined_and_a_line_of_means_is_no_pose(tmp_path: Path) -> None:
+    pytest.importorskip("openpyxl")
+    _, q, p = measured()
+    means = ["mean", "", "", *p.mean(axis=0)]
+    with pd.ExcelWriter(tmp_path / "book.xlsx") as book:
+        pd.DataFrame(q, columns=numbered("J{} [deg]")).to_excel(book, sheet_name="joints", index=False)
+        rows = [["No", "", "", *"XYZ"], *([f"p{k}", "", "", *v] for k, v in enumerate(p)), means]
+        pd.DataFrame(rows).to_excel(book, sheet_name="points", index=False, header=False)
+    data, found = read(tmp_path / "book.xlsx")
+    same(data)
+    assert found.map.join
 
 
 def test_rows_are_joined_by_the_nearest_time(tmp_path: Path) -> None:
