@@ -15,7 +15,7 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import explained, family
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import Poses, closing, prepare
+from gpmodel.model.error_model import Poses, prepare
 from gpmodel.model.naming import translate
 from gpmodel.model.states import States
 from gpmodel.report import fitted
@@ -45,7 +45,6 @@ def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequen
     except InputError:
         return (ErrorsMm(),) * len(groups)
     anywhere = at_joint_values(data, random_poses(saved.mechanism, POSES, rng), rng)
-    anywhere = anywhere.subset(closing(saved.model, anywhere, saved.theta))
     moved = tool_displacements(saved, prepare(saved.mechanism, anywhere), groups)
     left = {effect.name for effect in saved.model.effects}
     return tuple(

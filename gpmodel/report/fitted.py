@@ -8,8 +8,9 @@ from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration, problem_at, resolved
+from gpmodel.mechanism.protocol import closed
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import Poses, measured_minus, observe, turn_error
+from gpmodel.model.error_model import Poses, closing, measured_minus, observe, prepare, turn_error
 from gpmodel.model.naming import translate
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.rank import orthonormal, remove, triangle
@@ -86,15 +87,19 @@ def placement(final: Calibration) -> tuple[ParameterRecord, ...]:
 def tool_displacements(
     calibration: Calibration | SavedModel, poses: Poses, groups: Sequence[Sequence[Effect]]
 ) -> list[Array]:
-    """How far (N,) each group of effects of a fitted model moves the measured point, m."""
+    """Return the distance (K,), m, by which each group of effects of a fitted model moves the measured point.
 
-    def points(group: Sequence[Effect]) -> Array:
-        names = {e.name for e in group}
-        theta = np.where([e.name in names for e in calibration.model.effects], 0.0, calibration.theta)
-        return observe(calibration.model, poses, theta, calibration.placement).tip[:, :3, 3]
-
-    whole = points(())
-    return [np.asarray(np.linalg.norm(whole - points(group), axis=1)) for group in groups]
+    At the K of N poses at which the loops of a mechanism close with all effects and without any one group.
+    """
+    model, names = calibration.model, [{e.name for e in group} for group in groups]
+    without = [np.where([e.name in own for e in model.effects], 0.0, calibration.theta) for own in names]
+    if closed(model.mechanism):
+        for theta in (calibration.theta, *without):
+            poses = prepare(model.mechanism, poses.dataset.subset(closing(model, poses.dataset, theta)))
+    whole, *less = (
+        observe(model, poses, theta, calibration.placement).tip[:, :3, 3] for theta in (calibration.theta, *without)
+    )
+    return [np.linalg.norm(whole - points, axis=1) for points in less]
 
 
 def of_specification(effects: Sequence[Effect], moved: ErrorsMm, data: Dataset) -> float | None:

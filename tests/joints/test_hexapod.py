@@ -1,6 +1,7 @@
 """The hexapod: its loops close, so do its derivatives, its constants are found, bad files refused."""
 
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,8 @@ from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, Placement, closing, observe, prepare
 from gpmodel.model.sites import geometric_effects, standard_effects
 from gpmodel.planning.simulate import simulate
+from gpmodel.report.fitted import tool_displacements
+from gpmodel.table.dataset import unmeasured
 from gpmodel.testing import check_mechanism
 from joints import load_mechanism, spherical_joint
 from joints.hexapod import Hexapod, hexapod
@@ -202,3 +205,18 @@ def test_effects_that_only_a_payload_brings_say_so() -> None:
     assert offered.loc["joint_compliance", "payload"]
     assert not offered.loc["ball_lobes", "payload"]
     assert offered.loc["ball_lobes", "instances"] == 288
+
+
+def test_what_an_effect_moves_is_told_where_the_loops_close_with_it_and_without_it() -> None:
+    arm = gp.load_mechanism(Path(__file__).parents[2] / "experiments" / "twelve_balls" / "hexapod.toml")
+    effects = standard_effects(arm, ("L1 Tz", "L2 Tz"))
+    model, theta, alone = ErrorModel(arm, effects), np.array([0.05, 0.05]), np.array([0.05, 0.0])
+    drawn = unmeasured([joint.name for joint in arm.joints], random_poses(arm, 600, np.random.default_rng(0)))
+    whole, less = (set(closing(model, drawn, value)) for value in (theta, alone))
+    assert whole - less
+    assert whole & less
+    data = drawn.subset(np.array(sorted(whole)))
+    saved = replace(gp.simulate(arm, poses=12).truth.saved, model=model, theta=theta)
+    (moved,) = tool_displacements(saved, prepare(arm, data), [effects[1:]])
+    assert len(moved) == len(whole & less)
+    assert 10e-3 < moved.mean() < 150e-3
