@@ -39,7 +39,7 @@ def robot(poses: int = 40, seed: int = 1, name: str = "irb6400r", **settings: ob
 
 
 def table(poses: int = 40, seed: int = 1, name: str = "irb6400r", **settings: object) -> pd.DataFrame:
-    """The same as a frame of text cells."""
+    """Return the table as a frame of text cells."""
     mechanism, made = robot(poses, seed, name, **settings)
     return frame_of(made.dataset, mechanism)
 

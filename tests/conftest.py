@@ -25,7 +25,7 @@ SHARED = re.compile(r"^from (loop_cases|report_runs) import", re.MULTILINE)
 
 @cache
 def reads_the_loop(file: Path) -> bool:
-    """Whether its tests read runs of the whole loop that other files read, too."""
+    """Return whether tests of a file use runs of the whole loop that other files use too."""
     return SHARED.search(file.read_text(encoding="utf-8")) is not None
 
 

@@ -74,7 +74,7 @@ def results(out: Path) -> dict[str, Any]:
 
 @contextmanager
 def small() -> Iterator[None]:
-    """As small a search, and results as brief, as those of the driver."""
+    """Make search and results as small as the driver's."""
     with mock.patch.object(discover, "Search", partial(Search, population=48, generations=4, climb=0)), brief():
         yield
 

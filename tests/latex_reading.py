@@ -101,7 +101,7 @@ class _Reader:
         return found
 
     def group(self) -> str:
-        """What stands in braces or parentheses, or the one token there is."""
+        """Read the content of braces or parentheses, or a single token."""
         if self.next in ("{", "("):
             close = {"{": "}", "(": ")"}[self.take()[0]]
             found = self.sum()

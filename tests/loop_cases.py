@@ -36,13 +36,16 @@ def _gear() -> tuple[Effect, ...]:
 
 
 def _windup() -> tuple[Effect, ...]:
-    """Of joint 3, whose torque depends on two angles: about joint 2 it is so nearly one of J2 that no data can tell."""
+    """Return the wind-up of joint 3, whose torque depends on two angles.
+
+    About joint 2 it is so nearly one of J2 that no data can distinguish them.
+    """
     return (drive_effect("true", mechanism(ARM).joints[2], Expression("tanh(torque_J3/400)")),)
 
 
 @dataclass(frozen=True)
 class Case:
-    """What is undeclared, how far it moves the flange (RMS, mm), and the inputs that name it."""
+    """Undeclared effects, their displacement of the flange (RMS, mm), and the inputs that identify them."""
 
     effects: tuple[Effect, ...]
     millimetres: float

@@ -1,4 +1,4 @@
-"""Which way imports point, read from the source."""
+"""Direction of imports, read from the source."""
 
 import ast
 import os

@@ -27,7 +27,7 @@ from gpmodel.forks import Forks
 
 
 def draw(seed: int) -> float:
-    """What depends on nothing but the task."""
+    """Draw a number that depends only on the task."""
     return float(np.random.default_rng(seed).normal())
 
 
@@ -41,7 +41,7 @@ def die_once(task: tuple[Path, int]) -> int:
 
 
 def evolve_or_die_once(task: tuple[Path, int]) -> list[str]:
-    """What a small GP run finds, gains to the bit; the first worker that meets run 1 is killed by it."""
+    """Run a small search; return gains to the bit. The first worker that meets run 1 is killed by it."""
     mark, seed = task
     if seed == 1 and not mark.exists():
         mark.touch()
@@ -197,7 +197,7 @@ def test_results_come_as_they_finish() -> None:
 
 
 def test_no_more_is_held_than_the_workers_can_use() -> None:
-    """Of ten thousand results a reader sees, only a few exist beside the one in hand."""
+    """A reader of ten thousand results holds only a few besides the current one."""
 
     class Result:
         alive = 0

@@ -20,7 +20,7 @@ READ = {
 
 
 def reads_text(path: Path) -> bool:
-    """Whether a file takes text apart: by a method of texts, or by a regular expression."""
+    """Return whether a file takes text apart, by a method of texts or a regular expression."""
     calls = [node.func for node in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(node, ast.Call)]
     called = [call for call in calls if isinstance(call, ast.Attribute)]
     return any(call.attr in SPELT or (isinstance(call.value, ast.Name) and call.value.id == "re") for call in called)

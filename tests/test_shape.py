@@ -20,7 +20,7 @@ LONGEST_FILE, LONGEST_FUNCTION, MOST_PARAMETERS = 400, 60, 6
 HEART, HEART_LINES, HEART_FILES = ("discovery", "evidence", "selection"), 5200, 34
 """Folders that decide what is found, and their budget. A change may lower it; a rise has to be seen in a commit."""
 PASSED_THROUGH = {"discovery/loop.py discover", "planning/simulate.py simulate"}
-"""What the public functions of these names hand their keyword arguments on to."""
+"""Functions that receive the keyword arguments of the public functions of these names."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 Entry = tuple[Path, ast.ClassDef | None, Function]
 

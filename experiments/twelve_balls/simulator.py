@@ -88,7 +88,9 @@ class Legs:
 
 
 def hexapod_readings(file: Path, fault: Fault, count: int, rng: np.random.Generator) -> tuple[Array, Array, Rotation]:
-    """What the encoders read (N, 6), m, place (N, 3), m, and turn of the platform: poses first, then the lengths."""
+    """Return the encoder readings (N, 6), m, place (N, 3), m, and rotation of the platform: poses first, then
+    lengths.
+    """
     told = tomllib.loads(file.read_text(encoding="utf-8"))
     stroke = [length(told["leg"][end]) for end in ("shortest", "longest")]
     half = np.pi / 3 - length(told["platform"]["pair"]) / 2
@@ -112,7 +114,7 @@ def hexapod_readings(file: Path, fault: Fault, count: int, rng: np.random.Genera
 
 
 def tau_readings(file: Path, fault: Fault, count: int, rng: np.random.Generator) -> tuple[Array, Array, Rotation]:
-    """The same of the Tau robot: coordinates first, then the pose that closes its loops."""
+    """Return the readings of the Tau robot: coordinates first, then the pose that closes its loops."""
     told = tomllib.loads(file.read_text(encoding="utf-8"))
     arms, links = told["actuator"], told["link"]
     lower, upper = (np.array([[length(v) for v in link[end]] for link in links]) for end in ("base", "platform"))
@@ -160,7 +162,7 @@ MACHINES = {
 
 
 TURNED = {"tau": (1, 0, 1, 0, 1, 0, 1, 1, 1, 1, 0, 0)}
-"""Whether each ball turns more in roll or in pitch; the other shows nothing of its lobes. Of the hexapod both show."""
+"""Flag for each ball that its lobes show in roll or in pitch; on the hexapod both show."""
 
 
 def drawn(kind: str, seed: int, planted: bool) -> tuple[Fault, np.random.Generator]:

@@ -67,7 +67,7 @@ def robot(seed: int) -> Robot:
 
 
 def trials(robots: list[Robot], case: str) -> Iterator[Mapping[str, object]]:
-    """What `verify` says of every robot after one kind of change, and whether that is right."""
+    """Yield the verdict of `verify` on every robot after one kind of change, and whether it is right."""
     for k, own in enumerate(robots):
         joint = {"zero of J2 or J3": 1 + k % 2, "zero of J4, J5 or J6": 3 + k % 3}.get(case, 0)
         expected = f"zero of J{joint + 1}" if joint else "tool point" if case == "tool slipped" else ""

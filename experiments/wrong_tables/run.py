@@ -1,4 +1,4 @@
-"""Which wrong tables does `gpmodel check` pass in silence, and which sound ones does it refuse?
+"""Wrong tables that `gpmodel check` passes silently, and sound ones that it refuses.
 
 Silent: neither refused nor warned of. `calibrate` and `discover` refuse what `check` calls an error.
 From the root of the repository: python -m experiments.wrong_tables.run [--robots 10] [--sound 200] [--out FOLDER]
@@ -56,7 +56,7 @@ def wrong(robots: int) -> dict[str, dict[str, Any]]:
 
 
 def sound(count: int) -> tuple[dict[str, int], list[dict[str, Any]]]:
-    """How many sound tables are judged so, and each that is refused."""
+    """Count the verdicts on sound tables, and list the refused ones."""
     counts: Counter[str] = Counter()
     refused = []
     for seed in range(count):

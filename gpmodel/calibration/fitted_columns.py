@@ -54,7 +54,7 @@ class FittedColumns:
         return np.vstack([values, np.zeros((len(self.apart.u) - len(values), values.shape[1]))])
 
     def number(self, k: int) -> int:
-        """Which of those columns is that of effect k."""
+        """Return the column number of effect k."""
         return self.first + int(np.sum(self.calibration.kept[:k]))
 
     def of(self, candidate: Candidate) -> Array:
@@ -62,5 +62,5 @@ class FittedColumns:
         return self.problem.effect_rows(candidate.effects, self.calibration.model)
 
     def difference(self, k: int, candidate: Candidate, sizes: Array) -> Array:
-        """What effect k moves the readings by, less what a candidate of some sizes does (M,)."""
+        """Return the displacement of the readings by effect k minus that by a candidate of given sizes (M,)."""
         return np.asarray(self.calibration.theta[k] * self.columns[:, self.first + k] - self.of(candidate) @ sizes)

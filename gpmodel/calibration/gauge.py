@@ -1,4 +1,4 @@
-"""Which parameters a fit holds: of those that stand for one another the same ones on every table."""
+"""Gauge choice: which of several equivalent parameters are fixed at zero, in a fixed order for every table."""
 
 from collections.abc import Iterable
 
@@ -25,8 +25,9 @@ LARGEST_LIMIT = 1e4
 """Condition limit where none was chosen, because nothing constant is fitted."""
 
 FOLDS = 5
-"""Of the cross-validation that chooses the condition limit; five leave 80 % of the poses to fit (Hastie et al. 2009,
-7.10)."""
+"""Folds of the cross-validation that chooses the condition limit; five leave 80 % of the poses to fit (Hastie et al.
+2009, 7.10).
+"""
 
 
 def still_joints(mechanism: Mechanism, dataset: Dataset) -> tuple[str, ...]:
@@ -38,7 +39,7 @@ def still_joints(mechanism: Mechanism, dataset: Dataset) -> tuple[str, ...]:
 
 
 def stands_still(slots: Iterable[str], still: tuple[str, ...]) -> bool:
-    """Whether all of the slots are beside joints that stand still, so that nothing of their own can show there."""
+    """Return whether all slots belong to motionless joints, so that nothing at them is observable."""
     return {slot.rsplit(".", 1)[0] for slot in slots} <= set(still)
 
 

@@ -45,7 +45,7 @@ ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class _Choices:
-    """What was held, by which limit, chosen from which curve."""
+    """Rank choice: held parameters, condition limit, and the curve from which it was chosen."""
 
     kept: Mask
     limit: float

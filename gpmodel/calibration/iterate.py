@@ -18,15 +18,17 @@ from gpmodel.numerics.least_squares import MANY_COLUMNS
 MAX_ITERATIONS = 30
 """Steps of a calibration at most; six to ten are usual."""
 MAX_HALVINGS = 10
-"""How often a step is halved at most: to a thousandth, where rounding decides whether the cost falls."""
+"""Largest number of halvings of a step: to a thousandth, where rounding decides whether the cost falls."""
 REGAINED = 2
 """Halvings of the step before that the next one tries without: where a step is cut it is long before one is whole."""
 SUFFICIENT = 0.5
 """Share of what the linear problem foresees of a step that the cost has to fall by (Armijo 1966). A step that only just
 lowers it goes from side to side of a valley and down it by little."""
 CORRECTIONS = 2
-"""How often a step that falls short is corrected by what its columns missed, before it is halved. Along a valley that
-bends, as where a twist, an offset and the tool nearly stand for each other, a straight step can only be short."""
+"""Largest number of corrections of a step by the error of its linear prediction, before it is halved.
+
+In a curved valley, as where a twist, an offset and the tool are nearly equivalent, a straight step is too short.
+"""
 NEAR, BENT = 1e-6, 1e-4
 """Columns stay as they are over steps that move no reading by more, metres, while what they foresee of each is right to
 such a share: of residuals of a tenth of a millimetre that moves where the iterations end by less than
@@ -47,7 +49,7 @@ REASONS = {
 
 @dataclass(frozen=True)
 class Fitting:
-    """What is fitted to what: the model, the poses, those that count (N,), and the weight of rotations, m.
+    """Problem of a fit: the model, the poses, those that count (N,), and the weight of rotations, m.
 
     bundle: (N,) code of every pose, the same for repeats. ratio: variance of what these share over that of a
     measurement.
@@ -65,11 +67,11 @@ class Fitting:
         return linearise(self.model, self.poses, theta, placement, self.rotation_weight, self.use)
 
     def at(self, theta: Array, placement: Placement) -> Linearised:
-        """The same with its rows independent."""
+        """Return the linearised problem with independent rows."""
         return self._independent(self.linearised(theta, placement))
 
     def about(self, observed: Observed, placement: Placement) -> Linearised:
-        """The same about what the instrument would read there. Not beside free joints."""
+        """Return the linearised problem about the predicted readings, with independent rows. Not with free joints."""
         weight, use = self.rotation_weight, self.use
         return self._independent(linearise_about(observed, self.model, self.poses, placement, weight, use))
 
@@ -125,12 +127,12 @@ class _Step:
 
     @property
     def moved(self) -> float:
-        """How far it moves a reading at most, metres."""
+        """Largest displacement of a reading, metres."""
         return float(max(np.max(np.abs(moved), initial=0.0) for moved in (self.motion, self.turned)))
 
     @property
     def anyway(self) -> bool:
-        """Whether it is taken whatever the cost."""
+        """True if the step is accepted at any cost."""
         return self.moved < (STEP_TOLERANCE if self.linear.problem.left is None else FREE_JOINTS_TOLERANCE)
 
 
@@ -198,5 +200,5 @@ def _lower(fitting: Fitting, here: Reached, step: _Step, cut: int) -> tuple[Reac
 
 
 def _straight(fallen: Array, foreseen: Array) -> bool:
-    """Whether a residual (M,) fell by what its columns foresaw, so that they still hold."""
+    """Return whether a residual (M,) fell as its columns predicted, so that they remain valid."""
     return bool(np.abs(fallen - foreseen).max() <= BENT * np.abs(foreseen).max())

@@ -1,4 +1,4 @@
-"""What approximate joint values still tell: each is a reading of the joint, with an error of its own.
+"""Information of approximate joint values: each is a reading of the joint with an error.
 
 With the weighted sensitivities A = U S Vᵀ (m, n) of one pose to its free joints, in units of `prior_sigmas`, a step of
 the parameters with columns C moves the joints that fit the measurements best by -V S⁺ Uᵀ C step. The values in the
@@ -22,11 +22,11 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.observed import Observed
 
 LEAST_ERROR = 1e-6
-"""Of prior_sigmas, 3.6 mas: angles that agree better than that agree to rounding."""
+"""Smallest error in units of prior_sigmas, 3.6 mas: smaller differences are rounding."""
 LEAST_SIGMA = 1e-12
 """Metres, far below any noise: exact tables."""
 ROUNDING = 1e-14
-"""Of what is told of a column: less is none."""
+"""Smallest information about a column, as a fraction; less is rounding."""
 
 
 @dataclass(frozen=True)

@@ -79,8 +79,12 @@ class Linearised:
 
 @dataclass(frozen=True)
 class Left:
-    """What free joints leave of the observations, the weights (N, m) these had before, and what the table's own values
-    of the joints tell."""
+    """Rows that remain after elimination of free joints.
+
+    complement: remaining directions of the observations.
+    weights: (N, m) weights before elimination.
+    readings: information of the table's joint values.
+    """
 
     complement: Complement
     weights: Array
@@ -153,7 +157,7 @@ def linearise(
 def linearise_about(
     observed: Observed, model: ErrorModel, poses: Poses, placement: Placement, rotation_weight: float, use: Mask
 ) -> Linearised:
-    """The same about what the instrument would read there, where no joint is free."""
+    """Linearise about the predicted readings, without free joints."""
     residual, weights = _weighted(observed, poses, rotation_weight, use)
     blocks, names = placement_columns(poses, observed, placement)
     rows = weights > 0

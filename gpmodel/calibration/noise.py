@@ -29,7 +29,7 @@ class Whitening:
         return self._scaled(values, 1.0 / np.sqrt(1.0 + self.sizes * self.ratio))
 
     def restored(self, values: Array) -> Array:
-        """What whitening made of it, undone."""
+        """Undo the whitening of values."""
         return self._scaled(values, np.sqrt(1.0 + self.sizes * self.ratio))
 
     def _scaled(self, values: Array, factor: Array) -> Array:
@@ -64,7 +64,7 @@ class Whitening:
         return sums / sizes.reshape(-1, *[1] * (values.ndim - 1))
 
     def estimated(self, residual: Array, unknowns: float) -> "Whitening":
-        """The same blocks with the ratio that a residual (M,) says, after a fit of so many unknowns.
+        """Return the blocks with the ratio estimated from a residual (M,) after a fit of `unknowns` unknowns.
 
         ρ = max(0, between / within - 1) / n0, mean squares of one-way analysis of variance.
         """

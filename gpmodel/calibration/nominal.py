@@ -1,4 +1,4 @@
-"""What parameters do at the nominal geometry, before anything is measured."""
+"""Sensitivities to parameters at the nominal geometry, before any measurement."""
 
 import numpy as np
 

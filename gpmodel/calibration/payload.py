@@ -1,4 +1,4 @@
-"""What a first fit tells of the tool point: where a payload hangs, and how long a joint's lever is."""
+"""Estimates from a first fit: the position of a payload, and the length of a joint's lever."""
 
 import numpy as np
 

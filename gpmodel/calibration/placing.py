@@ -1,4 +1,4 @@
-"""What placing the mechanism does to every observation: registration, tool, and what instruments have of their own."""
+"""Sensitivity of every observation to placement: registration, tool, and the instruments' unknowns."""
 
 import numpy as np
 
@@ -32,7 +32,7 @@ def placement_columns(poses: Poses, observed: Observed, placement: Placement) ->
 
 
 def _tool_axes(observed: Observed) -> int:
-    """How many components of the tool's pose anything shows: its point, or its axes as well."""
+    """Return the number of observable components of the tool's pose: 3 for its point, 6 with orientation."""
     return 6 if any(kind.oriented for kind in observed.kinds) else 3
 
 

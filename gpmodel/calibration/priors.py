@@ -1,4 +1,4 @@
-"""What is believed before measuring, as further rows of the linear problem."""
+"""Priors as additional rows of the linear problem."""
 
 from dataclasses import dataclass, replace
 
@@ -47,11 +47,12 @@ def of_the_description(model: ErrorModel) -> Mask:
 
 @dataclass(frozen=True)
 class OfGeometry:
-    """What is believed of the H held constants of a description, which appear to be off by reach, rms.
+    """Prior of the H held constants of a description, whose estimated error is reach, rms.
 
-    rows: (H, H) whose sum of squares is that of all constants over what they appear to be off, times σ². reserve:
-    (H, H) or (0, H), further rows: of what they appear to be, a share is theirs. elsewhere: (H, H) covariance of the
-    rest, which at other poses is another. varying: γ of undeclared effects, m and rad.
+    rows: (H, H) with sum of squares equal to that of all constants relative to their error, times σ².
+    reserve: (H, H) or (0, H), additional rows: the constants' share of their estimated error.
+    elsewhere: (H, H) covariance of the rest, which differs at other poses.
+    varying: γ of undeclared effects, m and rad.
     """
 
     rows: Array
@@ -66,7 +67,7 @@ LIKE_CONSTANTS = 7.0
 that yields and has oval gears: with half of it touches leave the arm worse outside their region than its description
 does, with twice as much hardly any constant is calibrated there."""
 LEAST_SHARE = 0.05
-"""Of what constants appear to be off that is believed at least."""
+"""Smallest share of the constants' estimated error that is assumed."""
 
 
 def geometry_prior(
@@ -108,7 +109,7 @@ def geometry_prior(
 
 
 def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
-    """The same for every tool point, p σ / TOOL_REACH = 0; its step is in the tool's own axes.
+    """Return the prior rows of every tool point, p σ / TOOL_REACH = 0; its step is in the tool's own axes.
 
     Without it the points of a table where few joints move can wander off by kilometres, unseen until the next pose.
     """
@@ -162,8 +163,11 @@ def beliefs(model: ErrorModel, problem: Linearised, theta: Array, placement: Pla
 
 @dataclass(frozen=True)
 class ReadJoints:
-    """What of the table's values of free joints (B,) is believed beside the measurements: (q_table - q) σ / τ = 0 along
-    their combinations `alone` (B, W), weight = σ / τ, metres."""
+    """Prior rows of the table's values of free joints (B,): (q_table - q) σ / τ = 0.
+
+    alone: (B, W) combinations that only these values determine.
+    weight: σ / τ, metres.
+    """
 
     alone: Array
     weight: float

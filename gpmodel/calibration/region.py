@@ -31,7 +31,7 @@ class Region:
         return cls(middle, float(np.quantile(np.linalg.norm(points - middle, axis=1), HELD)))
 
     def holds(self, points: Array) -> Mask:
-        """Which of some points (N, 3), m, are inside."""
+        """Return which of some points (N, 3), m, are inside."""
         return np.asarray(np.linalg.norm(points - self.middle, axis=1) <= self.radius)
 
 

@@ -1,4 +1,4 @@
-"""What a fit found, and all that is needed to distrust it."""
+"""Result of a fit, with its diagnostics."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ class Placed:
 
 @dataclass(frozen=True)
 class Covariance:
-    """Of registration, tool and effects together: values (P + E, P + E), SI, zero where not fitted.
+    """Covariance of registration, tool and effects: values (P + E, P + E), SI, zero where not fitted.
 
     placement: names of the P unknowns before the effects. centre: (3,) m in the instrument's frame, about which a
     twist of the registration turns.
@@ -43,12 +43,15 @@ class Covariance:
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """How well the numbers of a fit are known.
+    """Uncertainty of a fit.
 
-    stderr, unique_share: (E,), NaN and zero where dropped. correlation: (E, E). covariance: of everything fitted.
-    placed: registration and tool, number by number. sigma: of one measurement about the model, one component, m;
-    freedom: degrees of freedom of it, and of Student's t that the numbers follow in their stderr. rank: unknowns the
-    measurements determine.
+    stderr, unique_share: (E,), NaN and zero where dropped.
+    correlation: (E, E).
+    covariance: of all fitted quantities.
+    placed: registration and tool, number by number.
+    sigma: standard deviation of one measurement about the model, one component, m.
+    freedom: degrees of freedom of sigma, and of the Student's t of the numbers in units of stderr.
+    rank: number of unknowns that the measurements determine.
     """
 
     stderr: Array
@@ -131,5 +134,5 @@ def resolved(calibration: Calibration, poses: Poses) -> Poses:
 
 
 def without_outlier_marks(calibration: Calibration) -> Calibration:
-    """The same fit, ready to judge every pose anew."""
+    """Return the calibration without outlier marks, to judge every pose anew."""
     return replace(calibration, outliers=np.zeros(0, dtype=np.int64))

@@ -1,4 +1,4 @@
-"""What the standard model hides: effects of the catalogue that a constant of it could equally be."""
+"""Alternatives to constants of the standard model: catalogue effects that a constant may hide."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ PLAUSIBLE = 3.0
 """Standard deviations of its prior within which a candidate's size is believed."""
 
 UNKNOWNS = 2
-"""Of a candidate at most: a curve of many imitates any constant."""
+"""Largest number of unknowns of an alternative: a curve of many imitates any constant."""
 
 VISIBLE = 0.05
 """A candidate of which the model leaves less than this share says nothing about a constant."""
@@ -71,7 +71,7 @@ class Rival:
 
     @property
     def plausible(self) -> bool:
-        """Whether the sizes are within what is believed of them before measuring."""
+        """True if the sizes are within their priors."""
         return all(abs(v) <= PLAUSIBLE * e.prior for v, e in zip(self.sizes, self.candidate.effects, strict=True))
 
     @property
@@ -151,7 +151,7 @@ def _looked_at(here: FittedColumns, offered: Sequence[Candidate]) -> Iterator[tu
 
 
 def hidden_rivals(calibration: Calibration, poses: Poses) -> tuple[Rival, ...]:
-    """What each significant constant could equally be, one a constant and at most MOST; none where nothing could.
+    """Return the alternatives to significant constants, one a constant and at most MOST.
 
     Of all that the catalogue has of at most UNKNOWNS unknowns: for every constant the plausible one that moves the
     point least and that other measurements would tell from it; what nothing would is but another name for it. What
@@ -174,8 +174,10 @@ def hidden_rivals(calibration: Calibration, poses: Poses) -> tuple[Rival, ...]:
 
 
 def _session(poses: Poses, mechanism: Mechanism, candidate: Candidate) -> tuple[str, ...]:
-    """What of a candidate joint values do not determine: the instrument itself, or inputs other than joint values, the
-    point, and loads that were not measured."""
+    """Return the inputs of a candidate that joint values do not determine.
+
+    These are the instrument, or inputs other than joint values, the point, and computed loads.
+    """
     if any(INSTRUMENT in effect.slots for effect in candidate.effects):
         return (INSTRUMENT,)
     loads = set(mechanism.loads(poses.dataset.q[:1], poses.dataset.payload[:1]))

@@ -34,7 +34,7 @@ SMALLEST = 1e-4
 
 
 def shows_size(kind: Observation) -> bool:
-    """Whether readings of a kind hold a length that is known."""
+    """Return whether readings of a kind contain a known length."""
     if isinstance(kind, Touches):
         known = (
             f.frame[:3, 3].any() or (f.surface == "on_sphere" and f.radius > 0) for b in kind.bodies for f in b.features
@@ -44,21 +44,29 @@ def shows_size(kind: Observation) -> bool:
 
 
 def size_hidden(problem: Linearised) -> bool:
-    """Whether no reading of a fit shows how large the mechanism is; a sliding joint does, whose motion is known."""
+    """Return whether no reading of a fit determines the scale of the mechanism; a sliding joint does, by its known
+    motion.
+    """
     kinds = [kind for kind in problem.observed.kinds if kind.readings.any()]
     return bool(kinds) and problem.left is None and not any(map(shows_size, kinds))
 
 
 def relative(problem: Linearised) -> bool:
-    """Whether no reading of a fit is in the frame of an instrument: touches, bars, cameras and inclinometers see parts
-    of a mechanism against each other, and much of its geometry weakly or not at all."""
+    """Return whether no reading of a fit is in the frame of an instrument.
+
+    Touches, bars, cameras and inclinometers measure parts of a mechanism relative to each other. They determine much
+    of its geometry weakly or not at all.
+    """
     kinds = [kind for kind in problem.observed.kinds if kind.readings.any()]
     return bool(kinds) and problem.left is None and not any(kind.absolute for kind in kinds)
 
 
 def share_of_size(model: ErrorModel, problem: Linearised) -> Array:
-    """How much (E,) of what each effect moves the tool point by is growth: the cosine between both over the poses, less
-    what placing and turning the root and the tool do."""
+    """Return the share (E,) of each effect's displacement of the tool point that is growth: their cosine over the
+    poses.
+
+    Displacements by placing and turning the root and the tool are projected out.
+    """
     count = len(problem.poses)
     bare = replace(problem.observed, kinds=(Point(np.zeros((count, 3))),))
     rows = (3 * count, -1)
@@ -73,8 +81,8 @@ def share_of_size(model: ErrorModel, problem: Linearised) -> Array:
 def standing_for(
     model: ErrorModel, problem: Linearised, placement: Placement, held: IntArray, others: IntArray
 ) -> tuple[Array, Array]:
-    """What the held effects (H,) do in the place of the others (O,): (H, O), unknowns per unknown; and in the place of
-    growth (H,), unknowns per growth by the whole.
+    """Return the change of the held effects (H,) equivalent to the others (O,): (H, O), unknowns per unknown; and to
+    growth (H,), unknowns per growth.
 
     All by how they move the tool point of the nominal mechanism over the poses, less what placing and turning the root
     and the tool do: readings that do not show size would not say how much of it an effect is.
@@ -95,8 +103,9 @@ def standing_for(
 
 
 def spread(columns: Array, target: Array, placed: Array, most: float) -> tuple[float, float, Array]:
-    """How far the constants of a description appear to be off, m and rad, by how much of the readings they explain;
-    the RMS of what they leave, m; and (M, K) orthonormal, what shows them and what is free.
+    """Estimate the error of the constants of a description, m and rad, from the readings they explain.
+
+    Returns also the RMS of the residual, m, and orthonormal columns (M, K) of the constants and of free unknowns.
 
     columns: (M, H) per unknown of unit variance before measuring. target: (M,). placed: (M, P) of what is free.
     most: largest of the former, m and rad.

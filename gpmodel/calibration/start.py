@@ -72,7 +72,7 @@ def start_placements(poses: Poses) -> Iterator[Placement]:
 
 
 def _balls(data: Dataset) -> bool:
-    """Whether a ball was touched."""
+    """Return whether a ball was touched."""
     touches = (kind for kind in observations(data) if isinstance(kind, Touches))
     return any(f.surface == "on_sphere" for kind in touches for body in kind.bodies for f in body.features)
 

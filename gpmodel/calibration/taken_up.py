@@ -17,7 +17,7 @@ from gpmodel.model.effect import REGISTRATION, TOOL, Effect, TakenUp
 from gpmodel.model.error_model import ErrorModel, Placement
 
 STEPS = 10
-"""Of the split at most; three are usual."""
+"""Largest number of steps of the split; three are usual."""
 
 SETTLED = 1e-8
 """Metres that a last step moves a reading by: what instruments resolve is a hundred times that."""
@@ -68,7 +68,9 @@ def split(fitting: Fitting, fitted: Fitted, kept: Mask) -> tuple[Fitting, Fitted
 
 
 def _moved(fitting: Fitting, problem: Linearised, theta: Array, placement: Placement, own: IntArray) -> Array:
-    """What effects move the readings by (M,), the difference with and without them; of first order with free joints."""
+    """Return the displacement of the readings by effects (M,), with minus without them; first order with free
+    joints.
+    """
     if problem.left is not None:
         return np.asarray(problem.columns[:, problem.placement + own] @ theta[own])
     without = theta.copy()

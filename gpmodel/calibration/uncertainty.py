@@ -1,4 +1,4 @@
-"""How well the numbers of a fit are known: deviations, correlations, unique shares."""
+"""Uncertainty of the numbers of a fit: standard errors, correlations, unique shares."""
 
 import numpy as np
 
@@ -67,7 +67,7 @@ def _or_one(norms: Array) -> Array:
 
 
 def _rank(columns: Array) -> int:
-    """How many combinations of columns (M, K) the measurements determine."""
+    """Return the rank of columns (M, K) at the measurements."""
     return int(np.linalg.matrix_rank(columns / _or_one(np.linalg.norm(columns, axis=0)), 1e-9))
 
 

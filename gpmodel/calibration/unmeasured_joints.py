@@ -61,9 +61,10 @@ def joint_columns(mechanism: Mechanism, observed: Observed) -> Array:
 
 @dataclass(frozen=True)
 class Complement:
-    """What the free joints leave of each pose's observations.
+    """Complement of the free joints in each pose's observations.
 
-    turn: (N, m, m), rows orthonormal. keep: (N, m), the turned observations that no free joint moves.
+    turn: (N, m, m), rows orthonormal.
+    keep: (N, m), the turned observations that no free joint moves.
     """
 
     turn: Array
@@ -117,7 +118,7 @@ def observable(rows: Array, nominal: Array, sizes: Array) -> Array:
 
 
 def solve_joints(model: ErrorModel, poses: Poses, theta: Array, placement: Placement) -> Poses:
-    """The same poses with their free joints solved against what was measured at each.
+    """Return the poses with their free joints solved against the measurements.
 
     Per pose: the values nearest to the table's (in units of `prior_sigmas`) among those that fit the
     observations best, by truncated Gauss-Newton:  δ = σ (V S⁺ Uᵀ r + (I - V V⁺) (q_table - q) / σ).

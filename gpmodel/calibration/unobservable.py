@@ -1,4 +1,4 @@
-"""What readings do not show: effects that free joints hide, and constants that stay at the description."""
+"""Unobservable effects: those that free joints hide, and constants that stay at the description."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -25,7 +25,7 @@ from gpmodel.numerics.least_squares import root_mean_square
 
 
 def unobservable_effects(calibration: Calibration, poses: Poses, effects: Sequence[Effect]) -> tuple[bool, ...]:
-    """Whether free joints leave nothing of each effect's column at these poses; all False without free joints."""
+    """Return whether free joints absorb each effect's column at these poses; all False without free joints."""
     if not free_joints(calibration.model.mechanism) or not effects:
         return (False,) * len(effects)
     problem = problem_at(calibration, poses)

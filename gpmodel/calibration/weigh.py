@@ -1,4 +1,4 @@
-"""What a pixel or a degree counts as beside a metre: the ratio of the spreads that a first fit leaves."""
+"""Weight of a pixel or a degree relative to a metre: two fits; the second uses weights estimated by the first."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ TRUSTED = 0.95
 
 
 def weighed(mechanism: Mechanism, poses: Poses) -> Poses:
-    """The same poses, their pixels and inclinations counted in metres by their own noise.
+    """Return the poses with pixels and inclinations converted to metres by their noise.
 
     Beside lengths, in proportion to the spreads of the residuals of the standard model, so that each reading weighs by
     its own; alone, a pixel is what it covers at the distance of the board, and a radian a metre at a lever of one.

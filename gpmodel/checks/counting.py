@@ -1,4 +1,4 @@
-"""How much is measured, and how many unknowns it has to determine."""
+"""Counts of measured values and of unknowns."""
 
 from dataclasses import replace
 
@@ -17,13 +17,16 @@ RANK_POSES = 60
 
 
 def measured_values(data: Dataset) -> int:
-    """How many numbers were measured."""
+    """Count the measured values."""
     return sum(int(kind.readings.sum()) for kind in observations(data))
 
 
 def unknowns(mechanism: Mechanism, data: Dataset, effects: tuple[Effect, ...]) -> int:
-    """How many numbers registration, tool, anchors and the constant effects are, counting only combinations that
-    well spread poses could tell apart: rank at the nominal geometry over random poses within the limits."""
+    """Count the unknowns: registration, tool, anchors and constant effects.
+
+    Counts combinations that well spread poses can distinguish: rank at the nominal geometry over random poses within
+    the limits.
+    """
     many = unmeasured(data.joints, random_poses(mechanism, RANK_POSES, np.random.default_rng(0)))
     nothing, something = many.position, np.zeros((RANK_POSES, 3))
     kinds = replace(

@@ -18,7 +18,7 @@ ENOUGH = 1.5
 
 
 def written_to_a_digit(data: Dataset) -> bool:
-    """Whether all positions (N, 3) end at one decimal, as those written by a controller do."""
+    """Return whether all positions (N, 3) end at one decimal, as those written by a controller do."""
     return _last_digits(data)[0] > 0
 
 

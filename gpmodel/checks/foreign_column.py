@@ -15,8 +15,9 @@ from gpmodel.table.dataset import Dataset
 LIMIT = 50.0
 """Condition limit of every fit. As of the standard model in the thesis."""
 PASSES = 3
-"""Of angles and model in turn. The first takes a shuffled wrist 1.5 mm off its axis from 1.1 to 0.17 mm, the third to
-0.05; of a sound column none changes anything."""
+"""Alternating passes over angles and model. The first takes a shuffled wrist 1.5 mm off its axis from 1.1 to 0.17
+mm, the third to 0.05; a sound column never changes.
+"""
 GRID = np.radians(np.arange(0.0, 360.0, 2.0))
 """Angles that are tried; half the step moves a wrist's point by less than its noise."""
 LESS, FAR_LESS = 1.5, 3.0

@@ -62,7 +62,7 @@ class Remark:
 def check_dataset(
     mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...] | None = None, tell: Teller = NOBODY
 ) -> list[Remark]:
-    """What is wrong or odd with a table, errors first.
+    """List the errors, warnings and notes of a table, errors first.
 
     standard: the geometric effects that would be fitted (default: all). Of more than MOST_FITTED rows whatever needs a
     fit is judged on as many, in stretches spread evenly over the table, and a note says so. Errors: joint values beyond
@@ -95,8 +95,10 @@ def check_dataset(
 
 
 def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
-    """What a large residual is, and why nothing sound comes of a fit; empty where base and joints that yield in
-    proportion to their loads explain it."""
+    """Yield the causes of a large residual, and why no sound fit follows.
+
+    Empty where base and joint compliance explain it.
+    """
     for text in poor_fit(fit):
         pool = candidates(fit.model.mechanism, poses.states, [f for f in catalogue if f.name in YIELDING])
         soft = ErrorModel(fit.model.mechanism, (*fit.model.effects, *(e for c in pool for e in c.effects)))

@@ -1,4 +1,4 @@
-"""What registration and one tool point leave of measured positions, or of the largest part of them that fits."""
+"""Residual of registration and one tool point, or of the largest part of the positions that fits."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ COARSE, FINE, FINER = 0.3, 1e-3, 0.3
 """First and last scale of the robust fit, m, and the factor between two of them. Half or double of each gives the same
 rows; a last scale of 0.1 mm would take errors of the geometry for bad readings."""
 STEPS = 4
-"""Of Gauss-Newton at each scale; eight end at the same rows."""
+"""Gauss-Newton steps at each scale; eight end at the same rows."""
 QUARTER, SPREAD = 0.25, 12.0
 """Quantile of the errors that is of good rows though most are bad, and times it that no good row is off: of lengths of
 3-D normal errors the quarter is at 1.1 σ, and 13 σ never occur."""

@@ -38,7 +38,7 @@ TINY, GIANT = 5e-3, 30.0
 
 
 def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
-    """What looks mixed up, and how to write it; None where the table fits the mechanism as it stands.
+    """Name mixed-up columns and how to write them; None where the table fits the mechanism.
 
     Where registration and tool alone leave far more than any real mechanism's errors, at most of the poses, other
     readings are tried: units, signs, columns swapped or coupled, lengths of the mechanism, then rows that belong to the

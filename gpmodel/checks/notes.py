@@ -1,4 +1,4 @@
-"""What a table holds and how well it fits, in notes; and what to measure next."""
+"""Notes on the content and the fit of a table, and on the next measurements."""
 
 from collections.abc import Iterator
 
@@ -77,7 +77,7 @@ def not_read(mechanism: Mechanism, data: Dataset) -> Iterator[str]:
 
 
 def _loads(mechanism: Mechanism, data: Dataset) -> str:
-    """Which masses are known, and what is carried."""
+    """State the known masses and the payload."""
     lightest, heaviest = float(data.payload.min()), float(data.payload.max())
     carried = f"{lightest:g} kg" if lightest == heaviest else f"{lightest:g} to {heaviest:g} kg"
     known = bool(mechanism.loads(data.q[:1], np.zeros(1)))

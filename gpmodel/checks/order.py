@@ -1,4 +1,4 @@
-"""Whether the order of the rows matters: jumps and drifts of the residual along them."""
+"""Effect of the order of the rows: jumps and drifts of the residual along them."""
 
 from collections.abc import Iterator
 
@@ -10,7 +10,7 @@ from gpmodel.model.error_model import Poses, measured_minus, observe
 from gpmodel.table.bundles import bundles
 
 JUMP_STATISTIC = 2.3
-"""Of the largest standardised cumulative sum: by chance less than once in 10⁴ tables."""
+"""Threshold of the largest standardised cumulative sum: by chance exceeded in less than one of 10⁴ tables."""
 
 JUMP_ROWS = 20
 """Fewer rows show no order."""
@@ -20,7 +20,7 @@ SERIAL_SIGMAS = 4.0
 
 
 PLACED = {"setup": "registration", "tool": "tool point"}
-"""What each value of a column is fitted."""
+"""Fitted quantity for each value of a column."""
 
 
 def order_matters(fit: Calibration, poses: Poses) -> Iterator[str]:

@@ -22,7 +22,8 @@ PROPER = ("xyx", "xzx", "yxy", "yzy", "zxz", "zyz")
 
 
 def rotations_flaw(mechanism: Mechanism, data: Dataset) -> str | None:
-    """How far rotations are from the mechanism's, and the convention in which they fit; None where they fit.
+    """State the disagreement of rotations with the mechanism, and the convention in which they fit; None where they
+    fit.
 
     With the registration A of the positions and the rotation B of the tool in the flange, R = A R_flange B. Without
     positions nothing is judged.
@@ -59,7 +60,7 @@ def miss(turned: Array, measured: Array) -> float:
 
 
 def _conventions(vectors: Array) -> Iterator[tuple[str, Array]]:
-    """What rotation vectors (N, 3) could have been, by name, as rotations (N, 3, 3)."""
+    """Yield the possible conventions of rotation vectors (N, 3), by name, as rotations (N, 3, 3)."""
     as_read = Rotation.from_rotvec(vectors)
     quaternions = as_read.as_quat()
     for factor, unit in ((1.0, ""), (np.pi / 180, " in degrees"), (180 / np.pi, " in radians")):

@@ -1,4 +1,4 @@
-"""What is odd about a table that can be fitted all the same."""
+"""Warnings about a table that can still be fitted."""
 
 from collections.abc import Iterator
 

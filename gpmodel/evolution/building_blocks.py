@@ -1,4 +1,4 @@
-"""What may be put into a slot's program: elements, pairs of elements, and which pairs explain most by themselves."""
+"""Building blocks of a slot's program: elements, pairs of elements, and the pairs that explain most alone."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

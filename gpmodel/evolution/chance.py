@@ -1,4 +1,4 @@
-"""How likely a score is by chance, from the best scores on shuffled residuals."""
+"""Null distribution of a score, from the best scores on permuted residuals."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What a fit is worth in nats: the one description length of programs, effects and groups."""
+"""Description length of a fit in nats, for programs, effects and groups."""
 
 import numpy as np
 
@@ -12,7 +12,8 @@ RESOLUTION = 1e-6
 
 
 def fit_nats(gain: Array | float, components: float, rounding: float = ROUNDING) -> Array:
-    """What removing a share ``gain`` of the energy of ``components`` measured values saves, nats, before any cost:
+    """Return the gain of removing a share ``gain`` of the energy of ``components`` measured values, nats, without
+    any price:
 
         components / 2 * -ln(1 - gain)
 

@@ -16,7 +16,7 @@ OWN_CONSTANT = 16384
 """Prefix codes from here name one of the program's own constants."""
 
 OWN_BYTE = 255
-"""What stands for any of these where a tree is packed, a node a byte."""
+"""Byte that stands for any such leaf in a packed tree, one byte a node."""
 
 
 @dataclass(frozen=True)

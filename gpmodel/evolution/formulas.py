@@ -81,8 +81,11 @@ def shorter(program: Program, problem: SlotProblem) -> Iterator[Program]:
 
 @dataclass(frozen=True)
 class _Structure:
-    """How a formula is made of its inputs. noise: the variance that it leaves with smooth functions; programs: the
-    search for their forms."""
+    """Structure of a formula in its inputs.
+
+    noise: residual variance with smooth functions.
+    programs: search for the forms.
+    """
 
     noise: float
     programs: Callable[[], list[Program]]

@@ -30,9 +30,9 @@ ROOTS = 0.1, 1.0, 8
 """Distances of the outer roots of a cubic from the middle one, from one to another in so many steps: of four steps a
 plain cubic began so far off that two hundred other shapes were before it."""
 EXPONENTS = (0.75, 1.25, 2.0)
-"""Of the size of x in odd powers x |x|^p, in even ones one more, where they start."""
+"""Exponents p in odd powers x |x|^p at the start; in even powers one more."""
 ALONE = 3
-"""How many times finer these are of an element alone: a sine of another rate than the data's tells nothing."""
+"""Refinement of the exponents for a single element: a sine at a wrong rate is uninformative."""
 LINE = "({q} - {a})"
 """The element that is the input itself, from a place."""
 EDGE, BESIDE_EDGE = "step({q} - {a})", 0.05

@@ -23,7 +23,7 @@ CHECKED = 8
 
 
 class Hill(Protocol):
-    """What climbing asks of a problem."""
+    """Interface of a problem for hill climbing."""
 
     @property
     def inputs(self) -> Inputs:
@@ -87,7 +87,7 @@ def _trials(
 
 
 def _edits(program: Program, node: int, values: list[Array], kinds: list[int], words: Vocabulary) -> Pieces:
-    """What may stand in the place of a node; for one past the last node, what may be an output more."""
+    """Return the replacements of a node; past the last node, the possible additional outputs."""
     known, earlier = np.array(kinds, dtype=np.uint8), range(min(node + 1, len(program.nodes)))
     repeated = (_repeated(k, values[k], known[k : k + 1], words) for k in earlier)
     chained = Pieces.chained([words.elements, *repeated])

@@ -1,4 +1,4 @@
-"""What a value is a measure of, and what may be done with it: strongly typed programs (Montana 1995).
+"""Kinds of values and the operations allowed on them: strongly typed programs (Montana 1995).
 
 Kinds of inputs: "angle", "short angle" (its range is too short for its period to show), "time" and "row" (clocks),
 "number" (dimensionless), and any other name, which is a quantity of its own: "length", "torque", "temperature". Angles
@@ -35,7 +35,7 @@ _UNARY: dict[str, dict[str, str]] = {
 
 
 def role(kind: str) -> str:
-    """What its rules go by: "clock" and "quantity" stand for all kinds of theirs."""
+    """Return the role of a kind in the rules: "clock" and "quantity" stand for all of theirs."""
     if kind in CLOCKS:
         return "clock"
     return kind if kind in _UNARY or kind == CONSTANT else "quantity"
@@ -171,5 +171,5 @@ class Typing:
         return found
 
     def allows(self, program: Program, names: Sequence[str], changed: dict[int, int] | None = None) -> bool:
-        """Whether every node of a program over inputs of these names is of a kind, some being given."""
+        """Return whether every node of a program over inputs of these names has an allowed kind, some being given."""
         return NONE not in self.of_nodes(program, names, changed)

@@ -122,7 +122,7 @@ class Sequences:
 
 @dataclass(frozen=True)
 class SequenceBreeding:
-    """How sequences are made and varied (Fig 5.3).
+    """Creation and variation of sequences (Fig 5.3).
 
     While a child is copied, each element switches to the other parent at rate ``crossover`` and is replaced
     by a random one at rate ``mutation``.

@@ -45,7 +45,7 @@ class Link:
             return BY_NAME[self.operator].function(response) if self.operator else response
 
     def applies(self, response: Array) -> bool:
-        """Whether the response can be recovered from its link."""
+        """Return whether the response can be recovered from its link."""
         there = self.forward(response)
         one_sign = bool(np.all(response > 0) or np.all(response < 0))
         return bool(np.isfinite(there).all() and np.ptp(there) > 0 and (one_sign or self.operator != "square"))

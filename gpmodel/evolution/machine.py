@@ -1,4 +1,4 @@
-"""What a program can read and where its parts are: inputs, constants, operators, registers, outputs."""
+"""Layout of a program: inputs, constants, operators, registers, outputs."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -94,7 +94,7 @@ class Layout:
         return self.operator_of.astype(np.uint16) * np.uint16(256) + takes * np.uint16(255)
 
     def operand(self, code: int, gene: int) -> tuple[str, int]:
-        """What the operand of an op-code names: ("register", number) or ("row", number).
+        """Return the operand of an op-code: ("register", number) or ("row", number).
 
         ``input`` names an element, ``load`` and ``store`` a register, a binary operator a register or, with
         ``direct`` and an odd gene, an element.
@@ -141,7 +141,7 @@ class Layout:
 
     @cached_property
     def done_for(self) -> NDArray[np.uint16]:
-        """What is done where an operator is asked for, as ``256 op-code + kind``; see ``Typing.repairs``."""
+        """Executed operator for each requested one, as ``256 op-code + kind``; see ``Typing.repairs``."""
         return self.typing.repairs(self.operators)
 
     @cached_property

@@ -85,7 +85,7 @@ class Formulas:
         return max((-description_length(one, self.problem) for one in self.found), default=0.0)
 
     def _is_new(self, program: Program, values: Array, met: set[bytes]) -> bool:
-        """Whether no program met has as many nodes and the projected column; it is met from here on."""
+        """Return whether no earlier program has as many nodes and an equal projected column; then store it."""
         targets = self.problem.targets
         with np.errstate(all="ignore"):
             values = values / np.abs(values).max()

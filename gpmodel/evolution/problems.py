@@ -1,4 +1,4 @@
-"""What is searched: a compensator in Cartesian space, or the shape (and the place) of an effect at a slot."""
+"""Problems of a search: a compensator in Cartesian space, or the shape (and site) of an effect at a slot."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -94,7 +94,7 @@ class CartesianProblem:
 
     @property
     def can_drop_the_hopeless(self) -> bool:
-        """Whether a score that passes a limit need not be computed to its end: a maximum over many poses."""
+        """True if scoring may stop once a limit is passed: a maximum over many poses."""
         return self.norm == "max" and not self.parsimony and self.measured.shape[1] > BLOCK
 
     def initial_norm(self) -> float:
@@ -189,7 +189,7 @@ class SlotProblem:
 
 
 class Scored(Protocol):
-    """What the generations of a search ask of a problem."""
+    """Interface of a problem for the generations of a search."""
 
     @property
     def inputs(self) -> Inputs:
@@ -205,7 +205,7 @@ class Scored(Protocol):
 
     @property
     def can_drop_the_hopeless(self) -> bool:
-        """Whether a score that passes a limit need not be computed to its end."""
+        """True if scoring may stop once a limit is passed."""
 
     def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
         """Scores of decoded programs on rows ``fixed`` (base, N); those above ``hopeless`` may be infinite."""

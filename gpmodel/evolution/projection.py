@@ -61,17 +61,17 @@ class Targets:
 
     @property
     def poses(self) -> int:
-        """How many poses."""
+        """Number of poses."""
         return int(self.pull.shape[1])
 
     @property
     def sites(self) -> int:
-        """How many places a program may act at."""
+        """Number of sites at which a program may act."""
         return int(self.pull.shape[0])
 
     @cached_property
     def is_plain(self) -> bool:
-        """Whether there is one site and every pose weighs 1: plain regression."""
+        """True for plain regression: one site, and every pose weighs 1."""
         return self.sites == 1 and bool(np.all(self.weight == 1.0))
 
     @cached_property
@@ -135,7 +135,7 @@ class Targets:
         return self.gain_of(values, coefficients, site), coefficients
 
     def _gain_of_one(self, values: Array, site: int) -> tuple[float, Array]:
-        """The same of one basis (N,)."""
+        """Return the gain of one basis function (N,) and its coefficient."""
         largest = max(float(values.max()), -float(values.min()))
         if not SMALLEST < largest < np.inf or self.energy <= 0:
             return 0.0, np.zeros(1)

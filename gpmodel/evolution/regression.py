@@ -43,7 +43,7 @@ MOST_INPUTS = 2
 """Inputs up to which formulas of one term are searched from short forms at the end, under the best link."""
 SEQUENCES = Linear(operators="physics", constants=(1.0, 2.0, np.pi), own_constants=1, outputs=4, registers=6)
 BUDGET = Budget(population=512, restart_after=40, polish_every=0, threads=1)
-"""What is bred under a link, and the effort of one population."""
+"""Budget of one population under a link."""
 
 
 @dataclass(frozen=True)

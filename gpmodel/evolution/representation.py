@@ -1,4 +1,4 @@
-"""What a representation is to the search: how programs are written down, started and varied."""
+"""Interface of a representation: encoding, initialisation and variation of programs."""
 
 from collections.abc import Callable
 from typing import Protocol, Self, runtime_checkable

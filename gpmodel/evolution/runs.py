@@ -84,7 +84,7 @@ def run_all(
 
 @dataclass(frozen=True)
 class Plan:
-    """What to run: as many `runs` of each named setting, each beside one on a shuffled residual, from one seed."""
+    """Plan of runs: `runs` of each named setting, each paired with one on a permuted residual, from one seed."""
 
     settings: Mapping[str, Settings]
     runs: int
@@ -137,12 +137,14 @@ class Run:
     front: tuple[tuple[int, float, str], ...] = ()
 
     def record(self) -> RunRecord:
-        """What the histogram of referenced inputs counts of it."""
+        """Record for the histogram of referenced inputs."""
         return RunRecord(self.representation, self.shuffled, parse(self.program), self.strength)
 
 
 def strength_of(evolution: Evolution, problem: Problem) -> float:
-    """What the best program explains, comparable between runs: nats for a slot, -log(1 - gain) for a compensator."""
+    """Return the strength of the best program, comparable between runs: nats for a slot, -log(1 - gain) for a
+    compensator.
+    """
     best = evolution.best
     if isinstance(problem, CartesianProblem):
         return float(gain_nats(best.gain))

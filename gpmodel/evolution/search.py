@@ -18,7 +18,7 @@ from gpmodel.evolution.settings import Settings
 
 @dataclass(frozen=True)
 class Evolution:
-    """What a run found.
+    """Result of a run.
 
     ``front`` holds the programs that no other beats in both gain and complexity, simplest first; ``history``
     one array a quantity (generation, best, median, gain, distinct, evaluations_per_second, seconds); best and median

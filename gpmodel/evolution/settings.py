@@ -19,7 +19,7 @@ class SelectionScheme(Protocol):
     """Selection of parents and of survivors; scores are minimised."""
 
     def eligible(self, population: int) -> int:
-        """How many of the best, of so many programs, can have children or live on: of the rest no score is needed.
+        """Return the number of best programs that can have children or survive; the rest need no score.
 
         Raises InputError where the population is too small.
         """
@@ -91,7 +91,7 @@ class Tournament:
 
 @dataclass(frozen=True)
 class Budget:
-    """How long one run goes on, and what it does besides breeding.
+    """Budget of one run, and its steps besides breeding.
 
     population; generations and seconds: whichever ends first. target: stop once a program reaches this gain.
     polish_every: own constants of the best are fitted every so many generations (0: never). restart_after:

@@ -57,11 +57,11 @@ STARTS = {1: 1, 2: 8, 3: 5, 4: 3}
 DIRECTIONS, MOST = {2: 13, 3: 7, 4: 4}, 2.0
 """Weights from -1 to 1 of each input of a sum but one that are tried, by the number of inputs; the largest weight."""
 FINE = {"xatol": 0.01, "fatol": 0.01, "maxfev": 120}
-"""How near the best weights are found."""
+"""Tolerances of the best weights."""
 POINTS, NEAREST = (-1.2, -0.6, 0.0, 0.6, 1.2), 3
 """Where a distance is first counted from, in standard deviations of each input about its mean; the best, so many."""
 NEAR = ((-3.0, 3.0), (-3.0, 3.0), (-1.5, 1.5))
-"""How far the point may be, in these, and how unequal the inputs' deviations may count, as a logarithm."""
+"""Bounds of the point, and of the logarithm of the ratio of the inputs' scales."""
 LEAST = float(np.finfo(float).tiny)
 
 

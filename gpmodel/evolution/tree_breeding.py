@@ -1,4 +1,4 @@
-"""How trees start and vary (thesis section 5.2.2, Fig 5.6), by DEAP.
+"""Creation and variation of trees (thesis section 5.2.2, Fig 5.6), by DEAP.
 
 DEAP draws from Python's generator, and so may any other thread: every call here puts one of its own in the place where
 DEAP looks for it, seeded from the NumPy generator it is given.
@@ -41,7 +41,7 @@ def _deap_random(rng: np.random.Generator) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class TreeBreeding:
-    """How trees are made and varied.
+    """Creation and variation of trees.
 
     ``style`` is "koza" (subtree exchange, grown subtrees, node replacement) or "thesis" (the depth-first
     crossover and the two mutations of section 5.2.2, completed so that a tree is always whole). Starts are

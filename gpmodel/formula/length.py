@@ -15,7 +15,7 @@ def length(program: Program) -> int:
 
 
 def _scales(node: Node, nodes: tuple[Node, ...], plain: list[bool]) -> bool:
-    """Whether it moves or scales an input by a constant; plain: of the nodes before it, what is no more than that."""
+    """Return whether a node shifts or scales an input by a constant; plain: whether each earlier node does no more."""
     if node.operator not in LINEAR:
         return False
     first, second = node.arguments

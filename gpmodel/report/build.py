@@ -1,4 +1,4 @@
-"""What every report says, whatever call made it: the one builder, of a ladder of fits and the model that is shipped."""
+"""Builder of every report from a sequence of fits and the final model."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -80,7 +80,7 @@ class Ladder:
 
     @property
     def counts(self) -> Mask:
-        """Which of the poses (N,) count in an error: all but the outliers."""
+        """Poses (N,) that count in an error: all but the outliers."""
         return np.isin(np.arange(len(self.poses)), self.outliers, invert=True)
 
     def records(self) -> Iterator[StepRecord]:
@@ -145,7 +145,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
 
 
 def _predicted(ladder: Ladder) -> PredictedRecord | None:
-    """What `predict` misses by, in every one of the two ways."""
+    """Return the errors of `predict`, in both of its modes."""
     saved, poses = ladder.saved, ladder.poses
     if saved is None:
         return None
@@ -155,7 +155,7 @@ def _predicted(ladder: Ladder) -> PredictedRecord | None:
 
 
 OWN_UNIT = {"m": ("mm", 1e3), "rad": ("deg", float(np.degrees(1.0))), "px": ("px", 1.0)}
-"""How readings are written, and how many there are in one of SI."""
+"""Unit in which readings are written, and its number per SI unit."""
 
 
 Judged = tuple[Calibration, Poses]
@@ -182,7 +182,7 @@ def orientation_record(plots: PlotRecord, outliers: IntArray) -> tuple[ReadingRe
 
 
 def reading_records(poses: Poses, steps: Sequence[Sequence[Judged]]) -> tuple[ReadingRecord, ...]:
-    """What the first and the last step leave of each kind of reading; none of a table of points alone.
+    """Tabulate the residuals of the first and the last step by kind of reading; none for a table of points alone.
 
     steps: of the two, the fits that were judged on some poses each.
     """

@@ -30,7 +30,7 @@ STATISTICS: tuple[tuple[str, Callable[[Array], float]], ...] = (
     ("largest", np.max),
     ("RMS", root_mean_square),
 )
-"""What is stated of the 3-D errors (N,) over two poses or more."""
+"""Statistics of the 3-D errors (N,) over two poses or more."""
 
 
 def statistics(errors: Array) -> tuple[tuple[str, str, str], ...]:
@@ -122,7 +122,7 @@ def certificate(report: Report, particulars: Particulars, tolerance_mm: float | 
 
 
 def _unseen(report: Report) -> str:
-    """Which fit the errors of the certificate are of."""
+    """State the fit to which the errors of the certificate belong."""
     if report.data.folds:
         folds = report.data.folds
         return f", each predicted by a calibration made without it ({folds}-fold); the final fit is to all of them"
@@ -165,7 +165,7 @@ def _scope(report: Report) -> tuple[Line, ...]:
 
 
 def _further(report: Report) -> tuple[tuple[str, str, str], ...]:
-    """What the errors at further poses do not exceed, after; nothing where it cannot be told."""
+    """Return the bounds of the errors at further poses, after calibration; empty where unknown."""
     found = report.further
     if found is None:
         return ()

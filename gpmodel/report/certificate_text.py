@@ -30,7 +30,7 @@ def _accuracy(found: Certificate) -> Iterator[str]:
 
 
 def _lines(entries: Sequence[Line]) -> Iterator[str]:
-    """What is not empty, names beside their values."""
+    """Yield the non-empty lines, each name with its value."""
     for name, value in entries:
         if value and len(name) > NAME:
             yield f"    {name}"

@@ -17,7 +17,7 @@ BINS = 24
 
 
 Heads = tuple[str, bool]
-"""What the errors before are of, and whether those after are predicted."""
+"""Heading of the errors before, and whether those after are predicted."""
 
 
 def histogram(errors: Array, tolerance_mm: float | None, heads: Heads) -> Picture:

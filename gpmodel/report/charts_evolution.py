@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS = (AFTER, BEFORE, INK)
-"""Of the outputs of a program."""
+"""Colours of the outputs of a program."""
 MOST_INPUTS = 6
 """Panels of the best program, three in a row."""
 

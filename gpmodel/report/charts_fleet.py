@@ -58,7 +58,9 @@ def in_words(part: SharedPart, value: float, deviation: float) -> tuple[float, f
 
 
 def _shown(fleet: FleetPart) -> list[SharedPart]:
-    """What is no geometry, what somebody stands out in, then the geometry with the farthest machines."""
+    """Select the shown parameters: effects beyond geometry, parameters with outliers, then geometry with the
+    farthest machines.
+    """
     first = [p for p in fleet.parameters if not p.constant or p.outliers]
     rest = sorted((p for p in fleet.parameters if p not in first), key=lambda p: -np.abs(p.z).max())
     return (sorted(first, key=lambda p: not p.outliers) + rest)[:PANELS]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FILLED = (True, False, True, False)
-"""How the bars of the representations are drawn, one after the other."""
+"""Fill of the bars of each representation."""
 MOST_INPUTS = 18
 """Bars of a histogram that can still be read."""
 

@@ -1,4 +1,4 @@
-"""What changed between two calibrations of a machine, parameter by parameter and effect by effect."""
+"""Changes between two calibrations of a machine, parameter by parameter and effect by effect."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -49,7 +49,7 @@ class Change:
 
     @property
     def significant(self) -> bool:
-        """Whether the change is beyond chance."""
+        """True if the change is significant."""
         return self.chance < SIGNIFICANCE
 
 
@@ -74,7 +74,7 @@ class Comparison:
 
     @property
     def of_models(self) -> bool:
-        """Whether both are of the same rows, so that whatever differs is the model."""
+        """True if both results come from equal rows, so that only the models differ."""
         return self.shared == self.before.data.poses == self.after.data.poses
 
 
@@ -111,7 +111,7 @@ def compare(before: Report, after: Report, sources: tuple[str, str] | None = Non
 
 
 def _one_machine(one: MechanismRecord, other: MechanismRecord) -> bool:
-    """Whether two records are of one machine, whatever it and its joints are called; by names where no tip is known."""
+    """Return whether two records are of one machine, under any names; by names where no tip is known."""
     if len(one.joints) != len(other.joints):
         return False
     if one.tip_at_probe_m is None or other.tip_at_probe_m is None:
@@ -120,7 +120,7 @@ def _one_machine(one: MechanismRecord, other: MechanismRecord) -> bool:
 
 
 def _named_as(report: Report, joints: tuple[str, ...]) -> Report:
-    """The same with other names of the joints in those of its parameters and effects."""
+    """Return the report with other joint names in its parameters and effects."""
     names = table_names(report.mechanism.joints, joints)
     return replace(
         report,

@@ -34,7 +34,7 @@ def verdict(found: Comparison) -> str:
 
 
 def tables(found: Comparison) -> tuple[tuple[str, tuple[Change, ...]], ...]:
-    """What is compared, by heading."""
+    """Return the compared quantities by heading."""
     placed = "Tool in the flange, root in the instrument's frame"
     return ("Effects", found.effects), ("Parameters", found.parameters), (placed, found.placement)
 

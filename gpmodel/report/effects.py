@@ -1,4 +1,4 @@
-"""What a report says of any enabled effect, whether it was named or found."""
+"""Records of the effects in a report, named and found."""
 
 from collections.abc import Mapping, Sequence
 
@@ -118,7 +118,7 @@ AGAINST = 2.0
 
 
 def _explanation(candidate: Candidate, number: Quantity, poses: Poses) -> str:
-    """What a finding is; of a part that yields to its load whether it does. Measured torques keep their signs."""
+    """Explain a finding; for a compliant part, also whether its sign agrees. Measured torques keep their signs."""
     said = candidate.explanation or explained(candidate.family)
     known = family(candidate.family)
     computed = set(candidate.inputs).isdisjoint(poses.dataset.extras)

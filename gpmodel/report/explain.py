@@ -124,7 +124,7 @@ def _facts(report: Report, effect: EffectRecord) -> Iterator[str]:
 
 
 def _cause(effect: EffectRecord) -> str:
-    """What would cause it, as its family says; else how it came into the model."""
+    """State the physical cause from the effect's family, else how the effect entered the model."""
     if effect.explanation:
         return sentence(effect.explanation)
     if effect.found_by == NAMED:
@@ -151,7 +151,9 @@ MEASURES = {
 
 
 def kinds_of(name: str, unit: str, joints: Set[str]) -> tuple[str, ...]:
-    """What a column is: clock, temperature, payload, load, approach, delay, speed; none for an angle or an unknown."""
+    """Return the kinds of a column: clock, temperature, payload, load, approach, delay, speed; none for an angle or
+    an unknown.
+    """
     derived = constant_of(name)
     if derived is not None:
         what, source, _ = derived

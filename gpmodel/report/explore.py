@@ -26,7 +26,7 @@ COLOURS = {"before": "#868d98", "after": "#3d8fd6", "arm": "#d07f1f", "slot": "#
 
 
 def drawable(report: Report) -> bool:
-    """Whether there are positions and residuals to draw."""
+    """Return whether there are positions and residuals to draw."""
     residual = report.plots.residual_mm.get("final", ())
     return len(residual) > 0 and bool(np.isfinite(numbers(residual)).any())
 
@@ -143,7 +143,7 @@ def _dots(points: Array, said: list[tuple[int, str]], error: Array) -> dict[str,
 
 
 def _mark() -> dict[str, object]:
-    """What surrounds the pose that was chosen; nothing at first."""
+    """Return the marker of the selected pose, initially empty."""
     return {
         "type": "scatter3d", "mode": "markers", "name": "chosen pose", "hoverinfo": "skip", "x": [], "y": [], "z": [],
         "marker": {"size": 13, "symbol": "circle-open", "color": COLOURS["arm"]}, "showlegend": False,

@@ -59,7 +59,7 @@ STYLE: dict[RcKeyType, Setting] = {
     "figure.facecolor": PAPER,
     "svg.fonttype": "none",
 }
-"""How figures look: sizes in points."""
+"""Style of the figures; sizes in points."""
 COLOURS = {
     INK: "ink", MUTED: "muted", RULE: "rule", AXIS: "axis", PAPER: "paper", BEFORE: "before", AFTER: "after",
     AFTER_LIGHT: "light", NULL: "null", "#000000": "ink",
@@ -84,14 +84,14 @@ def draw(report: Report, folder: Path | None = None) -> dict[str, str]:
 
 
 def drawn(pictures: Iterable[Picture], folder: Path | None = None) -> dict[str, str]:
-    """The same of any pictures, side by side."""
+    """Draw pictures in parallel."""
     return drawn_beside(pictures, folder, lambda: None)[0]
 
 
 def drawn_beside(
     pictures: Iterable[Picture], folder: Path | None, call: Callable[[], Made]
 ) -> tuple[dict[str, str], Made]:
-    """The same, and what a call returns that is made meanwhile."""
+    """Draw pictures in parallel with a call made meanwhile; return also its result."""
     if folder is not None:
         (folder / "figures").mkdir(parents=True, exist_ok=True)
     asked = tuple(pictures)

@@ -1,4 +1,4 @@
-"""What a fitted calibration says, as records: ladder, parameters, placement, errors pose by pose."""
+"""Records of a fitted calibration: steps, parameters, placement, errors pose by pose."""
 
 from collections.abc import Mapping, Sequence
 
@@ -103,8 +103,10 @@ def tool_displacements(
 
 
 def of_specification(effects: Sequence[Effect], moved: ErrorsMm, data: Dataset) -> float | None:
-    """How many times the specification of the instrument its own error moves the readings by, RMS over the poses; None
-    for an effect of the mechanism, or where no specification is known."""
+    """Return the size of an instrument error relative to its specification, RMS over the poses.
+
+    None for an effect of the mechanism, or without a specification.
+    """
     if data.instrument is None or moved.rms_mm is None or not all(e.of_the_instrument for e in effects):
         return None
     return moved.rms_mm / (1e3 * data.instrument.at(data.position))

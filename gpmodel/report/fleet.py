@@ -26,7 +26,7 @@ zero from where a mean is one that spreads are shares of."""
 
 
 def verdict(fleet: FleetPart) -> str:
-    """What the machines share, what the prior of the type gains on held-out poses, and who stands out."""
+    """State the common effects of the machines, the gain of the prior on held-out poses, and the outliers."""
     effects: list[Part] = [*(p for p in fleet.effects if not p.constant), *fleet.blocks]
     named = "; ".join(
         f"{p.name}{'' if isinstance(p, BlockPart) else f' {said(p)}'}, spread {spread(p)}" for p in effects[:MOST_SAID]
@@ -53,7 +53,7 @@ def verdict(fleet: FleetPart) -> str:
 
 
 def deviation(part: Part, machine: int) -> str:
-    """How far a machine is from the others, in σ of a normal law as improbable as that."""
+    """State the deviation of a machine from the others, in σ of a normal distribution of equal probability."""
     return f"{wording.minus(f'{in_normal(part.z[machine], part.chances[machine]):+.1f}')} σ"
 
 
@@ -86,7 +86,7 @@ def band(part: Part) -> str:
 
 
 def _size(part: SharedPart) -> float | None:
-    """What a spread is said as a share of; None where it is said in its own unit."""
+    """Return the reference of a relative spread; None where the spread is stated in its own unit."""
     if part.name == NOISE:
         return 1.0
     return abs(part.mean) if not part.constant and abs(part.mean) > WELL_KNOWN * part.prior else None

@@ -33,7 +33,7 @@ def _together(named: tuple[Effect, ...]) -> Iterator[Candidate]:
 
 
 def named_effects(ladder: Ladder) -> Iterator[EffectRecord]:
-    """What was named: at every place it acts, what is not determined without a deviation."""
+    """Yield the records of named effects at every site; undetermined ones have no standard error."""
     final, names = ladder.final, names_of(ladder.poses.dataset)
     candidates = tuple(_together(ladder.named))
     states = resolved(final, ladder.poses).states

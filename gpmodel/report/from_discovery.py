@@ -149,7 +149,7 @@ def _tests(hypothesis: Hypothesis) -> tuple[TestRecord, ...]:
 
 
 def _as_fitted(discovery: Discovery) -> dict[str, str]:
-    """What findings are called in the fit to all poses, by what they were called when they were found."""
+    """Return the name of each finding in the fit to all poses, by its name when found."""
     pairs = zip(discovery.findings, discovery.fitted.candidates, strict=True)
     return {finding.candidate.name: candidate.name for finding, candidate in pairs}
 

@@ -19,7 +19,7 @@ from gpmodel.report.schema_search import CompensationRecord, HistogramRecord, Pr
 
 
 def histogram_record(counted: Histogram, names: Mapping[str, str]) -> HistogramRecord:
-    """What a report keeps of a histogram; `names` are the table's names of inputs."""
+    """Return the record of a histogram; `names` are the table's names of inputs."""
     return HistogramRecord(
         inputs=tuple(names.get(x, x) for x in counted.inputs),
         counts=dict(counted.counts),

@@ -14,7 +14,9 @@ _CAUSES = {
 
 
 def instrument(report: Report) -> str:
-    """What the specification of the instrument leads to expect, beside what was found; empty where none was given."""
+    """State the noise expected from the instrument's specification and the noise found; empty without a
+    specification.
+    """
     stated = report.instrument
     if stated is None:
         return ""
@@ -26,7 +28,7 @@ def instrument(report: Report) -> str:
 
 
 def beside_specification(effect: EffectRecord) -> str:
-    """How an error of the instrument stands beside its specification; empty for any other effect."""
+    """Compare an error of the instrument with its specification; empty for any other effect."""
     times = effect.of_specification
     if times is None:
         return ""

@@ -17,7 +17,7 @@ from gpmodel.table.dataset import Dataset
 FEWEST = 3
 """Repeats of a pose from which they have a spread, and poses from which the spread between them is known."""
 REPEATS = 30
-"""Of every pose in the standard, table 7."""
+"""Repeats of every pose in the standard, table 7."""
 
 
 def repeatability(data: Dataset) -> Repeatability | None:

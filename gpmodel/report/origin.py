@@ -26,7 +26,7 @@ PACKAGES = ("gpmodel", "numpy", "scipy", "numba", "deap", "pin", "sympy")
 
 @dataclass(frozen=True)
 class Origin:
-    """What was asked. noise: the instrument's standard deviation of one coordinate, m, where the user gave one."""
+    """Request behind a report. noise: the instrument's standard deviation of one coordinate, m, if given."""
 
     command: str
     seed: int
@@ -68,8 +68,10 @@ def data_record(poses: Poses, train: int, outliers: IntArray) -> DataRecord:
 
 
 def marks(data: Dataset) -> tuple[str, ...]:
-    """Of each row eight digits of a digest of its joint values and readings; none where there are readings of other
-    kinds than columns hold."""
+    """Return eight digits of a digest of each row's joint values and readings.
+
+    Empty if there are readings of kinds that columns do not hold.
+    """
     if data.observations:
         return ()
     readings = [data.position, data.rotation, *(data.distances[name] for name in sorted(data.distances))]
@@ -109,7 +111,7 @@ def floor_mm(
 
 
 def instrument_record(data: Dataset) -> InstrumentRecord | None:
-    """What the instrument's specification leads to expect at the table's distances; None where nobody said it."""
+    """Return the noise expected from the instrument's specification at the table's distances; None without one."""
     stated, points = data.instrument, data.position
     if stated is None:
         return None

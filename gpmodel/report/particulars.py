@@ -1,4 +1,4 @@
-"""What a certificate says beside the numbers: machine, instrument, operator; from options or a TOML file."""
+"""Particulars of a certificate: machine, instrument, operator; from options or a TOML file."""
 
 import dataclasses
 import datetime

@@ -12,7 +12,7 @@ from gpmodel.report.schema import Report
 
 CSV = "poses.csv"
 DECIMALS = 4
-"""Of a millimetre: a tenth of a micrometre."""
+"""Decimals of a millimetre: a tenth of a micrometre."""
 
 
 @dataclass(frozen=True)

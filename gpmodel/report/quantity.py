@@ -51,7 +51,7 @@ def quantity(calibration: Calibration, candidate: Candidate, states: States, mov
 
 
 def _basis_in_words(candidate: Candidate, theta: Array) -> str:
-    """What the amplitude of a candidate multiplies."""
+    """State the basis function that the amplitude of a candidate multiplies."""
     first = str(candidate.place.basis)
     if candidate.kind == "harmonic":
         return f"{first[:-1]} {float(np.arctan2(theta[1], theta[0])):+.3f})"

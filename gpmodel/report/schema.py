@@ -43,7 +43,7 @@ class ErrorsMm:
 
     @property
     def known(self) -> bool:
-        """Whether there was anything to compute it from."""
+        """True if there were poses to compute it from."""
         return self.rms_mm is not None
 
 
@@ -62,7 +62,7 @@ class PredictedRecord:
 
     @property
     def differs(self) -> bool:
-        """Whether predictions without an option have another error than what the instrument reads."""
+        """True if predictions without an option differ in error from the predicted readings."""
         session, plain = self.model_as_measured.rms_mm, self.model.rms_mm
         return session is not None and plain is not None and abs(plain - session) > VISIBLE * session
 
@@ -80,12 +80,12 @@ class StepRecord:
 
     @property
     def beyond_standard(self) -> bool:
-        """Whether there is more in the model than the standard one."""
+        """True if the model contains more than the standard model."""
         return self.step not in (REGISTRATION, STANDARD)
 
     @property
     def errors(self) -> ErrorsMm:
-        """Of the held-out poses; of the training poses where none were held out."""
+        """Errors of the held-out poses; of the training poses if none were held out."""
         return self.heldout if self.heldout.known else self.train
 
 
@@ -109,12 +109,12 @@ class DataRecord:
 
     @property
     def unit(self) -> str:
-        """What the rows are called."""
+        """Name of the rows."""
         return "rows" if 0 < self.different < self.poses else "poses"
 
     @property
     def counted(self) -> str:
-        """How many poses, and in how many rows where these are more."""
+        """Number of poses, and of rows if there are more rows."""
         return counted(self.different, self.poses)
 
 
@@ -229,7 +229,7 @@ class Report:
 
     @property
     def held(self) -> bool:
-        """Whether any step has errors on held-out poses."""
+        """True if any step has errors on held-out poses."""
         return any(rung.heldout.known for rung in self.ladder)
 
     def step(self, name: str) -> StepRecord | None:
@@ -269,7 +269,7 @@ class Report:
         return tuple(sorted(undecided, key=lambda c: -(c.nats or 0.0))[:MOST_REJECTED])
 
     def dropped(self) -> tuple[str, ...]:
-        """What these poses cannot tell apart and the final model therefore leaves out."""
+        """Return the parameters that these poses do not determine, which the final model leaves out."""
         listed = tuple(p.name for p in self.parameters if not p.kept)
         return listed or (self.ladder[-1].dropped if self.ladder else ())
 

@@ -1,4 +1,4 @@
-"""What a search found, tried and counted, as report.json keeps it."""
+"""Records of a search in report.json: findings, rejected candidates, counts."""
 
 from dataclasses import dataclass, field
 from typing import Annotated
@@ -194,7 +194,7 @@ class CandidateRecord:
 
     @property
     def undecided(self) -> bool:
-        """Whether it is significant and lowers the cross-validated error, and was rejected by another test."""
+        """True if a candidate is significant and lowers the cross-validated error, but failed another test."""
         if self.accepted or self.cv_rms_mm is None or self.cv_before_mm is None:
             return False
         passed = all(test.passed for test in self.tests if test.name in SIGNIFICANT)

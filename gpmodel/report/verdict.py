@@ -23,7 +23,7 @@ _LOAD = re.compile(r"(?:payload_)?(?:torque|moment|force)_(?P<at>\w+)$")
 
 
 def of_discovery(report: Report) -> str:
-    """How many effects were missing, whether held-out poses confirm them, and the error before and after."""
+    """State the number of missing effects, their confirmation on held-out poses, and the error before and after."""
     standard, last = report.step(STANDARD) or report.ladder[0], report.ladder[-1]
     before, after = standard.errors.rms_mm, last.errors.rms_mm
     if not report.effects:
@@ -50,8 +50,10 @@ def _change(report: Report) -> str:
 
 
 def behind(report: Report) -> str:
-    """What the effects of a discovery follow, what else they could be, and how many rejected candidates are undecided;
-    empty where there is nothing of it."""
+    """State the inputs of the found effects, their alternatives, and the number of undecided rejected candidates.
+
+    Empty without any.
+    """
     inputs = list(inputs_in_words(report))
     followed = f"What was found follows {wording.listed(inputs)}." if report.kind == "discover" and inputs else ""
     return " ".join(filter(None, (followed, *_undecided(report), _rejected(report))))
@@ -122,7 +124,7 @@ def _left_out(report: Report) -> str:
 
 
 def _beside_noise(report: Report, rms: float | None) -> str:
-    """How an error stands beside the noise floor; empty where that is unknown.
+    """Compare an error with the noise floor; empty where the floor is unknown.
 
     At the floor: within two standard errors of an RMS over so many poses, 1 / √(2 n) each.
     """
@@ -138,7 +140,7 @@ def _beside_noise(report: Report, rms: float | None) -> str:
 
 
 def of_calibration(report: Report) -> str:
-    """What was fitted, and the error before and after."""
+    """State the fitted model, and the error before and after."""
     last = report.ladder[-1]
     what = wording.listed(["the standard model", *(e.name for e in report.effects)][: 1 + MOST_SIZED])
     if len(report.effects) > MOST_SIZED:
@@ -150,7 +152,7 @@ def of_calibration(report: Report) -> str:
 
 
 def of_evolution(report: Report) -> str:
-    """Which inputs the programs refer to beyond chance, and what the best of them explains."""
+    """State the inputs that programs reference significantly, and the share that the best program explains."""
     histogram = report.histograms[0]
     real = [run for run in report.runs if not run.shuffled]
     best = max((run.gain for run in real if run.gain is not None), default=None)

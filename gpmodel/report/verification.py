@@ -134,12 +134,12 @@ class Verification:
 
     @property
     def passed(self) -> bool:
-        """Whether the model holds, within the tolerance where one was asked."""
+        """True if the model holds, within the tolerance if one was given."""
         return self.verdict == "holds" and not self.beyond
 
     @property
     def beyond(self) -> int:
-        """How many rows exceed the tolerance, of all that there are."""
+        """Number of rows that exceed the tolerance, of all rows."""
         limit, others = self.tolerance_mm, self.others.with_mm if self.others else ()
         return len(self.beyond_tolerance) + sum(limit is not None and mm > limit for mm in others)
 
@@ -154,8 +154,13 @@ class Verification:
 
 @dataclass(frozen=True)
 class VerifyRequest:
-    """What was asked. missed: (N,) m by which compensated targets were missed. rows: of the table. others: those that
-    are not judged. fitted: rows of the fit, left out."""
+    """Request of a verification.
+
+    missed: (N,) m, errors of compensated targets.
+    rows: number of rows of the table.
+    others: rows that are not judged.
+    fitted: rows of the fit, left out.
+    """
 
     command: str
     model_file: str
@@ -220,7 +225,7 @@ def verification(found: Verified, asked: VerifyRequest) -> Verification:
 
 
 def _kinds(found: Verified, promised: Array) -> Iterator[KindRecord]:
-    """Of the rows that count."""
+    """Yield the record of each kind of reading over the rows that count."""
     session = found.session
     for kind in cast(tuple[Observation, ...], session.poses.dataset.observations):
         rows, (unit, factor) = kind.readings.any(axis=1) & session.use, OWN_UNIT[kind.unit]

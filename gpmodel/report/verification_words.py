@@ -1,4 +1,4 @@
-"""What a verification says, in words and as a page."""
+"""Verification in words and as a page."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def verdict(record: Verification) -> str:
 
 
 def _before(record: Verification) -> Iterator[str]:
-    """What the verdict is not of, and readings that are too good."""
+    """Yield remarks on rows excluded from the verdict, and on readings that are too good."""
     if record.fitted:
         several = "s are" if len(record.fitted) > 1 else " is"
         yield f"{len(record.fitted)} row{several} of the fit and left out ({wording.some(record.fitted)})."
@@ -84,7 +84,7 @@ def _before(record: Verification) -> Iterator[str]:
 
 
 def tolerance(record: Verification) -> str:
-    """Whether the tolerance is kept; empty where none was asked."""
+    """State whether the tolerance is kept; empty without one."""
     if record.tolerance_mm is None:
         return ""
     (row, worst), (unit, of_one) = record.worst, record.shown
@@ -108,7 +108,7 @@ def change(found: NamedChange) -> str:
 
 
 def facts(record: Verification) -> Iterator[tuple[str, str]]:
-    """What the verdict rests on, by heading."""
+    """Yield the statistics behind the verdict, by heading."""
     known = "" if record.noise_degrees is None else f", σ known from {record.noise_degrees:.0f}"
     yield (
         "chi-square", f"{record.chi_square:.1f} of {record.degrees} degrees of freedom{known}; "

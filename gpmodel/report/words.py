@@ -52,7 +52,7 @@ def predicted(report: Report) -> str:
 
 
 def interval(report: Report) -> str:
-    """What ± σ is, and the factor of it that is the 95 % interval."""
+    """State the meaning of ± σ, and the coverage factor of the 95 % interval."""
     factor = coverage_factor(np.inf if report.freedom is None else report.freedom)
     of = "" if report.freedom is None else f", Student's t of {report.freedom:.0f} degrees of freedom"
     sure = wording.percent(COVERAGE)
@@ -60,7 +60,7 @@ def interval(report: Report) -> str:
 
 
 def confirmed(report: Report) -> str:
-    """Whether held-out poses confirm what was added; empty where nothing was added."""
+    """State whether held-out poses confirm the added effects; empty if none were added."""
     found = report.confirmation
     if found is None:
         return ""
@@ -72,7 +72,7 @@ def confirmed(report: Report) -> str:
 
 
 def rivals(effect: EffectRecord) -> str:
-    """What else it could be; empty where nobody looked."""
+    """State the alternatives; empty if none were sought."""
     if effect.rivals is None:
         return ""
     close = effect.close_rivals()
@@ -106,7 +106,7 @@ def rivalled(effect: EffectRecord) -> str:
 
 
 def beforehand(report: Report, effect: EffectRecord) -> str:
-    """Whether the histogram of referenced inputs pointed at a finding in its round; empty without one."""
+    """State whether the histogram of referenced inputs indicated a finding in its round; empty without one."""
     histogram = report.histogram_of(effect)
     if histogram is None:
         return ""
@@ -139,7 +139,7 @@ def story(report: Report) -> Iterator[str]:
 
 
 def found(report: Report, effect: EffectRecord) -> str:
-    """How an effect was found, in which round, and together with how many others."""
+    """State the method, the round, and the number of effects found together."""
     how = _FOUND_BY.get(effect.found_by, effect.found_by)
     if effect.round is None:
         return how
@@ -163,7 +163,7 @@ def dropped(report: Report) -> str:
 
 
 def written(effect: EffectRecord) -> tuple[tuple[str, str], ...]:
-    """What the number of an effect multiplies, and where: place by place where it acts at several."""
+    """Return the basis function of an effect and its site, one entry per site."""
     places = tuple(dict.fromkeys(f"{t.slot} {t.axis}" for t in effect.terms)) or (f"{effect.slot} {effect.axis}",)
     basis = wording.expression(effect.basis)
     if effect.kind == "curve":
@@ -240,7 +240,9 @@ def operators(histogram: HistogramRecord) -> list[tuple[str, ...]]:
 
 
 def removed(histogram: HistogramRecord) -> str:
-    """How much the programs behind a histogram explain, and how much they explain of shuffled errors; empty without."""
+    """State the share that the programs of a histogram explain, and the share on permuted errors; empty without
+    either.
+    """
     real, null = histogram.removed, histogram.shuffled_removed
     if real is None or null is None:
         return ""

@@ -83,7 +83,7 @@ def numbered(keys: Array | IntArray) -> IntArray:
 
 
 def different_poses(dataset: Dataset) -> int:
-    """How many poses the rows are of: fewer than rows where some were measured again or of several markers."""
+    """Return the number of different poses: fewer than rows if poses are repeated or have several markers."""
     return int(replicates(dataset, whatever=True).max(initial=-1)) + 1
 
 
@@ -226,7 +226,7 @@ def original(dataset: Dataset) -> IntArray:
 
 
 def _renumbered(codes: IntArray, order: IntArray) -> IntArray:
-    """The same codes (N,), numbered from 0 as they appear in an order of the rows."""
+    """Renumber codes (N,) from 0 as they appear in an order of the rows."""
     _, first, code = np.unique(codes[order], return_index=True, return_inverse=True)
     out = np.empty(len(codes), dtype=np.int64)
     out[order] = np.argsort(np.argsort(first))[code]

@@ -23,14 +23,14 @@ LARGEST_FILE = 128 << 20
 """Bytes, of an Excel table unpacked: a million poses. Reading takes about ten times as much memory."""
 
 MOST_COLUMNS = 1000
-"""Of a table; the work of reading grows with their number, and a model keeps 500 inputs."""
+"""Largest number of columns of a table; reading time grows with it, and a model keeps 500 inputs."""
 LONGEST_HEADER = 100_000
 """Characters of the first line: a hundred a column."""
 
 EMPTY = "{}: the file is empty; expected a header line and one row per pose"
 
 COMMENTS = ("#", "//", "%", "!")
-"""How comments begin; no name of a column does."""
+"""Prefixes of comments; no column name begins with one."""
 NAMES = "expected names with units, as J1 [deg]"
 MOST_ABOVE, FEWEST_UNITS = 50, 3
 """Lines in which a header is looked for, and units that make one of a line: x, y and z have as many."""

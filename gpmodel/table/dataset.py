@@ -30,7 +30,7 @@ class Readings(Protocol):
     """Readings at N poses of a kind that tables have no columns for: a gpmodel.model.observation.Observation."""
 
     def subset(self, rows: IntArray) -> "Readings":
-        """The same at some poses only."""
+        """Return the readings at some poses."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ class Dataset:
 
     @property
     def has_rotation(self) -> bool:
-        """Whether any orientation was measured."""
+        """True if any orientation was measured."""
         return bool(np.isfinite(self.rotation).any())
 
     def label(self, column: str) -> NDArray[np.str_]:
@@ -138,7 +138,7 @@ class Dataset:
         return names, np.array([index[x] for x in labels.tolist()], dtype=np.int64)
 
     def subset(self, rows: IntArray | Sequence[int] | NDArray[np.bool_]) -> "Dataset":
-        """The same table with some rows only."""
+        """Return the table with some rows."""
         take = np.asarray(rows)
         return replace(
             self,
@@ -160,7 +160,7 @@ SAME_MASS = 1e-9
 
 
 def with_payload(dataset: Dataset, payload: float | None) -> Dataset:
-    """The same poses with `payload` (kg) carried at every row, where one is given.
+    """Return the poses with `payload` (kg) at every row, if one is given.
 
     Raises InputError where a payload column of the table has another mass.
     """

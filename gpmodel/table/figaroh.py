@@ -14,7 +14,7 @@ _MARKER = re.compile(r"^(?:phi)?[xyz](\d+)$")
 
 
 def is_figaroh(path: Path) -> bool:
-    """Whether the header of a CSV file names a first marker."""
+    """Return whether the header of a CSV file names a first marker."""
     return path.suffix.lower() == ".csv" and {"x1", "y1", "z1"} <= {str(c).strip() for c in read_frame(path)[0].columns}
 
 

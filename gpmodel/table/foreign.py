@@ -22,14 +22,14 @@ from gpmodel.texts import read_toml
 
 EXAMPLE = 'x = "tracker_x [mm]" or x = "target_x - error_x [mm]"'
 FAR_FROM_ONE = 0.05
-"""Of the norm of a quaternion: written with two digits each, they are nearer."""
+"""Largest error of a quaternion's norm: two written digits are closer."""
 _EULER = re.compile(r"^(intrinsic|fixed) ([XYZ])(?!\2)([XYZ])(?!\3)([XYZ])$")
 _NUMBERED = re.compile(r"^c?(\d+)$")
 
 
 @dataclass(frozen=True)
 class OrientationColumns:
-    """How a file writes orientations: columns (or formulas) with units, and their convention.
+    """Orientation columns of a file: columns (or formulas) with units, and their convention.
 
     convention: `intrinsic XYZ` means R = Rx(a) Ry(b) Rz(c), `fixed XYZ` R = Rz(c) Ry(b) Rx(a), any axes likewise;
     `rotation vector`; `quaternion xyzw` or `quaternion wxyz`, whose columns have no unit.
@@ -102,7 +102,7 @@ def _orientation(content: object, where: str) -> OrientationColumns:
 
 
 def orientation_reader(convention: object, where: str) -> tuple[Callable[[Array], Rotation], int]:
-    """What turns rows of numbers (radians) into rotations, and how many numbers it needs."""
+    """Return the conversion of rows of numbers (radians) to rotations, and the number of columns it needs."""
     if convention == "rotation vector":
         return Rotation.from_rotvec, 3
     if convention == "quaternion xyzw":

@@ -1,4 +1,4 @@
-"""What files of other programs, whose layout is known, become: a table, or the description of something."""
+"""Import of files of other programs with a known layout: a table, or a description."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""What OpenCV and ROS write of a camera, and the corners OpenCV found.
+"""Cameras written by OpenCV and ROS, and corners found by OpenCV.
 
 Sources: OpenCV, samples/cpp/calibration.cpp (image_points, board_width, board_height) and FileStorage, whose first line
 is no YAML of its own version; ROS, camera_calibration_parsers (camera_matrix, distortion_model plumb_bob).

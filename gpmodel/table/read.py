@@ -82,7 +82,7 @@ def _with_tools(labels: dict[str, NDArray[np.str_]], mechanism: Mechanism) -> di
 
 @dataclass
 class _Cells:
-    """What the columns beside the joints hold, filled column by column, in SI units; extras in their own."""
+    """Content of the columns other than joints, filled column by column, in SI units; extras in their own."""
 
     position: Array
     rotation: Array
@@ -262,7 +262,7 @@ def _example(name: str, cells: pd.Series, joints: dict[str, Joint]) -> str:
 
 
 def _is_reading(name: str, unit: str | None) -> bool:
-    """Whether a column of that name is one of an instrument; `u [V]` is an input like any other."""
+    """Return whether a column of that name is an instrument's; `u [V]` is an input like any other."""
     return unit is None or READINGS[name] != "px" or unit in ("px", "pixel", "pixels")
 
 

@@ -1,4 +1,4 @@
-"""What robot_calibration found: offsets of joints and frames, put into the URDF that they belong to.
+"""Result of robot_calibration: offsets of joints and frames, inserted into their URDF.
 
     origin' = origin · X · M(o),   X of NAME_x, NAME_y, NAME_z, m, and NAME_a, NAME_b, NAME_c, a rotation vector, rad;
     M(o) the motion of the joint NAME by its offset o, rad or m

@@ -127,4 +127,4 @@ def _time(message: object) -> float:
 
 
 _part = getattr
-"""Of a message, whose class rosbags makes of its definition."""
+"""Field of a message, whose class rosbags makes of its definition."""

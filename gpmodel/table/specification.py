@@ -1,4 +1,4 @@
-"""What the maker of an instrument states: the largest error of a coordinate that is permitted at a distance."""
+"""Specification of an instrument: the maximum permissible error of a coordinate at a distance."""
 
 import math
 import re

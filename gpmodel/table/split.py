@@ -1,4 +1,4 @@
-"""Which poses train and which are held out; poses that belong together stay together."""
+"""Split into training and held-out poses; dependent poses stay together."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -101,7 +101,7 @@ class TomlTable:
         return np.array(value, dtype=np.float64)
 
     def needed(self, key: str, size: int) -> Array:
-        """The same where it must be there."""
+        """Return the numbers of a required key."""
         values = self.numbers(key, size)
         if values is None:
             raise InputError(f"{self.where}: expected {key}, a list of {size} finite numbers")

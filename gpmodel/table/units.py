@@ -55,8 +55,11 @@ def identifier(name: str) -> str:
 
 
 def _spelled(unit: str) -> str:
-    """The same text. Raises ValueError where it is too long or raises anything but a name to a power: the units
-    library would work out 9**9**9."""
+    """Return the text of a unit.
+
+    Raises ValueError if it is too long or raises anything but a name to a power: the units library would evaluate
+    9**9**9.
+    """
     if len(unit) > LONGEST or len(_POWER.findall(unit)) != len(_RAISED.findall(unit)):
         raise ValueError(unit)
     return unit
@@ -64,7 +67,7 @@ def _spelled(unit: str) -> str:
 
 @lru_cache(maxsize=256)
 def known_unit(unit: str) -> bool:
-    """Whether the units library can read this unit, and convert it; `1` is the dimensionless one."""
+    """Return whether the units library can read and convert this unit; `1` is the dimensionless one."""
     try:
         registry = _registry()
         spelled = registry.parse_units("" if unit == "1" else _spelled(unit))
@@ -76,7 +79,7 @@ def known_unit(unit: str) -> bool:
 
 @lru_cache(maxsize=256)
 def is_time(unit: str) -> bool:
-    """Whether it is a unit of time."""
+    """Return whether it is a unit of time."""
     return unit != "1" and known_unit(unit) and _registry().parse_units(unit).is_compatible_with("s")
 
 
@@ -87,7 +90,7 @@ def clock_names(units: Mapping[str, str]) -> set[str]:
 
 @lru_cache(maxsize=256)
 def torque_factor(unit: str) -> float | None:
-    """How many N·m (or N, of a force) one `unit` is; None for a unit of neither."""
+    """Return the size of one `unit` in N·m (or N, of a force); None for a unit of neither."""
     if unit == "1" or not known_unit(unit.replace("Nm", "N*m")):
         return None
     own = _registry().Quantity(1.0, unit.replace("Nm", "N*m"))
@@ -95,7 +98,7 @@ def torque_factor(unit: str) -> float | None:
 
 
 def factor(unit: str, dimension: str, where: str) -> float:
-    """How many SI units one `unit` of `dimension` (length, angle or mass) is.
+    """Return the size of one `unit` of `dimension` (length, angle or mass) in SI units.
 
     Raises InputError naming `where` when the unit is unknown or of another dimension.
     """
@@ -124,7 +127,7 @@ def split_quantity(text: str) -> tuple[float, str] | None:
 
 
 def factor_like(unit: str, like: str) -> float | None:
-    """How many SI units one `unit` is, `/K` with a stroke before it as well; None unless of the dimension of `like`.
+    """Return the size of one `unit` in SI units, also of `/K`; None unless its dimension is that of `like`.
 
     None also for scales with a zero of their own (degC): their values are no multiples of a unit.
     """

@@ -1,4 +1,4 @@
-"""What no machine leaves is said in the verdict of a calibration, with the file and what is wrong then."""
+"""A calibration with an impossible result says so in its verdict, with the file and the likely fault."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What the documents show runs: the lines of the README and the cells of the tour."""
+"""Code in the documents runs: the lines of the README and the cells of the tour."""
 
 import copy
 import doctest

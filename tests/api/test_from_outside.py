@@ -1,4 +1,4 @@
-"""What others bring runs in the loop: a family in ten lines, a selection scheme in thirty, defined here."""
+"""Extensions run in the loop: a family in ten lines, a selection scheme in thirty, defined here."""
 
 import inspect
 from collections.abc import Iterator

@@ -50,7 +50,7 @@ def said(call):
     except gp.InputError as error:
         return str(error)
 """
-"""What a lean installation cannot import is not there."""
+"""Python source that makes modules of the extras unimportable."""
 
 
 def lean(code: str) -> str:
@@ -86,7 +86,7 @@ def test_a_lean_installation_calibrates_saves_predicts_and_compensates(tmp_path:
 
 @pytest.mark.long
 def test_a_lean_installation_says_which_extra_draws_pages(tmp_path: Path) -> None:
-    """What another computer left is asked for: nothing is missing until a page is drawn."""
+    """A result from another computer needs no extra until a page is drawn."""
     path, folder, command = write(FRAME, tmp_path / "t.csv"), str(tmp_path / "r"), "from gpmodel.cli.main import main\n"
     gp.calibrate(gp.load_mechanism("irb6400r"), str(path), ["base_compliance"]).report(folder)
     asked = [
@@ -121,7 +121,7 @@ def test_a_robot_read_from_urdf_predicts_without_pinocchio(tmp_path: Path) -> No
 
 
 def test_the_public_names_are_those_a_user_writes() -> None:
-    """What the README and the tour write, and what an outside mechanism, family or effect is made of."""
+    """The names are those in the README, the tour, and outside mechanisms, families and effects."""
     ten_lines = {"load_mechanism", "read_table", "calibrate", "discover", "load_model", "evolve", "simulate", "check"}
     choices = {"choose_poses", "catalogue", "Search", "Criteria", "Linear", "Tree", "InputError", "Model", "Dataset"}
     choices |= {"Truncation", "Tournament"}

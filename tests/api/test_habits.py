@@ -1,4 +1,4 @@
-"""What users of other libraries write without thinking."""
+"""Inputs that users of other libraries write by habit."""
 
 import json
 import re
@@ -161,8 +161,9 @@ def test_a_certificate_prints_and_saves_the_numbers_of_its_page(fit: gp.Model, t
 
 
 def test_which_point_is_compensated_is_said_and_may_be_chosen(fit: gp.Model) -> None:
-    """Of the frame the target is where the flange is to be; both differ by the tool's length, and agree of joint
-    targets but for the point whose correction is said."""
+    """With a frame, the target is the position of the flange. Both differ by the tool's length, and agree on joint
+    targets except for the named point of the correction.
+    """
     mechanism = fit.model.mechanism
     target = pd.DataFrame({"x [mm]": [1500.0], "y [mm]": [100.0], "z [mm]": [1400.0]})
     names = [f"corrected_{j.name} [deg]" for j in mechanism.joints]

@@ -1,4 +1,4 @@
-"""What a constant of the standard model could equally be, the next poses tell."""
+"""Next poses distinguish a constant of the standard model from its alternatives."""
 
 from pathlib import Path
 

@@ -48,7 +48,9 @@ def tool_poses(saved: SavedModel, dataset: Dataset, q: Array, *, real: bool) -> 
 
 
 def smallest_singular_value(saved: SavedModel, dataset: Dataset) -> Array:
-    """Of the nominal tool's Jacobian (N,) by central differences, m and 0.3 m times rad per rad."""
+    """Return the smallest singular value of the nominal tool's Jacobian (N,) by central differences, m and 0.3 m
+    times rad per rad.
+    """
     columns = []
     for i in range(dataset.q.shape[1]):
         step = np.zeros(dataset.q.shape[1])

@@ -42,7 +42,7 @@ FILES = {
     "exports/model.h", "exports/model.tex", "exports/grid.csv", "exports/kinematics.yaml", "exports/joint_offsets.yaml",
 }  # fmt: skip
 REFUSED = {"exports/ur_kinematics.yaml", "exports/robodk.csv"}
-"""What not every arm allows: other links than UR's, axes nearly parallel."""
+"""Exports that not every arm allows: links unlike UR's, axes nearly parallel."""
 
 
 def fitted(name: str) -> Model:
@@ -63,7 +63,7 @@ def exports(model: Model) -> Exports:
 
 
 def points(model: Model, q: np.ndarray) -> np.ndarray:
-    """What predict gives, m."""
+    """Predict points, m."""
     frame = pd.DataFrame({f"{j.name} [rad]": v for j, v in zip(model.mechanism.joints, q.T, strict=True)})
     return model.predict(frame)[["x [mm]", "y [mm]", "z [mm]"]].to_numpy() / 1e3
 

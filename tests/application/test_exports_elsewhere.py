@@ -66,7 +66,7 @@ FOLLOWING = {
     "irb6400r": ("J3 here = J3 of the controller - J2",),
     "wrist.toml": ("J5 here = J5 of the controller + 0.02 J4", "J6 here = J6 of the controller + 0.01 J4 - J5"),
 }
-"""What the head of every file without [[coupling]] says."""
+"""Lines in the head of every file without [[coupling]]."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ def robodk_frames(text: str, case: Case) -> np.ndarray:
 
 
 def read_elsewhere(case: Case, file: str, text: str) -> float:
-    """How far the tool of a file is from what predict gives, by readers that are not the product's, m."""
+    """Return the distance of a file's tool from the prediction, by readers outside the product, m."""
     link, tool = tool_said(text)
     nominal = written(case.rigid.fit.model.mechanism, {})[0]
     if file in DH:

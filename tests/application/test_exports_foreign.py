@@ -69,7 +69,7 @@ def named(saved: SavedModel, text: str) -> SavedModel:
 
 
 def code(file: str, text: str) -> object:
-    """What of a source is no name, text or comment."""
+    """Return the parts of a source that are no name, text or comment."""
     match Path(file).suffix:
         case ".py":
             tree = ast.parse(text)

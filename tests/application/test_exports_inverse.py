@@ -30,7 +30,7 @@ def calibrated(name: str) -> Model:
 
 
 def points(model: Model, q: np.ndarray) -> np.ndarray:
-    """What predict gives, m."""
+    """Predict points, m."""
     frame = pd.DataFrame({f"{j.name} [rad]": v for j, v in zip(model.mechanism.joints, q.T, strict=True)})
     return model.predict(frame)[["x [mm]", "y [mm]", "z [mm]"]].to_numpy() / 1e3
 

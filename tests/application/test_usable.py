@@ -1,4 +1,4 @@
-"""What a model says of poses nobody measured: how well, within which ranges, and of another session on average."""
+"""Predictions of a model at unmeasured poses: precision, ranges, and averages over sessions."""
 
 from dataclasses import replace
 
@@ -99,7 +99,7 @@ def test_within_its_ranges_nothing_changes() -> None:
 
 
 def test_of_a_law_in_two_places_one_may_follow_the_session_alone() -> None:
-    """As the deviation of a moment in it does, which both of its terms hold."""
+    """An example is the standard error of a moment in the formula, which both of its terms contain."""
     terms = ("J3.moving", "Ry", "J3*abs(row - 30)"), ("J3.moving", "Rz", "abs(row - 30)")
     law = Effect("law", tuple(Term(slot, axis, gp.Expression(text)) for slot, axis, text in terms), "rad", "")
     measured = table(60, effects=("J3.moving:Ry:J3*abs(row - 30)=10 urad",))

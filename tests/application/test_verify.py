@@ -48,7 +48,7 @@ def later(
 
 @pytest.mark.long
 def test_while_the_model_holds_chances_are_uniform(fitted: Fitted) -> None:
-    """Of everything left, and of every pose: over forty later sessions of twenty poses."""
+    """Chances of the whole residual and of every pose, over forty later sessions of twenty poses."""
     model, made = fitted
     found = [recheck(settled(usable(model.saved), later(made, seed))) for seed in range(40)]
     assert stats.kstest([f.chance for f in found], "uniform").pvalue > 0.01

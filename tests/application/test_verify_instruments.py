@@ -35,7 +35,7 @@ def fitted(instrument: str) -> tuple[gp.Model, Dataset]:
 
 
 def moved(data: Dataset, joint: int, by: float) -> Dataset:
-    """The same readings of a robot with a moved zero: it went there at other joint values."""
+    """Return the readings of a robot with a moved zero, which reached the poses at other joint values."""
     return replace(data, q=data.q - by * np.eye(data.q.shape[1])[joint])
 
 

@@ -1,4 +1,4 @@
-"""What repeats of a pose share is counted once, in the numbers and in their deviations."""
+"""Errors that repeats of a pose share count once, in the numbers and in their standard errors."""
 
 from dataclasses import replace
 

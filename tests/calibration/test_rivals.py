@@ -1,4 +1,4 @@
-"""What the standard model hides: a constant that something else could be, at these poses and not at others."""
+"""Alternatives to constants of the standard model, at these poses and not at others."""
 
 from dataclasses import replace
 
@@ -89,7 +89,9 @@ def measured_arm(share: float, extra: np.ndarray | None = None) -> tuple[Calibra
 
 
 def test_every_rival_says_what_tells_it_apart_in_a_hall_that_stays_at_thirty_degrees() -> None:
-    """Of all families but curves and what follows the rows: other poses, another temperature or instrument, nothing."""
+    """All families except curves and effects of the rows: other poses, another temperature or instrument, or nothing
+    separates them.
+    """
     fit, poses, arm = measured_arm(0.2)
     warm = np.random.default_rng(2).uniform(29.9, 30.1, len(poses))
     data = replace(poses.dataset, extras={"temperature": warm}, extra_units={"temperature": "degC"})

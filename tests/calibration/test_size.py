@@ -24,8 +24,9 @@ def test_how_far_a_description_is_off_is_read_from_what_its_constants_explain(re
 
 
 def test_the_size_does_not_depend_on_which_constants_stand_for_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of those that stand for one another the first are held: with the turns of the joints last others are, and the fit
-    is the same."""
+    """The first of equivalent constants are held. With the turns of the joints last, others are held and the fit
+    does not change.
+    """
     made = simulated("points", 160)
     model, chosen = ErrorModel(made.truth.mechanism, geometric_effects(made.truth.mechanism)), gauge.preference
     fit = calibrate(model, ready(made))

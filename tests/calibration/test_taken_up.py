@@ -38,7 +38,7 @@ def fitted(name: str, table: str) -> tuple[Calibration, Poses]:
 
 
 def moved(saved: SavedModel, poses: Poses) -> Array:
-    """What the instrument moves the readings by (N, m) as a saved model predicts them with it and without."""
+    """Return the predicted displacement of the readings (N, m) by the instrument, with minus without it."""
     plain, read = usable(saved), usable(saved, as_measured=True)
     without, beside = (
         measured_minus(observe(s.model, poses, s.theta, s.placement), poses.dataset) for s in (plain, read)

@@ -1,4 +1,4 @@
-"""What no machine and no instrument gives is refused or warned of before anything is fitted."""
+"""Values that no machine and no instrument gives are refused or warned of before any fit."""
 
 import re
 from collections.abc import Callable

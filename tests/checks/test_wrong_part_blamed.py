@@ -1,4 +1,4 @@
-"""What is wrong with a file is said of the part that is wrong."""
+"""Messages about a file name its wrong part."""
 
 from pathlib import Path
 

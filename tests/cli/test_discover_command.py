@@ -46,7 +46,7 @@ def discover(*arguments: object) -> dict:  # type: ignore[type-arg]
 
 
 def said_in(sentence: str, text: str) -> bool:
-    """Whether a text that is broken into lines holds a sentence."""
+    """Return whether a text that is broken into lines contains a sentence."""
     return " ".join(sentence.split()) in " ".join(text.split())
 
 

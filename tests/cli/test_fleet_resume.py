@@ -45,7 +45,7 @@ class Searches:
 
 
 def resumed(out: Path, *options: object) -> tuple[int, str]:
-    """How many machines were searched to resume, in this process, and what was said."""
+    """Resume in this process; return the number of machines searched, and the output."""
     searches = Searches()
     with mock.patch.object(Searched, "found", lambda task: searches(task)):
         done = run("fleet", "--resume", out, "--workers", 1, *options)

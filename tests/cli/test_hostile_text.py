@@ -39,13 +39,13 @@ HOSTILE = {
     "long": "a" * 5000,
 }
 SOURCE = ("python", "c", "placeholder")
-"""Of these every export is made of a table or a description."""
+"""Kinds of which every export is made from a table or a description."""
 QUICK = ("python", "terminal")
-"""Of these the default suite takes the tables and descriptions that are refused or read at once."""
+"""Kinds of which the default suite uses only quickly read tables and descriptions."""
 
 MODEL = Path("model.json")
 KNOWN: dict[str, str] = {}
-"""What `saved` writes, made once."""
+"""Cache of the files that `saved` writes."""
 Case = tuple[str, Callable[[str, Path], list[list[object]]]]
 
 
@@ -161,7 +161,7 @@ def in_json(name: str) -> Callable[[str, Path], list[list[object]]]:
     """Every text of a sealed model.json, or of report.json: one after the other, and all that can be read at once."""
 
     def written(content: dict[str, Any], own: Path) -> bool:
-        """Whether what is written can be read."""
+        """Return whether the written file can be read."""
         own.mkdir()
         saved(own)
         changed = content | {SEAL: seal(content)} if name == "model.json" else content

@@ -13,7 +13,7 @@ ARM = "irb6400r"
 FEW = {"camera": 10, "hand camera": 15, "bar": 48}
 """Poses, where not 30: every one has many corners, or every bar five unknowns."""
 READ = {"camera": "pixel", "hand camera": "pixel", "inclinometer": "inclination"}
-"""What the summary calls readings that are no lengths."""
+"""Names of readings that are no lengths, in the summary."""
 
 
 def simulated(instrument: str, folder: Path) -> tuple[Path, list[object]]:

@@ -1,4 +1,4 @@
-"""What is too large, contradictory or would destroy something: one line, before any work."""
+"""Requests that are too large, contradictory or destructive are refused in one line, before any work."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""What a command did is saved before anything is printed, and no stream it prints to loses it."""
+"""Results of a command are saved before anything is printed, and no output stream can lose them."""
 
 import ast
 import errno

@@ -1,4 +1,4 @@
-"""How far rivals of a finding move the others, against fits with each of them."""
+"""Shift of other findings under each alternative, against fits with each of them."""
 
 import numpy as np
 import pytest

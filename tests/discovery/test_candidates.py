@@ -1,4 +1,4 @@
-"""What may be missing is what the caller offers: own families and effects are judged like the catalogue's."""
+"""Candidates offered by the caller: own families and effects are tested like the catalogue's."""
 
 from collections.abc import Iterator
 

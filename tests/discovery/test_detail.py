@@ -41,7 +41,7 @@ def fine_curves() -> dict[str, Candidate]:
 
 @cache
 def left(amplitude: float) -> Residual:
-    """What the fine curves of two joints leave of a robot whose second drive has a line, rad."""
+    """Return the residual of fine curves of two joints, for a robot whose second drive has a single harmonic, rad."""
     joint = mechanism(ARM).joints[1]
     planted = [drive_effect("line", joint, wave("sin", LINE, "J2"))]
     truth = measure(ARM, planted, [amplitude], 3, dataset=bare(ARM, COUNT, 3))

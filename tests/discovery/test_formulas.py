@@ -60,7 +60,7 @@ def sites_together(*candidates: Candidate) -> dict[tuple[str, ...], Candidate]:
 
 
 def judged(fresh: bool) -> Judged:
-    """Of a robot whose fourth drive turns over, for which a program of more nodes was evolved."""
+    """Test a robot with an undulating fourth drive, for which a longer program was evolved."""
     arm = mechanism(ARM)
     truth = measure(ARM, [at(TRUE)], [2e-3], 3, dataset=bare(ARM, COUNT, 3))
     geometry = geometric_effects(arm)
@@ -86,7 +86,7 @@ def test_a_program_evolved_just_now_gives_way_to_a_formula_of_its_input(fresh: b
 
 
 def test_an_idle_constant_goes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the search only a formula with a constant that changes nothing is left."""
+    """The search returns only a formula with a constant that changes nothing."""
     idle = "square(tanh(4*J4 - 2.8) - 0.0001)"
     (curve,) = evolved(idle)
     left = left_with(at("square(tanh(4*J4 - 2.8))"), 1e-3, 100, curve)

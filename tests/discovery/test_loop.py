@@ -75,7 +75,7 @@ def test_what_no_family_describes_is_an_expression_that_was_evolved() -> None:
 
 @pytest.mark.long
 def test_shuffled_residuals_hold_nothing() -> None:
-    """The same residuals as of the robot with a gear error, in another order."""
+    """Residuals of the robot with a gear error, permuted."""
     truth, train, heldout = robot("gear", 0)
     arm = truth.model.mechanism
     fit = calibrate(ErrorModel(arm, geometric_effects(arm)), truth.poses)

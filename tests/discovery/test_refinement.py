@@ -43,12 +43,12 @@ def offered(beginning: str) -> list[Candidate]:
 
 
 def left_of(inner: NonlinearParameters, millimetres: float) -> Residual:
-    """What the standard model leaves of a robot with a law of these constants, its rows kept in order."""
+    """Return the residual of the standard model, for a robot with a formula of these constants; rows kept in order."""
     return left_by((), inner.effects, sized("irb6400r", inner.effects, session(), millimetres))
 
 
 def left_by(found: Sequence[Candidate], true: Sequence[Effect], theta: Array) -> Residual:
-    """What the standard model with some candidates leaves of a robot with true effects."""
+    """Return the residual of the standard model with some candidates, for a robot with true effects."""
     truth = measure("irb6400r", tuple(true), theta, 5, dataset=session(), geometry=0.0)
     effects = (*geometric_effects(ARM), *(e for c in found for e in c.effects))
     fit = calibrate(ErrorModel(ARM, effects), truth.poses, condition_limit=50.0)

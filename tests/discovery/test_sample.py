@@ -1,4 +1,4 @@
-"""Of many poses a sample is chosen on, and the numbers are fitted to all."""
+"""Selection on a sample of many poses, and a fit to all."""
 
 from dataclasses import replace
 from functools import cache
@@ -39,7 +39,7 @@ def test_of_every_stretch_of_rows_one_is_drawn_and_all_of_few(most: int, count: 
 
 
 def test_a_programme_that_steps_through_a_grid_is_seen_at_every_step() -> None:
-    """Of ten poses each another angle: every tenth would be of one of them."""
+    """Ten poses have different angles each: every tenth would be at one of them."""
     drawn = evenly(poses_of(1000), np.arange(1000), 100)
     assert len(np.unique(drawn % 10)) == 10
 

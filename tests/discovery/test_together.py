@@ -10,7 +10,7 @@ from gpmodel.discovery.acceptance import eliminate_and_readmit
 from gpmodel.evidence.criteria import Test, Verdict
 
 NATS = {"a": 90.0, "b": 50.0, "c": 20.0, "d": 10.0}
-"""What each finding saves."""
+"""Gain of each finding."""
 
 
 def judged(rule: Mapping[str, frozenset[str]], chance: Mapping[str, bool]) -> Any:

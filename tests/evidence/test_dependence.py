@@ -1,4 +1,4 @@
-"""What drifts along the rows or varies smoothly over the space is not many independent poses."""
+"""Slow drifts along the rows and smooth errors over the space are not many independent poses."""
 
 from dataclasses import replace
 
@@ -27,8 +27,9 @@ def test_a_true_effect_in_independent_noise_pays_little(planted: str) -> None:
 
 
 def test_where_nothing_depends_on_anything_no_candidate_pays_for_chance() -> None:
-    """Of ten stretches one candidate in thirty is 2 to 3 times above independence; the model's columns say by what.
-    What reads a clock is slow by itself, and they say nothing of it."""
+    """With ten stretches, one candidate in thirty is 2 to 3 times above independence by chance. The model's columns
+    say by how much; they say nothing of slow candidates that read a clock.
+    """
     residual = seen(NAMES[2])
     slow, quick = [], []
     for candidate in pool():

@@ -1,4 +1,4 @@
-"""What the residual says of a candidate: each figure against the plain least squares it stands for."""
+"""Scores of a candidate on the residual, each against plain least squares."""
 
 from dataclasses import replace
 

@@ -105,7 +105,7 @@ def test_a_search_that_climbs_finds_a_law_that_the_same_search_misses() -> None:
 
 
 def test_on_noise_a_climb_gains_little() -> None:
-    """Of 80 poses of noise, what evolution and climbing explain costs more nodes than it saves, 2 nats a node."""
+    """On 80 poses of noise, evolution and climbing cost more nodes than they gain, at 2 nats a node."""
     there = SlotProblem(INPUTS, regression(np.random.default_rng(4).normal(size=POSES)), parsimony=2.0)
     found = evolve(there, Settings(budget=Budget(256, 20, seconds=1e9, climb=2)), np.random.default_rng(1))
     saved = -0.5 * POSES * np.log(1.0 - found.best.gain) - 2.0 * found.best.complexity

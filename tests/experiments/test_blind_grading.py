@@ -1,4 +1,4 @@
-"""What counts as found, as false and as readable, and results that survive a stop."""
+"""Grading of findings as found, false and readable, and results that survive an interruption."""
 
 import sys
 from pathlib import Path

@@ -79,7 +79,7 @@ def numbers(content: object) -> list[float]:
 
 @pytest.mark.parametrize("head", TABLES)
 def test_every_number_of_a_table_is_in_the_file(head: str) -> None:
-    """As it stands there, in thousands or in millions."""
+    """Numbers match as printed, in thousands or in millions."""
     known = np.abs(numbers(results(TABLES[head])))[:, None] * [1.0, 1e-3, 1e-6]
     rows = [line for line in section(PAGE, head).splitlines() if line.startswith("|")]
     cells = "\n".join(cell for row in rows for cell in row.split("|")[2:])

@@ -80,7 +80,7 @@ def test_what_the_table_lacks_is_not_offered() -> None:
 
 
 def test_a_joint_that_next_to_nothing_pulls_at_has_no_stiffness_to_find() -> None:
-    """As at a wrist that hangs straight down at every pose; at others the load is many times as large."""
+    """A wrist that hangs straight down at every pose is an example; elsewhere the load is many times as large."""
     arm = mechanism("ur5")
     states = prepare(arm, bare("ur5", 40)).states
     load, joint = "torque_wrist_1_joint", "wrist_1_joint"

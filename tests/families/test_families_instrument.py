@@ -40,7 +40,7 @@ def table() -> Poses:
 
 
 def off_by(shift: Array) -> tuple[Residual, tuple[Candidate, ...]]:
-    """What is left of a robot whose instrument is off by `shift` (N, 3), m; and the catalogue."""
+    """Return the residual of a robot whose instrument is off by `shift` (N, 3), m, and the catalogue."""
     data = table().dataset
     poses = prepare(ARM, replace(data, position=data.position + shift))
     fit = calibrate(ErrorModel(ARM, geometric_effects(ARM)), poses)
@@ -53,7 +53,7 @@ def leading(there: Residual, pool: tuple[Candidate, ...]) -> Candidate:
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_an_error_written_out_in_polar_coordinates_is_the_instruments(name: str) -> None:
-    """Which of its errors is not told apart where it sees the robot within a quarter of a turn."""
+    """Errors of an instrument that sees the robot within a quarter of a turn are indistinguishable."""
     moved = SHAPES[name](table().dataset.position)
     assert leading(*off_by(1.5e-4 * moved / np.sqrt(np.mean(np.sum(moved**2, axis=1))))).family.startswith(
         "instrument_"
@@ -119,13 +119,13 @@ def specified() -> Poses:
 
 
 def instances_now(poses: Poses) -> dict[str, Candidate]:
-    """What a search is offered of the instrument, but for walks of its stand."""
+    """Return the candidates of the instrument that a search is offered, without walks of its stand."""
     offers = [f for f in catalogue if f.name.startswith("instrument_") and f.name != "instrument_walk"]
     return {c.name: c for f in offers for c in instances(f, ARM, poses.states, search=True)}
 
 
 def test_errors_by_angles_and_distance_need_an_instrument_at_the_origin() -> None:
-    """Of a table in the frame of the robot the origin is within the robot; a smooth field has no origin."""
+    """The origin of a table in the robot's frame is within the robot; a smooth field has no origin."""
     data = table().dataset
     own = replace(data, position=data.position - data.position.mean(axis=0))
     families = [{c.family for c in instances_now(prepare(ARM, d)).values()} for d in (data, own)]

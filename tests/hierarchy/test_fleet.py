@@ -54,7 +54,9 @@ def test_the_machine_that_is_no_part_of_it_is_named_and_keeps_its_own_number(fou
 
 
 def test_what_is_believed_of_a_further_machine_is_what_was_planted(found: FleetResult) -> None:
-    """Of 36 geometric errors of eight machines; the mean of the type is itself known to one eighth of the variance."""
+    """Thirty-six geometric errors of eight machines; the mean of the type is itself known to one eighth of the
+    variance.
+    """
     for unit in ("m", "rad"):
         geometry = [p.deviation for p in found.record.prior if p.unit == unit]
         assert np.median(geometry) == pytest.approx(GEOMETRY * np.sqrt(9 / 8), rel=3.0 / np.sqrt(2 * 8 * 15))
@@ -99,7 +101,7 @@ def test_effects_are_those_found_on_most_machines_wherever_these_are_searched(tm
 
 @pytest.mark.long
 def test_a_machine_keeps_what_it_alone_has_and_is_named_with_it(tmp_path: Path) -> None:
-    """Of four arms one has a gear error: it is no part of the type, and in the model of that one."""
+    """One of four arms has a gear error: it is no part of the type, and part of the model of that arm."""
     folder = two_joint_arms(tmp_path / "arms", 4, geared=(2,))
     found = gp.fleet(None, folder)
     gear = "gear error, 2 per turn, J2"

@@ -1,4 +1,4 @@
-"""What a type teaches, where its machines' poses tell little of some effects."""
+"""Prior learned from a type whose machines' poses determine some effects poorly."""
 
 import numpy as np
 import pytest

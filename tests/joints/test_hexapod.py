@@ -78,7 +78,7 @@ def test_readings_chosen_from_poses_close_to_the_same_poses() -> None:
 
 
 def in_pinocchio(arm: Hexapod, q: Array) -> tuple[Array, Array]:
-    """The same machine by Pinocchio's constraint models, closed as found here: gaps (6, 3) m, tool speed (3, 6).
+    """Solve the machine by Pinocchio's constraint models, closed as found here: gaps (6, 3) m, tool speed (3, 6).
 
     A free platform and six legs of ball joint and slide, each tied to its ball of the platform by a point constraint.
     """

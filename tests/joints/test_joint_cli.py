@@ -201,7 +201,7 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path: Path, name: str, tex
 @pytest.mark.long
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_narrow_terminal_breaks_no_number(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    """What 80 columns print holds every word and number that 400 columns do."""
+    """Output at 80 columns contains every word and number of the output at 400."""
     printed = {}
     for width in (80, 400):
         monkeypatch.setenv("COLUMNS", str(width))

@@ -61,7 +61,7 @@ def test_shares_follow_the_demands_in_proportion(tmp_path: Path) -> None:
 
 
 def test_air_behind_the_orifices_makes_the_joint_hammer(tmp_path: Path) -> None:
-    """Of a vibration 62 % are left a cycle later without any; three pockets of 10.6 mm^3 keep it as it is."""
+    """Without air 62 % of a vibration remain a cycle later; three pockets of 10.6 mm^3 sustain it."""
     assert "hammers with 10.6 mm^3 of air behind each orifice, and has 0" in design_study().tables[-1].note
     for pocket, left in (("0", 0.621), ("10.5", 0.997), ("20", 1.295)):
         found = design(tmp_path, f'[film.orifice]\npocket = "{pocket} mm^3"')

@@ -22,7 +22,7 @@ LIFT, LOAD = np.tile(np.linspace(10e-6, 40e-6, 8), 2), np.repeat([60.0, 100.0], 
 
 
 def inlets(film, orifice, lift=LIFT, clearance=13e-6, passed=1.6) -> np.ndarray:
-    """Of a joint with another clearance, whose orifices pass another flow than their law says."""
+    """Return the inlets of a joint with another clearance, whose orifices pass another flow than predicted."""
     made = film(replace(GEOMETRY, clearance=clearance), LOAD, orifice, lift)
     return orifice.inlet_pressure(made.flow / passed, made.socket_pressure)
 

@@ -15,7 +15,7 @@ JOINT = FilmGeometry(25.4e-3, 75.95 * DEG, 20 * DEG, 10.01e-6)
 ORIFICE = LinearOrifice(2.0e11, 6e4)
 LOAD = 100.69
 POLE, ALONG, AROUND = 7.0, 240, 64
-"""How far below the ring the pole is cut, in s; nodes along s and around."""
+"""Depth of the pole's cut below the ring, in s; nodes along s and around."""
 
 
 def force(moved: tuple[float, float], film: SphericalFilm, flow: tuple[float, float]) -> np.ndarray:

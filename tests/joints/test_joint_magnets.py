@@ -16,7 +16,7 @@ from joints.magnets import (
 from joints.preload import MagnetRing
 
 AGREEMENT = 0.10
-"""What the thesis says of predicted and measured preloads: within 10 % (sections 3.6 and 3.7)."""
+"""Agreement of predicted and measured preloads in the thesis: within 10 % (sections 3.6 and 3.7)."""
 DEG = np.pi / 180
 HALF_INCH = Magnet(12.7e-3, 6e-3, 17.80)
 SEAT = MagnetSeat(26.194e-3, 0.794e-3)

@@ -58,7 +58,7 @@ def test_within_a_range_no_other_angles_strain_less(reach: float) -> None:
 
 
 def test_a_budget_after_realignment_has_the_radial_part_alone() -> None:
-    """Of the shaft's shift along x |x / lever| is left, to first order; of a turn of the socket nothing."""
+    """A shift of the shaft along x leaves |x / lever|, to first order; a turn of the socket leaves nothing."""
     for index, share in ((25, abs(BALL[0]) / np.linalg.norm(BALL)), (5, 0.0)):
         source = ErrorSource(index, 3e-5, "systematic", "normal", "test")
         whole = error_budget(JOINT, (source,), "systematic", np.random.default_rng(0), 40, 200)

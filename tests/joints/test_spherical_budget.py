@@ -31,7 +31,7 @@ def test_three_equal_offsets_give_a_maxwell_distribution() -> None:
 
 
 def test_a_rotation_counts_by_its_lever() -> None:
-    """Of the mean square: four times as much at twice the lever, where an offset counts as before."""
+    """The mean square is four times as large at twice the lever; an offset does not change."""
     sources = source(12, 3e-4), source(14, 3e-6)
     twice = replace(JOINT, tooling_ball=tuple(2 * v for v in JOINT.tooling_ball))
     short, long = (

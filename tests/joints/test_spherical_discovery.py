@@ -65,7 +65,7 @@ def test_nothing_is_invented_and_what_free_angles_hide_is_said(case: Undeclared)
 
 
 def test_the_noise_floor_is_of_what_free_angles_leave() -> None:
-    """Of three coordinates the three angles take up two."""
+    """Three angles absorb two of three coordinates."""
     made = gp.simulate("spherical-joint", poses=40, noise="0.03 mm", seed=1)
     run_out = gp.effect_at("run-out", "J1.moving", "Tx", gp.Expression("sin(J1)"))
     found = gp.discover("spherical-joint", made.table, search=gp.Search(runs=0), candidates=[run_out], holdout=0.3,

@@ -1,4 +1,4 @@
-"""What the Jacobian says is observable, with known and with free angles."""
+"""Observable parameters of the Jacobian, with known and with free angles."""
 
 from dataclasses import replace
 from itertools import product

@@ -127,7 +127,7 @@ def joint_of(lobes: float, kind: str = "lobes", measured_angles: bool = False) -
 
 
 def test_a_joints_result_is_the_prior_of_that_ball_of_a_machine(tmp_path: Path) -> None:
-    """Of 20 poses a fit with it predicts further ones to the noise, where a fit told of the lobes alone does not."""
+    """With it, a fit to 20 poses predicts further ones to the noise; a fit with the lobes alone does not."""
     joint_of(12e-6).save(tmp_path / "model.json")
     truth = Fault(2 * 4, 1, 0.0)
     machine, everything = measured("hexapod", faulty("hexapod", truth, 220))

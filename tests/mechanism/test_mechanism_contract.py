@@ -1,4 +1,4 @@
-"""What every mechanism must hold to, over a table of robots."""
+"""Contract of every mechanism, over a table of robots."""
 
 import pickle
 from pathlib import Path

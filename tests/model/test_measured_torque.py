@@ -79,6 +79,6 @@ class Massless:
 
 
 def test_where_no_masses_are_known_a_constant_torque_is_still_the_load() -> None:
-    """What a model was fitted with has to be there at any poses it is asked for."""
+    """Inputs of a fitted model must be known at any predicted pose."""
     data = told("irb6400r", "torque_J2", "N*m", np.full(12, 40.0))
     np.testing.assert_array_equal(states_of(cast(Mechanism, Massless()), data)["torque_J2"], 40.0)

@@ -1,4 +1,4 @@
-"""What a pose remembers: operators against their definitions, and tables that say they are in order."""
+"""Memory of earlier poses: operators against their definitions, and tables with a stated order."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What a basis may read, and that nothing else gets in."""
+"""Inputs that a basis function may read, and no others."""
 
 from dataclasses import replace
 

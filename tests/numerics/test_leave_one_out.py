@@ -13,7 +13,7 @@ VALUES = RNG.normal(size=(40, 2))
 
 @pytest.mark.parametrize(("count", "k"), [(5, 0), (5, 1), (5, 4), (6, 0), (6, 1), (6, 5)])
 def test_it_is_what_least_squares_without_the_column_leaves(count: int, k: int) -> None:
-    """Of six columns one is made of two others."""
+    """One of six columns is made of two others."""
     columns = COLUMNS[:, :count]
     others = np.delete(columns, k, axis=1)
     found = LeaveOneOut.of(columns)

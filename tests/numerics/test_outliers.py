@@ -1,4 +1,4 @@
-"""What stands far out, alone and in company."""
+"""Outliers, alone and in groups."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What the poses can tell apart, on matrices whose answer is known."""
+"""Identifiable parameters of matrices with known answers."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What an interrupted discovery leaves: text that reads back as it was, and is set aside when damaged."""
+"""Files of an interrupted discovery: text that reads back unchanged, and is set aside when damaged."""
 
 import json
 from collections.abc import Callable

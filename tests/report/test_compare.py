@@ -16,7 +16,7 @@ from gpmodel.report.schema_search import EffectRecord
 
 
 def remeasured(seed: int, shift: float = 0.0) -> Report:
-    """The same machine measured again: every number drawn anew within its σ, the first parameter moved by `shift` σ."""
+    """Measure the machine again: every number is drawn anew within its σ, the first parameter moved by `shift` σ."""
     report, rng = discovered(), np.random.default_rng(seed)
     drawn, effects, placed = (
         [dataclasses.replace(p, value=p.value + p.stderr * rng.normal()) if p.stderr else p for p in numbers]
@@ -44,7 +44,7 @@ def test_a_report_does_not_differ_from_itself() -> None:
 
 
 def test_two_models_of_the_same_rows_are_no_change_of_the_machine() -> None:
-    """What the geometry takes up of an effect that one of them lacks may be many deviations."""
+    """Geometry may absorb an effect that one model lacks by many standard errors."""
     report = discovered()
     kept = next(p for p in report.parameters if p.kept and p.stderr)
     moved = dataclasses.replace(kept, value=kept.value + 50 * kept.stderr)
@@ -59,7 +59,7 @@ def test_two_models_of_the_same_rows_are_no_change_of_the_machine() -> None:
 
 
 def test_a_table_that_grew_is_compared_by_what_was_added() -> None:
-    """Of n rows and the same n with m more the σ of the difference is that of what the m say."""
+    """For n rows and those n with m more, the σ of the difference is that of the information of the m."""
     report = discovered()
     kept = next(p for p in report.parameters if p.kept and p.stderr)
     few = dataclasses.replace(report, data=of_rows(report, range(60)))
@@ -100,7 +100,7 @@ def test_noise_alone_is_seldom_called_a_change_and_a_shift_is_found() -> None:
 
 
 def test_a_change_is_less_sure_where_few_measurements_are_left_over() -> None:
-    """What is beyond chance of a known σ is not of one with three degrees of freedom in either."""
+    """A change that is significant at known σ is not with three degrees of freedom in either."""
     for freedom, found in ((None, True), (3.0, False)):
         pair = (dataclasses.replace(remeasured(k, s), freedom=freedom) for k, s in ((1, 0.0), (2, 7.0)))
         assert any(c.significant for c in compare(*pair).parameters) == found
@@ -148,7 +148,7 @@ def test_another_machine_is_refused() -> None:
 
 
 def test_a_machine_is_known_by_its_geometry_and_its_joints_by_their_order() -> None:
-    """Of a file of another name and a table with other names of the joints nothing is missing or new."""
+    """Another file name and other joint names make nothing missing or new."""
     report = discovered()
     joints = tuple(name.replace("J", "joint_") for name in report.mechanism.joints)
     renamed = dataclasses.replace(

@@ -123,7 +123,7 @@ def test_rivals_stand_before_a_value_that_holds_only_without_them() -> None:
 
 
 def test_a_finding_may_have_fewer_effects_in_the_fit_to_all_poses() -> None:
-    """As a hysteresis of three radii that is one of two with them where all poses have them."""
+    """A hysteresis of three radii is an example: it is one of two if all poses have them."""
     whole = found("gear", 0)
     (candidate, *others) = whole.fitted.candidates
     fewer = dataclasses.replace(candidate, effects=candidate.effects[:1])

@@ -52,7 +52,7 @@ def of_one_arm(request: pytest.FixtureRequest, model: Model) -> tuple[str, Expor
 
 
 def points(model: Model, tip: str, q: np.ndarray) -> np.ndarray:
-    """What predict gives (N, 3), m, of the tool on one arm."""
+    """Predict the points (N, 3), m, of the tool on one arm."""
     poses = pd.DataFrame(q, columns=[f"{joint.name} [rad]" for joint in model.mechanism.joints])
     return model.predict(poses.assign(tip=tip, tool=tip))[["x [mm]", "y [mm]", "z [mm]"]].to_numpy() / 1e3
 

@@ -39,7 +39,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def weighty(file: Path) -> Path:
-    """The same with a kilogram in every link."""
+    """Return the file with a kilogram in every link."""
     path = file.with_name("weighty.urdf")
     path.write_text(torso(weighty=True))
     return path

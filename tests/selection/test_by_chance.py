@@ -1,4 +1,4 @@
-"""What chance gains: permuted residuals are as large as the noise they stand for."""
+"""Permutation null: permuted residuals are as large as the noise."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from gpmodel.table.bundles import bundles
 
 
 def test_permuted_residuals_are_as_large_as_the_noise() -> None:
-    """Of few poses a fit takes a good part of the noise: what it leaves is smaller."""
+    """With few poses a fit absorbs a good part of the noise, so that the residual is smaller."""
     active = reestimate(problem()[0])
     trials = permuted(active, np.arange(20), np.random.default_rng(0), 400)
     explained = trials.mean(axis=1, keepdims=True)

@@ -29,7 +29,7 @@ OFFERED = {
 }  # fmt: skip
 """Site and basis functions of every group on offer."""
 UNREAD = ("J1.moving Rz", "temperature")
-"""Of temperatures without influence."""
+"""Inputs and sites of temperatures without influence."""
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,7 @@ def dense(active: Active, target: np.ndarray) -> float:
 
 
 def scaled(active: Active, factor: float) -> Active:
-    """The same with the noise and all variances times a factor."""
+    """Return the model with the noise and all variances multiplied by a factor."""
     variances = {g: factor * a for g, a in active.variances.items()}
     return replace(active, variances=variances, sigma2=factor * active.sigma2)
 
@@ -196,7 +196,7 @@ def test_a_set_up_that_creeps_and_comes_back_in_part_drifts_along_a_parabola() -
 
 
 def test_poses_that_stand_out_of_the_standard_model_come_back_into_the_one_that_explains_them() -> None:
-    """Of a saturating wind-up the few poses at its ends say that it is no spring."""
+    """Few poses at the ends of a saturating wind-up show that it is no spring."""
     truth, train, _ = loop_cases.robot("windup", 2)
     truth = replace(truth, poses=truth.poses.subset(train))
     model = ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism))

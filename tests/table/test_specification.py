@@ -1,4 +1,4 @@
-"""What makers state of an instrument, read from text."""
+"""Specifications by makers of instruments, read from text."""
 
 import numpy as np
 import pytest

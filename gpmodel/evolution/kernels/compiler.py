@@ -1,4 +1,4 @@
-"""How the inner loops are compiled: ahead of nothing, once a machine, without the interpreter's lock."""
+"""Compilation of the inner loops: on first use, once a machine, without the interpreter's lock."""
 
 from collections.abc import Callable
 from typing import ParamSpec, Protocol, TypeVar

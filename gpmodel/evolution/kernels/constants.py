@@ -43,7 +43,7 @@ def _product(one: Array, other: Array) -> float:
 
 @compiled
 def _limited(row: Array, limit: float) -> bool:
-    """Whether all of a row are numbers below a limit."""
+    """Return whether all values of a row are numbers below a limit."""
     within = 0
     for j in range(len(row)):
         within += abs(row[j]) < limit
@@ -106,7 +106,7 @@ def _normal_equations(
 
 @compiled
 def _distinct(constants: Array) -> bool:
-    """Whether constants are numbers and no two are equal: these would be one node."""
+    """Return whether constants are numbers and all different: equal ones would be one node."""
     for i in range(len(constants)):
         if not abs(constants[i]) < np.inf:
             return False

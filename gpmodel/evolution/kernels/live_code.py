@@ -1,4 +1,4 @@
-"""What straight-line code (see ``machine``) amounts to: the instructions that reach an output, their nodes, a hash."""
+"""Live part of straight-line code (see ``machine``): the instructions that reach an output, their nodes, a hash."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +93,9 @@ def count_by_outputs(
     sizes: NDArray[np.uint16],
     reach: NDArray[np.uint8],
 ) -> None:
-    """The same nodes of live code by the outputs that they reach, a set of bits; ``reach`` is scratch for every row."""
+    """Count the nodes of live code by the outputs that they reach, a set of bits; ``reach`` is scratch for every
+    row.
+    """
     reach[: base + count] = 0
     leaves = _leaves(words, count, base)
     for k in range(len(outputs)):
