@@ -1,0 +1,103 @@
+"""How many hostile values at any place the program reads end otherwise than in one clear line or a right result.
+
+Bad: a traceback, a "defect of gpmodel" (status 1), more than one line of refusal, 30 s of CPU, code of the value that
+ran, an escape sequence or a forged verdict on the terminal.
+From the root of the repository: python -m experiments.attacks.run [--cases 2000] [--seed 0] [--out FOLDER]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import signal
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from click.testing import CliRunner
+
+import gpmodel as gp
+from experiments.attacks.cases import Case, descriptions, options, saved, tables
+from gpmodel.api.results import write_numbers
+from gpmodel.cli.main import main as program
+from gpmodel.files import to_json, write_text
+
+HERE = Path(__file__).parent
+LONGEST = 30.0
+"""Seconds of CPU after which a case counts as hanging."""
+FORGED = "fit to calibrate with; no warnings"
+STATUSES = (0, 2, 3)
+
+
+def bad(case: Case, folder: Path) -> str:
+    """Why a case is bad; empty where it is not."""
+    words = case.make(folder)
+    signal.setitimer(signal.ITIMER_PROF, LONGEST)
+    try:
+        done = CliRunner().invoke(program, words)
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+    said = done.stdout + done.stderr
+    reasons = {
+        f"status {done.exit_code}: {done.stderr[-200:]!r} {done.exception!r}": done.exit_code not in STATUSES,
+        "a traceback": "Traceback" in said,
+        f"{done.stderr.count(chr(10))} lines": done.exit_code == 2 and len(done.stderr.splitlines()) != 1,
+        "unprintable characters": any(c not in "\n\t\xa0\u2009" and not c.isprintable() for c in said),
+        "a forged verdict": said.splitlines().count(FORGED) > (words[0] == "check"),
+        "code ran": bool(list(folder.rglob("CANARY"))),
+    }
+    return "; ".join(reason for reason, holds in reasons.items() if holds)
+
+
+def slow(*_: object) -> None:
+    raise TimeoutError(f"more than {LONGEST:g} s of CPU")
+
+
+def main(arguments: list[str] | None = None) -> dict[str, Any]:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cases", type=int, default=2000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=HERE)
+    given = parser.parse_args(arguments)
+    out, tried, found = given.out.resolve(), Counter[str](), []
+    signal.signal(signal.SIGPROF, slow)
+    with tempfile.TemporaryDirectory() as at:
+        good, folder = Path(at) / "good", Path(at) / "case" / "in" / "here"
+        made = gp.simulate("irb6400r", ["joint_compliance J2=2e-6"], poses=40, noise="0.03 mm", seed=1)
+        fit = gp.calibrate("irb6400r", made.table, ["joint_compliance J2"], holdout=0)
+        good.mkdir()
+        write_numbers(fit.record, fit.model, good)
+        made.to_dataframe().iloc[:, :9].to_csv(good / "t.csv", index=False)
+        shutil.copytree(good, good / "before")
+        contents = {name: json.loads((good / name).read_text()) for name in ("model.json", "report.json")}
+        classes = [
+            list(options()),
+            list(tables()),
+            list(descriptions()),
+            *(list(saved(c, n)) for n, c in contents.items()),
+        ]
+        rng = np.random.default_rng(given.seed)
+        for cases in classes:
+            for k in rng.permutation(len(cases))[: given.cases // len(classes)].tolist():
+                shutil.rmtree(folder, ignore_errors=True)
+                shutil.copytree(good, folder)
+                os.chdir(folder)
+                tried[cases[k].name.split()[0]] += 1
+                if reason := bad(cases[k], folder):
+                    found.append({"case": cases[k].name, "why": reason})
+                    print(found[-1], flush=True)
+                os.chdir(at)
+    results = {"command": f"python -m experiments.attacks.run --cases {given.cases} --seed {given.seed}",
+               "possible": sum(map(len, classes)), "tried": dict(tried), "bad": found}  # fmt: skip
+    write_text(out / "results.json", to_json(results))
+    print(f"{len(found)} of {sum(tried.values())} bad; {time.process_time():.0f} s CPU")
+    return results
+
+
+if __name__ == "__main__":
+    main()
