@@ -10,7 +10,7 @@ from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array, IntArray
 from gpmodel.mechanism.protocol import AXES, Mechanism
 from gpmodel.mechanism.workspace import random_poses
-from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, prepare
+from gpmodel.model.error_model import ErrorModel, Placement, Poses, closing, observe, prepare
 from gpmodel.model.observed import Observed
 from gpmodel.model.states import States, tip_slots
 from gpmodel.numerics import se3
@@ -70,13 +70,22 @@ def _jacobian(mechanism: Mechanism, observed: Observed) -> Array:
 def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, nominal: bool) -> tuple[Array, Array]:
     """Joint values (N, n) near those of `dataset`, and what is left (N,), m, rotations weighed by LENGTH.
 
-    Levenberg-Marquardt for every row by itself. Source: Moré (1978). whole: position and orientation, or position.
+    Levenberg-Marquardt for every row by itself. Source: Moré (1978). whole: position and orientation, or position. What
+    is left is infinite where the loops of a mechanism do not close.
     """
     weight = np.array([1.0] * 3 + [LENGTH if whole else 0.0] * 3)
 
+    bare = ErrorModel(saved.mechanism, ()) if nominal else saved.model
+    theta = saved.theta[: len(bare.effects)]
+
     def look(q: Array, rows: IntArray) -> tuple[Array, Array]:
-        miss, jacobian = look_at(saved, replace(dataset.subset(rows), q=q.copy()), target[rows], nominal=nominal)
-        return miss * weight, jacobian * weight[:, None]
+        data = replace(dataset.subset(rows), q=q.copy())
+        able = closing(bare, data, theta)
+        miss, jacobian = np.full((len(rows), 6), np.inf), np.zeros((len(rows), 6, q.shape[1]))
+        if len(able):
+            left, slopes = look_at(saved, data.subset(able), target[rows[able]], nominal=nominal)
+            miss[able], jacobian[able] = left * weight, slopes * weight[:, None]
+        return miss, jacobian
 
     return _levenberg(look, np.array(dataset.q))
 
@@ -85,7 +94,8 @@ def _levenberg(look: Callable[[Array, IntArray], tuple[Array, Array]], q: Array)
     miss, jacobian = look(q, np.arange(len(q)))
     damping = np.full(len(q), DAMPING)
     for _ in range(ITERATIONS):
-        active = np.flatnonzero((np.linalg.norm(miss, axis=1) > REACHED / 100) & (damping < 1e3))
+        left = np.linalg.norm(miss, axis=1)
+        active = np.flatnonzero((left > REACHED / 100) & (damping < 1e3) & np.isfinite(left))
         if len(active) == 0:
             break
         columns = jacobian[active]

@@ -15,7 +15,7 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.unmeasured_joints import what_is_left
 from gpmodel.families import catalogue
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import Poses, observe, prepare
+from gpmodel.model.error_model import Poses, closing, observe, prepare
 from gpmodel.planning.design import Question, Variance
 from gpmodel.planning.poses import over_the_pool
 
@@ -33,6 +33,15 @@ class Questioned:
     name: str
     effects: IntArray
     rivals: tuple[tuple[str, tuple[Effect, ...]], ...] = ()
+
+
+def closing_pool(saved: SavedModel, pool: Array) -> Array:
+    """Keep the joint values (P, n) at which the loops of a mechanism close with its errors.
+
+    Raises InputError where the model does not hold its table.
+    """
+    data = at_joint_values(measured_table(saved), pool, np.random.default_rng(0))
+    return pool[closing(saved.model, data, saved.theta)]
 
 
 @dataclass(frozen=True)

@@ -127,12 +127,14 @@ class ErrorModel:
 
 
 def closing(model: ErrorModel, data: Dataset, theta: Array) -> IntArray:
-    """Select the rows (K,) at which the loops of a mechanism close with its errors; all rows of a chain.
+    """Select the rows (K,) at which the loops of a mechanism close, nominally and with its errors; all of a chain.
 
     theta: (E,) values of model.effects, SI. An error that remembers earlier rows changes when rows go, so the test is
     repeated on the rows that stay.
     """
     rows, loops = np.arange(len(data)), closed(model.mechanism)
+    if loops:
+        rows = rows[loops.closes(data.q)]
     while loops and len(rows):
         poses = prepare(model.mechanism, data.subset(rows))
         good = loops.closes(poses.dataset.q, model.twists(poses, theta))

@@ -6,7 +6,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError
-from gpmodel.mechanism.protocol import Collides, Mechanism, bare_of
+from gpmodel.mechanism.protocol import Collides, Mechanism, bare_of, closed
 from gpmodel.mechanism.workspace import joint_range, random_poses
 from gpmodel.numerics.se3 import chain
 
@@ -75,6 +75,8 @@ def candidates(mechanism: Mechanism, count: int, rng: np.random.Generator, reach
     found, tried, failed = 0, 0, dict[str, int]()
     while found < count and tried < ATTEMPTS * count:
         q = middle + (1.0 - MARGIN) * (random_poses(mechanism, count, rng) - middle)
+        if loops := closed(mechanism):
+            q = q[loops.closes(q)]
         failures = reach.failures(mechanism, q)
         keep = ~np.any(list(failures.values()), axis=0)
         failed = {name: failed.get(name, 0) + int(bad.sum()) for name, bad in failures.items()}

@@ -20,6 +20,7 @@ from gpmodel.mechanism.protocol import ClosedLoops, closed
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, Placement, closing, observe, prepare
 from gpmodel.model.sites import geometric_effects, standard_effects
+from gpmodel.planning.reach import candidates
 from gpmodel.planning.simulate import simulate
 from gpmodel.report.fitted import tool_displacements
 from gpmodel.table.dataset import unmeasured
@@ -220,3 +221,13 @@ def test_what_an_effect_moves_is_told_where_the_loops_close_with_it_and_without_
     (moved,) = tool_displacements(saved, prepare(arm, data), [effects[1:]])
     assert len(moved) == len(whole & less)
     assert 10e-3 < moved.mean() < 150e-3
+
+
+def test_poses_that_are_proposed_close_and_steps_to_open_loops_are_not_taken() -> None:
+    arm = gp.load_mechanism(Path(__file__).parents[2] / "experiments" / "twelve_balls" / "hexapod.toml")
+    loops = closed(arm)
+    assert loops is not None
+    assert loops.closes(candidates(arm, 300, np.random.default_rng(1))).all()
+    made = gp.simulate(arm, poses=12, geometry_sigma="1 mm", seed=3)
+    found = made.truth.compensate(pd.DataFrame(made.table.q * 1e3, columns=[f"{j.name} [mm]" for j in arm.joints]))
+    assert set(found["status"]) <= {"ok", "large move", "joint limit", "near singular"}
