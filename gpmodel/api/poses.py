@@ -17,7 +17,7 @@ from gpmodel.application.next_poses import closing_pool
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
-from gpmodel.mechanism.protocol import Mechanism, closed
+from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.planning.design import Asked, choose_for_all, deviations
 from gpmodel.planning.limit import least_deviation
 from gpmodel.planning.poses import GOALS, geometric_question, pool_of, spacing, spread_among
@@ -136,9 +136,7 @@ def choose_poses(
     number = None if rejected is None else _rejected(rejected, criterion)
     kind = None if criterion is None else among(criterion, BEFORE if model is None else AFTER, "criterion")
     tell(f"{wanted} poses of {arm.name}", passing=True)
-    pool = pool_of(arm, wanted, rng, reach)
-    if model is not None and closed(arm):
-        pool = closing_pool(model.saved, pool)
+    pool = closing_pool(model and model.saved, pool_of(arm, wanted, rng, reach))
     if model is None:
         asked = _before(arm, pool, wanted, ALIASES.get(kind or "spread", kind or "spread"), spread_of)
     elif number is not None:

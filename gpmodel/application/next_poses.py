@@ -14,6 +14,7 @@ from gpmodel.application.uncertainty import point_columns
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.unmeasured_joints import what_is_left
 from gpmodel.families import catalogue
+from gpmodel.mechanism.protocol import closed
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, closing, observe, prepare
 from gpmodel.planning.design import Question, Variance
@@ -35,11 +36,13 @@ class Questioned:
     rivals: tuple[tuple[str, tuple[Effect, ...]], ...] = ()
 
 
-def closing_pool(saved: SavedModel, pool: Array) -> Array:
-    """Keep the joint values (P, n) at which the loops of a mechanism close with its errors.
+def closing_pool(saved: SavedModel | None, pool: Array) -> Array:
+    """Keep the joint values (P, n) at which the loops of a mechanism close with its errors; all without a model.
 
-    Raises InputError where the model does not hold its table.
+    Raises InputError where the model of closed loops does not hold its table.
     """
+    if saved is None or not closed(saved.mechanism):
+        return pool
     data = at_joint_values(measured_table(saved), pool, np.random.default_rng(0))
     return pool[closing(saved.model, data, saved.theta)]
 
