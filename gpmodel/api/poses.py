@@ -136,7 +136,7 @@ def choose_poses(
     number = None if rejected is None else _rejected(rejected, criterion)
     kind = None if criterion is None else among(criterion, BEFORE if model is None else AFTER, "criterion")
     tell(f"{wanted} poses of {arm.name}", passing=True)
-    pool = closing_pool(model and model.saved, pool_of(arm, wanted, rng, reach))
+    pool = closing_pool(None if model is None else model.saved, pool_of(arm, wanted, rng, reach))
     if model is None:
         asked = _before(arm, pool, wanted, ALIASES.get(kind or "spread", kind or "spread"), spread_of)
     elif number is not None:
