@@ -13,6 +13,7 @@ from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
 from gpmodel.calibration.weigh import weighed
 from gpmodel.checks.counting import measured_values, unknowns
 from gpmodel.checks.digits import computed, written_to_a_digit
+from gpmodel.checks.lenses import another_centre
 from gpmodel.checks.misfit import spread_of
 from gpmodel.checks.mixed_up import mixed_up
 from gpmodel.checks.notes import not_read, notes
@@ -100,6 +101,9 @@ def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
     Empty where base and joint compliance explain it.
     """
     for text in poor_fit(fit):
+        if lens := another_centre(fit.model, poses.dataset):
+            yield lens, "the lens is not the image's"
+            continue
         pool = candidates(fit.model.mechanism, poses.states, [f for f in catalogue if f.name in YIELDING])
         soft = ErrorModel(fit.model.mechanism, (*fit.model.effects, *(e for c in pool for e in c.effects)))
         left = (

@@ -170,3 +170,16 @@ def test_a_plane_touched_along_a_line_is_refused() -> None:
     data = with_observations(replace(made.table, q=q), made.truth.mechanism)
     with pytest.raises(InputError, match="on_plane A: touched along a line; expected touches spread over the plane"):
         gp.calibrate(ARM, data)
+
+
+@pytest.mark.long
+def test_a_centre_that_is_not_the_images_is_the_cause_that_check_names() -> None:
+    """As of an image that was turned upright: 950 px."""
+    made = simulated("camera", 40)
+    known = made.table.described["cameras"]["camera"]["C"]
+    x, y = known["centre_px"]
+    wrong = {"camera": {"C": {**known, "centre_px": [x - 950.0, y]}}}
+    data = with_observations(made.table, made.truth.mechanism, {**made.table.described, "cameras": wrong})
+    said = [f.text for f in gp.check(ARM, data).findings if "centre_px is wrong" in f.text]
+    assert len(said) == 1
+    assert f"camera C has {x:.0f}, {y:.0f} px, described as {x - 950:.0f}, {y:.0f}" in said[0]
