@@ -109,6 +109,7 @@ def test_every_public_name_is_there() -> None:
 
 
 FROM_TEXT = {
+    "checks/lenses.py",
     "cli/discover.py",
     "cli/evolve.py",
     "cli/fleet.py",
