@@ -161,7 +161,7 @@ def chance(probability: float | None, shuffles: int | None = None, of: str = "sh
     if shuffles is None:
         return said
     beyond = probability < 1.0 / (shuffles + 1)
-    return f"{said} {'by the tail fitted to' if beyond else 'from'} {shuffles} {of}"
+    return f"{said} {'extrapolated from' if beyond else 'from'} {shuffles} {of}"
 
 
 def shortened(text: str, length: int) -> str:

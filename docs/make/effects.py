@@ -217,8 +217,8 @@ def _instance(family: gp.Family, place: Scene, candidate: gp.Candidate) -> list[
     return [
         f"![What {candidate.name} does to the tool](pictures/{family.name}.svg)",
         "",
-        f"*{candidate.name}* on {place.title}: an arrow is what it does to the tool at one of {POSES} random poses,",
-        "the longest of them of one length whatever its size.",
+        f"*{candidate.name}* on {place.title}: the arrows are displacements of the tool at {POSES} random poses,",
+        "scaled so that the longest always has the same length.",
         "",
         "| | |",
         "|---|---|",

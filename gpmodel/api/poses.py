@@ -77,7 +77,7 @@ class PosesResult(Shown):
         few = self.curve.iloc[rows].set_axis(["poses", "chosen", "random"], axis=1)
         lines.append(f"{self.curve.columns[1]}:")
         lines.append(few.to_string(index=False, na_rep="-", float_format="{:.4g}".format))
-        return "\n".join([*lines, f"no choice of {len(self.q)} poses could do better than {self.limit:.4g}"])
+        return "\n".join([*lines, f"no set of {len(self.q)} poses can be below {self.limit:.4g}"])
 
     def save(self, file: str | Path) -> None:
         """Write the poses as .csv, the curve beside them as .curve.csv. Raises InputError: they cannot be written."""
@@ -144,7 +144,7 @@ def choose_poses(
     else:
         asked = next_questions(model.saved, record, pool, kind, rng)
     order = spread_among(arm, pool, wanted, asked.taken) if not asked.choose else choose_for_all(asked.choose, wanted)
-    tell("what no choice could do better than", passing=True)
+    tell("lower bound over all sets of poses", passing=True)
     limit = float(asked.said_of(np.array(least_deviation(asked.measure, wanted))))
     columns = tuple(joint.name for joint in arm.joints) if model is None else model.saved.columns
     q, curve = pool[order], _curve(asked, order, len(pool), rng)

@@ -26,14 +26,14 @@ ROUGH, ROUNDS = 0.25, 8
 """Share of the spread that a coarse fit leaves at most, and its rounds: ten poses of three arms left 0.004,
 points of other rows 0.6."""
 MOST_DEGREES = 370.0
-"""Of joint values in columns whose names do not say that they are some."""
+"""Largest joint value in columns whose names do not identify them."""
 SI_UNIT = {"revolute": "rad", "prismatic": "m"}
 WRITTEN_IN = {"revolute": ("deg", "rad"), "prismatic": ("mm", "m")}
 """Units in which joint values are written, by the kind of joint."""
 
 
 class Axis(NamedTuple):
-    """What a header says. sure: the unit is in brackets or in a line of units."""
+    """Axis as stated in a header. sure: the unit is in brackets or in a line of units."""
 
     name: str
     unit: str | None
@@ -178,7 +178,7 @@ def _roughly(frames: Array, p: Array) -> float:
 
 
 def _may_fit(frames: Array, raw: Array) -> bool:
-    """Whether points (K, 3) in any unit could fit, without the OUTLIER_SHARE of them that fit worst."""
+    """Return whether points (K, 3) in any unit could fit, without the OUTLIER_SHARE of worst points."""
     columns = np.hstack([np.ones((len(frames), 1)), frames[:, :3, 3], frames[:, :3, :3].reshape(-1, 9)])
     kept = np.arange(len(raw))
     for _ in range(3):

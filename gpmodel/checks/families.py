@@ -9,7 +9,7 @@ from gpmodel.mechanism.protocol import Mechanism
 Columns = tuple[int, ...]
 NOMINAL = ("nom", "target", "cmd", "command", "soll", "set", "desired", "program", "theor", "design", "cad", "ref")
 ACTUAL = ("act", "meas", "ist", "real", "encoder", "feedback", "observed")
-"""How names say that values were commanded, or measured."""
+"""Words in names of commanded, and of measured values."""
 _WORDS = re.compile(r"[^A-Za-z]+|(?<=[a-z])(?=[A-Z])")
 
 

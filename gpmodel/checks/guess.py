@@ -1,4 +1,4 @@
-"""What the columns of a foreign file are: the assignment that fits the mechanism, and every doubt about it."""
+"""Columns of a foreign file: the assignment that fits the mechanism, and every doubt about it."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -213,8 +213,10 @@ def _measured(sheet: Sheet, mechanism: Mechanism, fits: list[Fit], lines: dict[i
 
 
 def _computed(sheet: Sheet, mechanism: Mechanism, fit: Fit) -> bool:
-    """Whether registration leaves no more of the points than the rounding of their digits, or the standard model less
-    than any instrument's noise."""
+    """Return whether the points are computed: registration fits to the rounding of their digits.
+
+    Also true if the standard model fits better than any instrument's noise.
+    """
     p = np.column_stack([si_of(fit.unit, "prismatic") * numbers_of(sheet, i)[fit.rows] for i in fit.points])
     data = replace(unmeasured([joint.name for joint in mechanism.joints], fit.q), position=p)
     if fit.left < max(FINEST, min(ENOUGH * rounding(data), COARSEST)):
@@ -254,7 +256,7 @@ def _reflectors(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: dict[in
 
 
 def _congruent(sheet: Sheet, one: Fit, other: Fit) -> bool:
-    """Whether two sets of points are one, in two frames."""
+    """Return whether two sets of points are congruent: one set in two frames."""
     a, b = (
         np.column_stack([numbers_of(sheet, i) for i in f.points]) * si_of(f.unit, "prismatic") for f in (one, other)
     )

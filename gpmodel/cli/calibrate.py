@@ -21,7 +21,7 @@ from gpmodel.mechanism.source import LoadedMechanism
 @shared.table_argument
 @shared.mechanism_options()
 @click.option("--effect", "effects", multiple=True, metavar="NAME", help="'gear_harmonic J4', 'J4.moving:Rz:sin(J4)'.")
-@click.option("--fleet", type=shared.PATH, metavar="FLEET", help="fleet.json of its type: what is known.")
+@click.option("--fleet", type=shared.PATH, metavar="FLEET", help="fleet.json with the prior of its type.")
 @shared.joints_option
 @shared.sights_options
 @shared.standard_option

@@ -37,18 +37,18 @@ FEW = math.ceil(ENOUGH_HELD / USUAL)
               help="GP runs of each representation in a round; 0: catalogue, smooth terms, formulas.")  # fmt: skip
 @shared.representation_option("linear")
 @click.option("--minutes", "--stop-after", "minutes", type=shared.Number(above=0.0), metavar="T",
-              help="After T minutes no new round begins; what is found is reported. [default: no limit]")  # fmt: skip
+              help="Time after which no new round begins. [default: no limit]")  # fmt: skip
 @shared.sights_options
 @click.option("--holdout", type=float, metavar="SHARE",
-              help=f"Share of poses that choose nothing. [default: {USUAL}; under {FEW}: --folds {FOLDS}]")  # fmt: skip
+              help=f"Fraction of poses held out. [default: {USUAL}; under {FEW}: --folds {FOLDS}]")  # fmt: skip
 @click.option("--folds", type=click.IntRange(2), metavar="K",
-              help="All poses choose; errors from K choices, each without a part of them.")  # fmt: skip
+              help="Cross-validation of the whole search in K folds.")  # fmt: skip
 @shared.in_order_option
 @click.option("--noise", metavar="SIZE", help="Standard deviation of one reading: 0.03mm, 0.1px.")
 @shared.instrument_option
 @shared.joints_option
 @shared.condition_limit_option
-@click.option("--no-catalogue", is_flag=True, help="Offer smooth terms, formulas and programs alone, no families.")
+@click.option("--no-catalogue", is_flag=True, help="Search without the families of the catalogue.")
 @shared.seed_option
 @shared.workers_option
 @shared.scheduler_option

@@ -34,21 +34,23 @@ VARIED = ("operators", "crossover", "mutation", "length", "depth")
 @click.argument("table", type=shared.PATH, required=False)
 @shared.mechanism_options(required=False)
 @click.option("--model", type=shared.PATH, help="Result or model.json to start from, in place of the standard model.")
-@click.option("--effect", "effects", multiple=True, metavar="NAME", help="Of the model evolved on, as of calibrate.")
+@click.option(
+    "--effect", "effects", multiple=True, metavar="NAME", help="Effect of the starting model, as in calibrate."
+)
 @shared.representation_option("linear,tree")
 @click.option("--space", type=click.Choice(["cartesian", "slot"]), default="cartesian", show_default=True,
               help="Compensate the tip, or find the shape and the place of an effect.")  # fmt: skip
 @click.option("--population", type=click.IntRange(4), help="[default: 65536 linear, 8192 tree]")
 @click.option("--generations", type=click.IntRange(0), help="[default: 100]")
-@click.option("--seconds", type=shared.Number(above=0.0), help="Time a run, at most.")
-@click.option("--runs", type=click.IntRange(1), default=5, show_default=True, help="Of each representation.")
+@click.option("--seconds", type=shared.Number(above=0.0), help="Time limit of a run.")
+@click.option("--runs", type=click.IntRange(1), default=5, show_default=True, help="Runs of each representation.")
 @click.option("--operators", help="thesis, smooth, slot, physics, or names.")
-@click.option("--truncation", type=shared.Number(above=0.0), help="Share of the best that breeds: 0.05.")
-@click.option("--tournament", type=click.IntRange(1), help="Or the best of so many drawn, each time.")
-@click.option("--crossover", type=click.FloatRange(0.0, 0.999), help="Rate an element; trees: share.")
-@click.option("--mutation", type=click.FloatRange(0.0, 0.999), help="Rate an element of a sequence.")
+@click.option("--truncation", type=shared.Number(above=0.0), help="Fraction of the population that breeds: 0.05.")
+@click.option("--tournament", type=click.IntRange(1), help="Tournament size, instead of truncation.")
+@click.option("--crossover", type=click.FloatRange(0.0, 0.999), help="Rate per element; for trees the share.")
+@click.option("--mutation", type=click.FloatRange(0.0, 0.999), help="Rate per element of a sequence.")
 @click.option("--length", type=int, help="Elements of a sequence.")
-@click.option("--depth", type=int, help="Of a tree, at most.")
+@click.option("--depth", type=int, help="Largest depth of a tree.")
 @click.option("--norm", type=click.Choice(["max", "rms"]), default="max", show_default=True)
 @shared.sights_options
 @shared.standard_option

@@ -30,7 +30,7 @@ from gpmodel.report.fleet import PAGE
     "effects",
     multiple=True,
     metavar="NAME",
-    help="As of calibrate, or none. [default: selected by all machines]",
+    help="Effect, as in calibrate, or none. [default: selected by all machines]",
 )
 @shared.holdout_option
 @shared.seed_option

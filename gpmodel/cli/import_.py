@@ -39,11 +39,11 @@ SHOWN = 5
 @click.option("--map", "map_file", type=PATH, help="TOML: [columns], [tool.NAME], [orientation].")
 @click.option("--join", metavar="HOW", help="Of two files: order, 'No = Point' or 'time t = Time'.")
 @mechanism_options(required=False)
-@click.option("--joints", type=PATH, help="Of corners: joint values, a row a view.")
-@click.option("--square", metavar="SIZE", help="Of corners: from one to the next, as in 24mm.")
-@click.option("--topic", help="Of a ROS bag: the measurements, where several topics hold some.")
-@click.option("--nominal", type=PATH, help="What a calibration corrects: urcontrol.conf, a URDF.")
-@click.option("--out", type=PATH, help="The table, .csv. [default: print it]")
+@click.option("--joints", type=PATH, help="Joint values of corners, a row a view.")
+@click.option("--square", metavar="SIZE", help="Distance of neighbouring corners, as in 24mm.")
+@click.option("--topic", help="Topic of a ROS bag, if several contain measurements.")
+@click.option("--nominal", type=PATH, help="Nominal description of a calibration: urcontrol.conf, a URDF.")
+@click.option("--out", type=PATH, help="Table, .csv. [default: print it]")
 @quiet_option
 def import_table(
     files: tuple[Path, ...], guessing: bool, yes: bool, map_file: Path | None, join: str | None,

@@ -17,7 +17,7 @@ from gpmodel.files import write_text
 @click.command()
 @shared.model_argument
 @click.argument("poses", type=shared.PATH)
-@click.option("--as-measured", is_flag=True, help="With the instrument's errors that were found: what it would read.")
+@click.option("--as-measured", is_flag=True, help="Predict the readings, with the instrument's errors that were found.")
 @shared.session_option
 @shared.in_order_option
 @shared.out_file_option
@@ -59,9 +59,9 @@ PROGRAMS: dict[str, Language] = {".mod": "RAPID", ".dat": "KRL"}
 @shared.model_argument
 @click.argument("targets", type=shared.PATH)
 @click.option("--max-move", type=shared.Number(above=0.0), default=2.0, show_default=True, metavar="DEG",
-              help="No joint is moved by more.")  # fmt: skip
+              help="Largest correction of a joint.")  # fmt: skip
 @click.option("--point", type=click.Choice(["tool", "frame"]), default="tool", show_default=True,
-              help="That x, y, z are of: the measured point, or the origin of the measured link (flange).")  # fmt: skip
+              help="Point at x, y, z: the measured one, or the origin of the measured link (flange).")  # fmt: skip
 @shared.session_option
 @shared.in_order_option
 @shared.seed_option
@@ -112,14 +112,14 @@ def compensate(
 @click.command()
 @click.argument("result", metavar="RESULT", type=shared.PATH)
 @click.option("--box", metavar="X:X,Y:Y,Z:Z",
-              help="Of the lookup grid in the root frame, as in 800:1200,-200:200,300:700mm.")  # fmt: skip
-@click.option("--nodes", default=NODES, show_default=True, type=click.IntRange(2), help="Of it along each side.")
+              help="Box of the lookup grid in the root frame, as in 800:1200,-200:200,300:700mm.")  # fmt: skip
+@click.option("--nodes", default=NODES, show_default=True, type=click.IntRange(2), help="Grid nodes along each side.")
 @click.option("--setup", metavar="NAME",
-              help="Whose registration model.py and model.c have, of several. [default: the first]")  # fmt: skip
+              help="Set-up whose registration model.py and model.c contain. [default: the first]")  # fmt: skip
 @click.option(
     "--tool",
     metavar="NAME",
-    help="Whose point they and the grid have, of several, and of two arms whose arm. [default: the first]",
+    help="Tool whose point (and arm) they and the grid contain. [default: the first]",
 )
 @shared.seed_option
 @click.option("--out", "folder", type=shared.PATH, help="Folder. [default: RESULT]")
@@ -149,7 +149,7 @@ CHANGED = 3
 @click.command()
 @shared.model_argument
 @shared.table_argument
-@click.option("--tolerance", metavar="LENGTH", help="No row may be farther off: 0.1mm, 0.5px.")
+@click.option("--tolerance", metavar="LENGTH", help="Largest admissible error of a row: 0.1mm, 0.5px.")
 @shared.in_order_option
 @shared.sights_options
 @shared.out_folder_option

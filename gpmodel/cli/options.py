@@ -55,41 +55,43 @@ seed_option = click.option(
 )
 quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 workers_option = click.option(
-    "--workers", type=click.IntRange(1), help="Processes; the numbers do not depend on it. [default: all cores]"
+    "--workers", type=click.IntRange(1), help="Number of processes; results do not depend on it. [default: all cores]"
 )
 scheduler_option = click.option(
     "--scheduler", metavar="ADDRESS",
-    help="Where the work goes: local:N processes, or dask at tcp://host:8786. [default: here]",
+    help="Executor: local:N processes, or dask at tcp://host:8786. [default: here]",
 )  # fmt: skip
 resume_option = click.option(
-    "--resume", type=PATH, help="Folder of an interrupted run to go on with; nothing else is needed."
+    "--resume", type=PATH, help="Folder of an interrupted run to resume; nothing else is needed."
 )
 out_folder_option = click.option(
     "--out", "folder", type=PATH, help="Folder for the results; nothing is written without it."
 )
-page_option = click.option("--out", "folder", type=PATH, help="Folder for a page of it.")
+page_option = click.option("--out", "folder", type=PATH, help="Folder for the page.")
 out_file_option = click.option("--out", type=PATH, help="A .csv file, or a folder for it. [default: print it]")
 standard_option = click.option(
     "--standard", multiple=True, default=("*",), metavar="PATTERN", help="Geometry fitted: 'J* R?', or none."
 )
 holdout_option = click.option(
-    "--holdout", default=0.3, show_default=True, type=float, help="Share of the poses nothing is chosen on."
+    "--holdout", default=0.3, show_default=True, type=float, help="Fraction of the poses held out."
 )
 in_order_option = click.option(
     "--in-order", is_flag=True,
-    help="The rows are in the order in which the poses are taken: one may depend on those before.",
+    help="Rows are in the order of measurement, so that a pose may depend on earlier ones.",
 )  # fmt: skip
 instrument_option = click.option(
-    "--instrument", metavar="LIMIT", help="Its specification, the largest error of a coordinate: '15um + 6um/m'."
+    "--instrument",
+    metavar="LIMIT",
+    help="Instrument's specification, the largest error of a coordinate: '15um + 6um/m'.",
 )
 condition_limit_option = click.option(
-    "--condition-limit", type=float, help="Of the standard model. [default: cross-validated]"
+    "--condition-limit", type=float, help="Condition limit of the standard model. [default: cross-validated]"
 )
 joints_option = click.option(
-    "--joint", "joints", multiple=True, metavar="BALL=RESULT", help="A ball joint measured alone: its prior here."
+    "--joint", "joints", multiple=True, metavar="BALL=RESULT", help="Result of a ball joint's rig, used as its prior."
 )
 session_option = click.option(
-    "--session", is_flag=True, help="The rows are of the session that was fitted, row k its row k. [default: its end]"
+    "--session", is_flag=True, help="Rows belong to the fitted session, row k to its row k. [default: its end]"
 )
 
 

@@ -14,21 +14,27 @@ from gpmodel.mechanism.source import LoadedMechanism
 
 @click.command()
 @mechanism_options(required=False)
-@click.option("-n", "--count", default=40, show_default=True, type=click.IntRange(1, MOST), help="How many poses.")
-@click.option("--after", metavar="RESULT", type=PATH, help="The next poses after what calibrate or discover left here.")
+@click.option("-n", "--count", default=40, show_default=True, type=click.IntRange(1, MOST), help="Number of poses.")
+@click.option("--after", metavar="RESULT", type=PATH, help="Next poses after a result of calibrate or discover.")
 @click.option("--rejected", type=click.IntRange(1), metavar="N",
               help="With --after: poses that decide its rejected candidate N.")  # fmt: skip
 @click.option("--criterion", type=click.Choice(list(dict.fromkeys((*BEFORE, *AFTER)))),
               help="[default: spread; after a result rivals, effect or i-optimal]")  # fmt: skip
 @click.option("--above", metavar="HEIGHT", help="Lowest height over the root frame, as in 200mm.")
-@click.option("--box", metavar="X:X,Y:Y,Z:Z", help="Of the tool point: 800:1200,-200:200,300:700mm.")
-@click.option("--instrument", metavar="X,Y,Z", help="Its place in the root frame: 3000,0,1500mm.")
+@click.option("--box", metavar="X:X,Y:Y,Z:Z", help="Box of the tool point: 800:1200,-200:200,300:700mm.")
+@click.option("--instrument", metavar="X,Y,Z", help="Instrument's place in the root frame: 3000,0,1500mm.")
 @click.option("--normal", default=(0.0, 0.0, 1.0), nargs=3, type=float, metavar="X Y Z", show_default=True,
-              help="Where the target looks in the measured frame.")  # fmt: skip
-@click.option("--cone", type=float, metavar="DEG", help=f"It is seen within this angle of that. [default: {CONE:g}]")
-@click.option("--tool-point", metavar="X,Y,Z", help="In the measured frame. [default: its origin]")
-@click.option("--collisions/--no-collisions", default=True, help="Leave out poses in which the arm meets itself.")
-@click.option("--noise", default="0.03mm", show_default=True, metavar="LENGTH", help="Of one coordinate.")
+              help="Direction of the target in the measured frame.")  # fmt: skip
+@click.option(
+    "--cone", type=float, metavar="DEG", help=f"Half-angle of the target's acceptance cone. [default: {CONE:g}]"
+)
+@click.option("--tool-point", metavar="X,Y,Z", help="Tool point in the measured frame. [default: its origin]")
+@click.option(
+    "--collisions/--no-collisions", default=True, help="Leave out poses in which the arm collides with itself."
+)
+@click.option(
+    "--noise", default="0.03mm", show_default=True, metavar="LENGTH", help="Standard deviation of one coordinate."
+)
 @seed_option
 @out_file_option
 @quiet_option

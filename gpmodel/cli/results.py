@@ -68,7 +68,7 @@ def particulars_options(command: Callable[..., None]) -> Callable[..., None]:
 @click.command()
 @click.argument("result", metavar="DIR", type=PATH)
 @click.option("--particulars", type=PATH, help="TOML file of the options below.")
-@click.option("--tolerance", metavar="LENGTH", help="No pose may be off by more, as in 0.1mm: pass or fail.")
+@click.option("--tolerance", metavar="LENGTH", help="Largest admissible error of a pose, as in 0.1mm.")
 @click.option("--out", "folder", type=PATH, help="[default: DIR]")
 @particulars_options
 @quiet_option

@@ -18,10 +18,10 @@ from gpmodel.planning.scenes import INSTRUMENTS
 @click.option("--effect", "effects", multiple=True, metavar="NAME=VALUE", help="'gear_harmonic J4=20 arcsec'.")
 @click.option("--poses", default=90, show_default=True, type=click.IntRange(1), help="Random poses within the limits.")
 @click.option("--noise", help="Standard deviation of one reading. [default: 0.03mm, 0.1px, 0.002deg]")
+@click.option("--instrument", default="tracker", show_default=True, type=click.Choice(INSTRUMENTS), help="Instrument.")
 @click.option(
-    "--instrument", default="tracker", show_default=True, type=click.Choice(INSTRUMENTS), help="What measures."
+    "--geometry-sigma", default="0mm", show_default=True, help="Standard deviation of constant errors; mrad per mm."
 )
-@click.option("--geometry-sigma", default="0mm", show_default=True, help="Of every constant error; mrad per mm.")
 @click.option("--input", "inputs", multiple=True, metavar="COLUMN", help="'temperature [degC]=20:30', or '=20|30'.")
 @seed_option
 @out_file_option

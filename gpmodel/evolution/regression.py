@@ -172,7 +172,7 @@ class _Island:
 
     @property
     def is_stuck(self) -> bool:
-        """Whether nothing has improved for so long that the next population is a fresh one."""
+        """True if nothing has improved for so long that the next population is a fresh one."""
         return self.idle >= BUDGET.restart_after
 
     def best(self) -> list[Population]:

@@ -49,19 +49,19 @@ def verdict(record: Verification) -> str:
     )
     if record.verdict == "holds":
         said = (
-            f"The model holds: {record.data.counted} measured afterwards miss it by {after} RMS, "
-            f"{promised} are promised, {without} by nominal geometry at the driven joint values."
+            f"The model holds: {after} RMS on {record.data.counted} measured afterwards, {promised} expected, "
+            f"{without} with nominal geometry at the driven joint values."
         )
         if record.changes:
             said += f" Not the machine but its set-up or the instrument: {'; '.join(map(change, record.changes))}."
     elif record.verdict == "drifted":
-        said = f"The machine has drifted: {after} RMS, {promised} are promised"
+        said = f"The machine has drifted: {after} RMS, {promised} expected"
         named = "; ".join(change(c) for c in record.changes)
         said += f"; what changed: {named}." if named else "; no single change explains it."
     else:
         said = (
             f"This is another machine, or much of it was changed: {after} RMS with the model, "
-            f"{without} by nominal geometry at the driven joint values, {promised} are promised."
+            f"{without} with nominal geometry at the driven joint values, {promised} expected."
         )
         if (record.without.rms_mm or 0.0) > LOST:
             said += " Not even the nominal geometry fits: other units, another order of joints, or another type?"
@@ -143,12 +143,12 @@ def facts(record: Verification) -> Iterator[tuple[str, str]]:
         yield "outside the model's ranges", f"rows {wording.some(beyond)}"
     if record.repeatability is not None:
         yield "pose repeatability RP, mean", f"{wording.millimetres(record.repeatability.rp_mean_mm)} mm"
-    yield "a moved zero is seen from", ", ".join(_visible(record))
+    yield "detectable zero shift", ", ".join(_visible(record))
 
 
 def _visible(record: Verification) -> Iterator[str]:
     for zero in record.visible:
-        seen = "not at all (registration or tool stand for it)" if zero.size is None else None
+        seen = "none (registration or tool absorb it)" if zero.size is None else None
         yield f"{zero.joint} {seen or wording.measured(zero.size, None, zero.unit)}"
 
 

@@ -77,9 +77,9 @@ def rivals(effect: EffectRecord) -> str:
         return ""
     close = effect.close_rivals()
     if not close:
-        return f"no rival within {MARGIN} of its cross-validated error"
+        return f"no alternative within {MARGIN} of its cross-validated error"
     listed = ", ".join(f"{r.name} ({wording.length(r.cv_rms_mm)})" for r in close)
-    return f"could as well be, within {MARGIN} of its cross-validated error: {listed}"
+    return f"alternatives within {MARGIN} of its cross-validated error: {listed}"
 
 
 def moves(effect: EffectRecord) -> str:
@@ -93,16 +93,22 @@ def moves(effect: EffectRecord) -> str:
 
 
 def rivalled(effect: EffectRecord) -> str:
-    """That the ± of an effect with close rivals holds only if it is none of them, how likely that is, and the ± over
-    all of them; empty where it has none."""
+    """State the condition of the ± of an effect with close alternatives, its probability, and the ± over all of them.
+
+    Empty without alternatives.
+    """
     close, over_all = effect.close_rivals(), effect.stderr_over_rivals
     if not close:
         return ""
-    said = f"if it is none of its {len(close)} rivals" if len(close) > 1 else "if it is not its rival"
+    said = (
+        f"if none of its {len(close)} alternatives is the cause"
+        if len(close) > 1
+        else "if its alternative is not the cause"
+    )
     if over_all is None or effect.probability is None:
         return said
     size = wording.measured(effect.value, over_all, effect.unit)
-    return f"{said} ({wording.percent(effect.probability)} likely; ± {size.deviation} {size.unit} over all of them)"
+    return f"{said} ({wording.percent(effect.probability)} likely; allowing for them, ± {size.deviation} {size.unit})"
 
 
 def beforehand(report: Report, effect: EffectRecord) -> str:
@@ -112,12 +118,12 @@ def beforehand(report: Report, effect: EffectRecord) -> str:
         return ""
     pointed = [name for name in effect.inputs if name in histogram.significant]
     if pointed:
-        return f"pointed at {', '.join(pointed)} beforehand"
-    return "did not point at it: chosen by its likelihood alone"
+        return f"indicated {', '.join(pointed)} beforehand"
+    return "did not indicate it: selected by its likelihood"
 
 
 def story(report: Report) -> Iterator[str]:
-    """Why the histogram and the findings name different inputs, where they do."""
+    """Explain why the histogram and the findings name different inputs, where they do."""
     read = {name for effect in report.effects for name in effect.inputs}
     for number, histogram in enumerate(report.histograms, 1):
         others = [name for name in histogram.significant if name not in read]
@@ -132,10 +138,7 @@ def story(report: Report) -> Iterator[str]:
             continue
         later = {name for h in report.histograms[number:] for name in h.significant}
         gone = "" if later & set(others) else f"; with that in the model nothing refers to {it} any more"
-        yield (
-            f"Programs found their way by {names}; of all effects together {wording.listed(chosen)} {explain} the same "
-            f"error best{gone}."
-        )
+        yield (f"The programs used {names} as a proxy; {wording.listed(chosen)} {explain} the same error better{gone}.")
 
 
 def found(report: Report, effect: EffectRecord) -> str:

@@ -247,7 +247,7 @@ def _numbers(sheet: Sheet, column: int, unit: str | None = None) -> Array:
 
 
 def column_of(sheet: Sheet, name: str, where: str) -> int:
-    """The same as `find`. Raises InputError where no column has the name, or several have."""
+    """Find a column. Raises InputError where no column has the name, or several have."""
     if (found := find(sheet, name)) is None:
         if sheet.names.count(name) > 1:
             numbers = ", ".join(f"c{i + 1}" for i, header in enumerate(sheet.names) if header == name)

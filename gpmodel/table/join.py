@@ -117,7 +117,7 @@ def _clock(sheet: Sheet, column: int) -> np.ndarray:
 
 
 def _keys(sheet: Sheet, column: int) -> "pd.Series[str]":
-    """What names the points of the rows: a text, or the last number in it; broken numbers name none."""
+    """Return the keys of the rows' points: a text, or the last number in it; broken numbers are no keys."""
     text = sheet.cells[column].fillna("").astype(str).str.strip().str.casefold()
     if text.str.contains(r"\d[.:]\d").any() or (text == "").any():
         return pd.Series([f"{column} {row} {sheet.source}" for row in range(len(text))])

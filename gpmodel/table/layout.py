@@ -31,7 +31,7 @@ UNITS = {
     "inches": "in", "inch": "in", "°c": "degC", "c": "degC", "celsius": "degC", "°f": "degF", "sec": "s",
     "seconds": "s", "%": "percent", "nm": "N*m", "grad": "deg",
 }  # fmt: skip
-"""How programs write units, in small letters."""
+"""Spellings of units in other programs, in small letters."""
 BEHIND = (
     "mm",
     "cm",
@@ -231,7 +231,7 @@ def _above(rows: list[list[str]], first: int, width: int, decimal: str) -> list[
 
 
 def _programmed(lines: Sequence[str]) -> bool:
-    """Whether numbers stand in brackets or behind signs of equality, as in points of a robot's program."""
+    """Return whether numbers stand in brackets or behind signs of equality, as in points of a robot's program."""
     numbers = [line for line in lines if len(_BETWEEN_WORDS.findall(line)) >= FEWEST_NUMBERS]
     return bool(numbers) and sum(bool(re.search(r"[={\[].*\d", line)) for line in numbers) > len(numbers) / 2
 

@@ -50,7 +50,7 @@ def test_a_model_that_holds_is_said_to_in_the_unit_of_the_readings(instrument: s
     assert (kind.unit, kind.rows) == (unit, len(data) - len(found.record.data.outliers))
     assert kind.promised == pytest.approx(kind.after, rel=0.5)
     assert kind.after < 2.5 * noise
-    assert f"{unit} are promised" in found.verdict
+    assert f"{unit} expected" in found.verdict
 
 
 @pytest.mark.parametrize("instrument", [pytest.param(i, marks=[pytest.mark.long] * (i != "planes")) for i in POSES])
@@ -96,7 +96,7 @@ def test_the_command_takes_the_files_of_the_fit_and_leaves_its_pages(tmp_path: P
     table.write_text(table_text(frame_of(data, model.mechanism)))
     done = run("verify", tmp_path / "model.json", table, "--tolerance", "2px", "--out", tmp_path / "out")
     assert done.exit_code == 0, done.stderr
-    assert "px are promised" in " ".join(done.stdout.split())
+    assert "px expected" in " ".join(done.stdout.split())
     assert "Every row is within 2 px" in " ".join(done.stdout.split())
     assert run("certificate", tmp_path / "out").exit_code == 0
     assert "a pixel or a degree counts as many mm" in (tmp_path / "out" / "certificate.html").read_text()

@@ -1,4 +1,4 @@
-"""What the columns of foreign files are is found out, or refused with the reason; nothing is guessed in silence."""
+"""Columns of foreign files are identified, or refused with the reason; nothing is guessed in silence."""
 
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -90,7 +90,7 @@ def test_a_header_of_any_form_is_read(case: str, tmp_path: Path) -> None:
 
 
 def orientations(convention: str) -> Array:
-    """What an instrument writes of the flange's orientation, digits as usual."""
+    """Return the flange's orientation as an instrument writes it, with the usual digits."""
     arm, q, p = measured()
     frames = flange(arm, np.radians(q))
     shaken = Rotation.from_rotvec(2e-4 * np.random.default_rng(1).normal(size=(ROWS, 3)))

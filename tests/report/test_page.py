@@ -164,11 +164,11 @@ def test_the_histogram_says_which_of_its_tests_failed() -> None:
     first, second = input_tests(counted)
     assert first.startswith("J1 fails by its strength: 8 of 8 programs refer to it, 1 of 8")
     assert second.startswith("J2 is significant: 7 of 8")
-    assert "0.003 by the tail fitted to 8 shuffles" in second
+    assert "0.003 extrapolated from 8 shuffles" in second
     report = dataclasses.replace(discovered(), histograms=(counted,))
     one = EffectRecord("a", inputs=("J2",), round=1)
-    assert beforehand(report, one) == "pointed at J2 beforehand"
-    assert "did not point at it" in beforehand(report, dataclasses.replace(one, inputs=("J1",)))
+    assert beforehand(report, one) == "indicated J2 beforehand"
+    assert "did not indicate it" in beforehand(report, dataclasses.replace(one, inputs=("J1",)))
     assert beforehand(report, dataclasses.replace(one, round=None)) == ""
 
 

@@ -24,7 +24,7 @@ def test_what_agrees_needs_no_word() -> None:
 def test_a_lead_that_led_elsewhere_is_explained() -> None:
     (said,) = told(("torque_J2",), ())
     assert said == (
-        "Programs found their way by torque_J2; of all effects together base compliance explains the same error best; "
+        "The programs used torque_J2 as a proxy; base compliance explains the same error better; "
         "with that in the model nothing refers to it any more."
     )
     (still,) = told(("torque_J2",), ("torque_J2",))[:1]

@@ -102,7 +102,7 @@ def test_only_rivals_within_the_margin_are_offered() -> None:
     said = rivals(dataclasses.replace(effect, rivals=(near, far)))
     assert "near" in said
     assert "far" not in said
-    assert "no rival" in rivals(dataclasses.replace(effect, rivals=(far,)))
+    assert "no alternative" in rivals(dataclasses.replace(effect, rivals=(far,)))
     assert rivals(dataclasses.replace(effect, rivals=None)) == ""
 
 
@@ -114,7 +114,7 @@ def test_rivals_stand_before_a_value_that_holds_only_without_them() -> None:
     text = " ".join(summary(dataclasses.replace(report, effects=(doubted,))).split())
     value = str(wording.measured(effect.value, effect.stderr, effect.unit))
     assert text.index("a stranger") < text.index(value)
-    assert "if it is not its rival" in text[text.index(value) :]
+    assert "if its alternative is not the cause" in text[text.index(value) :]
     even = dataclasses.replace(doubted, probability=0.5)
     assert even.stderr_over_rivals == pytest.approx(np.hypot(effect.value or 0.0, effect.stderr or 0.0) / np.sqrt(2.0))
     text = " ".join(summary(dataclasses.replace(report, effects=(even,))).split())
