@@ -7,7 +7,6 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.ticker import MaxNLocator
 
 from gpmodel import wording
 from gpmodel.application.changes import NamedChange
@@ -217,6 +216,7 @@ def _draw(figure: Figure, record: Verification) -> None:
 
 def html(record: Verification) -> str:
     """The verification as a page."""
+
     shown = picture(record)
     return render(
         "verify.html.j2", record=record, verdict=verdict(record), facts=list(facts(record)), picture=shown,
