@@ -193,6 +193,8 @@ def picture(record: Verification) -> Picture:
 
 
 def _draw(figure: Figure, record: Verification) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     axes = figure.subplots()
     rows, nan, (unit, of_one) = [p.row for p in record.poses], float("nan"), record.shown
 
