@@ -120,7 +120,7 @@ class EvolutionResult(Shown):
             for k, name in enumerate(counted.inputs)
         ]  # fmt: skip
         head = ("input", *(f"{kind}, {counted.runs[kind]} runs" for kind in counted.counts), "p, corrected")
-        found, said = ", ".join(counted.significant), words.removed(self.record.histograms[0])
+        found, said = ", ".join(counted.significant), words.removed(self.record)
         return "\n".join(
             [
                 "Best program of each run",

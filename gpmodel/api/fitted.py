@@ -14,11 +14,12 @@ from gpmodel.api.table import Described, TableLike
 from gpmodel.api.verification import VerifyResult
 from gpmodel.calibration.result import Calibration
 from gpmodel.errors import InputError, choices
+from gpmodel.evolution.input_histogram import without_runs
 from gpmodel.model.error_model import Poses
 from gpmodel.model.naming import names_of, translate
 from gpmodel.report.fitted import root_residual
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_search import EffectRecord, HistogramRecord
+from gpmodel.report.schema_search import EffectRecord
 from gpmodel.report.text import summary
 from gpmodel.wording import measured
 
@@ -36,9 +37,9 @@ class RecordedResult:
     def histogram(self) -> pd.DataFrame:
         """One row an input of the first round: how many programs refer to it, on shuffled residuals too, and whether
         that is beyond chance; empty where none were evolved."""
-        found = self.record.histograms[0] if self.record.histograms else HistogramRecord()
+        found = self.record.histograms[0] if self.record.histograms else without_runs((), 1.0)
         rows = {
-            "input": found.inputs, **found.counts, "shuffled": found.shuffled, "p_value": found.p_values,
+            "input": found.inputs, **found.counts, "shuffled": found.referring_by_chance, "p_value": found.p_values,
             "significant": [name in found.significant for name in found.inputs],
         }  # fmt: skip
         return pd.DataFrame({name: pd.Series(list(values)) for name, values in rows.items()})

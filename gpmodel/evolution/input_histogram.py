@@ -7,6 +7,7 @@ from math import comb
 
 import numpy as np
 
+from gpmodel.arrays import Count, Share
 from gpmodel.errors import InputError
 from gpmodel.evolution.chance import chance
 from gpmodel.formula.program import Program
@@ -35,14 +36,14 @@ class Histogram:
     """
 
     inputs: tuple[str, ...]
-    counts: Mapping[str, tuple[int, ...]]
-    shuffled: Mapping[str, tuple[int, ...]]
-    operators: Mapping[str, Mapping[str, int]]
-    runs: Mapping[str, int]
-    shuffled_runs: Mapping[str, int]
-    count_p: tuple[float, ...]
-    strength_p: tuple[float, ...]
-    significance: float
+    counts: Mapping[str, tuple[Count, ...]]
+    shuffled: Mapping[str, tuple[Count, ...]]
+    operators: Mapping[str, Mapping[str, Count]]
+    runs: Mapping[str, Count]
+    shuffled_runs: Mapping[str, Count]
+    count_p: tuple[Share, ...]
+    strength_p: tuple[Share, ...]
+    significance: Share
 
     @property
     def p_values(self) -> tuple[float, ...]:
@@ -54,9 +55,18 @@ class Histogram:
         """Inputs whose p-value is below ``significance``."""
         return tuple(name for name, p in zip(self.inputs, self.p_values, strict=True) if p < self.significance)
 
+    @property
+    def referring(self) -> tuple[int, ...]:
+        """Runs (inputs,) of all representations that reference each input."""
+        return self._summed(self.counts)
+
+    @property
     def referring_by_chance(self) -> tuple[int, ...]:
         """Shuffled runs (inputs,) of all representations that reference each input."""
-        return tuple(map(sum, zip(*self.shuffled.values(), strict=True))) or (0,) * len(self.inputs)
+        return self._summed(self.shuffled)
+
+    def _summed(self, counts: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
+        return tuple(map(sum, zip(*counts.values(), strict=True))) or (0,) * len(self.inputs)
 
 
 def histogram(records: Sequence[RunRecord], inputs: Sequence[str], significance: float) -> Histogram:
@@ -102,8 +112,7 @@ def input_prices(histograms: Sequence[Histogram]) -> dict[str, float]:
     runs = sum(sum(h.runs.values()) for h in histograms)
     null_runs = sum(sum(h.shuffled_runs.values()) for h in histograms)
     for h in histograms:
-        real = tuple(map(sum, zip(*h.counts.values(), strict=True))) or (0,) * len(h.inputs)
-        for name, found, null in zip(h.inputs, real, h.referring_by_chance(), strict=True):
+        for name, found, null in zip(h.inputs, h.referring, h.referring_by_chance, strict=True):
             both = references.setdefault(name, [0, 0])
             both[0], both[1] = both[0] + found, both[1] + null
     if not runs or not null_runs:

@@ -7,6 +7,7 @@ from zlib import crc32
 
 import numpy as np
 
+from gpmodel.arrays import Count, NotNegative
 from gpmodel.errors import InputError
 from gpmodel.evolution.description_length import gain_nats
 from gpmodel.evolution.input_histogram import RunRecord
@@ -110,9 +111,9 @@ class Plan:
         best, shuffled = found.best, bool(number[1] % 2)
         return Run(
             tuple(self.settings)[number[0]], number[1] // 2, shuffled, str(best.program), best.site_name, best.gain,
-            heldout(best.program) if heldout and not shuffled else best.validation, best.complexity,
+            known(heldout(best.program) if heldout and not shuffled else best.validation), best.complexity,
             strength_of(found, problem), found.evaluations, found.seconds,
-            {quantity: column.tolist() for quantity, column in found.history.items()},
+            {quantity: [known(v) for v in column.tolist()] for quantity, column in found.history.items()},
             tuple((s.complexity, s.gain, str(s.program)) for s in found.front),
         )  # fmt: skip
 
@@ -123,22 +124,27 @@ class Run:
     complexity, gain and text of each program that no other beats in both, simplest first."""
 
     representation: str
-    number: int
+    number: Count
     shuffled: bool
     program: str
     site: str
     gain: float
     heldout: float | None
-    complexity: int
+    complexity: Count
     strength: float
-    evaluations: int
-    seconds: float
-    history: dict[str, list[float]]
-    front: tuple[tuple[int, float, str], ...] = ()
+    evaluations: Count
+    seconds: NotNegative
+    history: dict[str, list[float | None]]
+    front: tuple[tuple[Count, float, str], ...] = ()
 
     def record(self) -> RunRecord:
         """Record for the histogram of referenced inputs."""
         return RunRecord(self.representation, self.shuffled, parse(self.program), self.strength)
+
+
+def known(value: float | None) -> float | None:
+    """Replace a number that is not finite by None."""
+    return value if value is not None and np.isfinite(value) else None
 
 
 def strength_of(evolution: Evolution, problem: Problem) -> float:

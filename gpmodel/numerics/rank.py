@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 
-from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.arrays import Array, Count, IntArray, Mask, NotNegative
 
 NEGLIGIBLE = 1e-7
 """Relative norm below which a column is rounding: a few times the root of the precision of a double."""
@@ -153,10 +153,10 @@ def rank(fixed: Array, candidates: Array, order: IntArray | None = None) -> Rank
 class RankChoice:
     """One point of the curve of cross-validated error against rank; spread: standard error of cv_rms over the folds."""
 
-    condition_limit: float
-    rank: int
-    cv_rms: float
-    spread: float = 0.0
+    condition_limit: NotNegative
+    rank: Count
+    cv_rms: NotNegative
+    spread: NotNegative = 0.0
 
 
 @dataclass(frozen=True)

@@ -118,7 +118,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
         ladder=tuple(ladder.records()),
         parameters=fitted.parameters(final, names, frozenset(e.name for e in ladder.named)),
         placement=fitted.placement(final),
-        rank_curve=fitted.rank_curve(final),
+        rank_curve=final.rank_curve,
         condition_limit=final.condition_limit,
         status=final.status,
         reason=final.reason,

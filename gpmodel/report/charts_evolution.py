@@ -6,9 +6,10 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
+from gpmodel.evolution.runs import Run
 from gpmodel.report.picture import AFTER, BEFORE, INK, MUTED, NULL, PAPER, Picture, numbers
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_search import CompensationRecord, ProgramRecord
+from gpmodel.report.schema_search import CompensationRecord
 from gpmodel.report.words import operators
 from gpmodel.wording import shortened
 
@@ -47,7 +48,7 @@ def pictures(report: Report) -> Iterator[Picture]:
         )  # fmt: skip
 
 
-def _fitness(figure: Figure, runs: Sequence[ProgramRecord]) -> None:
+def _fitness(figure: Figure, runs: Sequence[Run]) -> None:
     axes = figure.subplots()
     kinds = list(dict.fromkeys(run.representation for run in runs))
     for run in runs:

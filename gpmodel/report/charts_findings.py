@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gpmodel.numerics.rank import RankChoice
 from gpmodel.report.picture import (
     AFTER,
     AXIS,
@@ -23,7 +24,7 @@ from gpmodel.report.picture import (
     numbers,
     signed,
 )
-from gpmodel.report.schema import ParameterRecord, RankRecord, Report
+from gpmodel.report.schema import ParameterRecord, Report
 from gpmodel.report.schema_poses import ShapeRecord
 from gpmodel.wording import millimetres, pretty_unit, short_name
 
@@ -53,12 +54,12 @@ def pictures(report: Report) -> Iterator[Picture]:
                 + (" Line: the fitted effect." if shape.curve_x else ""),
                 partial(_shape, shape=shape, x_name=x_name),
             )  # fmt: skip
-    curve = [c for c in report.rank_curve if c.cv_rms_mm is not None]
+    curve = list(report.rank_curve)
     if len(curve) >= FEWEST_RANKS:
-        best = min(curve, key=lambda c: c.cv_rms_mm or 0.0)
+        best = min(curve, key=lambda c: c.cv_rms)
         yield Picture(
             "rank_curve", "Error over the condition limit", 4.9, 3.3,
-            f"Cross-validated error over the condition limit; lowest {millimetres(best.cv_rms_mm)} mm with "
+            f"Cross-validated error over the condition limit; lowest {millimetres(1e3 * best.cv_rms)} mm with "
             f"{best.rank} unknowns at a limit of {best.condition_limit:g}.",
             "How many unknowns these poses support; the number beside a dot is the rank kept there.",
             partial(_rank, curve=curve, chosen=report.condition_limit),
@@ -98,9 +99,9 @@ def _shape(figure: Figure, shape: ShapeRecord, x_name: str) -> None:
     figure.legend(loc="outside upper right", ncols=3, labelcolor=MUTED, handletextpad=0.4)
 
 
-def _rank(figure: Figure, curve: Sequence[RankRecord], chosen: float | None) -> None:
+def _rank(figure: Figure, curve: Sequence[RankChoice], chosen: float | None) -> None:
     axes = figure.subplots()
-    limit, rank, error = (numbers([getattr(c, k) for c in curve]) for k in ("condition_limit", "rank", "cv_rms_mm"))
+    limit, rank, error = np.array([(c.condition_limit, c.rank, 1e3 * c.cv_rms) for c in curve]).T
     log_axis(axes, 0.6 * limit.min(), 1.8 * limit.max())
     if error.max() > 5 * error.min() > 0:
         log_axis(axes, 0.8 * error.min(), 1.4 * error.max(), "y")

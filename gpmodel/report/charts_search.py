@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gpmodel.arrays import IntArray
+from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.report.picture import AFTER, AXIS, BEFORE, INK, MUTED, NULL, PAPER, Picture, numbers, rows_only, signed
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_search import HistogramRecord, RoundRecord
+from gpmodel.report.schema_search import RoundRecord
 from gpmodel.report.words import significant_inputs
 from gpmodel.wording import shortened
 
@@ -51,17 +52,17 @@ def pictures(report: Report) -> Iterator[Picture]:
         )  # fmt: skip
 
 
-def _shown(histogram: HistogramRecord) -> IntArray:
+def _shown(histogram: Histogram) -> IntArray:
     """Places (K,) of the inputs that programs refer to, the most used ones, in their order."""
-    use = np.maximum(numbers(histogram.referring), numbers(histogram.shuffled))
+    use = np.maximum(numbers(histogram.referring), numbers(histogram.referring_by_chance))
     most = np.argsort(-use, kind="stable")[:MOST_INPUTS]
     return np.sort(most[use[most] > 0]) if use.any() else most[:1]
 
 
-def _inputs(figure: Figure, histogram: HistogramRecord) -> None:
+def _inputs(figure: Figure, histogram: Histogram) -> None:
     axes = figure.subplots()
     names = histogram.inputs
-    use, null, chances = (numbers(c) for c in (histogram.referring, histogram.shuffled, histogram.p_values))
+    use, null, chances = (numbers(c) for c in (histogram.referring, histogram.referring_by_chance, histogram.p_values))
     kinds = [(name, numbers(c)) for name, c in histogram.counts.items() if any(c)]
     order = _shown(histogram)
     axes.set_ylim(len(order) - 0.4, -0.6)

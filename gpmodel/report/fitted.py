@@ -15,7 +15,7 @@ from gpmodel.model.naming import translate
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.rank import orthonormal, remove, triangle
 from gpmodel.numerics.se3 import chain
-from gpmodel.report.schema import REGISTRATION, STANDARD, ErrorsMm, ParameterRecord, RankRecord
+from gpmodel.report.schema import REGISTRATION, STANDARD, ErrorsMm, ParameterRecord
 from gpmodel.report.schema_poses import PlotRecord, SideErrors, Vectors
 from gpmodel.report.schema_search import Correlation
 from gpmodel.table.dataset import Dataset
@@ -71,11 +71,6 @@ def parameters(
         for i, effect in enumerate(final.model.effects)
         if effect.name not in without
     )
-
-
-def rank_curve(calibration: Calibration) -> tuple[RankRecord, ...]:
-    """Cross-validated error against rank, where the condition limit was chosen by it."""
-    return tuple(RankRecord(c.condition_limit, c.rank, optional(1e3 * c.cv_rms)) for c in calibration.rank_curve)
 
 
 def placement(final: Calibration) -> tuple[ParameterRecord, ...]:

@@ -13,18 +13,18 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.unobservable import unobservable_families
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.state import Discovery, Round
+from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.model.naming import names_of, translate
 from gpmodel.report import fitted, verdict
 from gpmodel.report.build import Ladder, build, orientation_record, reading_records
 from gpmodel.report.effects import effect_records
-from gpmodel.report.from_evolution import histogram_record
+from gpmodel.report.from_evolution import in_the_table
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import REGISTRATION, STANDARD, ParameterRecord, Report
 from gpmodel.report.schema_poses import ShapeRecord
 from gpmodel.report.schema_search import (
     CandidateRecord,
     EffectRecord,
-    HistogramRecord,
     RivalRecord,
     RoundRecord,
     TestRecord,
@@ -48,7 +48,7 @@ def from_discovery(discovery: Discovery, origin: Origin, saved: SavedModel | Non
         histograms=_histograms(discovery, names),
         placement=tuple(_widened(common.placement, discovery)),
         rounds=tuple(_round(r, _as_fitted(discovery), names) for r in discovery.rounds),
-        rank_curve=common.rank_curve or fitted.rank_curve(discovery.steps[1].calibration),
+        rank_curve=common.rank_curve or discovery.steps[1].calibration.rank_curve,
         stopped=discovery.stopped,
         confirmation=discovery.confirmation,
         unobservable=unobservable,
@@ -79,10 +79,10 @@ def _by_folds(report: Report, discovery: Discovery) -> Report:
     )
 
 
-def _histograms(discovery: Discovery, names: Mapping[str, str]) -> tuple[HistogramRecord, ...]:
+def _histograms(discovery: Discovery, names: Mapping[str, str]) -> tuple[Histogram, ...]:
     """One a round; none where nothing was evolved in any."""
     counted = [r.exploration.histogram for r in discovery.rounds]
-    return tuple(histogram_record(h, names) for h in counted) if any(sum(h.runs.values()) for h in counted) else ()
+    return tuple(in_the_table(h, names) for h in counted) if any(sum(h.runs.values()) for h in counted) else ()
 
 
 def _effects(discovery: Discovery, names: Mapping[str, str]) -> Iterator[EffectRecord]:

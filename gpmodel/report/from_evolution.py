@@ -15,24 +15,12 @@ from gpmodel.report.build import Ladder, build
 from gpmodel.report.from_calibration import named_effects
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_search import CompensationRecord, HistogramRecord, ProgramRecord
+from gpmodel.report.schema_search import CompensationRecord
 
 
-def histogram_record(counted: Histogram, names: Mapping[str, str]) -> HistogramRecord:
-    """Return the record of a histogram; `names` are the table's names of inputs."""
-    return HistogramRecord(
-        inputs=tuple(names.get(x, x) for x in counted.inputs),
-        counts=dict(counted.counts),
-        shuffled=counted.referring_by_chance(),
-        p_values=counted.p_values,
-        operators={kind: dict(used) for kind, used in counted.operators.items()},
-        count_p=counted.count_p,
-        strength_p=counted.strength_p,
-        runs=sum(counted.runs.values()),
-        shuffled_runs=sum(counted.shuffled_runs.values()),
-        significance=counted.significance,
-        significant=tuple(names.get(x, x) for x in counted.significant),
-    )
+def in_the_table(counted: Histogram, names: Mapping[str, str]) -> Histogram:
+    """Rename the inputs as the table does."""
+    return replace(counted, inputs=tuple(names.get(x, x) for x in counted.inputs))
 
 
 def from_evolution(
@@ -42,13 +30,12 @@ def from_evolution(
 
     start: models of the training poses, the last of which leaves the residual.
     """
-    real, null = (removed(runs, shuffled) for shuffled in (False, True))
     names = names_of(start.poses.dataset)
     report = replace(
         build("evolve", start, origin),
         effects=tuple(named_effects(start)),
-        histograms=(replace(histogram_record(counted, names), removed=real, shuffled_removed=null),),
-        runs=tuple(_run(run, names) for run in runs),
+        histograms=(in_the_table(counted, names),),
+        runs=tuple(replace(run, site=translate(run.site, names)) for run in runs),
         compensation=replace(best, inputs=tuple(names.get(x, x) for x in best.inputs)),
     )
     return replace(report, verdict=verdict.of_evolution(report))
@@ -69,26 +56,3 @@ def compensation(runs: Sequence[Run], problem: Problem) -> CompensationRecord:
     columns_read = tuple(fitted.finite(columns[name]) for name in read)
     values_read = tuple(fitted.finite(row) for row in values)
     return CompensationRecord(f"{best.representation} {best.number + 1}", read, columns_read, outputs, values_read)
-
-
-def removed(runs: Sequence[Run], shuffled: bool) -> float | None:
-    """Median share of what it is scored by that the best program of a run removes; None without runs."""
-    gains = [run.gain for run in runs if run.shuffled == shuffled]
-    return fitted.optional(float(np.median(gains))) if gains else None
-
-
-def _run(run: Run, names: Mapping[str, str]) -> ProgramRecord:
-    return ProgramRecord(
-        representation=run.representation,
-        number=run.number,
-        shuffled=run.shuffled,
-        program=run.program,
-        site=translate(run.site, names),
-        gain=fitted.optional(run.gain),
-        complexity=run.complexity,
-        heldout=None if run.heldout is None else fitted.optional(run.heldout),
-        strength=fitted.optional(run.strength),
-        evaluations=run.evaluations,
-        seconds=run.seconds,
-        history={k: tuple(fitted.optional(x) for x in v) for k, v in run.history.items()},
-    )

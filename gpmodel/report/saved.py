@@ -8,8 +8,8 @@ import msgspec
 from gpmodel import files
 from gpmodel.application.model_reader import REPORT
 from gpmodel.errors import InputError
+from gpmodel.evolution.input_histogram import without_runs
 from gpmodel.report.schema import SCHEMA, Report
-from gpmodel.report.schema_search import HistogramRecord
 from gpmodel.texts import parse_json, read_limited
 
 NAME = REPORT
@@ -23,10 +23,12 @@ EXPECTED = "expected the JSON that discover or calibrate wrote"
 def as_dict(report: Report) -> dict[str, object]:
     """The content of report.json. `histogram` is that of the first round, with `linear` and `tree` of its counts."""
     content = dataclasses.asdict(report)
-    first = report.histograms[0] if report.histograms else HistogramRecord()
+    first = report.histograms[0] if report.histograms else without_runs((), 1.0)
     none = (0,) * len(first.inputs)
     counts = {name: first.counts.get(name, none) for name in REPRESENTATIONS}
-    return content | {"histogram": dataclasses.asdict(first) | counts}
+    significant = {"p_values": first.p_values, "significant": first.significant}
+    shown = {"inputs": first.inputs, **counts, "shuffled": first.referring_by_chance, **significant}
+    return content | {"histogram": shown}
 
 
 def to_json(report: Report) -> str:
@@ -47,20 +49,12 @@ def from_json(text: str | bytes, source: str = NAME) -> Report:
     if not isinstance(header, dict) or not isinstance(header.get("ladder"), list):
         raise InputError(f"{source}: has no 'ladder'; {EXPECTED}")
     if header.get("schema") != SCHEMA:
-        raise InputError(f"{source}: schema {header.get('schema')!r}; expected {SCHEMA}, the one this version reads")
+        again = f"make it again: {command}" if (command := header.get("command")) else "make it again"
+        raise InputError(f"{source}: schema {header.get('schema')!r}; this version reads {SCHEMA}; {again}")
     try:
-        return msgspec.convert(_with_counts(header), Report)
+        return msgspec.convert(header, Report)
     except msgspec.ValidationError as error:
         raise InputError(f"{source}: {error}; {EXPECTED}") from None
-
-
-def _with_counts(header: dict[str, object]) -> dict[str, object]:
-    """Histograms of earlier versions had their counts beside `inputs`, of two representations."""
-    histograms = header.get("histograms")
-    for histogram in histograms if isinstance(histograms, list) else ():
-        if isinstance(histogram, dict) and "counts" not in histogram:
-            histogram["counts"] = {name: histogram[name] for name in REPRESENTATIONS if name in histogram}
-    return header
 
 
 def read_report(folder: Path) -> Report:

@@ -1,29 +1,32 @@
-"""report.json as a tree of frozen records, schema 1: what a calibration, a discovery or an evolution leaves behind.
+"""report.json as a tree of frozen records, schema 3: what a calibration, a discovery or an evolution leaves behind.
 
 Field names are the keys of the file. Lengths that end in `_mm` are millimetres, every other value is SI with its unit
 beside it; names of joints and inputs are those of the table. None stands where a number does not exist.
 """
 
 from dataclasses import dataclass, field
+from statistics import median
 from typing import Literal
 
 from gpmodel.application.further import ErrorBounds
 from gpmodel.arrays import Count, NotNegative, Share
 from gpmodel.evidence.confirmation import Confirmation
+from gpmodel.evolution.input_histogram import Histogram
+from gpmodel.evolution.runs import Run
+from gpmodel.numerics.rank import RankChoice
 from gpmodel.report.schema_poses import InstrumentRecord, PlotRecord, Positioning, ReadingRecord, Repeatability
 from gpmodel.report.schema_search import (
     CandidateRecord,
     CompensationRecord,
     Correlation,
     EffectRecord,
-    HistogramRecord,
-    ProgramRecord,
     Range,
     RoundRecord,
 )
 from gpmodel.wording import counted
 
-SCHEMA = 1
+SCHEMA = 3
+"""Since 3 histograms, runs of programs and the curve of ranks are kept as they are computed."""
 REGISTRATION, STANDARD = "registration", "standard"
 VISIBLE = 1e-3
 """Share of an error by which another one has to differ to be stated beside it: the last digit that is printed."""
@@ -142,15 +145,6 @@ class ParameterRecord:
 
 
 @dataclass(frozen=True)
-class RankRecord:
-    """One point of the curve of cross-validated error against rank."""
-
-    condition_limit: NotNegative
-    rank: Count
-    cv_rms_mm: NotNegative | None = None
-
-
-@dataclass(frozen=True)
 class MimicRecord:
     """A constant of the standard model, and the effect of the catalogue that it could equally be, by their names."""
 
@@ -194,13 +188,13 @@ class Report:
     mechanism: MechanismRecord = MechanismRecord()
     ladder: tuple[StepRecord, ...] = ()
     effects: tuple[EffectRecord, ...] = ()
-    histograms: tuple[HistogramRecord, ...] = ()
+    histograms: tuple[Histogram, ...] = ()
     rounds: tuple[RoundRecord, ...] = ()
-    runs: tuple[ProgramRecord, ...] = ()
+    runs: tuple[Run, ...] = ()
     compensation: CompensationRecord | None = None
     parameters: tuple[ParameterRecord, ...] = ()
     placement: tuple[ParameterRecord, ...] = ()
-    rank_curve: tuple[RankRecord, ...] = ()
+    rank_curve: tuple[RankChoice, ...] = ()
     condition_limit: NotNegative | None = None
     status: str = ""
     reason: str = ""
@@ -268,12 +262,17 @@ class Report:
         undecided = (c for c in last.values() if c.undecided and c.name not in named)
         return tuple(sorted(undecided, key=lambda c: -(c.nats or 0.0))[:MOST_REJECTED])
 
+    def removed(self, shuffled: bool) -> float | None:
+        """Median share of their score that the best programs of the runs remove; None without runs."""
+        gains = [run.gain for run in self.runs if run.shuffled == shuffled]
+        return median(gains) if gains else None
+
     def dropped(self) -> tuple[str, ...]:
         """Return the parameters that these poses do not determine, which the final model leaves out."""
         listed = tuple(p.name for p in self.parameters if not p.kept)
         return listed or (self.ladder[-1].dropped if self.ladder else ())
 
-    def histogram_of(self, effect: EffectRecord) -> HistogramRecord | None:
+    def histogram_of(self, effect: EffectRecord) -> Histogram | None:
         """The histogram of the round that found an effect, where there was one."""
         if effect.round is None or not 1 <= effect.round <= len(self.histograms):
             return None

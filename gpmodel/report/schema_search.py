@@ -1,6 +1,6 @@
 """Records of a search in report.json: findings, rejected candidates, counts."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated
 
 from msgspec import Meta
@@ -139,36 +139,6 @@ class EffectRecord:
 
 
 @dataclass(frozen=True)
-class HistogramRecord:
-    """Runs whose best program refers to each input: `counts` by representation, `shuffled` on shuffled residuals.
-
-    operators: runs by representation that use each operator. significance: limit of the p-values. count_p, strength_p:
-    the two tests behind p_values (the larger of them): how often an input is referred to, and what the best run that
-    refers to it saves. runs, shuffled_runs: how many there were. removed, shuffled_removed: the share of what it is
-    scored by that the best program of a run removes, median over the runs.
-    """
-
-    inputs: tuple[str, ...] = ()
-    counts: dict[str, tuple[Count, ...]] = field(default_factory=dict)
-    shuffled: tuple[Count, ...] = ()
-    p_values: tuple[Share, ...] = ()
-    count_p: tuple[Share, ...] = ()
-    strength_p: tuple[Share, ...] = ()
-    significant: tuple[str, ...] = ()
-    significance: Share = 0.05
-    runs: Count | None = None
-    shuffled_runs: Count | None = None
-    operators: dict[str, dict[str, Count]] = field(default_factory=dict)
-    removed: float | None = None
-    shuffled_removed: float | None = None
-
-    @property
-    def referring(self) -> tuple[int, ...]:
-        """Runs of all representations that refer to each input."""
-        return tuple(map(sum, zip(*self.counts.values(), strict=True))) or (0,) * len(self.inputs)
-
-
-@dataclass(frozen=True)
 class CandidateRecord:
     """Something that was tried: its score, and why it was added or not.
 
@@ -209,24 +179,6 @@ class RoundRecord:
     candidates: tuple[CandidateRecord, ...] = ()
     null_nats: tuple[float, ...] = ()
     dropped: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class ProgramRecord:
-    """The best program of one GP run. heldout: its gain on poses it never saw. history: over the generations."""
-
-    representation: str
-    number: Count
-    shuffled: bool
-    program: str
-    site: str
-    gain: float | None
-    complexity: Count
-    heldout: float | None = None
-    strength: float | None = None
-    evaluations: Count = 0
-    seconds: NotNegative = 0.0
-    history: dict[str, tuple[float | None, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -114,8 +114,8 @@ def _inputs(report: Report) -> Iterator[str]:
     for number, histogram in enumerate(report.histograms, 1):
         standing = words.significant_inputs(histogram)
         yield wrapped(standing if len(report.histograms) == 1 else f"round {number}: {standing}")
-        if said := words.removed(histogram):
-            yield wrapped(said)
+    if said := words.removed(report):
+        yield wrapped(said)
 
 
 def _parameters(report: Report) -> Iterator[str]:

@@ -6,11 +6,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from gpmodel import wording
+from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.families.candidate import CATALOGUE, FORMULA, FORMULA_OF_PROGRAM, NAMED, SEQUENCE, SMOOTH_TERM, TREE
 from gpmodel.mechanism.protocol import INSTRUMENT
 from gpmodel.numerics.interval import COVERAGE, coverage_factor
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_search import RIVAL_MARGIN, CandidateRecord, EffectRecord, HistogramRecord
+from gpmodel.report.schema_search import RIVAL_MARGIN, CandidateRecord, EffectRecord
 
 MARGIN = f"{100 * RIVAL_MARGIN:.0f} %"
 MOST_EXPLAINED = 3
@@ -195,14 +196,15 @@ def _weight(weight: float) -> str:
     return f"{wording.minus(wording.significant(weight, 3))}·"
 
 
-def input_tests(histogram: HistogramRecord) -> Iterator[str]:
+def input_tests(histogram: Histogram) -> Iterator[str]:
     """For the inputs that programs refer to most: both tests, and which of them failed."""
-    if not histogram.count_p or not histogram.runs:
+    runs, shuffled_runs = sum(histogram.runs.values()), sum(histogram.shuffled_runs.values())
+    if not runs:
         return
-    if not histogram.shuffled_runs:
+    if not shuffled_runs:
         yield "no evolved program was good enough for a finding, so the comparison with shuffled residuals was skipped"
         return
-    limit, use = histogram.significance, histogram.referring
+    limit, use, null = histogram.significance, histogram.referring, histogram.referring_by_chance
     for k in sorted(range(len(use)), key=lambda k: -use[k])[:MOST_EXPLAINED]:
         if not use[k]:
             return
@@ -210,10 +212,10 @@ def input_tests(histogram: HistogramRecord) -> Iterator[str]:
         failed = [name for name, p in (("count", by_count), ("strength", by_strength)) if p >= limit]
         stands = f"fails by its {' and its '.join(failed)}" if failed else "is significant"
         yield (
-            f"{histogram.inputs[k]} {stands}: {use[k]} of {histogram.runs} programs refer to it, "
-            f"{histogram.shuffled[k]} of {histogram.shuffled_runs} on shuffled residuals "
+            f"{histogram.inputs[k]} {stands}: {use[k]} of {runs} programs refer to it, "
+            f"{null[k]} of {shuffled_runs} on shuffled residuals "
             f"(p {wording.chance(by_count)}); a program as good as the best one on shuffled residuals: "
-            f"p {wording.chance(by_strength, histogram.shuffled_runs)}"
+            f"p {wording.chance(by_strength, shuffled_runs)}"
         )
 
 
@@ -222,7 +224,7 @@ def rms_removed(gain: float) -> float:
     return 1.0 - math.sqrt(max(0.0, 1.0 - gain))
 
 
-def significant_inputs(histogram: HistogramRecord) -> str:
+def significant_inputs(histogram: Histogram) -> str:
     """The significant inputs of a histogram; where none are, whether so few runs could show one.
 
     Of R runs and S shuffled ones, an input in all of the first and none of the second has p = I / C(R + S, R), for I
@@ -230,23 +232,21 @@ def significant_inputs(histogram: HistogramRecord) -> str:
     """
     if histogram.significant:
         return ", ".join(histogram.significant)
-    runs, shuffled = histogram.runs or 0, histogram.shuffled_runs or 0
+    runs, shuffled = sum(histogram.runs.values()), sum(histogram.shuffled_runs.values())
     least = len(histogram.inputs) / math.comb(runs + shuffled, runs)
     return "too few runs to tell" if runs and shuffled and least >= histogram.significance else "none"
 
 
-def operators(histogram: HistogramRecord) -> list[tuple[str, ...]]:
+def operators(histogram: Histogram) -> list[tuple[str, ...]]:
     """A table: best programs that use each operator, by representation, the most used first."""
     used = {name for counts in histogram.operators.values() for name in counts}
     rows = [(name, *(str(counts.get(name, 0)) for counts in histogram.operators.values())) for name in sorted(used)]
     return [("operator", *histogram.operators), *sorted(rows, key=lambda row: -sum(map(int, row[1:])))]
 
 
-def removed(histogram: HistogramRecord) -> str:
-    """State the share that the programs of a histogram explain, and the share on permuted errors; empty without
-    either.
-    """
-    real, null = histogram.removed, histogram.shuffled_removed
+def removed(report: Report) -> str:
+    """How much the evolved programs explain, and how much they explain of shuffled errors; empty without runs."""
+    real, null = report.removed(shuffled=False), report.removed(shuffled=True)
     if real is None or null is None:
         return ""
     alike = "" if real > null else ": no more than by chance, so that their inputs say nothing"

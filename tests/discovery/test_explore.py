@@ -137,7 +137,7 @@ def test_the_histogram_of_a_real_effect_shows_its_input_and_that_of_an_innocent_
     first = found("windup", 0).rounds[0].exploration.histogram
     at = first.inputs.index("torque_J3")
     real = [sum(counts) for counts in zip(*first.counts.values(), strict=True)]
-    assert real[at] >= 3 > max(first.referring_by_chance())
+    assert real[at] >= 3 > max(first.referring_by_chance)
     assert found("nothing", 0).rounds[0].exploration.histogram.significant == ()
 
 

@@ -31,7 +31,7 @@ def test_counts_are_of_effective_code_by_representation() -> None:
     assert found.counts["linear"] == (2, 1, 0, 0)
     assert found.counts["tree"] == (0, 0, 1, 0)
     assert found.shuffled == {"linear": (0, 0, 0, 1), "tree": (0, 0, 0, 0)}
-    assert found.referring_by_chance() == (0, 0, 0, 1)
+    assert found.referring_by_chance == (0, 0, 0, 1)
     assert found.operators == {"linear": {"add": 1, "multiply": 1, "sin": 1}, "tree": {"cos": 1}}
     assert found.runs == {"linear": 2, "tree": 1}
 

@@ -189,6 +189,6 @@ def test_an_evolution_reports_its_runs_and_what_they_refer_to() -> None:
     made = evolved()
     assert [(r.number, r.shuffled) for r in made.runs] == [(0, False), (0, True), (1, False), (1, True)]
     (histogram,) = made.histograms
-    assert (histogram.runs, histogram.shuffled_runs) == (2, 2)
+    assert (histogram.runs, histogram.shuffled_runs) == ({"linear": 2}, {"linear": 2})
     assert set(histogram.counts) == {"linear"}
     assert sum(histogram.referring) == sum(histogram.counts["linear"]) > 0

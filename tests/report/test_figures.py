@@ -14,11 +14,11 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from report_runs import REPORTS, calibrated, discovered
 
+from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.report import figures
 from gpmodel.report.picture import AFTER, BEFORE, NULL, PAPER, broken
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_poses import SideErrors
-from gpmodel.report.schema_search import HistogramRecord
 
 SOME = {"ladder", "error_histogram", "cumulative", "arrows_above", "rows"}
 
@@ -122,9 +122,9 @@ def test_poses_without_a_measurement_are_left_out_of_the_arrows_and_rows() -> No
 
 
 def test_input_bars_show_counts_beside_the_null_in_its_own_colour() -> None:
-    counted = HistogramRecord(
-        ("J1", "J4"), {"linear": (1, 6), "tree": (0, 2)}, (3, 1), (1.0, 0.004), (1.0, 0.001), (1.0, 0.004), ("J4",),
-        runs=8, shuffled_runs=8,
+    counted = Histogram(
+        ("J1", "J4"), {"linear": (1, 6), "tree": (0, 2)}, {"linear": (3, 1)}, {}, {"linear": 8}, {"linear": 8},
+        (1.0, 0.001), (1.0, 0.004), 0.05,
     )  # fmt: skip
     report = dataclasses.replace(discovered(), histograms=(counted,))
     bars = [p for p in drawn(report, "inputs_1").axes[0].patches if p.get_height() < 0.5]
@@ -136,7 +136,8 @@ def test_input_bars_show_counts_beside_the_null_in_its_own_colour() -> None:
 @pytest.mark.parametrize(("used", "shown"), [(20, 18), (3, 3), (0, 1)])
 def test_many_inputs_keep_the_most_used_and_none_that_nothing_refers_to(used: int, shown: int) -> None:
     names, counts = tuple(f"input_{k}" for k in range(60)), (0,) * (60 - used) + (9,) * used
-    counted = HistogramRecord(names, {"linear": counts}, (0,) * 60, (0.5,) * 60, significant=names[60 - used :])
+    p = (0.5,) * (60 - used) + (0.01,) * used
+    counted = Histogram(names, {"linear": counts}, {}, {}, {"linear": 9}, {}, p, p, 0.05)
     labels = [
         t.get_text()
         for t in drawn(dataclasses.replace(discovered(), histograms=(counted,)), "inputs_1").axes[0].get_yticklabels()

@@ -13,12 +13,13 @@ from report_runs import REPORTS, calibrated, discovered, quickly
 from gpmodel import wording
 from gpmodel.cli.results import report as report_command
 from gpmodel.evidence.confirmation import Confirmation
+from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.report import explore
 from gpmodel.report.figures import draw
 from gpmodel.report.page import html, pictures
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema import ErrorsMm, ParameterRecord, Report
-from gpmodel.report.schema_search import CandidateRecord, EffectRecord, HistogramRecord, RivalRecord, RoundRecord
+from gpmodel.report.schema_search import CandidateRecord, EffectRecord, RivalRecord, RoundRecord
 from gpmodel.report.words import beforehand, input_tests, place
 
 VOID = {"meta", "link", "img", "br"}
@@ -156,10 +157,9 @@ def test_nothing_found_says_so() -> None:
 
 
 def test_the_histogram_says_which_of_its_tests_failed() -> None:
-    counted = HistogramRecord(
-        inputs=("J1", "J2", "J3"), counts={"linear": (4, 4, 0), "tree": (4, 3, 0)}, shuffled=(1, 0, 2),
-        p_values=(0.4, 0.01, 1.0), count_p=(0.002, 0.01, 1.0), strength_p=(0.4, 0.003, 1.0), significant=("J2",),
-        runs=8, shuffled_runs=8,
+    counted = Histogram(
+        ("J1", "J2", "J3"), {"linear": (4, 4, 0), "tree": (4, 3, 0)}, {"linear": (1, 0, 2)}, {}, {"linear": 8},
+        {"linear": 8}, (0.002, 0.01, 1.0), (0.4, 0.003, 1.0), 0.05,
     )  # fmt: skip
     first, second = input_tests(counted)
     assert first.startswith("J1 fails by its strength: 8 of 8 programs refer to it, 1 of 8")
@@ -173,7 +173,7 @@ def test_the_histogram_says_which_of_its_tests_failed() -> None:
 
 
 def test_a_histogram_without_shuffled_runs_says_why() -> None:
-    counted = dataclasses.replace(discovered().histograms[0], shuffled_runs=0)
+    counted = dataclasses.replace(discovered().histograms[0], shuffled_runs={})
     (said,) = input_tests(counted)
     assert "comparison with shuffled residuals was skipped" in said
 

@@ -4,15 +4,17 @@ from dataclasses import replace
 
 from report_runs import discovered
 
+from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_search import HistogramRecord
 from gpmodel.report.words import story
 
 
 def told(*significant: tuple[str, ...], inputs: tuple[str, ...] = ("moment_base_x",), found: bool = True) -> list[str]:
     report: Report = discovered()
     effects = (replace(report.effects[0], name="base compliance", inputs=inputs, round=1),) if found else ()
-    histograms = tuple(HistogramRecord(inputs=names, significant=names) for names in significant)
+    histograms = tuple(
+        Histogram(names, {}, {}, {}, {}, {}, (0.0,) * len(names), (0.0,) * len(names), 0.05) for names in significant
+    )
     return list(story(replace(report, effects=effects, histograms=histograms)))
 
 

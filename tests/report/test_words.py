@@ -5,11 +5,12 @@ from dataclasses import replace
 import pytest
 
 from gpmodel import wording
+from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.families.candidate import CATALOGUE, FORMULA, NAMED, SEQUENCE, SMOOTH_TERM, TREE
 from gpmodel.report.instrument_words import beside_specification, instrument
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_poses import InstrumentRecord
-from gpmodel.report.schema_search import EffectRecord, HistogramRecord, TermRecord
+from gpmodel.report.schema_search import EffectRecord, TermRecord
 from gpmodel.report.words import found, input_tests, place, places, rms_removed, significant_inputs, written
 
 
@@ -74,10 +75,8 @@ def test_effects_chosen_in_one_round_say_so() -> None:
 
 
 def test_an_input_is_judged_by_the_limit_of_its_own_run() -> None:
-    counted = HistogramRecord(
-        inputs=("J1",), counts={"linear": (4,)}, shuffled=(1,), p_values=(0.08,), count_p=(0.08,), strength_p=(0.06,),
-        significant=("J1",), runs=8, shuffled_runs=8, significance=0.1,
-    )  # fmt: skip
+    counts = {"linear": (4,)}, {"linear": (1,)}, {}, {"linear": 8}, {"linear": 8}
+    counted = Histogram(("J1",), *counts, (0.08,), (0.06,), 0.1)
     assert next(input_tests(counted)).startswith("J1 is significant")
     assert next(input_tests(replace(counted, significance=0.05))).startswith("J1 fails by its count and its strength")
 
@@ -98,7 +97,8 @@ def test_the_noise_found_is_said_beside_the_noise_expected() -> None:
 
 @pytest.mark.parametrize(("runs", "shuffled", "said"), [(2, 2, "too few runs to tell"), (8, 8, "none"), (0, 0, "none")])
 def test_no_significant_input_says_whether_so_few_runs_could_show_one(runs: int, shuffled: int, said: str) -> None:
-    found = HistogramRecord(inputs=("J1", "J2", "J3"), runs=runs, shuffled_runs=shuffled, significance=0.05)
+    names, runs_of, none = ("J1", "J2", "J3"), ({"linear": runs}, {"linear": shuffled}), (1.0, 1.0, 1.0)
+    found = Histogram(names, {}, {}, {}, *runs_of, none, none, 0.05)
     assert significant_inputs(found) == said
 
 
