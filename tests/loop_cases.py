@@ -12,9 +12,8 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
-from gpmodel.discovery.state import Discovery, Finding, Journal, Round
+from gpmodel.discovery.state import Discovery
 from gpmodel.evolution.linear import Linear
-from gpmodel.evolution.search import Evolution
 from gpmodel.evolution.tree import Tree
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, drive_effect
@@ -96,26 +95,3 @@ def against_the_oracle(case: str, seed: int, answer: Discovery) -> float:
     fresh = prepare(arm, bare(ARM, 60, seed + 1000, payload=False))
     clean: Poses = prepare(arm, replace(fresh.dataset, position=true_tips(truth, fresh)))
     return rms(errors_on(answer.steps[-1].calibration, clean)) / rms(errors_on(oracle, clean))
-
-
-class Notes(Journal):
-    """A journal in memory."""
-
-    def __init__(self, findings: Sequence[Finding] = (), rounds: Sequence[Round] = ()) -> None:
-        self.findings, self.rounds = list(findings), list(rounds)
-        self.runs: dict[tuple[int, int], Evolution] = {}
-        self.found_again = 0
-
-    def begin(self) -> tuple[list[Finding], list[Round]]:
-        return list(self.findings), list(self.rounds)
-
-    def keep(self, findings: Sequence[Finding], rounds: Sequence[Round]) -> None:
-        self.findings, self.rounds = list(findings), list(rounds)
-
-    def run(self, number: tuple[int, int]) -> Evolution | None:
-        self.found_again += number in self.runs
-        return self.runs.get(number)
-
-    def keep_run(self, number: tuple[int, int], found: Evolution) -> None:
-        assert number not in self.runs
-        self.runs[number] = found

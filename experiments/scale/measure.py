@@ -21,12 +21,12 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.cluster import scheduled
 from gpmodel.discovery.explore import RoundContext, explore
 from gpmodel.discovery.search import Search
-from gpmodel.discovery.state import Journal
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import regression
+from gpmodel.evolution.runs import KeptRuns
 from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.executor import Processes, Threads, Workers
@@ -62,7 +62,7 @@ def speedup() -> dict[str, object]:
     def run(name: str, workers: Workers, runs: int = 8) -> None:
         search = Search(runs=runs, executor=workers)
         began = time.perf_counter()
-        found = explore(residual, sites, search, np.random.default_rng(0), RoundContext(1, Teller(), Journal()))
+        found = explore(residual, sites, search, np.random.default_rng(0), RoundContext(1, Teller(), KeptRuns()))
         if runs == 8:
             seconds[name] = time.perf_counter() - began
             results.add((tuple(c.name for c in found.candidates), found.null_nats.tobytes()))

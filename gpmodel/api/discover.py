@@ -22,9 +22,10 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.folds import discover_by_folds
 from gpmodel.discovery.loop import discover as run_loop
 from gpmodel.discovery.search import Search
-from gpmodel.discovery.state import Discovery, Journal
+from gpmodel.discovery.state import Discovery
 from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
+from gpmodel.evolution.runs import KeptRuns
 from gpmodel.families.by_name import check_defined
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import catalogue
@@ -110,7 +111,7 @@ def discover(
     instrument: str | None = None,
     joints: Sequence[str] = (),
     progress: Say = silent,
-    journal: Journal | None = None,
+    kept: KeptRuns | None = None,
     command: str = COMMAND,
 ) -> DiscoveryResult:
     """Find what the model of a mechanism is missing, name it, and prove it on poses held out.
@@ -125,8 +126,8 @@ def discover(
     deviation of one reading, "0.03 mm" or "0.1 px", without repeats. instrument: its specification, "15um + 6um/m", the
     largest error of a coordinate: no error of it is expected to be larger, and the noise half of it. joints:
     "BALL=RESULT" as of `calibrate`, in the standard model. progress: called with one Progress at a time, which prints
-    as a line: `print` will do. journal: keeps what is finished, to go on from it to the same numbers. command: what the
-    report says made it.
+    as a line: `print` will do. kept: finished runs of an interrupted search, which goes on to the same numbers.
+    command: what the report says made it.
     Raises InputError for an argument out of range, or a table that is not sound.
     """
     search, criteria = _sensible(Search() if search is None else search, Criteria() if criteria is None else criteria)
@@ -144,7 +145,7 @@ def discover(
     handed = tuple(effect for _, effects in measured_joints(joints, arm) for effect in effects)
     run = partial(run_loop, arm, criteria=criteria, candidates=offers, standard=(*geometry, *handed),
                   condition_limit=condition_limit, seed=seed)  # fmt: skip
-    whole_run = partial(run, search=search, progress=_in_table_names(progress, poses.dataset), journal=journal)
+    whole_run = partial(run, search=search, progress=_in_table_names(progress, poses.dataset), kept=kept)
     fraction, parts = _split(holdout, folds, poses.dataset)
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: further threads only wait
         if parts:

@@ -189,7 +189,7 @@ def evolve(
     workers: int = 0,
     executor: Workers | None = None,
     seed: int = 0,
-    journal: KeptRuns | None = None,
+    kept: KeptRuns | None = None,
     progress: Say = silent,
     command: str = COMMAND,
 ) -> EvolutionResult:
@@ -202,7 +202,7 @@ def evolve(
     seconds: of one run, None for the defaults (64K sequences, 8K trees; 1024 and 512 at a slot; 100 generations).
     selection: gp.Truncation or gp.Tournament, None for the thesis' best 5 % and, at a slot, tournaments. norm: of a
     compensator's errors; its x, y, z are in mm. It is scored on every training pose, so that its model is fitted to all
-    of them, outliers included. workers, executor, journal: as of `discover`. Raises InputError for one out of range.
+    of them, outliers included. workers, executor, kept: as of `discover`. Raises InputError for one out of range.
     """
     fraction, seed, count = share(holdout, "holdout"), whole(seed, "seed"), whole(runs, "runs", 1)
     space, norm = among(space, SPACES, "space"), among(norm, NORMS, "norm")
@@ -225,7 +225,7 @@ def evolve(
         "seed": seed, "holdout": fraction, "standard": list(standard), "effects": [e.name for e in start.named],
         "settings": [repr(s) for s in settings.values()],
     }  # fmt: skip
-    done = _finished(Plan(settings, count, seed), task, side_by_side, journal or KeptRuns(), Teller(progress))
+    done = _finished(Plan(settings, count, seed), task, side_by_side, kept or KeptRuns(), Teller(progress))
     counted = histogram([run.record() for run in done], task.problem.inputs.names, Criteria().input_significance)
     origin = Origin(command, seed, time.perf_counter() - started)
     sites, best = tuple(task.problem.sites), compensation(done, task.problem)

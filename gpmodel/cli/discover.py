@@ -23,7 +23,7 @@ from gpmodel.families.catalogue import catalogue
 from gpmodel.files import folder_for
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Progress, Say
-from gpmodel.records.journal_files import JournalFiles
+from gpmodel.records.run_files import RunFiles
 from gpmodel.table.split import USUAL
 
 FEW = math.ceil(ENOUGH_HELD / USUAL)
@@ -74,8 +74,8 @@ def discover(
 
 def discover_request(request: Request, folder: Path, say: Say, executor: Workers) -> DiscoveryResult:
     """Run what was asked, keeping what is finished in `folder`, and leave the results there."""
-    with request.kept_in(folder, say, JournalFiles) as journal:
-        found = looked(request, say, executor, journal)
+    with request.kept_in(folder, say, RunFiles) as kept:
+        found = looked(request, say, executor, kept)
         say(Progress("writing the report"))
         found.report(folder)
     return found
@@ -93,8 +93,8 @@ def search_of(request: Request, executor: Workers) -> Search:
     return Search(runs=request.options["runs"], strategies=strategies, stop_after=ends, executor=executor)
 
 
-def looked(request: Request, say: Say, executor: Workers, journal: JournalFiles | None) -> DiscoveryResult:
-    """Run the request; finished work goes into the journal."""
+def looked(request: Request, say: Say, executor: Workers, kept: RunFiles | None) -> DiscoveryResult:
+    """Run the request; finished runs are kept."""
     options, mechanism = request.options, request.choice.load()
     return look(
         mechanism,
@@ -109,6 +109,6 @@ def looked(request: Request, say: Say, executor: Workers, journal: JournalFiles 
         noise=options["noise"],
         instrument=options["instrument"],
         progress=say,
-        journal=journal,
+        kept=kept,
         command=command_line(),
     )

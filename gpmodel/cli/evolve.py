@@ -24,7 +24,7 @@ from gpmodel.evolution.settings import SelectionScheme, Tournament, Truncation
 from gpmodel.executor import Workers
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Say
-from gpmodel.records.journal_files import JournalFiles
+from gpmodel.records.run_files import RunFiles
 
 VARIED = ("operators", "crossover", "mutation", "length", "depth")
 """Choices of a representation that have an option of their own."""
@@ -81,9 +81,9 @@ def evolve(
     with (
         progress_line(quiet) as say,
         scheduled(scheduler, workers or 0) as executor,
-        request.kept_in(folder, say, JournalFiles) as journal,
+        request.kept_in(folder, say, RunFiles) as kept,
     ):
-        result = evolved(request, journal, executor, say)
+        result = evolved(request, kept, executor, say)
         if folder is not None:
             result.report(folder)
     if not quiet:
@@ -97,7 +97,7 @@ def settings() -> object:
     return [settings_for(space, default_strategies(space), Effort()) for space in SPACES]
 
 
-def evolved(request: Request, journal: KeptRuns | None, executor: Workers, say: Say) -> EvolutionResult:
+def evolved(request: Request, kept: KeptRuns | None, executor: Workers, say: Say) -> EvolutionResult:
     """Run what was asked."""
     options, mechanism = dict(request.options), request.choice.load()
     sights = {name: options.pop(name) for name in shared.SIGHTS}
@@ -107,7 +107,7 @@ def evolved(request: Request, journal: KeptRuns | None, executor: Workers, say: 
     strategies = strategies_named(names, options["space"], {k: v for k, v in varied.items() if v is not None})
     return run(
         mechanism, dataset, strategies=strategies, selection=selection_of(truncation, tournament), **options,
-        executor=executor, journal=journal, progress=say, command=command_line(),
+        executor=executor, kept=kept, progress=say, command=command_line(),
     )  # fmt: skip
 
 

@@ -17,12 +17,13 @@ from gpmodel.discovery.explore import Exploration, OutOfTime, RoundContext, expl
 from gpmodel.discovery.final_fit import final_fit
 from gpmodel.discovery.judge import judge
 from gpmodel.discovery.search import Search
-from gpmodel.discovery.state import Discovery, FinalFit, Finding, Journal, Round, State, usable_rows
+from gpmodel.discovery.state import Discovery, FinalFit, Finding, Round, State, usable_rows
 from gpmodel.evidence.confirmation import Confirmation, confirmation
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import scores
 from gpmodel.evolution.input_histogram import input_prices
+from gpmodel.evolution.runs import KeptRuns
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates as instances_of
 from gpmodel.families.catalogue import catalogue
@@ -52,29 +53,27 @@ def discover(
     seed: int = 0,
     errors_alone: bool = False,
     progress: Say = silent,
-    journal: Journal | None = None,
+    kept: KeptRuns | None = None,
 ) -> Discovery:
     """Run the whole loop. Held-out poses are only ever measured against, never looked at for a choice.
 
-    After it they decide one thing: whether what was found is shipped, or the standard model. train, heldout: rows
-    of `poses`; none held out measure nothing. candidates: what may be missing, beside what GP evolves. standard:
-    the effects of the standard model, None for the complete geometric set. known: effects enabled from the start
-    beside it. condition_limit: of the standard model, None for cross-validated. errors_alone: those of each step are
-    asked for: nothing is fitted to all poses, and laws are not simplified. progress: called with one line on what is
-    being tried. journal: keeps what is finished, None for nothing; where an interrupted search was asked the same it
-    goes on to the same numbers. Raises InputError where no held-out pose is of a set-up and tool
-    trained on, and for two different candidates of one name.
+    After it they decide one thing: whether what was found is shipped, or the standard model. train, heldout: rows of
+    `poses`; none held out measure nothing. candidates: what may be missing, beside what GP evolves. standard: the
+    effects of the standard model, None for the complete geometric set. known: effects enabled from the start beside it.
+    condition_limit: of the standard model, None for cross-validated. errors_alone: those of each step are asked for:
+    nothing is fitted to all poses, and laws are not simplified. progress: called with one line on what is being tried.
+    kept: finished runs of an interrupted search, which goes on to the same numbers. Raises InputError where no held-out
+    pose is of a set-up and tool trained on, and for two different candidates of one name.
     """
     started = time.monotonic()
-    search, journal, say = search or Search(), journal or Journal(), Teller(progress)
+    search, say = search or Search(), Teller(progress)
     poses, train, heldout = usable_rows(poses, train, heldout, say)
     offers = distinct(candidates)
     instances_of(mechanism, poses.states, offers)  # what cannot be offered is refused before anything is searched
-    findings, rounds = journal.begin()
     state = State(
         mechanism, poses, train, heldout, geometric_effects(mechanism) if standard is None else standard, known,
-        offers, search, criteria or Criteria(), condition_limit, seed, say, journal,
-        math.inf if search.stop_after is None else started + search.stop_after, errors_alone, findings, rounds,
+        offers, search, criteria or Criteria(), condition_limit, seed, say, kept or KeptRuns(),
+        math.inf if search.stop_after is None else started + search.stop_after, errors_alone,
     )  # fmt: skip
     state.say("standard model")
     base = state.fit(ErrorModel(mechanism, ()))
@@ -101,19 +100,18 @@ def _searched(state: State, standard_fit: Calibration) -> tuple[Callable[[], Cal
     they ended."""
     sampled = len(state.sample) < len(state.train)
     start = state.fit_sample(state.model(()), standard_fit) if sampled else standard_fit
-    calibration = state.fit_sample(state.model(state.found), start) if state.findings else start
-    calibration, stopped = _run_rounds(state, start, calibration)
+    calibration, stopped = _run_rounds(state, start)
     if sampled and state.findings:
         return partial(state.fit, state.model(state.found), standard_fit), stopped
     return (lambda: standard_fit if sampled else calibration), stopped
 
 
-def _run_rounds(state: State, standard_fit: Calibration, calibration: Calibration) -> tuple[Calibration, str]:
+def _run_rounds(state: State, standard_fit: Calibration) -> tuple[Calibration, str]:
     """Rounds until nothing new is seen or a limit of the search is met, and why they ended.
 
     Where the time is up before the first round is done, it is done without GP.
     """
-    search = state.search
+    search, calibration = state.search, standard_fit
     while not state.repeating:
         if len(state.findings) >= search.max_effects:
             return calibration, f"stopped at {search.max_effects} effects"
@@ -125,9 +123,7 @@ def _run_rounds(state: State, standard_fit: Calibration, calibration: Calibratio
             if not state.rounds:
                 state.search = replace(search, runs=0)
                 calibration = one_round(state, standard_fit, calibration)
-                state.journal.keep(state.findings, state.rounds)
             return calibration, f"stopped after {search.stop_after:g} s; there may be more to find"
-        state.journal.keep(state.findings, state.rounds)
     return calibration, "no further effect is significant"
 
 
@@ -223,7 +219,7 @@ def _explored(state: State, residual: Residual, number: int) -> Exploration:
     """Programs that evolution makes of a residual, and its histogram of referenced inputs."""
     pooled = sum(len(nats) for nats in _earlier_nulls(state)) > 0
     tell = Teller(state.say.say, f"round {number}: ")
-    context = RoundContext(number, tell, state.journal, lambda: state.late, state.opening(number), pooled)
+    context = RoundContext(number, tell, state.kept, lambda: state.late, state.opening(number), pooled)
     sites = moving_sites(state.mechanism, residual.poses.dataset)
     return explore(residual, sites, state.search, np.random.default_rng([state.seed, number]), context)
 

@@ -170,18 +170,6 @@ def _only(poses: Poses, train: IntArray, heldout: IntArray) -> Division:
     return poses.subset(kept), np.searchsorted(kept, train), np.searchsorted(kept, heldout)
 
 
-class Journal(KeptRuns):
-    """Where a discovery notes what it has finished, so that an interrupted one goes on to the same numbers; here
-    nowhere."""
-
-    def begin(self) -> tuple[list[Finding], list[Round]]:
-        """Return the finished findings and rounds. Called once, before the first line of progress."""
-        return [], []
-
-    def keep(self, findings: Sequence[Finding], rounds: Sequence[Round]) -> None:
-        """Called after every round with all that is finished. Raises WriteError where it cannot be written."""
-
-
 @dataclass
 class State:
     """The loop's running state: what is accepted so far and the ladder it has climbed.
@@ -201,7 +189,7 @@ class State:
     condition_limit: float | None
     seed: int
     say: Teller
-    journal: Journal
+    kept: KeptRuns
     ends: float = math.inf
     errors_alone: bool = False
     findings: list[Finding] = field(default_factory=list)

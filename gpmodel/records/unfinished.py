@@ -10,14 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gpmodel.discovery.acceptance import Hypothesis
-from gpmodel.discovery.explore import Exploration
-from gpmodel.discovery.state import Finding, Round
 from gpmodel.errors import InputError
-from gpmodel.evidence.criteria import Test, Verdict
-from gpmodel.evidence.score import Score
-from gpmodel.evolution.chance import Chance
-from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.evolution.pareto import Solution
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import Constant, NonlinearParameters
@@ -30,27 +23,7 @@ from gpmodel.texts import read_json, seal, write_json
 
 _TYPES = {
     t.__name__: t
-    for t in (
-        Finding,
-        Round,
-        Hypothesis,
-        Verdict,
-        Test,
-        Chance,
-        Candidate,
-        NonlinearParameters,
-        Constant,
-        Effect,
-        TakenUp,
-        Term,
-        Expression,
-        Score,
-        Exploration,
-        Histogram,
-        Solution,
-        Program,
-        Node,
-    )
+    for t in (Candidate, NonlinearParameters, Constant, Effect, TakenUp, Term, Expression, Solution, Program, Node)
 }
 """Types that may be read back; other names are refused."""
 
@@ -92,7 +65,7 @@ def decode(value: Any) -> Any:
 
 FOLDER = "unfinished"
 REQUEST = "request.json"
-SCHEMA = 6
+SCHEMA = 7
 _DIGITS = 64
 _BROKEN = (ValueError, KeyError, TypeError, AttributeError, RecursionError)
 
@@ -156,11 +129,6 @@ class Unfinished:
         except (*_BROKEN, OSError) as error:
             Teller(self.say)(f"{path}: {error}; set aside as {set_aside(path).name}, what it held is done again")
             return None
-
-    def forget(self, names: str) -> None:
-        """Remove what is no longer needed. names: a pattern, as in run-1-*."""
-        for path in self.folder.glob(f"{names}.json"):
-            path.unlink(missing_ok=True)
 
     def close(self) -> None:
         """Remove the files, once the results are written."""

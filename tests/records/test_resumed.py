@@ -1,10 +1,14 @@
-"""An interrupted loop goes on from what its journal has, to the same numbers."""
+"""An interrupted loop goes on from its finished runs, to the same numbers."""
+
+from pathlib import Path
 
 import pytest
 from effect_cases import numbers
-from loop_cases import QUICK, SMALL, Notes, found, quick, robot
+from loop_cases import QUICK, quick, robot
 
 from gpmodel.discovery.loop import discover
+from gpmodel.records.run_files import RunFiles
+from gpmodel.records.unfinished import Unfinished
 
 
 class Interrupted(Exception):
@@ -15,31 +19,18 @@ LONG = [pytest.param(moment, marks=pytest.mark.long) for moment in ("round 2", "
 
 
 @pytest.mark.parametrize("moment", ["round 1: evolving, 1 of", *LONG])
-def test_an_interrupted_run_goes_on_to_the_same_numbers(moment: str) -> None:
+def test_an_interrupted_run_goes_on_to_the_same_numbers(moment: str, tmp_path: Path) -> None:
     truth, train, heldout = robot("gear", 0)
-    notes = Notes()
+    notes = RunFiles(Unfinished(tmp_path, {}, {}))
 
     def say(text: str) -> None:
         if str(text).startswith(moment):
             raise Interrupted
 
     with pytest.raises(Interrupted):
-        discover(truth.model.mechanism, truth.poses, train, heldout, search=QUICK, progress=say, journal=notes)
-    assert len(notes.rounds) == int(moment[6]) - 1
-    assert bool(notes.runs)
-    done = sum(number[0] > len(notes.rounds) for number in notes.runs)
-    resumed = discover(truth.model.mechanism, truth.poses, train, heldout, search=QUICK, journal=notes)
+        discover(truth.model.mechanism, truth.poses, train, heldout, search=QUICK, progress=say, kept=notes)
+    done = {path: path.stat().st_mtime_ns for path in notes.files.folder.glob("run-*")}
+    assert max(path.name for path in done).startswith("run-2" if "2: evolving" in moment else "run-1")
+    resumed = discover(truth.model.mechanism, truth.poses, train, heldout, search=QUICK, kept=notes)
     assert numbers(resumed) == numbers(quick())
-    assert notes.found_again == done
-
-
-def test_a_finished_run_resumed_searches_no_more() -> None:
-    truth, train, heldout = robot("nothing", 0)
-    done = found("nothing", 0)
-    said: list[str] = []
-    again = discover(
-        truth.model.mechanism, truth.poses, train, heldout, search=SMALL, progress=said.append,
-        journal=Notes(done.findings, done.rounds),
-    )  # fmt: skip
-    assert numbers(again) == numbers(done)
-    assert not any(str(text).startswith("round") for text in said)
+    assert {path: path.stat().st_mtime_ns for path in done} == done

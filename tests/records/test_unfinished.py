@@ -1,18 +1,14 @@
-"""Files of an interrupted discovery: text that reads back unchanged, and is set aside when damaged."""
+"""What an interrupted search leaves: text that reads back as it was, and is set aside when damaged."""
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from effect_cases import numbers
-from loop_cases import QUICK, found, quick, robot
+from loop_cases import found, quick
 
 from gpmodel import texts
-from gpmodel.discovery.loop import discover
-from gpmodel.discovery.state import Discovery
 from gpmodel.errors import InputError
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import Inputs, SlotProblem
@@ -20,7 +16,7 @@ from gpmodel.evolution.projection import regression
 from gpmodel.evolution.search import Evolution, evolve
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.progress import Say, silent
-from gpmodel.records.journal_files import JournalFiles
+from gpmodel.records.run_files import RunFiles
 from gpmodel.records.unfinished import FOLDER, Unfinished, unfinished
 from gpmodel.records.unfinished import REQUEST as REQUEST_FILE
 
@@ -28,16 +24,16 @@ REQUEST = {"files": {"table": "../cell.csv"}, "options": {"seed": 3, "noise": No
 IDENTITY = {"gpmodel": "0", "the table": 64 * "a", "--seed": 3}
 
 
-def files(folder: Path, say: Say = silent, **changed: object) -> JournalFiles:
-    return JournalFiles(Unfinished(folder, REQUEST, IDENTITY | changed, say))
+def files(folder: Path, say: Say = silent, **changed: object) -> Unfinished:
+    return Unfinished(folder, REQUEST, IDENTITY | changed, say)
 
 
-def kept(answer: Discovery, folder: Path) -> JournalFiles:
-    """The journal of an answer whose rounds were kept one after the other."""
+def kept(folder: Path) -> Unfinished:
+    """Candidates kept in two files, as of two machines of a fleet."""
     notes = files(folder)
-    notes.files.begin()
-    for count in range(1, len(answer.rounds) + 1):
-        notes.keep([f for f in answer.findings if f.round <= count], answer.rounds[:count])
+    notes.begin()
+    for name in ("machine-1", "machine-2"):
+        notes.write(name, {"found": [f.candidate for f in quick().findings], "number": 1})
     return notes
 
 
@@ -49,24 +45,21 @@ def evolution() -> Evolution:
 
 
 @pytest.mark.parametrize("case", ["windup", "nothing"])
-def test_what_is_kept_reads_back_to_the_bit(case: str, tmp_path: Path) -> None:
-    answer = found(case, 0)
-    kept(answer, tmp_path)
-    findings, rounds = files(tmp_path).begin()
-    assert tuple(findings) == answer.findings
-    assert len(rounds) == len(answer.rounds)
-    for one, other in zip(rounds, answer.rounds, strict=True):
-        assert one.hypotheses == other.hypotheses
-        assert one.exploration.candidates == other.exploration.candidates
-        assert one.exploration.histogram == other.exploration.histogram
-        np.testing.assert_array_equal(one.exploration.null_nats, other.exploration.null_nats)
+def test_candidates_read_back_to_the_bit(case: str, tmp_path: Path) -> None:
+    candidates = tuple(f.candidate for f in found(case, 0).findings)
+    notes = files(tmp_path)
+    notes.begin()
+    notes.write("machine-1", {"found": candidates})
+    content = files(tmp_path).read("machine-1")
+    assert content is not None
+    assert content["found"] == candidates
     assert unfinished(tmp_path) == {"request": REQUEST, "identity": IDENTITY}
 
 
 def test_a_kept_run_gives_a_round_what_the_run_gave(tmp_path: Path) -> None:
-    done, notes = evolution(), files(tmp_path)
+    done, notes = evolution(), RunFiles(files(tmp_path))
     notes.keep_run((1, 7), done)
-    again = files(tmp_path).run((1, 7))
+    again = RunFiles(files(tmp_path)).run((1, 7))
     assert again is not None
     assert len(done.front) > 1
     for one, other in zip((again.best, *again.front), (done.best, *done.front), strict=True):
@@ -78,33 +71,14 @@ def test_a_kept_run_gives_a_round_what_the_run_gave(tmp_path: Path) -> None:
     assert notes.run((2, 7)) is None
 
 
-def test_runs_of_a_finished_round_are_not_kept_longer(tmp_path: Path) -> None:
-    notes = files(tmp_path)
-    notes.keep_run((1, 0), evolution())
-    notes.keep_run((2, 0), evolution())
-    notes.keep((), quick().rounds[:1])
-    assert notes.run((1, 0)) is None
-    assert notes.run((2, 0)) is not None
-
-
-def test_a_search_resumed_from_the_files_gives_the_same_numbers(tmp_path: Path) -> None:
-    truth, train, heldout = robot("gear", 0)
-    notes = files(tmp_path)
-    notes.files.begin()
-    notes.keep([f for f in quick().findings if f.round == 1], quick().rounds[:1])
-    resumed = discover(truth.model.mechanism, truth.poses, train, heldout, search=QUICK, journal=files(tmp_path))
-    assert numbers(resumed) == numbers(quick())
-
-
 def test_numbers_that_are_not_finite_survive_in_text(tmp_path: Path) -> None:
-    first = quick().rounds[0]
-    exploration = replace(first.exploration, null_nats=np.array([-np.inf, np.inf, np.nan, 1.0]))
-    notes = files(tmp_path)
-    notes.keep((), (replace(first, exploration=exploration),))
-    (written,) = notes.files.folder.iterdir()
+    values, notes = np.array([-np.inf, np.inf, np.nan, 1.0]), files(tmp_path)
+    notes.write("machine-1", {"values": values})
+    (written,) = notes.folder.iterdir()
     json.loads(written.read_text(), parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
-    _, (again,) = notes.begin()
-    np.testing.assert_array_equal(again.exploration.null_nats, [-np.inf, np.inf, np.nan, 1.0])
+    content = notes.read("machine-1")
+    assert content is not None
+    np.testing.assert_array_equal(content["values"], values)
 
 
 DAMAGE: dict[str, Callable[[str], str]] = {
@@ -112,7 +86,7 @@ DAMAGE: dict[str, Callable[[str], str]] = {
     "empty": lambda text: "",
     "other json": lambda text: "[1, 2]",
     "a number": lambda text: text.replace('"number": 1', '"number": 2'),
-    "unknown type": lambda text: text.replace('"type": "Round"', '"type": "Path"'),
+    "unknown type": lambda text: text.replace('"type": "Candidate"', '"type": "Path"'),
     "code": lambda text: text.replace("sin(2*J4)", "__import__('os')"),
     "deep": lambda text: "[" * 100_000,
     "no text": lambda text: "\ud800",
@@ -121,25 +95,25 @@ DAMAGE: dict[str, Callable[[str], str]] = {
 
 @pytest.mark.parametrize("kind", DAMAGE)
 def test_a_damaged_file_is_named_set_aside_and_done_again(kind: str, tmp_path: Path) -> None:
-    kept(quick(), tmp_path)
-    path = tmp_path / FOLDER / "round-2.json"
-    text = path.with_name("round-1.json").read_text()
+    kept(tmp_path)
+    path = tmp_path / FOLDER / "machine-2.json"
+    text = path.read_text()
     damaged = DAMAGE[kind](text)
     assert damaged != text
     path.write_bytes(damaged.encode("utf-8", "surrogatepass"))
     said: list[str] = []
-    findings, rounds = files(tmp_path, lambda line: said.append(str(line))).begin()
-    assert len(rounds) == 1
-    assert [f.round for f in findings] == [1] * len(findings)
-    assert "round-2.json" in said[0]
+    notes = files(tmp_path, lambda line: said.append(str(line)))
+    assert notes.read("machine-1") is not None
+    assert notes.read("machine-2") is None
+    assert "machine-2.json" in said[0]
     assert "set aside" in said[0]
     assert "\n" not in said[0]
-    assert path.with_name("round-2.json.damaged").read_bytes() == damaged.encode("utf-8", "surrogatepass")
+    assert path.with_name("machine-2.json.damaged").read_bytes() == damaged.encode("utf-8", "surrogatepass")
     assert not path.exists()
 
 
 def test_a_damaged_request_is_named_and_set_aside(tmp_path: Path) -> None:
-    kept(quick(), tmp_path)
+    kept(tmp_path)
     path = tmp_path / FOLDER / REQUEST_FILE
     path.write_text(path.read_text().replace('"seed": 3', '"seed": 4'))
     with pytest.raises(InputError, match=r"request.json: damaged .* set aside as request.json.damaged"):
@@ -148,22 +122,22 @@ def test_a_damaged_request_is_named_and_set_aside(tmp_path: Path) -> None:
 
 
 def test_what_differs_is_said(tmp_path: Path) -> None:
-    kept(quick(), tmp_path)
+    kept(tmp_path)
     before = sorted(p.name for p in (tmp_path / FOLDER).iterdir())
     with pytest.raises(InputError, match=r"something else: the table has changed; --seed is 4, was 3\."):
-        files(tmp_path, **{"--seed": 4, "the table": 64 * "b"}).files.begin()
+        files(tmp_path, **{"--seed": 4, "the table": 64 * "b"}).begin()
     assert sorted(p.name for p in (tmp_path / FOLDER).iterdir()) == before
 
 
 def test_files_of_another_search_are_not_read(tmp_path: Path) -> None:
     """Copied from beside, their seal is whole; what they belong to is not this."""
-    kept(quick(), tmp_path / "one")
+    kept(tmp_path / "one")
     other = files(tmp_path / "other", **{"--seed": 4})
-    other.files.begin()
-    name = "round-1.json"
-    (other.files.folder / name).write_bytes((tmp_path / "one" / FOLDER / name).read_bytes())
-    assert other.begin() == ([], [])
-    assert (other.files.folder / f"{name}.damaged").exists()
+    other.begin()
+    name = "machine-1.json"
+    (other.folder / name).write_bytes((tmp_path / "one" / FOLDER / name).read_bytes())
+    assert other.read("machine-1") is None
+    assert (other.folder / f"{name}.damaged").exists()
 
 
 def test_another_schema_is_refused_and_stays(tmp_path: Path) -> None:
