@@ -1,8 +1,8 @@
 """Compensators or slot shapes by many runs, and the histogram of the inputs they refer to."""
 
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, get_args
@@ -10,7 +10,6 @@ from typing import Literal, get_args
 import numpy as np
 import pandas as pd
 
-from gpmodel._version import __version__
 from gpmodel.api.arguments import among, called, file_path, limit, listed, share, texts, whole
 from gpmodel.api.calibrate import checked_poses, named_group, split
 from gpmodel.api.display import Shown, aligned
@@ -32,10 +31,9 @@ from gpmodel.evolution.runs import KeptRuns, Plan, Run, run_all
 from gpmodel.evolution.settings import SelectionScheme
 from gpmodel.executor import Workers
 from gpmodel.extras import extra_for
-from gpmodel.files import to_json, write_text
+from gpmodel.files import write_text
 from gpmodel.forks import Forks
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.mechanism.source import choice_of
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import standard_effects
@@ -51,24 +49,21 @@ COMMAND = "gpmodel.evolve"
 Norm = Literal["max", "rms"]
 SPACES: tuple[Space, ...] = get_args(Space)
 NORMS: tuple[Norm, ...] = get_args(Norm)
-COUNTED = ("inputs", "runs", "counts", "shuffled_runs", "shuffled", "operators", "p_values", "significant")
-"""Fields of a histogram in evolve.json."""
 
 
 @dataclass(frozen=True, repr=False)
 class EvolutionResult(Shown):
     """Finished runs on the residual and on shuffled ones, and the inputs their best programs refer to.
 
-    start: the models fitted to the training poses, the last of which leaves the residual that was evolved on. sites:
-    where a slot's shape could act. request: what was asked. best: the best program at the training poses.
+    start: the models fitted to the training poses, the last of which leaves the residual that was evolved on. settings:
+    of evolution, one a representation. best: the best program at the training poses.
     """
 
     _with_rows = False
     runs: tuple[Run, ...]
     histogram: Histogram
     start: Ladder
-    sites: tuple[str, ...]
-    request: Mapping[str, object]
+    settings: tuple[str, ...]
     origin: Origin
     best: CompensationRecord
 
@@ -80,7 +75,8 @@ class EvolutionResult(Shown):
     @cached_property
     def record(self) -> Report:
         """Record of report.json."""
-        return from_evolution(self.start, self.runs, self.histogram, self.origin, self.best)
+        found = from_evolution(self.start, self.runs, self.histogram, self.origin, self.best)
+        return replace(found, settings=self.settings)
 
     @property
     def verdict(self) -> str:
@@ -134,32 +130,14 @@ class EvolutionResult(Shown):
             ]
         )
 
-    def to_json(self) -> str:
-        """The content of evolve.json."""
-        content = {
-            "schema": 1,
-            "command": self.origin.command,
-            "versions": {"gpmodel": __version__, "numpy": np.__version__},
-            "request": dict(self.request),
-            "sites": self.sites,
-            "histogram": {name: getattr(self.histogram, name) for name in COUNTED},
-            "runs": [run.__dict__ for run in self.runs],
-        }
-        return to_json(content)
-
     def programs(self) -> str:
         """The best program of every run on the residual, one a line."""
         lines = [f"{r.representation} {r.number + 1}: {r.program}" for r in self.runs if not r.shuffled]
         return "\n".join(lines) + "\n"
 
     def report(self, folder: str | Path) -> None:
-        """Leave evolve.json, programs.txt, report.json, report.html and figures in `folder`: all of them or none."""
-        write_results(
-            self.record,
-            folder,
-            lambda draft: write_text(draft / "evolve.json", self.to_json()),
-            lambda draft: write_text(draft / "programs.txt", self.programs()),
-        )
+        """Leave programs.txt, report.json, report.html and figures in `folder`: all of them or none."""
+        write_results(self.record, folder, lambda draft: write_text(draft / "programs.txt", self.programs()))
 
     def save(self, file: str | Path) -> None:
         """Write the content of report.json. Raises InputError when it cannot be written."""
@@ -220,16 +198,11 @@ def evolve(
     (train, held), started = split(poses.dataset, fraction, seed), time.perf_counter()
     start = _start(poses, train, models, (arm, space == "slot", seed))
     task = _task(start, held, norm, space, seed)
-    request = {
-        "sha256": poses.dataset.sha256, "mechanism": choice_of(arm).name, "space": space, "norm": norm,
-        "seed": seed, "holdout": fraction, "standard": list(standard), "effects": [e.name for e in start.named],
-        "settings": [repr(s) for s in settings.values()],
-    }  # fmt: skip
     done = _finished(Plan(settings, count, seed), task, side_by_side, kept or KeptRuns(), Teller(progress))
     counted = histogram([run.record() for run in done], task.problem.inputs.names, Criteria().input_significance)
     origin = Origin(command, seed, time.perf_counter() - started)
-    sites, best = tuple(task.problem.sites), compensation(done, task.problem)
-    return EvolutionResult(done, counted, start, sites, request, origin, best)
+    asked = (f"space {space}, norm {norm}", *map(repr, settings.values()))
+    return EvolutionResult(done, counted, start, asked, origin, compensation(done, task.problem))
 
 
 def _effects_of(model: object, arm: Mechanism, standard: tuple[str, ...]) -> tuple[Effect, ...]:

@@ -70,7 +70,7 @@ def evolve(
 
     The residual is that of the standard model, or of another with --model or --effect. Every run is done again on
     shuffled errors: an input counts only where it stands out of those.
-    With --out: evolve.json, programs.txt, and report.html with what it is made of.
+    With --out: programs.txt, report.json and report.html.
     """
     asked |= {name: list(asked[name]) for name in ("standard", "effects")}
     asked["model"] = None if asked["model"] is None else str(asked["model"])
@@ -89,7 +89,7 @@ def evolve(
     if not quiet:
         echo(result.summary())
         if folder is not None:
-            echo(f"evolve.json, programs.txt and report.html are in {folder}")
+            echo(f"programs.txt and report.html are in {folder}")
 
 
 def settings() -> object:

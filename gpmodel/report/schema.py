@@ -169,14 +169,14 @@ class ExportRecord:
 class Report:
     """The whole of report.json.
 
-    kind: which call made it. noise_floor_mm: 3-D RMS that the instrument alone gives, from `noise_from`. stopped: why
-    the search ended. placement: the tool point in the flange and the root in the instrument's frame, number by number,
-    rotations as vectors. unobservable: effects hidden by joint values solved at every pose. hidden: what a constant of
-    the standard model could equally be, and the poses that would tell; mimics: the same by name. further: what is to be
-    expected on further poses. predicted: the errors of `predict`. discrepancy_mm: of one
-    component, of the model's form. readings: each kind beside points in its own unit; unseen: what they cannot show.
-    sigma_mm: of one component; freedom: degrees of freedom of it. model_sha256: seal of the model.json that belongs to
-    it.
+    kind: which call made it. settings: of an evolution. noise_floor_mm: 3-D RMS that the instrument alone gives, from
+    `noise_from`. stopped: why the search ended. placement: the tool point in the flange and the root in the
+    instrument's frame, number by number, rotations as vectors. unobservable: effects hidden by joint values solved at
+    every pose. hidden: what a constant of the standard model could equally be, and the poses that would tell; mimics:
+    the same by name. further: what is to be expected on further poses. predicted: the errors of `predict`.
+    discrepancy_mm: of one component, of the model's form. readings: each kind beside points in its own unit; unseen:
+    what they cannot show. sigma_mm: of one component; freedom: degrees of freedom of it. model_sha256: seal of the
+    model.json that belongs to it.
     """
 
     command: str = ""
@@ -191,6 +191,7 @@ class Report:
     histograms: tuple[Histogram, ...] = ()
     rounds: tuple[RoundRecord, ...] = ()
     runs: tuple[Run, ...] = ()
+    settings: tuple[str, ...] = ()
     compensation: CompensationRecord | None = None
     parameters: tuple[ParameterRecord, ...] = ()
     placement: tuple[ParameterRecord, ...] = ()

@@ -47,8 +47,8 @@ def test_both_representations_are_counted_beside_shuffled_runs(space: str, table
     record = read_report(tmp_path)
     assert [record.removed(side) for side in gains] == pytest.approx([np.median(of) for of in gains.values()])
     assert "of shuffled errors" in (tmp_path / "report.html").read_text(encoding="utf-8")
-    report = json.loads((tmp_path / "evolve.json").read_text())
-    counted = report["histogram"]
+    report = shown
+    (counted,) = report["histograms"]
     assert counted["runs"] == counted["shuffled_runs"] == {"linear": 2, "tree": 2}
     assert len(report["runs"]) == 8
     for kind in ("linear", "tree"):
@@ -85,7 +85,7 @@ def test_an_interrupted_search_goes_on_with_resume_alone_to_the_same_numbers(tab
     assert "5 finished runs" in resumed.stderr
     assert not (out / FOLDER).exists()
     assert "nothing is left to do" in main_with("evolve", "--resume", out).stdout
-    runs, again = (json.loads((folder / "evolve.json").read_text())["runs"] for folder in (tmp_path / "whole", out))
+    runs, again = (json.loads((folder / "report.json").read_text())["runs"] for folder in (tmp_path / "whole", out))
     for one, other in zip(runs, again, strict=True):
         for column in (one, other):
             del column["seconds"], column["history"]["seconds"], column["history"]["evaluations_per_second"]
@@ -124,7 +124,7 @@ def test_selection_rates_length_and_depth_are_asked_for_by_option(table: Path, t
     """Step 3 of the thesis' six: the settings of evolution are varied."""
     varied = ["--tournament", 3, "--crossover", 0.1, "--mutation", 0.02, "--length", 60, "--depth", 7]
     run(table, *QUICK, *varied, "--out", tmp_path, "--quiet")
-    linear, tree = json.loads((tmp_path / "evolve.json").read_text())["request"]["settings"]
+    _, linear, tree = json.loads((tmp_path / "report.json").read_text())["settings"]
     assert "Tournament(size=3" in linear
     assert "Tournament(size=3" in tree
     assert "length=60" in linear
@@ -136,7 +136,7 @@ def test_selection_rates_length_and_depth_are_asked_for_by_option(table: Path, t
 
 def test_the_front_of_every_run_is_kept(table: Path, tmp_path: Path) -> None:
     run(table, *QUICK, "--out", tmp_path, "--quiet")
-    for one in json.loads((tmp_path / "evolve.json").read_text())["runs"]:
+    for one in json.loads((tmp_path / "report.json").read_text())["runs"]:
         sizes, gains, texts = zip(*one["front"], strict=True)
         assert sorted(set(sizes)) == list(sizes)
         assert sorted(set(gains)) == list(gains)
