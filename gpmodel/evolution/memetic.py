@@ -33,6 +33,8 @@ FIRST_STEPS = 4
 """Steps in which constants are fitted before the better half goes on."""
 IMPROVED = 1.0
 """Nats that a generation has to save for the next one."""
+WIDEST = 1e100
+"""Spread of a formula beyond which, and below whose inverse, its square may be no number."""
 DIGITS = 1e-4
 """Difference of normalised projected columns below which two formulas are one."""
 
@@ -164,8 +166,10 @@ def _of_each_text(nats: Array, build: Callable[[int], Program]) -> Iterator[_Tri
 
 
 def _composed(population: Formulas, program: Program, values: Array) -> Iterator[_Trial]:
-    """Elements of a formula."""
+    """Elements of a formula, of none whose spread has no square."""
     problem, low, width = population.problem, float(values.min()), float(np.ptp(values))
+    if not 1.0 / WIDEST < width < WIDEST:
+        return
     with np.errstate(all="ignore"):
         gains = problem.targets.gains(ELEMENTS.on_grid(values[None])[0])[:, 0]
     nats = problem.nats(gains, program.complexity + 1 + SIZES)

@@ -7,6 +7,7 @@ import pytest
 
 from gpmodel.errors import InputError
 from gpmodel.evolution.formulas import LONGEST, formulas_at, shorter
+from gpmodel.evolution.memetic import Formulas, bred
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets, regression
@@ -115,3 +116,16 @@ def test_a_law_less_a_node_still_reads_an_input_and_is_fitted() -> None:
     assert all(program.inputs and program.complexity < law.complexity for program in left.values())
     assert "square(tanh(1*J5))" in left
     assert problem.set_gain(left["square(tanh(1*J5))"].evaluate(problem.inputs.mapping()), 0) > 0.99
+
+
+@pytest.mark.parametrize("exponent", [-200, 200])
+def test_a_formula_whose_spread_has_no_square_is_bred_from_as_any_other(exponent: int) -> None:
+    """A steep exponential, which is one at one pose and nothing at the others, as is what is sought."""
+    values = INPUTS.mapping()["J5"]
+    peak = (values == (values.max() if exponent > 0 else values.min())).astype(float)
+    there = regression(peak + 0.01 * np.random.default_rng(0).normal(size=90))
+    targets = Targets(np.ones((1, 90)), there.cross, there.pull, there.energy, ("here",), 90)
+    population = Formulas(SlotProblem(INPUTS, targets, parsimony=2.0))
+    population.take(parse(f"exp({exponent}*J5)"))
+    bred(population, NAMES, 1)
+    assert len(population.found) > 1
