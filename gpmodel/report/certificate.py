@@ -12,7 +12,6 @@ from gpmodel.numerics.interval import coverage_factor
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.report import words
 from gpmodel.report.charts_certificate import histogram
-from gpmodel.report.figures import drawn
 from gpmodel.report.iso9283 import REPEATS
 from gpmodel.report.page import render
 from gpmodel.report.particulars import Particulars
@@ -133,6 +132,8 @@ def _unseen(report: Report) -> str:
 
 def html(found: Certificate, kicker: str) -> str:
     """The certificate as a page that prints to one or two sides of A4. kicker: the mechanism's name."""
+    from gpmodel.report.figures import drawn
+
     picture = (
         histogram(found.errors, found.tolerance_mm, (found.before, found.predicted)) if len(found.errors) else None
     )

@@ -10,7 +10,6 @@ import numpy as np
 
 from gpmodel import wording
 from gpmodel.application.changes import NamedChange
-from gpmodel.report.figures import drawn
 from gpmodel.report.page import render
 from gpmodel.report.picture import AFTER, AXIS, BEFORE, INK, MUTED, Picture, log_axis
 from gpmodel.report.schema import ErrorsMm
@@ -218,6 +217,7 @@ def _draw(figure: Figure, record: Verification) -> None:
 
 def html(record: Verification) -> str:
     """The verification as a page."""
+    from gpmodel.report.figures import drawn
 
     shown = picture(record)
     return render(
