@@ -121,7 +121,7 @@ def facts(record: Verification) -> Iterator[tuple[str, str]]:
         )
         yield (
             f"{kind.name}, {kind.rows} rows",
-            f"{with_model} {kind.unit} RMS, {promised} promised, {without} by nominal geometry",
+            f"{with_model} {kind.unit} RMS, {promised} expected, {without} by nominal geometry",
         )
     if (turns := record.orientation) is not None:
         sizes = [wording.significant(v, 3) for v in (turns.after or 0.0, turns.before or 0.0)]
@@ -159,9 +159,9 @@ def text(record: Verification) -> str:
     """Verdict, what it rests on, and the worst rows, in 80 columns."""
     errors = (
         (NOMINAL, _errors(record, record.without)), ("with the model", _errors(record, record.after)),
-        ("promised", f"RMS {size(record, record.promised_mm)}"),
+        ("expected", f"RMS {size(record, record.promised_mm)}"),
     )  # fmt: skip
-    heads = f"    {'row':>6}{'nominal':>10}{'model':>9}{'promised':>10}{'chance':>12}   {record.shown[0]}"
+    heads = f"    {'row':>6}{'nominal':>10}{'model':>9}{'expected':>10}{'chance':>12}   {record.shown[0]}"
     blocks = (
         ("Verdict", [wording.wrapped(verdict(record))]),
         ("Errors", [f"    {title:<19}{said}" for title, said in errors]),
@@ -180,13 +180,13 @@ def _row(record: Verification, pose: PoseRecord) -> str:
 
 
 def picture(record: Verification) -> Picture:
-    """Errors row by row, with and without the model, and what is promised."""
+    """Errors row by row, with and without the model, and what is expected."""
     return Picture(
         "verification", "Error of every pose", 7.6, 3.0,
         f"Error of every row: {_errors(record, record.after)} with the model, "
         f"{_errors(record, record.without)} with nominal geometry at the driven joint values.",
         "Dots: error of each row with the model (blue) and with nominal geometry at the driven joint values (grey). "
-        "The line is what the model promises, twice its RMS. The scale is logarithmic.",
+        "The line is what the model expects, twice its RMS. The scale is logarithmic.",
         partial(_draw, record=record),
     )  # fmt: skip
 
@@ -204,7 +204,7 @@ def _draw(figure: Figure, record: Verification) -> None:
     log_axis(axes, 0.5 * float(np.nanmin(values)), 2.0 * float(np.nanmax(values)), "y")
     axes.plot(rows, of("without_mm"), "o", ms=3.5, color=BEFORE, label="nominal geometry")
     axes.plot(rows, of("with_mm"), "o", ms=4.5, color=AFTER, label="model")
-    axes.plot(rows, [2 * v for v in of("promised_mm")], "_", ms=7, color=INK, label="promised, 2 RMS")
+    axes.plot(rows, [2 * v for v in of("promised_mm")], "_", ms=7, color=INK, label="expected, 2 RMS")
     if record.tolerance_mm:
         axes.axhline(record.tolerance_mm / of_one, color=AXIS, lw=1.0)
         axes.text(rows[0], record.tolerance_mm / of_one, "tolerance", color=MUTED, size=8, va="bottom")
