@@ -21,8 +21,7 @@ from gpmodel.model.error_model import prepare
 from gpmodel.numerics.interval import chance_of_less
 from gpmodel.report.particulars import Particulars, read_particulars
 from gpmodel.report.schema import Report
-from gpmodel.report.verification import Verification, read_verification
-from gpmodel.report.verification_words import TOO_GOOD
+from gpmodel.report.verification import TOO_GOOD, Verification, read_verification
 
 if TYPE_CHECKING:
     from gpmodel.report.certificate import Certificate

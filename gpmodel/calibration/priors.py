@@ -7,7 +7,6 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.discrepancy import undeclared
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.region import covered
 from gpmodel.calibration.size import MOST, TOLERANCE, relative, size_hidden, spread, standing_for
 from gpmodel.model.error_model import ErrorModel, Placement
 from gpmodel.numerics import rank as ident
@@ -47,27 +46,14 @@ def of_the_description(model: ErrorModel) -> Mask:
 
 @dataclass(frozen=True)
 class OfGeometry:
-    """Prior of the H held constants of a description, whose estimated error is reach, rms.
+    """Prior of the H held constants of a description.
 
     rows: (H, H) with sum of squares equal to that of all constants relative to their error, times σ².
-    reserve: (H, H) or (0, H), additional rows: the constants' share of their estimated error.
-    elsewhere: (H, H) covariance of the rest, which differs at other poses.
     varying: γ of undeclared effects, m and rad.
     """
 
     rows: Array
-    reserve: Array
-    share: float = 1.0
-    elsewhere: Array | float = 0.0
     varying: float = 0.0
-
-
-LIKE_CONSTANTS = 7.0
-"""Times that the part of undeclared effects that looks like constants in a region is the part that shows. Of an arm
-that yields and has oval gears: with half of it touches leave the arm worse outside their region than its description
-does, with twice as much hardly any constant is calibrated there."""
-LEAST_SHARE = 0.05
-"""Smallest share of the constants' estimated error that is assumed."""
 
 
 def geometry_prior(
@@ -78,14 +64,10 @@ def geometry_prior(
     In an instrument's frame each is within GEOMETRY_REACH. Where no reading is, also those constants are believed that
     others stand for: what is held, θ = A θ_all, has the covariance reach² A Aᵀ, so that the fit is the one nearest to
     the description whichever are held; of what no reading shows TOLERANCE is the most.
-
-    There, undeclared effects look like constants, and like others where nothing was read. With γ what they vary by and
-    c the share of the workspace that is covered, the share α = 1 - (1 - c) (LIKE_CONSTANTS γ / reach)² of the estimate
-    is kept, the posterior mean of N(0, α reach²).
     """
     if not (len(at) and relative(problem)):
         weights = np.diag(np.full(len(at), residual_sigma(problem) / GEOMETRY_REACH))
-        return OfGeometry(weights, weights[:0])
+        return OfGeometry(weights)
     others = np.setdiff1d(np.flatnonzero(of_the_description(model)), at)
     stands, growth = standing_for(model, problem, placement, at, others)
     parts = np.hstack([np.eye(len(at)), stands])
@@ -96,16 +78,8 @@ def geometry_prior(
     if size_hidden(problem):  # a machine that shrinks to a point would explain whatever is left
         shown = ident.remove(ident.orthonormal((inverse @ growth)[:, None]), shown.T).T
     explained = shown, problem.residual + columns @ theta[at], placed
-    (believed, sigma, _), (reach, _, fitted) = spread(*explained, TOLERANCE), spread(*explained, MOST)
-    varying = undeclared(problem, model, fitted)
-    outside = 1.0 - covered(model.mechanism, problem.poses) if varying > 0.0 else 0.0
-    share = max(LEAST_SHARE, 1.0 - outside * (LIKE_CONSTANTS * varying / reach) ** 2)
-    rows = inverse * sigma / believed
-    reserve = rows[:0]
-    if share < 1.0:
-        left = ident.remove(ident.orthonormal(placed), columns)
-        reserve = np.sqrt(1.0 / share - 1.0) * ident.triangle(np.vstack([left, rows]))
-    return OfGeometry(rows, reserve, share, (1.0 - share) * reach**2 * lower @ lower.T, varying)
+    (believed, sigma, _), (_, _, fitted) = spread(*explained, TOLERANCE), spread(*explained, MOST)
+    return OfGeometry(inverse * sigma / believed, undeclared(problem, model, fitted))
 
 
 def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
@@ -126,18 +100,14 @@ def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
 @dataclass(frozen=True)
 class Beliefs:
     """Rows (B, K) and right side (B,) of all of these. own: how many of them, the first, are of priors. single: how
-    many of one effect each. reserved: how many, the last, keep back what undeclared effects may be. geometry: (G, E),
-    those of the geometry, on the unknowns. share: of what constants appear to be off that is theirs. elsewhere:
-    (E, E) covariance of the rest. varying: γ of undeclared effects, m and rad."""
+    many of one effect each. geometry: (G, E), those of the geometry, on the unknowns. varying: γ of undeclared effects,
+    m and rad."""
 
     rows: Array
     pulls: Array
     own: int
     single: int
-    reserved: int
     geometry: Array
-    share: float
-    elsewhere: Array
     varying: float
 
 
@@ -145,19 +115,15 @@ def beliefs(model: ErrorModel, problem: Linearised, theta: Array, placement: Pla
     """All that is believed at a point, of the `kept` effects (E,)."""
     at = np.flatnonzero(kept & of_the_description(model))
     known = geometry_prior(model, theta, problem, placement, at)
-    geometry = np.zeros((len(known.rows) + len(known.reserve), len(model.effects)))
-    geometry[:, at] = np.vstack([known.rows, known.reserve])
+    geometry = np.zeros((len(known.rows), len(model.effects)))
+    geometry[:, at] = known.rows
     on_all = np.hstack([np.zeros((len(geometry), problem.placement)), geometry])
     pulls = -geometry @ theta
     (prior, prior_pull), (tool, tool_pull) = prior_rows(model, theta, problem, kept), tool_rows(problem, placement)
     own, count = len(prior), len(known.rows)
-    elsewhere = np.zeros((len(model.effects), len(model.effects)))
-    elsewhere[np.ix_(at, at)] = known.elsewhere
     return Beliefs(
-        rows=np.vstack([prior, on_all[:count], tool, on_all[count:]]),
-        pulls=np.concatenate([prior_pull, pulls[:count], tool_pull, pulls[count:]]),
-        own=own, single=own + (0 if relative(problem) else count), reserved=len(known.reserve), geometry=geometry,
-        share=known.share, elsewhere=elsewhere, varying=known.varying,
+        rows=np.vstack([prior, on_all, tool]), pulls=np.concatenate([prior_pull, pulls, tool_pull]), own=own,
+        single=own + (0 if relative(problem) else count), geometry=geometry, varying=known.varying,
     )  # fmt: skip
 
 

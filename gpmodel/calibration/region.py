@@ -5,10 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpmodel.arrays import Array, Mask
-from gpmodel.mechanism.protocol import Mechanism, closed
+from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, Poses
-from gpmodel.model.states import tip_slots
 from gpmodel.table.dataset import Dataset
 
 HELD = 0.9
@@ -47,13 +46,3 @@ def nominal_points(mechanism: Mechanism, poses: Poses) -> Array:
     """Where each row's tip is (N, 3), m, in the root, by the description and without a tool."""
     frames = ErrorModel(mechanism, ()).frames(poses, np.zeros(0))
     return np.asarray(frames[poses.tip_slot, np.arange(len(poses)), :3, 3])
-
-
-def covered(mechanism: Mechanism, poses: Poses) -> float:
-    """The share of the workspace that is in the region of a table; all of it where loops close."""
-    if closed(mechanism):
-        return 1.0
-    drawn = anywhere(mechanism, poses.dataset)
-    there = Poses(drawn, mechanism.transforms(drawn.q), poses.states, tip_slots(mechanism, drawn))
-    inside = Region.of(nominal_points(mechanism, poses)).holds(nominal_points(mechanism, there))
-    return float(inside.mean())

@@ -16,13 +16,13 @@ from gpmodel.numerics.least_squares import MANY_COLUMNS, inverse_gram, inverse_o
 
 def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     """Covariance σ² (CᵀC)⁻¹ of the columns and prior rows C at the end of a fit, σ² = Σ r² / (M - rank) where the model
-    does not know it. Of constants of which a share α is believed it is α² of that and α times what is elsewhere.
+    does not know it.
     Beside free joints what the measurements leave open is known as well as the table's joint values tell it, by how far
     these are off."""
     problem, at = fitted.problem, np.flatnonzero(kept)
     free = problem.free(kept)
     belief = beliefs(fitting.model, problem, fitted.theta, fitted.placement, kept)
-    rows = belief.rows[: len(belief.rows) - belief.reserved, free]
+    rows = belief.rows[:, free]
     count = len(problem.columns) + belief.own
     rank = int(free.sum()) if problem.left is None else _rank(np.vstack([problem.columns[:, free], rows[: belief.own]]))
     left = float(np.sqrt(np.sum(problem.residual**2) / max(count - rank, 1)))
@@ -41,9 +41,6 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
         shares = ident.unique_shares(np.hstack([fixed, columns[:count, problem.placement :]]))
     covariance = sigma**2 * inverse / np.outer(scale, scale)
     effects = slice(problem.placement, None)
-    covariance[effects] *= belief.share
-    covariance[:, effects] *= belief.share
-    covariance[effects, effects] += belief.share * belief.elsewhere[np.ix_(at, at)]
     deviation = np.sqrt(np.diag(covariance))
     safe = np.where(deviation > 0, deviation, 1.0)
     n = len(kept)

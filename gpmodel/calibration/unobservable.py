@@ -51,8 +51,6 @@ def unobservable_families(calibration: Calibration, poses: Poses) -> tuple[str, 
 
 MOST_NAMED = 6
 """Constants that a sentence names."""
-BELIEVED = 0.95
-"""Share of the constants' estimate from which nothing is said of the rest: it is within their standard errors."""
 
 
 def held_at_description(fit: Calibration, poses: Poses) -> Iterator[str]:
@@ -71,12 +69,6 @@ def held_at_description(fit: Calibration, poses: Poses) -> Iterator[str]:
         f"expected error of a predicted point: {1e3 * inside:.2g} mm RMS within {radius:.2g} m of the middle of the "
         f"measured points, {1e3 * outside:.2g} mm outside; the residual tells neither"
     )
-    if known.share < BELIEVED:
-        yield (
-            "the residual follows the joint values, so effects are missing that look like constants in the measured "
-            f"region and like others outside: {100 * known.share:.0f} % of the estimate of the constants is kept; "
-            "discover names such effects"
-        )
     weak = fit.sigma > TOLERANCE * problem.sizes[problem.placement + at] * fit.unique_share[at]
     if weak.any():
         called = names_of(poses.dataset)
@@ -93,11 +85,9 @@ def held_at_description(fit: Calibration, poses: Poses) -> Iterator[str]:
 def errors_by_region(fit: Calibration, poses: Poses, known: Beliefs) -> tuple[float, float, float]:
     """The radius of the measured region, m, and the RMS error of a predicted point, m, inside and outside of it.
 
-    Of constants that appear to be θ with covariance V, a share α is kept of an estimate that had B before measuring.
-    Inside, undeclared effects are what they were: (1 - (1 - α)²) V + (1 - α)² B. Outside they are others:
-    α² V + (1 - α²) B. Both have what varies at each axis, γ².
+    The variance is that of the constants and the placement, and what varies at each axis, γ².
     """
-    model, share = fit.model, known.share
+    model = fit.model
     drawn = anywhere(model.mechanism, poses.dataset)
     there = prepare(model.mechanism, drawn.subset(closing(model, drawn, fit.theta)))
     seen = observe(model, there, fit.theta, fit.placement)
@@ -112,11 +102,9 @@ def errors_by_region(fit: Calibration, poses: Poses, known: Beliefs) -> tuple[fl
     rows = [placement.index(names[k]) for k in own]
     by_placement = _variance(placed, fit.covariance.values[np.ix_(rows, rows)]) + varying
     constants = fit.covariance.values[len(placement) :, len(placement) :]
-    here = (2.0 / share - 1.0) * (constants - share * known.elsewhere) + (1.0 - share) * known.elsewhere
     region = Region.of(nominal_points(model.mechanism, poses))
     within = region.holds(nominal_points(model.mechanism, there))
-    variance = np.where(within, _variance(columns, here), _variance(columns, constants + known.elsewhere))
-    error = np.sqrt(np.maximum(variance + by_placement, 0.0))
+    error = np.sqrt(np.maximum(_variance(columns, constants) + by_placement, 0.0))
     inside, outside = (root_mean_square(error[part]) if part.any() else np.nan for part in (within, ~within))
     return region.radius, inside, outside
 

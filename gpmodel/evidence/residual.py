@@ -266,7 +266,7 @@ def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tup
     model, theta, kept = calibration.model, calibration.theta, calibration.kept
     free = problem.free(kept)
     believed = beliefs(model, problem, theta, calibration.placement, kept)
-    count = len(believed.rows) - believed.reserved if relative(problem) else believed.own
+    count = len(believed.rows) if relative(problem) else believed.own
     belief, pull = believed.rows[:count], believed.pulls[:count]
     order = np.argsort(np.abs(belief).argmax(axis=1), kind="stable")
     system = np.vstack([problem.columns[:, free], belief[order][:, free]])

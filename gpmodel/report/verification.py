@@ -32,6 +32,9 @@ from gpmodel.texts import parse_json, read_limited
 NAME, KIND = "verify.json", "verify"
 SCHEMA = 1
 
+TOO_GOOD = 1e-6
+"""Chance of so small a chi-square below which it is remarked on: never by chance."""
+
 
 @dataclass(frozen=True)
 class PoseRecord:

@@ -13,13 +13,11 @@ from gpmodel.application.changes import NamedChange
 from gpmodel.report.page import render
 from gpmodel.report.picture import AFTER, AXIS, BEFORE, INK, MUTED, Picture, log_axis
 from gpmodel.report.schema import ErrorsMm
-from gpmodel.report.verification import PoseRecord, Verification
+from gpmodel.report.verification import TOO_GOOD, PoseRecord, Verification
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-TOO_GOOD = 1e-6
-"""Chance of so small a chi-square below which it is remarked on: never by chance."""
 MOST_ROWS, MOST_PRINTED = 400, 8
 """Rows on the page and on a terminal, the worst; verify.csv has all of them."""
 UNLIKELY = 0.001

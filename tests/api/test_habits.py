@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 import gpmodel as gp
 from gpmodel.api.results import write_fitted
-from gpmodel.report.schema import Report
+from gpmodel.report.schema import SCHEMA, Report
 
 
 @pytest.fixture(scope="module")
@@ -131,10 +131,10 @@ def test_what_was_written_is_read_compared_explained_certified_and_exported(foun
     assert found.findings[0].name in gp.explain(again, 1).summary()
     gp.certificate(found, machine="Cell 4").report(tmp_path)
     assert "Cell 4" in (tmp_path / "certificate.html").read_text()
-    for result in (again, gp.compare(found, again), gp.explain(again, 1)):
+    for result, schema in ((again, SCHEMA), (gp.compare(found, again), 1), (gp.explain(again, 1), 1)):
         assert result.summary()
         result.save(tmp_path / "saved.json")
-        assert json.loads((tmp_path / "saved.json").read_text())["schema"] == 1
+        assert json.loads((tmp_path / "saved.json").read_text())["schema"] == schema
     gp.export(tmp_path / "R", tmp_path / "E")
     assert (tmp_path / "E" / "exports" / "model.py").is_file()
     for call in (lambda: gp.compare(1, again), lambda: gp.explain(again, 99), lambda: gp.export(3),
