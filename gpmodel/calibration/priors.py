@@ -44,30 +44,38 @@ def of_the_description(model: ErrorModel) -> Mask:
     return np.array([e.constant and e.prior == np.inf for e in model.effects], dtype=bool)
 
 
-@dataclass(frozen=True)
-class OfGeometry:
-    """Prior of the H held constants of a description.
+def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray) -> Array:
+    """Return the prior rows (H, H) of the held constants `at` (H,), m.
 
-    rows: (H, H) with sum of squares equal to that of all constants relative to their error, times σ².
-    varying: γ of undeclared effects, m and rad.
-    """
-
-    rows: Array
-    varying: float = 0.0
-
-
-def geometry_prior(
-    model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray
-) -> OfGeometry:
-    """Rows for the held constants `at` (H,), m.
-
-    In an instrument's frame each is within GEOMETRY_REACH. Where no reading is, also those constants are believed that
-    others stand for: what is held, θ = A θ_all, has the covariance reach² A Aᵀ, so that the fit is the one nearest to
-    the description whichever are held; of what no reading shows TOLERANCE is the most.
+    Their sum of squares is that of all constants relative to their error, times σ². In an instrument's frame each is
+    within GEOMETRY_REACH. Where no reading is, also those constants are believed that others stand for: what is held,
+    θ = A θ_all, has the covariance reach² A Aᵀ, so that the fit is the one nearest to the description whichever are
+    held; of what no reading shows TOLERANCE is the most.
     """
     if not (len(at) and relative(problem)):
-        weights = np.diag(np.full(len(at), residual_sigma(problem) / GEOMETRY_REACH))
-        return OfGeometry(weights)
+        return np.diag(np.full(len(at), residual_sigma(problem) / GEOMETRY_REACH))
+    inverse, explained = _explained(model, theta, problem, placement, at)
+    believed, sigma, _ = spread(*explained, TOLERANCE)
+    return inverse * sigma / believed
+
+
+def varying_effects(model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray) -> float:
+    """Estimate γ, m and rad, of undeclared effects in readings without an instrument's frame.
+
+    at: (H,) held constants, which take up a part of the readings.
+    """
+    _, explained = _explained(model, theta, problem, placement, at)
+    return undeclared(problem, model, spread(*explained, MOST)[2])
+
+
+def _explained(
+    model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray
+) -> tuple[Array, tuple[Array, Array, Array]]:
+    """Return L⁻¹ (H, H) with A Aᵀ = L Lᵀ, and what `spread` compares.
+
+    These are the columns (M, H) of the held constants in units of their prior, the readings (M,), and the columns
+    (M, P) of the placement.
+    """
     others = np.setdiff1d(np.flatnonzero(of_the_description(model)), at)
     stands, growth = standing_for(model, problem, placement, at, others)
     parts = np.hstack([np.eye(len(at)), stands])
@@ -77,9 +85,7 @@ def geometry_prior(
     shown = columns @ lower
     if size_hidden(problem):  # a machine that shrinks to a point would explain whatever is left
         shown = ident.remove(ident.orthonormal((inverse @ growth)[:, None]), shown.T).T
-    explained = shown, problem.residual + columns @ theta[at], placed
-    (believed, sigma, _), (_, _, fitted) = spread(*explained, TOLERANCE), spread(*explained, MOST)
-    return OfGeometry(inverse * sigma / believed, undeclared(problem, model, fitted))
+    return inverse, (shown, problem.residual + columns @ theta[at], placed)
 
 
 def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
@@ -100,31 +106,25 @@ def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
 @dataclass(frozen=True)
 class Beliefs:
     """Rows (B, K) and right side (B,) of all of these. own: how many of them, the first, are of priors. single: how
-    many of one effect each. geometry: (G, E), those of the geometry, on the unknowns. varying: γ of undeclared effects,
-    m and rad."""
+    many of one effect each. geometry: (G, E), those of the geometry, on the unknowns."""
 
     rows: Array
     pulls: Array
     own: int
     single: int
     geometry: Array
-    varying: float
 
 
 def beliefs(model: ErrorModel, problem: Linearised, theta: Array, placement: Placement, kept: Mask) -> Beliefs:
     """All that is believed at a point, of the `kept` effects (E,)."""
     at = np.flatnonzero(kept & of_the_description(model))
-    known = geometry_prior(model, theta, problem, placement, at)
-    geometry = np.zeros((len(known.rows), len(model.effects)))
-    geometry[:, at] = known.rows
+    geometry = np.zeros((len(at), len(model.effects)))
+    geometry[:, at] = geometry_rows(model, theta, problem, placement, at)
     on_all = np.hstack([np.zeros((len(geometry), problem.placement)), geometry])
     pulls = -geometry @ theta
     (prior, prior_pull), (tool, tool_pull) = prior_rows(model, theta, problem, kept), tool_rows(problem, placement)
-    own, count = len(prior), len(known.rows)
-    return Beliefs(
-        rows=np.vstack([prior, on_all, tool]), pulls=np.concatenate([prior_pull, pulls, tool_pull]), own=own,
-        single=own + (0 if relative(problem) else count), geometry=geometry, varying=known.varying,
-    )  # fmt: skip
+    rows, pulls = np.vstack([prior, on_all, tool]), np.concatenate([prior_pull, pulls, tool_pull])
+    return Beliefs(rows, pulls, len(prior), len(prior) + (0 if relative(problem) else len(at)), geometry)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The region of a table: the ball that holds nine in ten of its points, and how much of the workspace it covers."""
+"""The region of a table: the ball that holds nine in ten of its points; and random poses inside and outside of it."""
 
 from dataclasses import dataclass, replace
 
@@ -13,7 +13,7 @@ from gpmodel.table.dataset import Dataset
 HELD = 0.9
 """Share of the measured points in the ball: single far ones make no region."""
 DRAWN = 400
-"""Random poses of which a share is known to 2.5 %."""
+"""Random poses at which the error inside and outside the region is averaged."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.calibration.linearise import effect_columns
 from gpmodel.calibration.placing import placement_columns
-from gpmodel.calibration.priors import Beliefs, beliefs, of_the_description
+from gpmodel.calibration.priors import of_the_description, varying_effects
 from gpmodel.calibration.region import Region, anywhere, nominal_points
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.calibration.size import TOLERANCE, relative, shows_size
@@ -54,8 +54,8 @@ MOST_NAMED = 6
 
 
 def held_at_description(fit: Calibration, poses: Poses) -> Iterator[str]:
-    """One sentence each: the error inside and outside the measured region, the share of the constants' estimate that is
-    kept, and the constants that the readings do not show; none where points in an instrument's frame were read.
+    """One sentence each: the error inside and outside the measured region, and the constants that the readings do not
+    show; none where points in an instrument's frame were read.
 
     A constant is not shown where its standard error by the readings alone, σ / (|c| share), is above TOLERANCE.
     """
@@ -63,8 +63,7 @@ def held_at_description(fit: Calibration, poses: Poses) -> Iterator[str]:
     at = np.flatnonzero(fit.kept & of_the_description(fit.model))
     if not relative(problem) or not len(at):
         return
-    known = beliefs(fit.model, problem, fit.theta, fit.placement, fit.kept)
-    radius, inside, outside = errors_by_region(fit, poses, known)
+    radius, inside, outside = errors_by_region(fit, poses)
     yield (
         f"expected error of a predicted point: {1e3 * inside:.2g} mm RMS within {radius:.2g} m of the middle of the "
         f"measured points, {1e3 * outside:.2g} mm outside; the residual tells neither"
@@ -82,12 +81,13 @@ def held_at_description(fit: Calibration, poses: Poses) -> Iterator[str]:
         )
 
 
-def errors_by_region(fit: Calibration, poses: Poses, known: Beliefs) -> tuple[float, float, float]:
+def errors_by_region(fit: Calibration, poses: Poses) -> tuple[float, float, float]:
     """The radius of the measured region, m, and the RMS error of a predicted point, m, inside and outside of it.
 
     The variance is that of the constants and the placement, and what varies at each axis, γ².
     """
-    model = fit.model
+    model, at = fit.model, np.flatnonzero(fit.kept & of_the_description(fit.model))
+    unknown = varying_effects(model, fit.theta, problem_at(fit, poses), fit.placement, at)
     drawn = anywhere(model.mechanism, poses.dataset)
     there = prepare(model.mechanism, drawn.subset(closing(model, drawn, fit.theta)))
     seen = observe(model, there, fit.theta, fit.placement)
@@ -98,7 +98,7 @@ def errors_by_region(fit: Calibration, poses: Poses, known: Beliefs) -> tuple[fl
     placed = np.concatenate(blocks, axis=2)[:, :, own]
     columns = effect_columns(model.effects, model, there, bare)
     axes = effect_columns(geometric_effects(model.mechanism), model, there, bare)
-    varying = known.varying**2 * np.sum(axes**2, axis=(1, 2))
+    varying = unknown**2 * np.sum(axes**2, axis=(1, 2))
     rows = [placement.index(names[k]) for k in own]
     by_placement = _variance(placed, fit.covariance.values[np.ix_(rows, rows)]) + varying
     constants = fit.covariance.values[len(placement) :, len(placement) :]

@@ -9,8 +9,7 @@ from instrument_cases import ARM
 import gpmodel as gp
 from experiments.touches.run import EFFECTS, judged
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.priors import beliefs
-from gpmodel.calibration.result import Calibration, problem_at
+from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.unobservable import errors_by_region, held_at_description
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import standard_effects
@@ -46,9 +45,7 @@ def test_joint_zeros_that_were_lost_are_found_whatever_a_maker_tolerates() -> No
 def test_errors_are_foreseen_inside_and_outside_and_said_first() -> None:
     fits, poses, errors = touched(False)
     fit = fits[1]
-    problem = problem_at(fit, poses)
-    known = beliefs(fit.model, problem, fit.theta, fit.placement, fit.kept)
-    _, *foreseen = errors_by_region(fit, poses, known)
+    _, *foreseen = errors_by_region(fit, poses)
     said = list(held_at_description(fit, poses))
     assert said[0].startswith(f"expected error of a predicted point: {1e3 * foreseen[0]:.2g} mm RMS within")
     assert said[-1].startswith("these readings do not show ")
