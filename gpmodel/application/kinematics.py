@@ -82,8 +82,10 @@ def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, no
         data = replace(dataset.subset(rows), q=q.copy())
         able = closing(bare, data, theta)
         miss, jacobian = np.full((len(rows), 6), np.inf), np.zeros((len(rows), 6, q.shape[1]))
+        if len(able) < len(rows):
+            data, rows = data.subset(able), rows[able]
         if len(able):
-            left, slopes = look_at(saved, data.subset(able), target[rows[able]], nominal=nominal)
+            left, slopes = look_at(saved, data, target[rows], nominal=nominal)
             miss[able], jacobian[able] = left * weight, slopes * weight[:, None]
         return miss, jacobian
 
@@ -103,7 +105,7 @@ def _levenberg(look: Callable[[Array, IntArray], tuple[Array, Array]], q: Array)
         step = (np.swapaxes(columns, 1, 2) @ np.linalg.solve(square, miss[active][:, :, None]))[:, :, 0]
         step *= np.minimum(1.0, LONGEST_STEP / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-12))
         tried, slopes = look(q[active] + step, active)
-        better = np.linalg.norm(tried, axis=1) < np.linalg.norm(miss[active], axis=1)
+        better = np.linalg.norm(tried, axis=1) < left[active]
         good = active[better]
         q[good], miss[good], jacobian[good] = (q[active] + step)[better], tried[better], slopes[better]
         damping[active] = np.where(better, np.maximum(damping[active] / 10, DAMPING), damping[active] * 5)

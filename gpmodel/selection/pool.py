@@ -131,8 +131,9 @@ class GroupPool:
 
     cost, price, reading: (G,) nats to describe each group, to let it enter, and to read it. kind: (G,) number of
     family and inputs, -1 without a name. block: (G,) number of the kind at several joints that it is a part of, -1 for
-    none. shared: (B,) nats that further parts need not say again: all but which of n joints it is. rhs: (E,) products
-    of the distinct unit columns with the target, whitened and cleaned.
+    none. wholes: (B,) number of the group of each such kind. shared: (B,) nats that further parts need not say again:
+    all but which of n joints it is. rhs: (E,) products of the distinct unit columns with the target, whitened and
+    cleaned.
     """
 
     def __init__(self, rows: Rows, groups: Sequence[Group], prices: Price) -> None:
@@ -156,7 +157,8 @@ class GroupPool:
         kinds: dict[object, int] = {}
         named = [(g.family, g.inputs) if g.family else None for g in self.groups]
         self.kind = np.array([-1 if kind is None else kinds.setdefault(kind, len(kinds)) for kind in named])
-        blocks = [g.parts for g in self.groups if g.parts and g.family]
+        self.wholes = np.array([g for g, group in enumerate(self.groups) if group.parts and group.family], np.int64)
+        blocks = [self.groups[g].parts for g in self.wholes]
         of_part = {part.name: b for b, parts in enumerate(blocks) for part in parts}
         self.block = np.array([of_part.get(g.name, -1) for g in self.groups], dtype=np.int64)
         self.shared = np.array([max(parts[0].cost - math.log(len(parts)), 0.0) for parts in blocks])

@@ -112,8 +112,8 @@ def _exchanged(model: Active, removed: frozenset[int], first: IntArray | None) -
         again = _regrown(_without(grown, came), forbidden | _with_blocks(model, came), 0.0)
         if again is not None:
             yield again
-    many = frozenset(g for g, group in enumerate(model.pool.groups) if len(group.effects) > FEW)
-    if removed & many:
+    if any(len(model.pool.groups[g].effects) > FEW for g in removed):
+        many = frozenset(g for g, group in enumerate(model.pool.groups) if len(group.effects) > FEW)
         plain = _regrown(fewer, forbidden | many, lost, first)
         if plain is not None:
             yield plain
@@ -165,8 +165,9 @@ def named_by_site(model: Active) -> Active:
 
     Models are compared in this form, so that each named site pays its price. The few others are no findings.
     """
-    number = {group.name: g for g, group in enumerate(model.pool.groups)}
-    for g in [g for g in model.found if model.pool.groups[g].parts]:
+    blocks = [g for g in model.found if model.pool.groups[g].parts]
+    number = {group.name: g for g, group in enumerate(model.pool.groups)} if blocks else {}
+    for g in blocks:
         parts, trial = model.pool.groups[g].parts, model.without(g)
         for part in np.unique(model.part_of_column(g)):
             trial = trial.added(number[parts[part].name], model.variances[g] / len(parts))
@@ -196,9 +197,8 @@ def _without(model: Active, removed: frozenset[int]) -> Active:
 
 def _with_blocks(model: Active, groups: frozenset[int]) -> frozenset[int]:
     """Groups, and those of several sites that have one of them as a part."""
-    names = {model.pool.groups[g].name for g in groups}
-    whole = (g for g, group in enumerate(model.pool.groups) if any(part.name in names for part in group.parts))
-    return groups | frozenset(whole)
+    kinds = model.pool.block[list(groups)]
+    return groups | frozenset(model.pool.wholes[kinds[kinds >= 0]].tolist())
 
 
 def _at_one_site(model: Active) -> list[frozenset[int]]:
