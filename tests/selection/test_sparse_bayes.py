@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import permutations
 
 import numpy as np
@@ -123,18 +124,19 @@ def test_a_group_without_a_name_costs_the_head_start_of_named_ones() -> None:
     assert unnamed.cost == pool.groups[number["true"]].cost
 
 
+def group_at_j3(shapes: Shapes, name: str, cost: float, *bases: str) -> Group:
+    """A group of a known family at joint 3."""
+    effects = [effect_at(f"{name} {b}", "J3.moving", "Ry", Expression(b)) for b in bases]
+    made = group_of(Candidate(name, tuple(effects), "known", cost), shapes)
+    assert made is not None
+    return made
+
+
 def test_two_groups_take_the_place_of_a_broad_one_though_a_third_comes_before_each_of_them() -> None:
     """Two waves, which a group with a size for each of several inputs has in one of its effects, and a third nearly."""
     both = "sin(J2) + sin(3*J5)"
     truth = measure(ARM, [effect_at("true", "J3.moving", "Ry", Expression(both))], [1e-3], 5)
-    shapes = Shapes(truth.poses.states)
-
-    def group(name: str, cost: float, *bases: str) -> Group:
-        effects = [effect_at(f"{name} {b}", "J3.moving", "Ry", Expression(b)) for b in bases]
-        made = group_of(Candidate(name, tuple(effects), "known", cost), shapes)
-        assert made is not None
-        return made
-
+    group = partial(group_at_j3, Shapes(truth.poses.states))
     groups = [
         group("broad", 12.0, both, "cos(2*J6)", "sin(2*J4)"), group("nearly", 3.0, f"{both} + 0.3*sin(J4)"),
         group("one", 3.0, "sin(J2)"), group("other", 3.0, "sin(3*J5)"),
@@ -212,14 +214,7 @@ def test_many_unknowns_give_way_to_plain_effects_though_others_of_many_explain_m
     """A wave of J2 and one of J5, beside three groups of many unknowns that have nearly both of them each."""
     both = "sin(J2) + sin(3*J5)"
     truth = measure(ARM, [effect_at("true", "J3.moving", "Ry", Expression(both))], [1e-3], 5)
-    shapes = Shapes(truth.poses.states)
-
-    def group(name: str, cost: float, *bases: str) -> Group:
-        effects = [effect_at(f"{name} {b}", "J3.moving", "Ry", Expression(b)) for b in bases]
-        made = group_of(Candidate(name, tuple(effects), "known", cost), shapes)
-        assert made is not None
-        return made
-
+    group = partial(group_at_j3, Shapes(truth.poses.states))
     many = [
         group(f"many {k}", 14.0, f"{both} + {k / 50}*sin(J4)", f"cos({k + 2}*J6)", f"sin({k + 2}*J4)")
         for k in (0, 1, 2)
