@@ -30,7 +30,7 @@ VALUES = (
     "a" * 5000, "../../x", "<script>alert(1)</script>", "@TERMS@ {0} %s", "J1", "\x00", "1:2:3", "[" * 300,
 )  # fmt: skip
 NUMBERS: tuple[Any, ...] = (None, True, -1, 0, 10**400, 1e308, [], {}, [[]], "x")
-"""What stands in place of a number in JSON."""
+"""Values that replace a number in JSON."""
 NEVER_RUN = ("discover", "evolve", "fleet", "completion", "joint")
 """Commands that are given no table, so that only their options are read."""
 Words = list[str]
@@ -38,7 +38,7 @@ Words = list[str]
 
 @dataclass(frozen=True)
 class Case:
-    """What it is called, and how it makes its files in a folder and the words of a command line."""
+    """A name, and a function that writes the files into a folder and returns the words of the command line."""
 
     name: str
     make: Callable[[Path], Words]

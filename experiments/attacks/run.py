@@ -1,4 +1,4 @@
-"""How many hostile values at any place the program reads end otherwise than in one clear line or a right result.
+"""Count the hostile inputs that end neither in one clear line nor in a right result, over every place of input.
 
 Bad: a traceback, a "defect of gpmodel" (status 1), more than one line of refusal, 30 s of CPU, code of the value that
 ran, an escape sequence or a forged verdict on the terminal.

@@ -149,7 +149,7 @@ def coupled(sign: float) -> Change:
 
 
 def lost(row: int) -> Change:
-    """A reading lost: from there on positions stand beside the joint values of the pose before."""
+    """Delete one position: every later row has the joint values of the pose before."""
     return lambda t, _: rows(t, np.arange(len(t.q) - 1), np.delete(np.arange(len(t.q)), row))
 
 

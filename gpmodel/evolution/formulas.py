@@ -99,20 +99,14 @@ def _of_two(problem: SlotProblem, every: SlotProblem) -> list[_Structure]:
 
 
 def _with_a_third(problem: SlotProblem, every: SlotProblem) -> list[_Structure]:
-    """The product of two inputs and a third, and the weighted sum of them, that leave least noise, of the third inputs
-    that save most given the two."""
+    """The product of two inputs and a third that leaves least noise, among the likeliest third inputs."""
     pair, columns = problem.inputs.names, every.inputs.mapping()
     rest = sorted(set(columns).difference(pair))
     if not rest:
         return []
     seen = through(problem.targets, np.prod(factors(problem.targets, problem.inputs.values)[1], axis=0))
     likely = sorted(rest, key=lambda name: (noise_left(seen, columns[name]), name))[:THIRDS]
-    products = min((_products(every.only(0, (*pair, name))) for name in likely), key=_noise)
-    return [products]
-
-
-def _noise(structure: _Structure) -> float:
-    return structure.noise
+    return [min((_products(every.only(0, (*pair, name))) for name in likely), key=lambda structure: structure.noise)]
 
 
 def _nats(problem: SlotProblem, noise: float, less: float) -> float:
