@@ -17,10 +17,10 @@ from gpmodel.families import catalogue
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects, sites_of
-from gpmodel.selection.active import Active
 from gpmodel.selection.group import Group, Price, Shapes, geometry_groups
 from gpmodel.selection.offers import Offering, of_offers, shared_kinds, singles
 from gpmodel.selection.pool import GroupPool, Rows
+from gpmodel.selection.posterior import Active
 from gpmodel.table.bundles import replicates
 
 ARM = "irb6400r"

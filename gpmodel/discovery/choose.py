@@ -23,7 +23,7 @@ from gpmodel.selection.group import Group, Price, group_of
 from gpmodel.selection.offers import Offering, of_evolved, of_offers
 from gpmodel.selection.result import Kept, Selection
 from gpmodel.selection.select import select
-from gpmodel.selection.waves import grids_of
+from gpmodel.selection.sinusoids import grids_of
 from gpmodel.table.split import JUDGED
 
 

@@ -44,8 +44,8 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array) -> Judge
     both nulls, since it was searched for twice.
     """
     kept = {k.group.name: k for k in last.chosen.kept}
-    nulls = last.chosen.by_chance, evolved_null
-    residual = lru_cache(1)(problem.residual)
+    nulls = last.chosen.permutation_null, evolved_null
+    alternatives, residual = last.chosen.alternatives, lru_cache(1)(problem.residual)
     fine = detailed(last.left, last.candidates)
     calibration = last.left.calibration
     if fine != last.candidates:
@@ -62,7 +62,7 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array) -> Judge
 
     def with_alternatives(name: str) -> Hypothesis:
         without = residual(calibration).without(judged[name].candidate.effects)
-        return averaged(without, judged[name], [group for group, _ in kept[name].rivals])
+        return averaged(without, judged[name], [group for group, _ in alternatives[name]])
 
     judged, calibration = eliminate_and_readmit(candidates, calibration, verdicts, problem.fit)
     residual(calibration)  # once, before workers look at it side by side

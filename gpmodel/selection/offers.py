@@ -54,9 +54,10 @@ def of_evolved(candidates: Sequence[Candidate], cost: Callable[[int], float]) ->
 class Offering:
     """Offer of a selection.
 
-    single: builders of groups from the start. sites, inputs: places where free functions of one or two of the inputs
-    are looked for. grids: waves at more rates than can be named, offered once nothing single is left. wanted: whether
-    a single group or a free function may be offered.
+    single: builders of groups that are offered from the start.
+    sites, inputs: of the smooth terms of one or two inputs that are proposed.
+    grids: of sinusoids at more frequencies than can be named.
+    wanted: returns whether a group may be offered.
     """
 
     single: Sequence[Builder]

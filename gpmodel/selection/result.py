@@ -1,4 +1,4 @@
-"""Summarise a selection: groups with gains and alternatives, and what it would select by chance."""
+"""Summarise a selection: groups with gains, their alternatives, and the permutation null of the largest gain."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,26 +14,29 @@ from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.numerics import rank as ident
-from gpmodel.selection.active import Active
 from gpmodel.selection.group import Group
-from gpmodel.selection.look import Expansion, Look, Screening
 from gpmodel.selection.offers import shared_kinds
 from gpmodel.selection.pool import Rows
-from gpmodel.selection.scan import conditional_gram, whitened_cross
-from gpmodel.selection.waves import most_by_chance
+from gpmodel.selection.posterior import Active
+from gpmodel.selection.relinearise import Expansion, Screening
+from gpmodel.selection.scan import alternatives, conditional_gram, whitened_cross
+from gpmodel.selection.sinusoids import sinusoid_null
 from gpmodel.table.split import JUDGED
 
 
 @dataclass(frozen=True)
 class Kept:
-    """A group in the model. gain: nats over the model without it, its cost not counted. rivals: groups that could stand
-    in its place, with the nats lost. determined: how many of its unknowns the data say more of than the prior does.
-    shared: nats of its cost that another selected group of its kind pays."""
+    """A selected group.
+
+    gain: of the evidence over the model without it, before its price, nats.
+    variance: prior variance.
+    determined: number of its unknowns that the data determine.
+    shared: part of its price that another selected group of its kind pays, nats.
+    """
 
     group: Group
     gain: float
     variance: float
-    rivals: tuple[tuple[Group, float], ...] = ()
     determined: float = 0.0
     shared: float = 0.0
 
@@ -70,16 +73,18 @@ class Offered:
 
 @dataclass(frozen=True)
 class Selection:
-    """The groups that were chosen, by gain, among which, and the last look at them."""
+    """Selected groups and the model that contains them.
+
+    kept: selected groups in order of decreasing gain.
+    offered: groups that could be selected.
+    active: linear model with their posterior.
+    state: fit of the exact chain with them.
+    """
 
     kept: tuple[Kept, ...]
     offered: Offered
-    look: Look
-
-    @property
-    def state(self) -> Expansion:
-        """The exact fit behind it."""
-        return self.look.state
+    active: Active
+    state: Expansion
 
     @property
     def names(self) -> frozenset[str]:
@@ -87,46 +92,50 @@ class Selection:
         return frozenset(kept.group.name for kept in self.kept)
 
     @cached_property
-    def by_chance(self) -> Array:
-        """The most nats (T,), costs counted, that any group gains on T permuted residuals of it."""
+    def alternatives(self) -> dict[str, tuple[tuple[Group, float], ...]]:
+        """Groups that could take the place of each selected one by name, with the loss of the objective, nats."""
+        groups, found = self.active.pool.groups, alternatives(self.active)
+        return {groups[g].name: tuple((groups[o.number], o.loss) for o in others) for g, others in found.items()}
+
+    @cached_property
+    def permutation_null(self) -> Array:
+        """Largest gain (T,) less its description of any group on T permuted residuals, nats."""
         screening, rng = self.offered.screening, np.random.default_rng(JUDGED)
         together = exchangeable(self.state.fitting.poses.dataset, screening.prices.limits)
-        return best_by_chance(self.look.active, self.offered.grids, together, rng, screening.prices.limits.shuffles)
+        return gain_null(self.active, self.offered.grids, together, rng, screening.prices.limits.shuffles)
 
 
-def summarised(offered: Offered, look: Look) -> Selection:
-    """Summarise the selected groups and their alternatives."""
-    active = look.active
+def summarised(offered: Offered, active: Active, state: Expansion) -> Selection:
+    """Summarise the selected groups."""
     kept: list[Kept] = []
     for g in active.found:
         group, variance, pick = active.pool.groups[g], active.variances[g], active.chosen[g].tolist()
         effects, spreads = tuple(group.effects[k] for k in pick), tuple(group.spreads[k] for k in pick)
         group = replace(group, effects=effects, spreads=spreads)
-        others = tuple((active.pool.groups[r.number], r.loss) for r in look.rivals.get(g, ()))
         said = variance * active.own(g)[0]
         determined = float(np.sum(said / (1.0 + said)))
         shared = float(active.pool.price[g] - active.prices[g])
-        kept.append(Kept(group, active.gains[g][0], variance, others, determined, shared))
-    return Selection(tuple(sorted(kept, key=lambda k: -k.gain)), offered, look)
+        kept.append(Kept(group, active.gains[g][0], variance, determined, shared))
+    return Selection(tuple(sorted(kept, key=lambda k: -k.gain)), offered, active, state)
 
 
 MOST_NUMBERS = 1_000_000
-"""Entries of a class's gain matrices, times the residuals, that are worked on at once: some ten megabytes."""
+"""Entries of the gain matrices times residuals that are held at once: some ten megabytes."""
 
 
-def best_by_chance(
+def gain_null(
     active: Active, grids: Sequence[FrequencyGrid], bundle: IntArray, rng: np.random.Generator, count: int
 ) -> Array:
-    """The most nats (count,), costs counted, that any group or wave gains on each of `count` permuted residuals.
+    """Compute the largest gain (count,) less its description of any group or sinusoid on permuted residuals, nats.
 
-    bundle: (N,) code of the poses that stay together, in the order of the problem's poses. Every group is
-    scored beside the model on the permuted residuals as in `scan`.
+    Every group is scored given the model, as in `scan`.
+    bundle: (N,) code of the exchangeable block of each pose, in the order of the problem's poses.
     """
     pool, trials = active.pool, active.pool.rows.clean(permuted(active, bundle, rng, count))
     every_rhs = pool.atoms.cross(trials)
     table, _ = whitened_cross(active)
     rights = active.inverse @ (active.scale[:, None] * every_rhs[active.index])
-    place, found = np.arange(len(pool.effects)), most_by_chance(active, grids, trials)
+    place, found = np.arange(len(pool.effects)), sinusoid_null(active, grids, trials)
     for c in pool.classes:
         inner, _ = conditional_gram(active, c, table, np.zeros(table.shape[1]), place)
         s, turn = np.linalg.eigh(inner)
@@ -134,15 +143,16 @@ def best_by_chance(
         for some in np.array_split(np.arange(count), -(-count * turn.size // MOST_NUMBERS)):
             rhs = every_rhs[c.index][:, :, some] * c.spreads[:, :, None] - reach @ rights[:, some]
             q = np.einsum("gkt,gkl->tgl", rhs / active.sigma2, turn)
-            found[some] = with_the_best(found[some], s, q, pool.cap[c.ids], pool.cost[c.ids])
+            found[some] = running_maximum(found[some], s, q, pool.cap[c.ids], pool.cost[c.ids])
     return found
 
 
-def with_the_best(found: Array, s: Array, q: Array, cap: Array, cost: Array) -> Array:
-    """The most nats (T,) that were found, or that any of G groups gains, its cost counted, where that is more.
+def running_maximum(found: Array, s: Array, q: Array, cap: Array, cost: Array) -> Array:
+    """Update the largest gains (T,) less their descriptions with those of G groups, nats.
 
-    s: (G, K), q: (T, G, K). No gain exceeds ½ Σ q² / s: the variance is sought of the group for which that is largest
-    on each trial, then of those alone that could still gain more.
+    s: (G, K). q: (T, G, K).
+    No gain exceeds ½ Σ q² / s. The variance is sought of the group with the largest bound on each trial, then of the
+    groups alone whose bound exceeds the maximum.
     """
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         most = 0.5 * np.sum(np.where(q == 0.0, 0.0, q**2 / np.maximum(s, 0.0)), axis=2) - cost
@@ -154,11 +164,11 @@ def with_the_best(found: Array, s: Array, q: Array, cap: Array, cost: Array) -> 
 
 
 def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: int) -> Array:
-    """Targets (M, count), whitened: what the model explains, and the rest in another order of the bundles.
+    """Add residuals permuted over exchangeable blocks to the values of the model: targets (M, count), whitened.
 
-    The rest is made as large as the noise σ of the model: the fit has taken a part of the noise, of few poses a large
-    one, and takes that part again of every permuted residual. What places a body that one bundle alone touched, a bar,
-    takes five sixths of a residual once: what is left of another bar has nothing more for it to take.
+    Permuted residuals are rescaled to σ, since the fit removed degrees of freedom and removes them again from each.
+    Columns that place a body seen in one block alone, such as a bar, remove them once only: another block's residual
+    has no part along them.
     """
     rows, left = active.pool.rows, active.left
     codes = np.unique(bundle, return_inverse=True)[1].reshape(-1)
@@ -172,7 +182,10 @@ def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: 
 
 
 def _of_one_bundle(rows: Rows, codes: IntArray) -> Array:
-    """Orthonormal columns (M, k) of what is placed by poses of one bundle alone; codes: (N,) of the poses."""
+    """Return an orthonormal basis (M, k) of the placement columns that one block alone determines.
+
+    codes: (N,) block of each pose.
+    """
     placed = rows.problem.columns[:, : rows.problem.placement]
     alone = of_one_fold(placed, codes[rows.pose_of_row])
     return ident.orthonormal(rows.whitening.whiten(placed[:, alone]))

@@ -8,8 +8,8 @@ from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.evidence.score import best, fitted, rotated
-from gpmodel.selection.active import Active
 from gpmodel.selection.pool import SizeClass
+from gpmodel.selection.posterior import Active
 
 MEMORY = 4_000_000
 """Numbers held at once, 32 MB."""

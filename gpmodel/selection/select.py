@@ -15,14 +15,14 @@ from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.forks import ALONE
 from gpmodel.model.error_model import Poses, observe
 from gpmodel.model.states import States
-from gpmodel.selection.active import Active
 from gpmodel.selection.group import Group, Price, Shapes, geometry_groups
-from gpmodel.selection.look import Expansion, Look, Screening, left_by, looked
 from gpmodel.selection.offers import Offering, singles, without_copies
+from gpmodel.selection.posterior import Active
+from gpmodel.selection.relinearise import Expansion, Screening, relinearised, with_only
 from gpmodel.selection.result import Offered, Selection, summarised
+from gpmodel.selection.sinusoids import propose_sinusoids
+from gpmodel.selection.smooth_terms import propose_smooth_terms
 from gpmodel.selection.sparse_bayes import exchange, grow
-from gpmodel.selection.surfaces import surfaces_left
-from gpmodel.selection.waves import waves_left
 from gpmodel.table.bundles import sharing
 
 Step = Callable[[Active], Active]
@@ -50,17 +50,20 @@ def select(
     with threadpool_limits(limits=1, user_api="blas"):
         chosen = nothing_selected(calibration, poses, prices or Price(), offering.grids)
         groups = singles(offering, calibration.model.mechanism, chosen.offered.screening.shapes)
-        new = _smooth_terms(chosen.look.active, offering)
+        new = _smooth_terms(chosen.active, offering)
         step: Step = grow
         seen = set[frozenset[str]]()  # a selection that recurs after another linearisation is no new one
         while True:
             chosen = _among(chosen, groups, new, step)
-            active, changed = chosen.look.active, chosen.names not in seen
+            active, changed = chosen.active, chosen.names not in seen
             seen.add(chosen.names)
             known = {group.name for group in active.pool.groups}
             new = []
             if changed:
-                proposals = [partial(_smooth_terms, active, offering), partial(waves_left, active, offering.grids)]
+                proposals = [
+                    partial(_smooth_terms, active, offering),
+                    partial(propose_sinusoids, active, offering.grids),
+                ]
                 new = [group for found in called(workers, proposals) for group in found if group.name not in known]
             if changed and step is grow:
                 continue
@@ -86,7 +89,7 @@ def nothing_selected(
     theta, placement = calibration.theta, calibration.placement
     ratio = pose_ratio(fitting.at(theta, placement), bundle, 0.0, float(len(theta)))
     state = Expansion(replace(fitting, ratio=ratio), theta, placement, calibration.sigma)
-    return Selection((), Offered(screening, base, (), (), grids), Look(left_by(screening, base, state), {}, state))
+    return Selection((), Offered(screening, base, (), (), grids), with_only(screening, base, state), state)
 
 
 def _among(before: Selection, groups: Sequence[Group], new: Sequence[Group], step: Step) -> Selection:
@@ -97,14 +100,14 @@ def _among(before: Selection, groups: Sequence[Group], new: Sequence[Group], ste
     proposed = without_copies(unique.values())
     offered = replace(offered, single=tuple(groups), proposed=tuple(proposed))
     mechanism = before.state.fitting.model.mechanism
-    return summarised(offered, looked(offered.screening, offered.groups(mechanism), before.state, step))
+    return summarised(offered, *relinearised(offered.screening, offered.groups(mechanism), before.state, step))
 
 
 def _smooth_terms(active: Active, offering: Offering) -> list[Group]:
     """Smooth terms of one and two inputs that the residual of a model asks for."""
     if not offering.inputs:
         return []
-    return [group for group in surfaces_left(active, offering.sites, offering.inputs) if offering.wanted(group)]
+    return [group for group in propose_smooth_terms(active, offering.sites, offering.inputs) if offering.wanted(group)]
 
 
 def _predicted_states(calibration: Calibration, poses: Poses) -> States:

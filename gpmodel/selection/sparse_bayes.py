@@ -18,8 +18,8 @@ import numpy as np
 
 from gpmodel.arrays import IntArray
 from gpmodel.evidence.score import with_own_noise
-from gpmodel.selection.active import LEAST_NOISE, Active
 from gpmodel.selection.group import FEW
+from gpmodel.selection.posterior import LEAST_NOISE, Active
 from gpmodel.selection.scan import scan
 
 TOLERANCE = 0.05

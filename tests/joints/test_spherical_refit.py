@@ -10,8 +10,8 @@ from gpmodel.discovery.search import Search
 from gpmodel.families.catalogue import catalogue
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
-from gpmodel.selection.look import far_out
 from gpmodel.selection.offers import Offering, of_offers
+from gpmodel.selection.relinearise import inliers
 from gpmodel.selection.select import select
 from gpmodel.table.split import hold_out
 
@@ -44,5 +44,5 @@ def test_nineteen_in_twenty_of_the_stated_intervals_of_the_placement_hold(on_axi
 def test_a_pose_is_an_outlier_by_the_limit_of_the_criteria() -> None:
     error = np.concatenate([np.linspace(0.9, 1.1, 40), [1.5]])
     everywhere = np.ones(41, dtype=bool)
-    assert np.flatnonzero(~far_out(error, everywhere, 6.0)).tolist() == [40]
-    assert far_out(error, everywhere, 9.0).all()
+    assert np.flatnonzero(~inliers(error, everywhere, 6.0)).tolist() == [40]
+    assert inliers(error, everywhere, 9.0).all()

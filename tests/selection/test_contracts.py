@@ -13,8 +13,8 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import prepare
-from gpmodel.selection.active import Active
 from gpmodel.selection.group import Shapes, group_of
+from gpmodel.selection.posterior import Active
 from gpmodel.selection.sparse_bayes import exchange as select
 
 COST = 4.0

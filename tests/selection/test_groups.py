@@ -20,9 +20,9 @@ from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
-from gpmodel.selection.active import Active
 from gpmodel.selection.group import Price, Shapes
 from gpmodel.selection.offers import Offering
+from gpmodel.selection.posterior import Active
 from gpmodel.selection.result import Selection
 from gpmodel.selection.scan import Replacements, scan
 from gpmodel.selection.select import select
@@ -126,9 +126,9 @@ def test_four_effects_at_once_are_named_and_nothing_else() -> None:
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_of_two_that_explain_the_same_the_better_known_is_named_and_the_other_a_rival(seed: int) -> None:
     """The first joint of this arm stands on its base: what bends the one tilts the other."""
-    kept = {k.group.name: k for k in chosen(robot(PLANTED, 80, seed)).kept}
-    assert "joint bending, J1" not in kept
-    assert "joint bending, J1" in {group.name for group, _ in kept["base compliance"].rivals}
+    selection = chosen(robot(PLANTED, 80, seed))
+    assert "joint bending, J1" not in selection.names
+    assert "joint bending, J1" in {group.name for group, _ in selection.alternatives["base compliance"]}
 
 
 def test_the_values_found_are_the_true_ones_within_their_deviations() -> None:

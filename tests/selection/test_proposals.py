@@ -59,18 +59,18 @@ def test_a_formula_takes_the_place_of_its_curve_and_the_rest_stays() -> None:
     before, after = without_proposals(), selected(LAW)
     assert before.names == {CURVE, *SPRINGS}
     assert after.names == {LAW.name, *SPRINGS}
-    assert after.look.active.utility > before.look.active.utility
+    assert after.active.utility > before.active.utility
 
 
 def test_a_useless_proposal_changes_nothing() -> None:
     idle = replace(LAW, name="sin(9*J1) on J3.moving Ry", effects=(on("J3", "Ry", "sin(9*J1)"),))
     before, after = without_proposals(), selected(idle)
     assert after.names == before.names
-    assert abs(after.look.active.objective - before.look.active.objective) < 0.5
+    assert abs(after.active.objective - before.active.objective) < 0.5
 
 
 def test_the_permutation_null_is_computed_when_it_is_wanted_and_the_same_each_time() -> None:
     before = without_proposals()
-    assert "by_chance" not in vars(replace(before))
-    np.testing.assert_array_equal(replace(before).by_chance, before.by_chance)
-    assert before.by_chance.max() < 5.0
+    assert "permutation_null" not in vars(replace(before))
+    np.testing.assert_array_equal(replace(before).permutation_null, before.permutation_null)
+    assert before.permutation_null.max() < 5.0

@@ -12,7 +12,7 @@ from gpmodel.families import catalogue
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
-from gpmodel.selection import look
+from gpmodel.selection import relinearise
 from gpmodel.selection.offers import Offering, of_offers
 from gpmodel.selection.select import select
 from joints import spherical_joint
@@ -67,9 +67,9 @@ def refits(monkeypatch: pytest.MonkeyPatch) -> list[float]:
             ratios.append(fit.state.sigma / given[-1].sigma)
         return fit
 
-    exact, linear = look.refit, look._started
-    monkeypatch.setattr(look, "refit", watched)
-    monkeypatch.setattr(look, "_started", started)
+    exact, linear = relinearise.refit, relinearise._started
+    monkeypatch.setattr(relinearise, "refit", watched)
+    monkeypatch.setattr(relinearise, "_started", started)
     return ratios
 
 
@@ -80,7 +80,7 @@ def holds(kind: str, seed: int, refits: list[float]) -> None:
     chosen = select(standard, poses, Offering((of_offers(catalogue.catalogue),)))
     assert refits
     assert refits[-1] < 1.005, f"{kind} {seed}"
-    assert max(refits) < 1.05, f"{kind} {seed}: of a first look, far from the point it was linearised at"
+    assert max(refits) < 1.05, f"{kind} {seed}: of a first selection, far from the point it was linearised at"
     assert not chosen.kept or chosen.state.sigma < standard.sigma, f"{kind} {seed}"
 
 

@@ -17,10 +17,10 @@ from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import drive_effect, effect_at
 from gpmodel.model.error_model import prepare
-from gpmodel.selection.active import Active
 from gpmodel.selection.group import Group, Price, Shapes, group_of, joined
 from gpmodel.selection.offers import Offering, of_evolved
 from gpmodel.selection.pool import GroupPool
+from gpmodel.selection.posterior import Active
 from gpmodel.selection.programs import laws
 from gpmodel.selection.sparse_bayes import exchange, grow, prune, reestimate
 

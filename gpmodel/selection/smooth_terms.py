@@ -1,8 +1,8 @@
-"""Free functions of one or two inputs at any place: what a model leaves there, without a shape or a name.
+"""Propose smooth terms of one or two inputs at any site for the residual of a model.
 
-A function of one input is a sum of sines with the deviations of a smooth one (``gpmodel.evolution.smooth``), one of two
-inputs a sum of their products. The marginal likelihood of one beside a model says whether anything there depends
-on those inputs, whatever its form.
+A smooth term of one input is a sum of sines with the prior variances of a Gaussian process
+(``gpmodel.evolution.smooth``), one of two inputs a sum of their products. Its marginal likelihood given a model tells
+whether the residual at a site depends on these inputs, whatever the form.
 """
 
 import math
@@ -20,51 +20,55 @@ from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, axis_unit
 from gpmodel.model.memory import read_by
 from gpmodel.model.sites import Site
-from gpmodel.selection.active import Active
 from gpmodel.selection.group import CAP, Group, Shapes, group_of
+from gpmodel.selection.posterior import Active
 
 LENGTHS: tuple[tuple[float, ...], ...] = ((0.35,), (0.9,), (0.6, 0.6), (0.6, 1.5), (1.5, 0.6), (1.2, 1.2))
 """Correlation lengths over half the range of each input: of one input, and of two."""
 SCREENED = 300
-"""Poses that places and inputs are compared on at most; what is taken is scored on all."""
+"""Largest number of poses of the screening; the selection scores the proposals at all."""
 SHORT_LIST, OFFERED, OF_ONE_PLACE = 40, 24, 4
-"""Places and inputs scored exactly after a screening; offered to the selection; of these at one place."""
+"""Sites and inputs that are scored exactly after the screening; proposals; proposals at one site."""
 COARSE, COMPONENTS = 0.6, 5
-"""Correlation length of the screening, and principal components of its covariance that it looks at."""
+"""Correlation length of the screening, and principal components of its covariance that it uses."""
 TYPICAL = 100.0
-"""Variance of the screening, over the mean variance that the data tell a coefficient with."""
+"""Prior variance of the screening over the mean variance of an estimated coefficient."""
 NEGLIGIBLE = 0.02
 """Relative deviation of a coefficient below which its product of sines is left out."""
 
 
 @dataclass(frozen=True)
-class FreeFunction:
-    """Sines of one input or products of those of two: index (m, 1 or 2) of each, with its relative deviation (m,)."""
+class SmoothTerm:
+    """A smooth term: sines of one input, or products of those of two.
+
+    index: (m, 1 or 2) number of the sine of each input.
+    spreads: (m,) relative prior standard deviation of each column.
+    """
 
     sines: tuple[Sines, ...]
     index: IntArray
     spreads: Array
 
     @staticmethod
-    def of(sines: tuple[Sines, ...]) -> "FreeFunction":
-        """All products whose deviation is not negligible."""
+    def of(sines: tuple[Sines, ...]) -> "SmoothTerm":
+        """Return the term with all products whose prior standard deviation is not negligible."""
         grid = np.array(list(np.ndindex(*(len(w.rates) for w in sines))))
         spread = np.prod([w.spreads[grid[:, i]] for i, w in enumerate(sines)], axis=0)
         kept = spread > NEGLIGIBLE * spread.max()
-        return FreeFunction(sines, grid[kept], spread[kept])
+        return SmoothTerm(sines, grid[kept], spread[kept])
 
     @property
     def inputs(self) -> tuple[str, ...]:
         return tuple(w.name for w in self.sines)
 
     def values(self) -> Array:
-        """Its columns (N, m), scaled so that the variances over the poses add up to 1."""
+        """Compute its columns (N, m), scaled so that their variances over the poses add up to 1."""
         parts = [w.values[:, self.index[:, i]] for i, w in enumerate(self.sines)]
         out = parts[0] if len(parts) == 1 else parts[0] * parts[1]
         return np.asarray(out / np.sqrt(out.var(axis=0).sum()))
 
     def group(self, site: Site, cost: float, shapes: Shapes) -> Group | None:
-        """Itself at a place."""
+        """Return its group at a site; None where no column varies."""
         name = f"{site.name} over {' and '.join(self.inputs)}"
         effects = []
         for number, (row, spread) in enumerate(zip(self.index.tolist(), self.spreads.tolist(), strict=True), 1):
@@ -75,14 +79,14 @@ class FreeFunction:
 
 
 def principal(column: Array) -> Array:
-    """The largest principal components (N, r) of the covariance of the screening over a column (N,)."""
+    """Compute the largest principal components (N, r) of the screening covariance of an input (N,)."""
     u = 2.0 * (column - column.min()) / max(float(np.ptp(column)), np.finfo(float).tiny)
     sizes, turn = np.linalg.eigh(np.exp(-((u[:, None] - u) ** 2) / (2.0 * COARSE**2)))
     return np.asarray(turn[:, -COMPONENTS:] * np.sqrt(np.maximum(sizes[-COMPONENTS:], 0.0)))
 
 
 def multiplied(parts: Sequence[Array]) -> Array:
-    """Products (N, m) of every column of the first part with every one of the second, without negligible ones."""
+    """Multiply every column of the first part with every one of the second; drop negligible products. (N, m)"""
     out = parts[0] if len(parts) == 1 else (parts[0][:, :, None] * parts[1][:, None, :]).reshape(len(parts[0]), -1)
     size = out.std(axis=0)
     out = out[:, size > NEGLIGIBLE * size.max()]
@@ -91,17 +95,19 @@ def multiplied(parts: Sequence[Array]) -> Array:
 
 @dataclass(frozen=True)
 class _Found:
-    """A free function at a place: nats beyond its cost."""
+    """A smooth term at a site, with its net gain, nats."""
 
     nats: float
     cost: float
     site: Site
-    function: FreeFunction
+    function: SmoothTerm
 
 
-def surfaces_left(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> list[Group]:
-    """The free functions that what a model leaves asks for most, no more than a few at a place, and those of each input
-    of a pair by itself: two that add up are told from one of both."""
+def propose_smooth_terms(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> list[Group]:
+    """Return the smooth terms of largest net gain given a model, a few at most at each site.
+
+    Of a term of two inputs those of each input are proposed too, so that a sum is distinguished from a product.
+    """
     found = sorted(_best(active, sites, inputs), key=lambda f: -f.nats)
     out: dict[tuple[str, ...], _Found] = {}
     for f in found:
@@ -111,15 +117,15 @@ def surfaces_left(active: Active, sites: Sequence[Site], inputs: Sequence[str]) 
     cost = math.log(max(len(sites) * len(inputs), 1))
     for f in [f for f in out.values() if len(f.function.sines) > 1]:
         for one in f.function.sines:
-            alone = _Found(0.0, cost, f.site, FreeFunction.of((one,)))
+            alone = _Found(0.0, cost, f.site, SmoothTerm.of((one,)))
             out.setdefault((f.site.name, one.name), alone)
     groups = (f.function.group(f.site, f.cost, active.pool.rows.shapes) for f in out.values())
     return [g for g in groups if g is not None]
 
 
 def _best(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> Iterator[_Found]:
-    """The likeliest places and inputs at every correlation length, screened by principal components."""
-    places = Places.of(active, sites)
+    """Score the strongest sites and inputs of the screening at every correlation length."""
+    places = SiteProducts.of(active, sites)
     states = active.pool.rows.shapes.states
     columns = {name: states[name][places.poses] for name in inputs}
     plain = [name for name in columns if not read_by(name)]
@@ -132,7 +138,7 @@ def _best(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> Itera
         if not there:
             continue
         functions = [
-            FreeFunction.of(tuple(Sines.of(n, columns[n], length) for n, length in zip(names, lengths, strict=True)))
+            SmoothTerm.of(tuple(Sines.of(n, columns[n], length) for n, length in zip(names, lengths, strict=True)))
             for names, _ in there
         ]
         products = [
@@ -149,8 +155,8 @@ def _best(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> Itera
 
 
 @dataclass(frozen=True)
-class Places:
-    """Projections of a model's rows on functions of the pose at S sites.
+class SiteProducts:
+    """Products of the rows of a model with functions of the pose at S sites.
 
     energy: sum of squares of a unit twist at each of P poses (S, P).
     sums: products with the columns that the model projects out (S, P, K).
@@ -165,7 +171,7 @@ class Places:
     rhs: Array
 
     @staticmethod
-    def of(active: Active, sites: Sequence[Site]) -> "Places":
+    def of(active: Active, sites: Sequence[Site]) -> "SiteProducts":
         """Project the rows of a model; of many poses, use a subset spread evenly along the rows."""
         rows = active.pool.rows
         at = np.unique(np.linspace(0, len(rows.present) - 1, min(SCREENED, len(rows.present))).astype(int))
@@ -178,7 +184,7 @@ class Places:
         taken, left, reach = by_pose[:, :, :count], by_pose[:, :, [count]], by_pose[:, :, count + 1 :]
         sums = np.swapaxes(np.swapaxes(reach, 1, 2) @ taken, 0, 1)
         energy, rhs = (np.sum(reach * value, axis=1).T for value in (reach, left))
-        return Places(rows.present[at], energy, np.ascontiguousarray(sums), rhs)
+        return SiteProducts(rows.present[at], energy, np.ascontiguousarray(sums), rhs)
 
     def products(self, values: Array, sigma2: float, some: slice = slice(None)) -> tuple[Array, Array]:
         """S (S, m, m) and XᵀC⁻¹y (S, m) of functions with values (P, m) at some of the sites."""

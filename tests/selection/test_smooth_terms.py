@@ -15,13 +15,13 @@ from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import Site, geometric_effects, sites_of
-from gpmodel.selection.active import Active
 from gpmodel.selection.group import CAP, Price
 from gpmodel.selection.offers import Offering
 from gpmodel.selection.pool import GroupPool
+from gpmodel.selection.posterior import Active
 from gpmodel.selection.scan import scan
 from gpmodel.selection.select import select
-from gpmodel.selection.surfaces import FreeFunction, Places, Sines
+from gpmodel.selection.smooth_terms import Sines, SiteProducts, SmoothTerm
 
 
 @pytest.mark.parametrize("length", [0.35, 0.6, 0.9, 1.5])
@@ -36,7 +36,7 @@ def test_the_sines_have_the_covariance_of_a_gaussian_kernel(length: float) -> No
 def test_its_effects_are_its_columns_at_the_measured_poses() -> None:
     active, _ = problem()
     states = active.pool.rows.shapes.states
-    function = FreeFunction.of(tuple(Sines.of(n, states[n], 0.6) for n in ("J2", "J5")))
+    function = SmoothTerm.of(tuple(Sines.of(n, states[n], 0.6) for n in ("J2", "J5")))
     group = function.group(Site((("J4.moving", "Rx", 1.0),)), 3.0, active.pool.rows.shapes)
     assert group is not None
     values = np.array([s * e.terms[0].basis(states) for s, e in zip(group.spreads, group.effects, strict=True)]).T
@@ -46,9 +46,9 @@ def test_its_effects_are_its_columns_at_the_measured_poses() -> None:
 def test_products_without_columns_are_those_of_the_columns() -> None:
     active, _ = problem(1)
     sites, states = sites_of(mechanism(ARM)), active.pool.rows.shapes.states
-    places = Places.of(active, sites)
+    places = SiteProducts.of(active, sites)
     for k, names in ((4, ("J2", "J3")), (17, ("J2", "torque_J5")), (30, ("J3",))):
-        function = FreeFunction.of(tuple(Sines.of(n, states[n], 0.9) for n in names))
+        function = SmoothTerm.of(tuple(Sines.of(n, states[n], 0.9) for n in names))
         group = function.group(sites[k], 0.0, active.pool.rows.shapes)
         assert group is not None
         pool = GroupPool(active.pool.rows, [*active.pool.groups, group], active.pool.prices)

@@ -1,8 +1,8 @@
-"""The worth of waves at very many rates beside a model, without a column for each; the best of them as groups.
+"""Propose sinusoids of the joint angles for the residual of a model, at any frequency of a grid.
 
-A wave's columns are x = r ∘ sin and r ∘ cos of rate (q - start), r what the drive does to the rows (M,), times a load
-where the wave grows with one, so that their products with anything are sums over the poses of shapes times what r made
-of it. Of poses that share a deviation the angles are taken as one.
+The columns of a sinusoid are x = r ∘ sin(rate (q - start)) and r ∘ cos(rate (q - start)), with r (M,) the sensitivity
+of the rows to the joint, times its load where the amplitude grows with that. Products with x are sums over the poses,
+so that no column is formed for each frequency. Poses of one exchangeable block share one angle.
 """
 
 from collections.abc import Iterable, Sequence
@@ -18,16 +18,16 @@ from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.families.offer import Offer
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.states import States
-from gpmodel.selection.active import Active
 from gpmodel.selection.group import CAP, Group, Shapes, group_of
 from gpmodel.selection.pool import GroupPool
+from gpmodel.selection.posterior import Active
 from gpmodel.selection.sparse_bayes import reestimate
 
 AT_ONCE = 500_000
 """Sines worked on at once, 4 MB."""
 
 MOST_WAVES = 12
-"""Waves added in one look: two a joint."""
+"""Sinusoids proposed at once: two for each of six joints."""
 
 ROUNDING = 0.5
 """Nats that a constant written with fewer digits may cost: one standard deviation."""
@@ -39,10 +39,13 @@ REFINEMENTS = 30
 
 @dataclass(frozen=True)
 class Spectrum:
-    """A grid beside a model: how waves of any rate meet its rows.
+    """Products of the rows of a model with sinusoids of any frequency of a grid.
 
-    angle: (P,) q - start of each pose present. energy: (P,) sums of r². sums: (P, K) of r times what is taken out of a
-    wave, placement and active columns. rhs: (P, T) of r times what is left of each target. sigma2: of the noise.
+    angle: (P,) q - start of each pose, rad.
+    energy: (P,) sums of r².
+    sums: (P, K) of r times the columns that are projected out.
+    rhs: (P, T) of r times the residual of each target.
+    sigma2: variance of the noise.
     """
 
     grid: FrequencyGrid
@@ -53,7 +56,7 @@ class Spectrum:
     sigma2: float
 
     def at(self, rates: Array) -> tuple[Array, Array]:
-        """S (F, 2, 2) and XᵀC⁻¹y (F, 2, T) of the sine and cosine at some rates."""
+        """Compute S (F, 2, 2) and XᵀC⁻¹y (F, 2, T) of the sine and cosine at some rates."""
         turn = rates[:, None] * self.angle
         waves = np.sin(turn), np.cos(turn)
         taken = [w @ self.sums for w in waves]
@@ -64,20 +67,20 @@ class Spectrum:
         return inner / self.sigma2, np.stack([w @ self.rhs for w in waves], axis=1) / self.sigma2
 
     def bound(self) -> Array:
-        """½ qᵀS⁻¹q (F, T) of every rate of the grid, above what any variance gains."""
+        """Compute ½ qᵀS⁻¹q (F, T) of every rate of the grid, an upper bound of the gain."""
         rates = self.grid.rates
         parts = np.array_split(rates, -(-rates.size * len(self.angle) // AT_ONCE))
         return np.concatenate([_bound(*self.at(part)) for part in parts])
 
     def gain(self, rate: float) -> float:
-        """Nats of a wave at its best variance, on the first target."""
+        """Compute the gain of a sinusoid at its best variance on the first target, nats."""
         inner, rhs = self.at(np.array([rate]))
         return float(best(*rotated(inner, rhs[:, :, 0]), np.array([CAP]))[0][0])
 
 
 def _bound(inner: Array, rhs: Array) -> Array:
     a, b, d = inner[:, 0, 0, None], inner[:, 0, 1, None], inner[:, 1, 1, None]
-    # a wave that the model explains but for rounding gains nothing
+    # a sinusoid that the model explains up to rounding has no gain
     free = a * d - b * b
     lost = free <= 1e-9 * np.maximum(a, d) ** 2
     q = rhs[:, 0], rhs[:, 1]
@@ -86,7 +89,7 @@ def _bound(inner: Array, rhs: Array) -> Array:
 
 
 def spectrum(active: Active, grid: FrequencyGrid, targets: Array) -> Spectrum:
-    """A grid beside a model; targets: (M, T), whitened and cleaned."""
+    """Form the products of a grid given a model; targets: (M, T), whitened, placement projected out."""
     rows = active.pool.rows
     reach = sum(w * rows.sensitivity((slot, axis)) for slot, axis, w in grid.joint.drive)
     if grid.load:
@@ -99,8 +102,8 @@ def spectrum(active: Active, grid: FrequencyGrid, targets: Array) -> Spectrum:
     return Spectrum(grid, angle, energy, rows.totals(reach * taken), rows.totals(reach * left), active.sigma2)
 
 
-def most_by_chance(active: Active, grids: Sequence[FrequencyGrid], targets: Array) -> Array:
-    """The most nats (T,), costs counted, that any wave gains on each of some targets (M, T)."""
+def sinusoid_null(active: Active, grids: Sequence[FrequencyGrid], targets: Array) -> Array:
+    """Compute the largest gain (T,) less its description of any sinusoid on each target (M, T), nats."""
     found = np.full(targets.shape[1], -np.inf)
     for grid in grids:
         there = spectrum(active, grid, targets)
@@ -112,10 +115,10 @@ def most_by_chance(active: Active, grids: Sequence[FrequencyGrid], targets: Arra
     return found
 
 
-def waves_left(active: Active, grids: Sequence[FrequencyGrid]) -> list[Group]:
-    """The waves that what a model leaves asks for, the worthiest first, each beside those before it.
+def propose_sinusoids(active: Active, grids: Sequence[FrequencyGrid]) -> list[Group]:
+    """Return the sinusoids of largest net gain given a model, the strongest first, each given those before it.
 
-    A joint's best wave is sought again beside the others' only once it would be the next. Source: Minoux (1978).
+    The best sinusoid of a joint is sought again only where it would be the next. Source: Minoux (1978).
     """
     rows, found, fresh = active.pool.rows, list[Group](), set[int]()
     names, active = {g.name for g in active.pool.groups}, active.beside_nothing()
@@ -144,7 +147,7 @@ def waves_left(active: Active, grids: Sequence[FrequencyGrid]) -> list[Group]:
 
 
 def _peak(there: Spectrum) -> tuple[float, float]:
-    """Rate and nats of the best wave of a grid, between the rates beside its best."""
+    """Find the frequency of largest gain between the neighbours of the best on a grid, and that gain, nats."""
     rates = there.grid.rates
     bound = there.bound()[:, 0]
     k = int(np.argmax(bound))
@@ -159,7 +162,7 @@ def _peak(there: Spectrum) -> tuple[float, float]:
 
 
 def _written(there: Spectrum, rate: float, gain: float, shapes: Shapes) -> Group | None:
-    """The wave of a rate with its constant in as few digits as its data tell apart."""
+    """Return the sinusoid of a frequency, written in as few digits as the data determine."""
     grid = there.grid
     for digits in range(1, MOST_DIGITS):
         value = float(f"{grid.value(rate):.{digits}g}")
@@ -170,5 +173,5 @@ def _written(there: Spectrum, rate: float, gain: float, shapes: Shapes) -> Group
 
 
 def grids_of(offers: Iterable[Offer], mechanism: Mechanism, states: States) -> list[FrequencyGrid]:
-    """The grids of every family among what is offered."""
+    """List the frequency grids of the families that are offered."""
     return [grid for o in offers if isinstance(o, Family) for grid in o.grids(mechanism, states)]

@@ -5,7 +5,7 @@ import pytest
 from group_cases import bars, problem
 
 from gpmodel.evidence.score import best
-from gpmodel.selection.result import permuted, with_the_best
+from gpmodel.selection.result import permuted, running_maximum
 from gpmodel.selection.sparse_bayes import reestimate
 from gpmodel.table.bundles import bundles
 
@@ -37,5 +37,5 @@ def test_the_best_of_many_groups_is_that_of_all_though_most_are_not_looked_at() 
     cap, cost, found = rng.uniform(0.5, 2.0, 50), rng.uniform(1.0, 5.0, 50), rng.uniform(0.0, 60.0, 30)
     every = best(np.tile(s, (30, 1)), q.reshape(-1, 4), np.tile(cap, 30))[0].reshape(30, 50) - cost
     expected = np.maximum(found, every.max(axis=1))
-    np.testing.assert_array_equal(with_the_best(found, s, q, cap, cost), expected)
+    np.testing.assert_array_equal(running_maximum(found, s, q, cap, cost), expected)
     assert 0 < np.sum(expected > found) < 30

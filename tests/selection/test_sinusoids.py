@@ -14,13 +14,13 @@ from gpmodel.families import catalogue
 from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
-from gpmodel.selection.active import Active
 from gpmodel.selection.group import Price, group_of
 from gpmodel.selection.offers import Offering
 from gpmodel.selection.pool import GroupPool
+from gpmodel.selection.posterior import Active
 from gpmodel.selection.scan import scan
 from gpmodel.selection.select import select
-from gpmodel.selection.waves import grids_of, most_by_chance, spectrum
+from gpmodel.selection.sinusoids import grids_of, sinusoid_null, spectrum
 
 
 def grids(arm: str, family: str = "transmission_ripple") -> list[FrequencyGrid]:
@@ -45,7 +45,7 @@ def test_a_wave_is_worth_what_its_group_is() -> None:
 def test_waves_of_noise_are_worth_nothing_once_all_rates_are_paid_for() -> None:
     active, _ = problem()
     noise = np.random.default_rng(1).normal(0, np.sqrt(active.sigma2), (len(active.pool.rows.target), 400))
-    assert np.mean(most_by_chance(active, grids(ARM), active.pool.rows.clean(noise)) > 0.0) < 0.05
+    assert np.mean(sinusoid_null(active, grids(ARM), active.pool.rows.clean(noise)) > 0.0) < 0.05
 
 
 @pytest.mark.parametrize(

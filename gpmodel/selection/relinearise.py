@@ -16,10 +16,9 @@ from gpmodel.model.effect import Term
 from gpmodel.model.error_model import ErrorModel, Placement, pose_error
 from gpmodel.numerics.least_squares import inverse_of
 from gpmodel.numerics.outliers import among_worst, outlier_limit
-from gpmodel.selection.active import LEAST_NOISE, Active
 from gpmodel.selection.group import Group, Price, Shapes
 from gpmodel.selection.pool import GroupPool, Rows
-from gpmodel.selection.scan import Alternative, alternatives
+from gpmodel.selection.posterior import LEAST_NOISE, Active
 from gpmodel.selection.sparse_bayes import reestimate
 
 
@@ -69,7 +68,7 @@ def refit(state: Expansion) -> Refit:
     return Refit(there, problem, unknowns, pose_error(problem.observed, state.fitting.poses.dataset))
 
 
-def far_out(error: Array, use: Mask, sigmas: float) -> Mask:
+def inliers(error: Array, use: Mask, sigmas: float) -> Mask:
     """The poses (N,) in use, judged anew: within so many robust deviations of the median error, at most a tenth left
     out."""
     return ~((error > outlier_limit(error[use], sigmas)) & among_worst(error))
@@ -87,24 +86,17 @@ class Screening:
     prices: Price
 
 
-@dataclass(frozen=True)
-class Look:
-    """Result of one look: selected groups, alternatives to each, and the exact fit behind them."""
-
-    active: Active
-    rivals: Mapping[int, tuple[Alternative, ...]]
-    state: Expansion
-
-
-def looked(screening: Screening, groups: Sequence[Group], state: Expansion, step: Callable[[Active], Active]) -> Look:
-    """Take a step of the selection from what was selected before, and fit the exact chain with it."""
+def relinearised(
+    screening: Screening, groups: Sequence[Group], state: Expansion, step: Callable[[Active], Active]
+) -> tuple[Active, Expansion]:
+    """Linearise at a state, take a step of the selection from its groups, and fit the exact chain with the result."""
     active = step(_started(screening, groups, state))
-    return Look(active, alternatives(active), _refitted(active, screening, state))
+    return active, _refitted(active, screening, state)
 
 
-def left_by(screening: Screening, beside: Sequence[Group], state: Expansion) -> Active:
-    """Return the model that contains only some groups."""
-    return reestimate(_started(screening, beside, state))
+def with_only(screening: Screening, groups: Sequence[Group], state: Expansion) -> Active:
+    """Linearise at a state with the groups that are always included."""
+    return reestimate(_started(screening, groups, state))
 
 
 def _started(screening: Screening, groups: Sequence[Group], state: Expansion) -> Active:
@@ -141,9 +133,9 @@ def _refitted(active: Active, screening: Screening, state: Expansion) -> Expansi
     sigma = float(np.sqrt(active.sigma2))
     fitting = replace(fitting, model=ErrorModel(fitting.model.mechanism, tuple(effects)))
     fit = refit(Expansion(fitting, theta, state.placement, sigma, variances, left))
-    use = far_out(fit.error, fitting.use, screening.prices.limits.outlier_sigmas)
+    use = inliers(fit.error, fitting.use, screening.prices.limits.outlier_sigmas)
     if not use.all():
-        use |= _back_in(fit.state, screening.prices.limits)
+        use |= _readmitted(fit.state, screening.prices.limits)
     if (use != fitting.use).any():
         fitting = replace(fitting, use=use)
         fit = refit(replace(fit.state, fitting=fitting, sigma=sigma))
@@ -151,10 +143,10 @@ def _refitted(active: Active, screening: Screening, state: Expansion) -> Expansi
     return replace(fit.state, fitting=replace(fitting, ratio=ratio))
 
 
-def _back_in(state: Expansion, criteria: Criteria) -> Mask:
+def _readmitted(state: Expansion, criteria: Criteria) -> Mask:
     """The poses (N,) that do not stand far out of a fit to all of them.
 
     Those that stood out of the model before, and were left out of this one's fit, may be what it is there for."""
     everything = np.ones(len(state.fitting.use), dtype=bool)
     fit = refit(replace(state, fitting=replace(state.fitting, use=everything)))
-    return far_out(fit.error, everything, criteria.outlier_sigmas)
+    return inliers(fit.error, everything, criteria.outlier_sigmas)
