@@ -1,4 +1,4 @@
-"""Choose all that is missing together: the catalogue, evolved programs, smooth terms, sinusoids, and formulas."""
+"""Select effects jointly among the catalogue, evolved programs, smooth terms, sinusoids, and formulas."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -60,7 +60,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class FittedSelection:
-    """A selection, its groups as candidates by name, and the residual of a fit with all of them."""
+    """A selection, its groups as candidates by name, and the residual of a fit with all groups."""
 
     chosen: Selection
     candidates: dict[str, Candidate]
@@ -69,9 +69,9 @@ class FittedSelection:
 
 @dataclass
 class Proposals:
-    """Formulas of the curves of a selection, and nonlinear constants where they are most likely; each asked for once.
+    """Propose formulas of the curves of a selection, once each, and the most likely constants inside its candidates.
 
-    fresh: names of programs evolved since the last choice. laws: every formula that was proposed, by name.
+    fresh: names of programs evolved in this round. laws: every formula that was proposed, by name.
     """
 
     problem: Problem
@@ -96,10 +96,10 @@ class Proposals:
 
 
 def choose(problem: Problem, evolved: Sequence[Candidate], fresh: frozenset[str]) -> tuple[FittedSelection, Proposals]:
-    """Select among all that is offered but for groups at joints that stand still, and fit the selection.
+    """Select among all offered groups, without those at joints that stand still, and fit the selection.
 
-    Terms that were evolved together are offered one by one where one of them has a name by itself. fresh: names of
-    programs evolved since the last choice.
+    Terms of one evolved program are offered one by one if one of them has a name. fresh: names of programs evolved in
+    this round.
     """
     mechanism, states = problem.standard.model.mechanism, problem.train.states
     still = still_joints(mechanism, problem.train.dataset)
@@ -123,8 +123,10 @@ def choose(problem: Problem, evolved: Sequence[Candidate], fresh: frozenset[str]
 
 
 def as_candidate(kept: Kept, poses: Poses) -> Candidate:
-    """A kept group as a candidate: a curve with its learned priors, one of at most two unknowns without, unless
-    somebody stated how large they are; the constants of what it remembers are its own."""
+    """Convert a selected group to a candidate.
+
+    A curve keeps its learned priors. A group of at most two unknowns has flat priors, unless they were stated.
+    """
     group = kept.group
     plain = len(group.effects) <= PLAIN and not group.believed
     effects = tuple(replace(e, prior=np.inf) for e in group.effects) if plain else kept.effects
@@ -134,6 +136,6 @@ def as_candidate(kept: Kept, poses: Poses) -> Candidate:
 
 
 def simplified(fitted: FittedSelection, laws: Iterable[ShortLaw]) -> FittedSelection:
-    """The selection with its formulas as computer algebra writes them; their values are the same."""
+    """Simplify the formulas of a selection by computer algebra; their values do not change."""
     written = {law.candidate.name: law.simplified() for law in laws if law.candidate.name in fitted.candidates}
     return replace(fitted, candidates={name: written.get(name, c) for name, c in fitted.candidates.items()})

@@ -50,7 +50,7 @@ class RoundContext:
 
 
 class OutOfTime(Exception):
-    """The time is up with runs still to do."""
+    """The time is up before all runs are done."""
 
 
 @dataclass(frozen=True)
@@ -65,14 +65,12 @@ class Exploration:
 def explore(
     residual: Residual, sites: tuple[Site, ...], search: Search, rng: np.random.Generator, context: RoundContext
 ) -> Exploration:
-    """Evolve bases over all sites at once, `runs` times a strategy; then the same on shuffled residuals.
+    """Evolve programs over all sites at once, `runs` times for each strategy, then on permuted residuals.
 
-    After the first round the shuffled ones are left out where nothing evolved saves what a finding has to, for nothing
-    could be accepted; half as many are enough where their maxima are pooled with those of rounds before. At least as
-    many as a chance can be told from.
-    Above `evolved_poses` the GP sees a sample of them, half as many beside hundreds of columns (the work grows
-    with both); what it finds is scored on all. No runs: nothing is evolved, and the histogram is empty.
-    Raises OutOfTime between two runs.
+    After the first round the permuted runs are omitted if no program has the least gain of a finding. Half as many are
+    enough if their maxima are pooled with those of earlier rounds, but no fewer than a p-value needs.
+    Above `evolved_poses` poses GP reads a sample of them, and half of it if the model has hundreds of columns; programs
+    are scored on all. Without runs the histogram is empty. Raises OutOfTime between two runs.
     """
     n = len(residual.poses)
     count = search.evolved_poses if residual.span.size < MANY_COLUMNS else search.evolved_poses // 2
@@ -117,7 +115,7 @@ def posed(
 
 
 def run(tasks: Mapping[int, Task], search: Search, context: RoundContext) -> list[Evolution]:
-    """All runs by number; each is kept as it finishes and told of, and those kept before are not repeated."""
+    """Run tasks by number; each result is kept and reported as it finishes, and kept ones are not repeated."""
 
     def said(done: int) -> None:
         if 0 < done < len(tasks) and context.late():
@@ -158,7 +156,7 @@ def candidates_of(
 
 
 def _most_saved(residual: Residual, search: Search, run: Evolution, sites: int) -> float:
-    """The largest description length that any program of a run saves."""
+    """Return the largest gain in description length of any program of a run, nats."""
     nats = [saved(residual, c.gain, len(c.program.outputs), search.cost(c.complexity, sites)) for c in run.front]
     return float(max(nats, default=-np.inf))
 
@@ -179,7 +177,7 @@ of order one, and so is what is to be compensated in millimetres; in metres it i
 def cartesian_task(
     fit: Calibration, poses: Poses, train: IntArray, held: IntArray, norm: str = "max"
 ) -> TrainingProblem:
-    """The compensator of the training rows, and its gain on the held-out ones."""
+    """Pose the problem of a compensator on the training rows, with its gain on the held-out ones."""
     problem = cartesian_problem(fit, poses, train, norm)
     if not len(held):
         return TrainingProblem(problem, None)
@@ -194,13 +192,13 @@ def cartesian_task(
 
 
 def slot_task(fit: Calibration, mechanism: Mechanism, seen: Poses, seed: int) -> TrainingProblem:
-    """The residual of a fit seen from every site of the mechanism; a node costs what it costs in the loop."""
+    """Pose the residual of a fit at every site of the mechanism; a node has the price of the loop."""
     residual = residual_of(fit, seen, Criteria(), seed)
     return TrainingProblem(posed(residual, sites_of(mechanism), Search(), np.arange(len(residual.poses)))[0], None)
 
 
 def cartesian_problem(fit: Calibration, poses: Poses, rows: IntArray, norm: str = "max") -> CartesianProblem:
-    """Thesis Fig 5.2: the model's points (x, y, z; mm, in the root frame) against the measured ones at some rows.
+    """Pose thesis Fig 5.2: model points (x, y, z; mm, in the root frame) against the measured ones at some rows.
 
     The inputs are those of Table 5.1: the point, the joints, and any column of the table that varies.
     Raises InputError where no pose has all three coordinates.
@@ -220,6 +218,6 @@ def cartesian_problem(fit: Calibration, poses: Poses, rows: IntArray, norm: str 
 
 
 def _in_root(register: Array, points: Array) -> Array:
-    """Points (N, 3) of the instrument's frame in the mechanism's root frame, (3, N)."""
+    """Transform points (N, 3) from the instrument's frame to the mechanism's root frame, (3, N)."""
     moved = np.einsum("nji,nj->ni", register[:, :3, :3], points - register[:, :3, 3])
     return np.ascontiguousarray(moved.T)

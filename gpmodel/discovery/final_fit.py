@@ -21,13 +21,13 @@ STEPS = 6
 """Largest number of Gauss-Newton steps in the constants inside formulas."""
 
 SETTLED = 0.02
-"""Step of a constant at which it has settled, in its deviations."""
+"""Step of a constant that ends the iteration, in standard errors."""
 
 
 def final_fit(state: State, fit: Calibration) -> FinalFit:
-    """All that was found fitted to all poses, inner constants moved to where these have them most likely.
+    """Fit all findings to all poses, including the constants inside them.
 
-    Changes of the constants are further unknowns of the fit, so that every deviation knows of them.
+    Changes of the constants are unknowns of the fit, so that every standard error allows for them.
     Source: Seber and Wild (1989), 2.1.
     """
 
@@ -52,10 +52,10 @@ def final_fit(state: State, fit: Calibration) -> FinalFit:
 def _settled(
     state: State, found: Sequence[Candidate], theta: list[list[float]], fit: Calibration
 ) -> tuple[tuple[Candidate, ...], list[tuple[InnerChange, ...]], Calibration]:
-    """Candidates with the constants inside them where the fit to all poses has them, their changes, and that fit.
+    """Fit the constants inside candidates to all poses by Gauss-Newton steps; return the candidates, changes and fit.
 
-    Gauss-Newton in the constants: every step moves them by what their changes were fitted to be. At the end these are
-    zero and say how uncertain all is; where constants do not settle they stay where they were, without deviations.
+    Each step moves the constants by the fitted changes. After convergence the changes are zero, with standard errors.
+    Constants that do not converge keep their values, without standard errors.
     theta: values of the candidates' effects in `fit`.
     """
     moving, here = tuple(found), fit
@@ -76,13 +76,13 @@ def _settled(
 
 
 def _known(changes: Sequence[InnerChange], fit: Calibration) -> dict[Constant, float]:
-    """The constants that a fit corrected."""
+    """Return the constants as a fit of their changes corrects them."""
     steps = fit.values_of([change.effect for change in changes])
     return {c.constant: c.constant.value + step for c, step in zip(changes, steps, strict=True)}
 
 
 def _beside_events(state: State) -> Mask:
-    """The poses (N,) near an event: on the wrong side of it a good one looks like an outlier."""
+    """Mark the poses (N,) near an event: a good pose on its wrong side has a large residual."""
     rows = state.poses.states["row"]
     inner = [c.inner for c in state.found if c.inner]
     events = [c.value for own in inner for c in own.constants if c.whole]
@@ -90,7 +90,7 @@ def _beside_events(state: State) -> Mask:
 
 
 def _located(candidate: Candidate, left: Callable[[], Residual]) -> Candidate:
-    """The candidate with the rows that its event may be, if it has one. left: what the model leaves."""
+    """Add the confidence interval of the row of its event to a candidate. left: returns the residual of the model."""
     inner = candidate.inner
     if inner is None or not any(c.whole for c in inner.constants):
         return candidate
@@ -100,7 +100,7 @@ def _located(candidate: Candidate, left: Callable[[], Residual]) -> Candidate:
 
 
 def _events(candidate: Candidate) -> Iterator[FittedConstant]:
-    """The row of its event, if it has one, with those that may be it."""
+    """Yield the row of its event, if it has one, with its confidence interval."""
     for constant in candidate.inner.constants if candidate.inner else ():
         if constant.rows:
             yield FittedConstant(constant.name, constant.unit, constant.value, None, *constant.rows)

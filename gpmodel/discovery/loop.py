@@ -1,4 +1,4 @@
-"""Run the loop: calibrate, look at the residual, choose what is missing, judge it, look again."""
+"""Run the loop: calibrate, evolve programs for the residual, select and test effects, repeat."""
 
 import math
 import time
@@ -55,15 +55,19 @@ def discover(
     progress: Say = silent,
     kept: KeptRuns | None = None,
 ) -> Discovery:
-    """Run the whole loop. Held-out poses are only ever measured against, never looked at for a choice.
+    """Run the whole loop. Held-out poses only measure errors; no effect is selected by them.
 
-    After it they decide one thing: whether what was found is shipped, or the standard model. train, heldout: rows of
-    `poses`; none held out measure nothing. candidates: what may be missing, beside what GP evolves. standard: the
-    effects of the standard model, None for the complete geometric set. known: effects enabled from the start beside it.
-    condition_limit: of the standard model, None for cross-validated. errors_alone: those of each step are asked for:
-    nothing is fitted to all poses, and laws are not simplified. progress: called with one line on what is being tried.
-    kept: finished runs of an interrupted search, which goes on to the same numbers. Raises InputError where no held-out
-    pose is of a set-up and tool trained on, and for two different candidates of one name.
+    They decide one thing at the end: whether the findings are shipped, or the standard model.
+    train, heldout: rows of `poses`; heldout may be empty.
+    candidates: effects that may be missing, in addition to evolved ones.
+    standard: effects of the standard model; None for the complete geometric set.
+    known: effects enabled from the start.
+    condition_limit: of the standard model; None for the cross-validated one.
+    errors_alone: only the errors of each step are needed: no fit to all poses, no simplified formulas.
+    progress: called with one line on the current task.
+    kept: finished runs of an interrupted search; the numbers are those of an uninterrupted one.
+    Raises InputError if no held-out pose belongs to a set-up and tool of the training poses, and for two different
+    candidates of one name.
     """
     started = time.monotonic()
     search, say = search or Search(), Teller(progress)
@@ -96,8 +100,7 @@ def discover(
 
 
 def _searched(state: State, standard_fit: Calibration) -> tuple[Callable[[], Calibration], str]:
-    """The rounds on the poses that choices are made on: what fits all that they found to the training poses, and why
-    they ended."""
+    """Run the rounds on the sample; return the fit of their findings to the training poses, and why they ended."""
     sampled = len(state.sample) < len(state.train)
     start = state.fit_sample(state.model(()), standard_fit) if sampled else standard_fit
     calibration, stopped = _run_rounds(state, start)
@@ -107,9 +110,9 @@ def _searched(state: State, standard_fit: Calibration) -> tuple[Callable[[], Cal
 
 
 def _run_rounds(state: State, standard_fit: Calibration) -> tuple[Calibration, str]:
-    """Rounds until nothing new is seen or a limit of the search is met, and why they ended.
+    """Run rounds until one changes nothing or a limit of the search is met; return the fit, and why they ended.
 
-    Where the time is up before the first round is done, it is done without GP.
+    If the time is up before the first round is complete, it is repeated without GP.
     """
     search, calibration = state.search, standard_fit
     while not state.repeating:
@@ -131,12 +134,12 @@ _Last = tuple[FinalFit, Calibration, Confirmation | None]
 
 
 def _unfinished(state: State, standard_fit: Calibration, calibration: Calibration) -> _Last:
-    """The findings as the training poses have them."""
+    """Return the findings with their values of the training poses."""
     return FinalFit(calibration, state.found, ((),) * len(state.found)), calibration, None
 
 
 def _finished(state: State, standard_fit: Calibration, calibration: Calibration) -> _Last:
-    """The findings fitted to all poses, the model that is shipped, and what confirms it."""
+    """Fit the findings to all poses; return that fit, the model to ship, and the test on held-out poses."""
     if not state.findings:
         final = state.standard_to_all()
         return FinalFit(final, (), ()), final, None
@@ -148,13 +151,13 @@ def _finished(state: State, standard_fit: Calibration, calibration: Calibration)
 
 
 def _rungs(state: State, standard_fit: Calibration) -> list[Callable[[], Calibration]]:
-    """Fits of the first findings, of the first two and so on, but of all; each goes on from the standard model."""
+    """Return fits of the first finding, the first two and so on, each from the standard model; not the fit of all."""
     models = (state.model(state.found[:count]) for count in range(1, len(state.findings)))
     return [partial(state.fit, model, standard_fit) for model in models]
 
 
 def _ladder(state: State, base: Calibration, standard_fit: Calibration, rungs: Sequence[Calibration]) -> None:
-    """Registration, the standard model, and the findings one after the other, each with its errors."""
+    """Record the steps of the model: registration, the standard model, and the findings one after the other."""
     state.add_rung("registration", base)
     state.add_rung("standard", standard_fit)
     for i, fit in enumerate(rungs[: len(state.findings)]):
@@ -162,9 +165,9 @@ def _ladder(state: State, base: Calibration, standard_fit: Calibration, rungs: S
 
 
 def one_round(state: State, standard_fit: Calibration, calibration: Calibration) -> Calibration:
-    """Evolve programs for the residual of a calibration, choose everything again with them, and judge the choice.
+    """Evolve programs for the residual of a calibration, select all effects again with them, and test the selection.
 
-    Returns the calibration with the findings, which are left in the state.
+    Returns the calibration with the findings, and puts these into the state.
     """
     number = len(state.rounds) + 1
     poses = state.poses.subset(state.sample)
@@ -206,17 +209,17 @@ def _taken(state: State, accepted: Sequence[Hypothesis], number: int) -> tuple[s
 
 
 def _input_prices(state: State, exploration: Exploration) -> dict[str, float]:
-    """Nats by input, from what evolved programs of all rounds refer to."""
+    """Return the price of each input, nats, from the references of the evolved programs of all rounds."""
     return input_prices([*(r.exploration.histogram for r in state.rounds), exploration.histogram])
 
 
 def _earlier_nulls(state: State) -> list[np.ndarray]:
-    """Largest gains on permuted residuals in earlier rounds of one budget: those of an opening round stand alone."""
+    """Return the permutation nulls of earlier rounds with the full budget; an opening round has a smaller one."""
     return [r.exploration.null_nats for r in state.rounds[bool(state.offers) :]]
 
 
 def _explored(state: State, residual: Residual, number: int) -> Exploration:
-    """Programs that evolution makes of a residual, and its histogram of referenced inputs."""
+    """Evolve programs for a residual; return them with the histogram of referenced inputs."""
     pooled = sum(len(nats) for nats in _earlier_nulls(state)) > 0
     tell = Teller(state.say.say, f"round {number}: ")
     context = RoundContext(number, tell, state.kept, lambda: state.late, state.opening(number), pooled)
@@ -225,7 +228,7 @@ def _explored(state: State, residual: Residual, number: int) -> Exploration:
 
 
 def _promising(state: State, residual: Residual, exploration: Exploration) -> tuple[Candidate, ...]:
-    """New programs with a gain in description length, the best first, at most as many as the search offers."""
+    """Return new programs with a gain in description length, the best first, as many as the search offers."""
     known = {c.name for c in (*state.known_effects, *state.found, *state.evolved)}
     pool = [c for c in exploration.candidates if c.name not in known]
     ranked = sorted(zip(pool, scores(residual, pool), strict=True), key=lambda one: -one[1].nats)

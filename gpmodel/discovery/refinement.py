@@ -1,4 +1,4 @@
-"""Fit the constants inside bases: to where they are most likely, then as unknowns of the last fit.
+"""Fit the constants inside basis functions: by variable projection, then as unknowns of the final fit.
 
 Variable projection: at given constants the unknowns are solved and everything else in the model is projected out, so
 that what is left of the residual is a function of the constants alone. Source: Golub and Pereyra (1973).
@@ -26,20 +26,20 @@ from gpmodel.model.states import States
 from gpmodel.numerics import rank as ident
 
 LOOKS = 2
-"""Fits between which constants are moved: what the others have taken up is settled after the first."""
+"""Fits with moved constants; the second removes the dependence on the other candidates' constants."""
 
 EVALUATIONS = 80
 """Evaluations of the residual for each constant of a candidate; the simplex settles in half of them."""
 
 SETTLED = 1e-4
-"""Difference of the cost between the corners of a simplex where it ends, in variances of the noise."""
+"""Difference of the cost between the corners of a simplex that ends it, in variances of the noise."""
 
 ROUNDING = 0.005
-"""Nats that a constant written with fewer digits may cost: a tenth of its deviation."""
+"""Largest loss of a constant rounded to fewer digits, nats: a tenth of its standard error."""
 
 ROW_LOSS = -np.log1p(-np.sqrt(0.95))
-"""Nats by which a row of an event may be less likely than the best one and still be it, at 95 %: half of the quantile
--2 ln(1 - √0.95) of the likelihood ratio of a threshold. Source: Hansen (2000), Econometrica 68(3), theorem 2."""
+"""Loss that bounds the 95 % confidence interval of the row of an event, nats: half of the quantile -2 ln(1 - √0.95) of
+the likelihood ratio of a threshold. Source: Hansen (2000), Econometrica 68(3), theorem 2."""
 
 WINDOW = 12
 """Rows looked at on either side of an event at first, beyond those up to the next that was offered."""
@@ -47,7 +47,7 @@ WINDOW = 12
 
 @dataclass(frozen=True)
 class Profile:
-    """Nats (T,) of an event after each of some rows (T,), the others of its constants as they are."""
+    """Log likelihood (T,), nats, of an event after each of some rows (T,), its other constants fixed."""
 
     rows: Array
     nats: Array
@@ -59,16 +59,16 @@ class Profile:
 
     @property
     def interval(self) -> tuple[int, int]:
-        """The rows from the first to the last that may be it, at 95 %."""
+        """First and last row of the 95 % confidence interval."""
         there = self.rows[self.nats >= self.nats.max() - ROW_LOSS]
         return int(there.min()), int(there.max())
 
 
 def detailed(left: Residual, found: Mapping[str, Candidate]) -> dict[str, Candidate]:
-    """The findings, fine curves with twice their harmonics where the new ones lower the description length.
+    """Double the harmonics of fine curves among the findings where this lowers the description length.
 
     A drive has lines up to twice its reduction ratio; half as many harmonics detect its curve in an eighth of the time.
-    left: the residual of a model with all findings.
+    left: residual of a model with all findings.
     """
     out = dict(found)
     for name, candidate in found.items():
@@ -86,9 +86,10 @@ def refined_fit(
     candidates: Mapping[str, Candidate],
     calibration: Calibration,
 ) -> tuple[dict[str, Candidate], Calibration]:
-    """Candidates by name with their constants where they are most likely beside each other, and the fit with them.
+    """Fit the constants inside candidates given each other; return candidates by name and the fit with them.
 
-    fit: of candidates, from a fit to go on from. residual: what a fit leaves. calibration: with the candidates.
+    fit: calibrates with candidates, starting from a fit. residual: forms the residual of a fit. calibration: with the
+    candidates.
     """
     found = dict(candidates)
     for _ in range(LOOKS if any(_movable(c) for c in found.values()) else 0):
@@ -102,9 +103,9 @@ def refined_fit(
 
 
 def refined_at_one_site(residual: Residual, candidates: Mapping[str, Candidate]) -> Iterator[Candidate]:
-    """Candidates with constants inside, these where they are most likely in the place of all such at the same site.
+    """Yield each candidate with its constants fitted in the place of all such candidates at its site.
 
-    Of a formula between two offered values both may be selected. residual: of a model with all candidates.
+    If a constant lies between two offered values, both may be selected. residual: of a model with all candidates.
     """
     movable = [c for c in candidates.values() if _movable(c)]
     for candidate in movable:
@@ -113,15 +114,14 @@ def refined_at_one_site(residual: Residual, candidates: Mapping[str, Candidate])
 
 
 def _acts(candidate: Candidate) -> frozenset[tuple[str, str]]:
-    """The slots and axes at which it acts."""
+    """Return the slots and axes at which a candidate acts."""
     return frozenset((term.slot, term.axis) for effect in candidate.effects for term in effect.terms)
 
 
 def refined(residual: Residual, candidate: Candidate) -> Candidate:
-    """A candidate with its constants where what it leaves of a residual without it is least.
+    """Fit the constants inside a candidate to the residual of a model without it.
 
-    Where each effect has a constant of its own, those are left out whose unknown and constant save less than they take
-    to describe.
+    If each effect has its own constant, effects are deleted that save less than unknown and constant cost.
     """
     if candidate.inner is None:
         return candidate
@@ -136,9 +136,9 @@ def refined(residual: Residual, candidate: Candidate) -> Candidate:
 
 
 def profile(residual: Residual, inner: NonlinearParameters) -> Profile | None:
-    """The likelihood of an event over the rows beside it, in a residual without it; None where there is no event.
+    """Compute the likelihood profile of the row of an event; None for a candidate without one.
 
-    As many rows as it takes for those at both ends to be out of the interval.
+    The rows extend to both sides until both ends are outside the confidence interval. residual: of a model without it.
     """
     event = next((c for c in inner.constants if c.whole), None)
     if event is None:
@@ -164,7 +164,7 @@ def _movable(candidate: Candidate) -> bool:
 
 
 def _settled(residual: Residual, inner: NonlinearParameters) -> NonlinearParameters:
-    """Events by their most likely row, the other constants by a simplex that begins half a step wide."""
+    """Fit the row of an event by its profile, or other constants by a simplex of half a step."""
     event = profile(residual, inner)
     if event is not None:
         return inner.at([event.best if c.whole else c.value for c in inner.constants])
@@ -182,7 +182,7 @@ def _settled(residual: Residual, inner: NonlinearParameters) -> NonlinearParamet
 
 
 def _written(residual: Residual, inner: NonlinearParameters) -> NonlinearParameters:
-    """The constants in as few digits as the data tell apart."""
+    """Round the constants to as few digits as the data determine."""
     best = _nats(residual, inner.effects)
     for digits in range(2, DIGITS):
         rounded = inner.at([c.value if c.whole else float(f"{c.value:.{digits}g}") for c in inner.constants])
@@ -196,7 +196,7 @@ def _nats(residual: Residual, effects: Sequence[Effect]) -> float:
 
 
 def _left(residual: Residual, effects: Sequence[Effect]) -> float:
-    """Sum of squares of the residual less what effects explain of it."""
+    """Compute the sum of squares of the residual with effects projected out."""
     span = ident.orthonormal(residual.projected(effects)[0])
     return residual.energy - float(np.sum((span.T @ residual.values) ** 2))
 
@@ -205,18 +205,18 @@ STEP = 1e-3
 """Step of the central difference, relative to the constant."""
 
 OWN = 0.05
-"""Least unique share of a change's column beside the law's own columns: a scale is the coefficient again."""
+"""Least unique share of the column of a change, given the formula's columns; a scale repeats the coefficient."""
 
 MOST = 0.3
-"""Prior sd: a constant may change its law by 30 % RMS; beyond that the linearisation does not hold."""
+"""Prior standard deviation of a change: 30 % RMS of the formula; the linearisation fails beyond."""
 
 HARMONICS = 12
-"""Whole numbers up to this are how often per turn, not constants that were fitted."""
+"""Whole numbers up to this are counts per turn, not fitted constants."""
 
 
 @dataclass(frozen=True)
 class InnerChange:
-    """A constant of a law, and the effect of a unit change of it."""
+    """A constant inside a formula, and the effect of a unit change of it."""
 
     constant: Constant
     effect: Effect
@@ -224,7 +224,7 @@ class InnerChange:
 
 @dataclass(frozen=True)
 class _Moved:
-    """A constant and the bases (E, terms) of a candidate's effects where it is smaller and larger by half a step."""
+    """A constant, and the basis functions (E, terms) of a candidate half a step below and above it."""
 
     constant: Constant
     below: tuple[tuple[str, ...], ...]
@@ -232,16 +232,16 @@ class _Moved:
 
     @property
     def step(self) -> float:
-        """Between the two."""
+        """Difference of the constant between them."""
         return STEP * abs(self.constant.value)
 
 
 def inner_changes(candidate: Candidate, theta: Sequence[float], states: States) -> tuple[InnerChange, ...]:
-    """The change of each constant inside a law, as an effect whose unknown is that change: θ ∂φ/∂c.
+    """Return the change of each constant inside a formula as an effect θ ∂φ/∂c, whose unknown is the change.
 
-    With them in the model the deviations of the law's coefficient and of what it predicts are those of a nonlinear
-    least-squares fit, and each constant has one of its own. Constants that the coefficient or the geometry can stand
-    for have none. theta: fitted values of its effects. Source: Seber and Wild (1989), 2.1.
+    With these effects in the model all standard errors are those of nonlinear least squares, and each constant has one.
+    A constant that the coefficient or the geometry can replace has no effect.
+    theta: fitted values of the candidate's effects. Source: Seber and Wild (1989), 2.1.
     """
     law = _shape(candidate.effects, theta, states)
     taken = [np.ones(len(states)), *(_shape([e], [1.0], states) for e in candidate.effects)]
@@ -261,9 +261,10 @@ def inner_changes(candidate: Candidate, theta: Sequence[float], states: States) 
 
 
 def moved(candidate: Candidate, values: Mapping[Constant, float]) -> Candidate:
-    """A candidate with other values of some constants inside it, called after them where nobody has named it.
+    """Replace the values of some constants inside a candidate; an unnamed candidate is named after its formula.
 
-    Constants of a template, a lag, a width, a rate, go at most half their way to zero: they have no other sign."""
+    Constants of a template (a lag, a width, a rate) go at most half their way to zero, since they keep their sign.
+    """
     if not values:
         return candidate
     inner = candidate.inner
@@ -280,7 +281,7 @@ def moved(candidate: Candidate, values: Mapping[Constant, float]) -> Candidate:
 
 
 def _same_sign(value: float, constant: Constant) -> float:
-    """A value of a constant that is no less than half of what it was."""
+    """Limit the change of a constant to half of its size toward zero."""
     sign = math.copysign(1.0, constant.value)
     return sign * max(sign * value, 0.5 * sign * constant.value)
 
@@ -290,7 +291,7 @@ def _rounded(value: float) -> float:
 
 
 def _moved(candidate: Candidate) -> Iterator[_Moved]:
-    """Each distinct constant of the candidate's bases; one that several of them share moves in all of them."""
+    """Yield each distinct constant inside a candidate; a constant that several effects share moves in all of them."""
     inner = candidate.inner
     if candidate.has_priors:
         return
@@ -311,7 +312,7 @@ def _moved(candidate: Candidate) -> Iterator[_Moved]:
 
 
 def _beside(value: float) -> tuple[float, float]:
-    """Half a step to either side of a constant."""
+    """Return the values half a step below and above a constant."""
     step = STEP * abs(value)
     return value - step / 2, value + step / 2
 
@@ -321,7 +322,7 @@ def _put(values: Sequence[float], k: int, value: float) -> list[float]:
 
 
 def _with(texts: tuple[tuple[str, ...], ...], new: Mapping[float, float]) -> tuple[tuple[str, ...], ...]:
-    """Bases with constants replaced wherever they are."""
+    """Replace constants wherever they stand in basis functions."""
     programs = [[Expression(text).program for text in own] for own in texts]
     return tuple(
         tuple(p.with_constants([new.get(c, c) for c in p.constants]).written_out() for p in own) for own in programs
@@ -333,7 +334,7 @@ def _texts(effects: Sequence[Effect]) -> tuple[tuple[str, ...], ...]:
 
 
 def _change(candidate: Candidate, theta: Sequence[float], moved: _Moved) -> Effect:
-    """θ (φ above - φ below) / step at the law's own places, all its effects together."""
+    """Form θ (φ above - φ below) / step at the sites of a candidate, its effects together."""
     terms = []
     for effect, value, below, above in zip(candidate.effects, theta, moved.below, moved.above, strict=True):
         for term, low, high in zip(effect.terms, below, above, strict=True):
@@ -345,6 +346,6 @@ def _change(candidate: Candidate, theta: Sequence[float], moved: _Moved) -> Effe
 
 
 def _shape(effects: Sequence[Effect], theta: Sequence[float], states: States) -> Array:
-    """Σ θ φ (N,) over effects, of each along its first term."""
+    """Compute Σ θ φ (N,) over effects, each along its first term."""
     pairs = zip(effects, theta, strict=True)
     return np.asarray(np.sum([value * e.terms[0].weight * e.terms[0].basis(states) for e, value in pairs], axis=0))

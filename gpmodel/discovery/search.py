@@ -14,20 +14,23 @@ from gpmodel.forks import Forks
 class Search:
     """Effort of a discovery.
 
-    runs: GP runs a strategy and round, and at most as many on shuffled residuals, three at least in a first round.
-    strategies: what the runs evolve; trees take twice the time of sequences and found nothing more on the shipped table
-    and ten planted shapes.
-    selection: who breeds and who lives on.
-    population, generations: of one run. opening_population, opening_generations: at most so many in the first round
-    where named effects are offered: its runs tell which inputs the residual depends on, and what is named is chosen
-    without them; a fraction of a second each. climb: how many of a run's best programs are finished by single edits.
-    nats_per_node: what a node of a program costs, the log of about seven inputs and operators to choose from.
-    evolved_poses: poses that GP sees at most, sampled anew every round; scored_poses: poses that all is chosen on where
-    there are more than half as many again, drawn evenly along the rows: on 500 shows what is a fifth of the noise, and
-    the numbers of what is chosen are fitted to all. stop_after: seconds after which no new round begins, None for no
-    limit. max_effects: findings after which no new round begins. workers: GP runs side by side, which change no number.
-    executor: runs them elsewhere.
-    considered: evolved programs that are offered to the selection at most, the best first.
+    runs: GP runs of each strategy in a round, and at most as many on permuted residuals; three at least in the first.
+    strategies: representations that are evolved. Trees take twice the time of sequences and found nothing more on the
+        shipped table and ten planted shapes.
+    selection: scheme of parents and survivors.
+    stop_after: seconds after which no new round begins; None for no limit.
+    max_effects: number of findings after which no new round begins.
+    workers: parallel GP runs; they change no number.
+    population, generations: of one run.
+    opening_population, opening_generations: upper limits in the first round with named effects, whose runs only tell
+        which inputs the residual depends on.
+    climb: number of best programs of a run that are improved by single edits.
+    nats_per_node: price of a node, the log of about seven inputs and operators, nats.
+    evolved_poses: largest number of poses that GP uses, sampled again in every round.
+    scored_poses: number of poses, drawn evenly along the rows, on which effects are selected if there are half as many
+        again. 500 poses show an effect of a fifth of the noise. Values are fitted to all poses.
+    considered: largest number of evolved programs offered to the selection, the best first.
+    executor: workers elsewhere.
     """
 
     runs: int = 8
@@ -58,11 +61,11 @@ class Search:
         return self.executor if isinstance(self.executor, Forks) else Forks(self.workers)
 
     def cost(self, nodes: int, places: int) -> float:
-        """Nats of a program: of its nodes, and of the place that it acts at among so many."""
+        """Compute the description length of a program, nats: of its nodes, and of its site among so many."""
         return self.nats_per_node * nodes + math.log(places)
 
     def budget(self, opening: bool) -> Budget:
-        """Budget of one run; a small one in an opening round where named effects are offered."""
+        """Return the budget of one run; a small one in an opening round with named effects."""
         population, generations = self.population, self.generations
         if opening:
             population = min(population, self.opening_population)

@@ -45,10 +45,10 @@ class Finding:
 
 @dataclass(frozen=True)
 class Round:
-    """One look at the residual: what GP made of it, then the groups chosen together, and what was dropped again.
+    """A round: evolved programs, tested groups of the joint selection, and findings that were dropped.
 
-    hypotheses: all that was judged, groups first. evolved: what GP found that was offered as groups from here on.
-    null_nats: (T,) the most that any group gains on permuted residuals.
+    hypotheses: all tested groups. evolved: programs that are offered as groups from this round on.
+    null_nats: (T,) largest gain of any group on permuted residuals.
     """
 
     number: int
@@ -66,7 +66,7 @@ class Round:
 
 @dataclass(frozen=True)
 class FinalFit:
-    """The fit to all poses; the findings as they are in it, and the constants inside each, in their order."""
+    """Fit to all poses, its findings, and the fitted constants inside each, in order."""
 
     calibration: Calibration
     candidates: tuple[Candidate, ...]
@@ -75,12 +75,12 @@ class FinalFit:
 
 @dataclass(frozen=True)
 class Discovery:
-    """Everything the loop found, in order.
+    """Result of the loop.
 
-    fitted: all findings, fitted to all poses. confirmation: of them on the held-out poses, None without findings.
-    final: the model to ship, that of `fitted` where it is confirmed, else the standard model as a calibration of all
-    poses without any discovery would have it. parts: the same choice without each fold of the poses, where every one
-    was held out once; none where some are for good.
+    fitted: all findings, fitted to all poses.
+    confirmation: test of the findings on held-out poses; None without findings.
+    final: model to ship: that of `fitted` if it is confirmed, else the standard model fitted to all poses.
+    parts: the loop repeated without each fold; empty if some poses are held out for good.
     """
 
     mechanism: Mechanism
@@ -104,7 +104,7 @@ class Discovery:
         return len(self.parts)
 
     def step(self, number: int) -> Step:
-        """A step of the ladder; of fewer the last stands for further ones."""
+        """Return a step of the model; the last one for larger numbers."""
         return self.steps[min(number, len(self.steps) - 1)]
 
     @property
@@ -123,7 +123,10 @@ Division = tuple[Poses, IntArray, IntArray]
 
 
 def usable_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> Division:
-    """The rows that a search may use. Raises InputError where no held-out pose is of a set-up and tool trained on."""
+    """Return the rows that a search may use.
+
+    Raises InputError if no held-out pose belongs to a set-up and tool of the training poses.
+    """
     poses, train, heldout = drop_duplicate_rows(poses, train, heldout, say)
     if not len(heldout):
         return poses, train, heldout
@@ -141,7 +144,7 @@ def usable_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -
 
 
 def drop_duplicate_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> Division:
-    """The poses without rows that copy another, which would count twice, and the rows again."""
+    """Drop rows that copy another, which would count twice."""
     copied = copies(poses.dataset)
     if not copied.any():
         return poses, train, heldout
@@ -150,10 +153,10 @@ def drop_duplicate_rows(poses: Poses, train: IntArray, heldout: IntArray, say: T
 
 
 def evenly(poses: Poses, rows: IntArray, size: int) -> IntArray:
-    """About `size` of rows (R,): of every stretch of poses one, drawn at random, with its repeats. All of them where a
-    third or less would be left out: what is seen on all is worth more than that time.
+    """Sample about `size` of rows (R,): one pose of each stretch at random, with its repeats.
 
-    Every k-th pose would be of one value of a joint where a programme steps through a grid.
+    All rows are returned if a third or less would be left out. Every k-th pose would have one value of a joint where a
+    programme steps through a grid.
     """
     if 2 * len(rows) <= 3 * size:
         return rows
@@ -165,16 +168,16 @@ def evenly(poses: Poses, rows: IntArray, size: int) -> IntArray:
 
 
 def _only(poses: Poses, train: IntArray, heldout: IntArray) -> Division:
-    """The poses of some rows, and these again."""
+    """Keep the poses of some rows, with renumbered rows."""
     kept = np.sort(np.concatenate([train, heldout]))
     return poses.subset(kept), np.searchsorted(kept, train), np.searchsorted(kept, heldout)
 
 
 @dataclass
 class State:
-    """The loop's running state: what is accepted so far and the ladder it has climbed.
+    """State of the loop: findings, rounds, and steps of the model.
 
-    seed: of what is evolved. ends: when the time is up, on the clock of time.monotonic. errors_alone: as of the loop.
+    seed: of evolution. ends: end of the time, on the clock of time.monotonic. errors_alone: see `loop.discover`.
     """
 
     mechanism: Mechanism
@@ -198,7 +201,7 @@ class State:
 
     @cached_property
     def sample(self) -> IntArray:
-        """The training rows that choices are made on."""
+        """Training rows on which effects are selected."""
         return evenly(self.poses, self.train, self.search.scored_poses)
 
     @property
@@ -218,7 +221,7 @@ class State:
 
     @property
     def repeating(self) -> bool:
-        """True if another round would repeat the last one: the last round added and removed nothing.
+        """True if the loop has converged: the last round added and removed nothing.
 
         An exception is an opening round whose small search exceeds the null without a finding; a full search may
         find one.
@@ -233,16 +236,16 @@ class State:
         return bool(self.offers) and number == 1
 
     def model(self, found: Sequence[Candidate]) -> ErrorModel:
-        """The standard model with what is known and what was found."""
+        """Return the standard model with the known effects and the findings."""
         effects = [e for c in (*self.known_effects, *found) for e in c.effects]
         return ErrorModel(self.mechanism, (*self.standard, *effects))
 
     def fit(self, model: ErrorModel, start: Calibration | None = None) -> Calibration:
-        """A model fitted to the training poses; start: a fit to go on from, its outliers judged anew."""
+        """Fit a model to the training poses; start: a fit to start from, its outliers judged again."""
         return self._fit(model, self.train, start)
 
     def fit_sample(self, model: ErrorModel, start: Calibration | None = None) -> Calibration:
-        """Fit a model to the training poses, on which choices are made."""
+        """Fit a model to the sample, on which effects are selected."""
         return self._fit(model, self.sample, start)
 
     def _fit(self, model: ErrorModel, rows: IntArray, start: Calibration | None) -> Calibration:
@@ -251,15 +254,14 @@ class State:
         return calibrate(model, self.poses.subset(rows), condition_limit=limit, start=again, seed=JUDGED)
 
     def to_all(self, model: ErrorModel, start: Calibration) -> Calibration:
-        """A model fitted to all poses, with the condition limit that the training poses chose."""
+        """Fit a model to all poses, with the condition limit of the training poses."""
         return calibrate(model, self.poses, condition_limit=start.condition_limit, start=start, seed=JUDGED)
 
     def standard_to_all(self) -> Calibration:
-        """The standard model with what is known, as a calibration of all poses by themselves has it: on the training
-        poses another condition limit may have been the best."""
+        """Fit the standard model with the known effects to all poses, with the condition limit that suits these."""
         return calibrate(self.model(()), self.poses, condition_limit=self.condition_limit, seed=JUDGED)
 
     def add_rung(self, name: str, calibration: Calibration, finding: int | None = None) -> None:
-        """Add a rung to the ladder: a fit with its errors on the training and the held-out poses."""
+        """Add a step: a fit with its errors on the training and the held-out poses."""
         heldout = errors_on(calibration, self.poses.subset(self.heldout)) if len(self.heldout) else np.zeros(0)
         self.steps.append(Step(name, calibration, calibration.error, heldout, finding))

@@ -19,7 +19,11 @@ from gpmodel.table.units import is_time
 
 
 def targets(residual: Residual, sites: Sequence[Site], rows: IntArray) -> Targets:
-    """The residual seen from sites at some poses: weight, cross and pull of every site, energy in proportion."""
+    """Compute the sufficient statistics of the residual at each site for some poses.
+
+    With x = r φ the column of a basis function φ at a site, r (M,) the sensitivity of the rows: weights Σ r² of xᵀx,
+    products Bᵀr with the basis B of the model's columns, and Σ r y of xᵀy, each summed over the rows of a pose.
+    """
     columns = _columns(residual, sites)
     weight = _by_pose(residual, columns**2, rows)
     enabled = residual.span.basis[: residual.measured]
@@ -34,7 +38,7 @@ def targets(residual: Residual, sites: Sequence[Site], rows: IntArray) -> Target
 
 
 def aimed(blank: Targets, residual: Residual, sites: Sequence[Site], rows: IntArray, values: Array) -> Targets:
-    """The targets with other residual values (M + B,)."""
+    """Replace the residual values (M + B,) of some targets."""
     pull = _by_pose(residual, _columns(residual, sites) * values[: residual.measured, None], rows)
     return replace(blank, pull=pull, energy=float(values @ values) * len(rows) / len(residual.poses))
 
@@ -44,7 +48,7 @@ def _columns(residual: Residual, sites: Sequence[Site]) -> Array:
 
 
 def _by_pose(residual: Residual, values: Array, rows: IntArray) -> Array:
-    """Sums (C, len(rows)) of the values (M, C) of each of some poses."""
+    """Sum the values (M, C) over the rows of each of some poses, (C, len(rows))."""
     out = np.zeros((len(residual.poses), values.shape[1]))
     present, first = np.unique(residual.problem.pose_of_row, return_index=True)
     out[present] = np.add.reduceat(values, first, axis=0)
@@ -52,26 +56,26 @@ def _by_pose(residual: Residual, values: Array, rows: IntArray) -> Array:
 
 
 def _compact(cross: Array) -> Array:
-    """Rows (min(K, N), N) with the same BᵀB as `cross` (K, N)."""
+    """Compress `cross` (K, N) to min(K, N) rows of equal BᵀB."""
     few = len(cross) <= cross.shape[1]
     return cross if few else linalg.qr(cross, mode="r", check_finite=False)[0][: cross.shape[1]]
 
 
 KINDS = {"m": "length", "Nm": "torque", "N": "force", "degC": "temperature", "K": "temperature", "s": "time"}
-"""Kind of a column by its unit; other units are kinds of their own."""
+"""Kind of a column by its unit; any other unit is its own kind."""
 
 ALIKE = 1e-4
-"""Share of a load's variance that a length may leave of it and still say the same: a hundredth of its spread, as a
-wrist's weight makes of what a carriage does."""
+"""Largest unexplained share of variance between two proportional columns: a hundredth of the spread, the size of a
+wrist's weight in the load of a carriage."""
 
 
 def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str, str]]:
-    """Columns worth offering to the GP, scaled to order one, and how each is written in terms of the table's.
+    """Return the columns that a formula may read, scaled to order one, and each in terms of the table's columns.
 
-    Joint reactions other than torques stay out (the torques and the base's moments span them); so do constant columns,
-    and loads that are in proportion to a length or to the payload, as on linear axes: these say the same more plainly;
-    of lengths in proportion to each other the first alone, the travel of a joint before the height it lifts the tool
-    to. The number of the row stays out where a clock runs with it: another table has other rows, and the same clock.
+    Excluded are constant columns, joint reactions other than torques (torques and base moments span them), and loads in
+    proportion to a length or the payload, as on linear axes. Of lengths in proportion to each other the first is
+    offered: the travel of a joint rather than the height to which it lifts the tool. The row number is excluded if a
+    clock rises with it, since another table has other rows.
     """
     names, values, written = [], [], {}
     clocks = [column for name, column in states.columns.items() if is_time(states.units[name])]

@@ -77,16 +77,19 @@ STEPS, SETTLED = 30, 1.01
 
 @dataclass(frozen=True)
 class Residual:
-    """The training residual of a calibration with everything the model already explains projected out.
+    """Training residual of a calibration with the columns of its model projected out.
 
-    Effects with priors are rows too, θ σ / prior = 0, below the M measured ones: what they explain is taken out as
-    far as their priors let them, no further. span: of the model's columns. values: (M + B,).
-    system, target: the columns (M + B, K), of unit length, and right side these came from. names: of the effects that
-    the columns after those of the placement are of. fold_of_row: (M,).
-    unit_of_pose: (N,) which poses count as one observation. criteria: the limits everything about it is held to.
-    gram: (K, K) products of the columns, empty where none has a prior. sizing: how many of the B rows are
-    of lengths and tool, which together know the size and nothing else. noise: σ of the model that the priors are
-    weighed for, m.
+    Effects with priors add rows θ σ / prior = 0 below the M measured ones.
+    system: (M + B, K) columns of the model, of unit length.
+    target: (M + B,) right side.
+    span: orthonormal basis of the columns.
+    values: (M + B,) residual, m.
+    names: effects of the columns after those of the placement.
+    fold_of_row: (M,) fold of cross-validation.
+    unit_of_pose: (N,) block of poses that counts as one observation.
+    gram: (K, K) products of the columns; empty if none has a prior.
+    sizing: number of prior rows on lengths and tool, the only ones that fix the overall scale.
+    noise: σ for which the priors are weighed, m.
     """
 
     calibration: Calibration
@@ -145,7 +148,7 @@ class Residual:
 
     @cached_property
     def _projected(self) -> dict[tuple[Effect, ...], tuple[Array, Array]]:
-        """The projections that were asked for last: the tests of a candidate ask for the same again."""
+        """Cache of the last projection, which all tests of one candidate share."""
         return {}
 
     def _without_enabled(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
@@ -161,7 +164,7 @@ class Residual:
         return left, np.linalg.norm(left, axis=0)
 
     def without(self, effects: Sequence[Effect]) -> "Residual":
-        """The residual with some effects of its model taken out."""
+        """Return the residual of the model without some of its effects."""
         given = [e.name for e in effects]
         kept = self.problem.free(~np.isin(self.names, given))
         believed = np.any(self.system[self.measured :] != 0, axis=0)
@@ -180,24 +183,23 @@ class Residual:
         )  # fmt: skip
 
     def shuffled(self, rng: np.random.Generator, count: int) -> Array:
-        """Residuals (M + B, count) permuted over the poses, those that count as one together, then projected again: the
-        null distribution."""
+        """Permute the residual over blocks of poses and project it again, (M + B, count): the permutation null."""
         out = np.repeat(self.values[:, None], count, axis=1)
         out[: self.measured] = reordered(self.problem, self.values[: self.measured], self.unit_of_pose, rng, count)
         return self.span.remove(out)
 
     @cached_property
     def placed_by_units(self) -> Array:
-        """Orthonormal columns (M, k) of what poses of one unit alone have placed: a bar, a point that was touched."""
+        """Return a basis (M, k) of the placement columns that one block alone determines, such as a bar."""
         columns = self.system[: self.measured]
         alone = of_one_fold(columns, self.unit_of_pose[self.problem.pose_of_row])
         return ident.orthonormal(columns[:, alone])
 
     def at_own_noise(self) -> "Residual":
-        """The residual with its priors weighed by its own σ: σ² = r·r / freedom, by iteration.
+        """Weigh the priors by the residual's own σ, with σ² = r·r / freedom, by iteration.
 
-        Without a large effect more is left. At the noise beside it the rest would stretch far beyond what is believed
-        of it, and a small effect at its place would stand for the large one.
+        Without a large effect the residual exceeds the noise of the full model. At that noise the other effects would
+        exceed their priors to explain it, and a small effect would stand for the large one.
         """
         found = self
         for _ in range(STEPS):
@@ -207,7 +209,7 @@ class Residual:
         return found
 
     def _weighed_for(self, sigma: float) -> "Residual":
-        """The residual with the rows of its priors weighed for another σ, m."""
+        """Weigh the prior rows for another σ, m."""
         weight, rows = sigma / self.noise, slice(self.measured, None)
         system, target = self.system.copy(), self.target.copy()
         system[rows], target[rows] = weight * system[rows], weight * target[rows]
@@ -219,7 +221,7 @@ class Residual:
 
     @cached_property
     def in_stretches(self) -> "Residual":
-        """The residual with as many folds that are stretches of rows, so that neighbours are in one fold."""
+        """Replace the folds by as many stretches of rows, so that neighbouring rows are in one fold."""
         first = np.full(self.unit_of_pose.max() + 1, np.inf)
         np.minimum.at(first, self.unit_of_pose, self.poses.states["row"])
         stretch = stretches(first, self.criteria.folds)[self.unit_of_pose]
@@ -227,7 +229,7 @@ class Residual:
 
     @cached_property
     def omitted(self) -> tuple[Omitted, ...]:
-        """The rows of every fold, beside the system without them."""
+        """Rows of each fold, with the system without them."""
         folds = (np.flatnonzero(self.fold_of_row == fold) for fold in np.unique(self.fold_of_row))
         return tuple(Omitted.of(rows, self.span.basis) for rows in folds)
 
@@ -235,9 +237,9 @@ class Residual:
 def residual_of(
     calibration: Calibration, poses: Poses, criteria: Criteria, seed: int, trusted: Mask | None = None
 ) -> Residual:
-    """The residual of a calibration at poses, every one of them; far-out poses are winsorised, not dropped.
+    """Form the residual of a calibration at poses; outliers are winsorised, not dropped.
 
-    trusted: (N,) poses taken as they are. seed: of the folds.
+    trusted: (N,) poses that are not winsorised. seed: of the folds.
     """
     problem = problem_at(calibration, poses)
     shrink = winsorising(problem, len(poses), criteria.outlier_sigmas)

@@ -1,4 +1,4 @@
-"""Scores of candidates: gain in description length, by one projection each, on the residual or on permuted ones."""
+"""Score candidates by their gain in description length, and groups by their marginal likelihood."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -13,15 +13,19 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.numerics import rank as ident
 
 CHUNK = 256
-"""Candidates projected at once: enough for fast products, few enough for their columns to stay small."""
+"""Candidates projected at once; half or double change no number, only memory."""
 NOISE_STEPS = 5
-"""Re-estimates of the noise under a prior; the third changes no digit that is shown."""
+"""Re-estimates of the noise under a prior; the third changes no digit that is printed."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """gain: share of the residual's sum of squares removed; nats: gain in description length; share: smallest unique
-    share of its columns."""
+    """Score of a candidate.
+
+    gain: share of the residual's sum of squares that it removes.
+    nats: gain in description length, nats.
+    share: smallest unique share of its columns.
+    """
 
     gain: float
     nats: float
@@ -29,7 +33,7 @@ class Score:
 
 
 def saved(residual: Residual, gain: float | Array, unknowns: int, cost: float, inflation: float = 1.0) -> float | Array:
-    """Description length, nats: dof/2 · (-ln(1 - gain)) / inflation - unknowns/2 · ln M - cost.
+    """Compute the gain in description length, nats: dof/2 · (-ln(1 - gain)) / inflation - unknowns/2 · ln M - cost.
 
     Source: Rissanen (1978).
     """
@@ -37,7 +41,7 @@ def saved(residual: Residual, gain: float | Array, unknowns: int, cost: float, i
 
 
 def scores(residual: Residual, pool: Sequence[Candidate]) -> tuple[Score, ...]:
-    """The score of every candidate; no nats where too little of its column is its own."""
+    """Score every candidate; one whose columns the model explains has no gain."""
     out = []
     for candidate, span, shares in _projected(residual, pool):
         if shares.max() < residual.criteria.scored_share:
@@ -58,7 +62,7 @@ def best_nats(residual: Residual, pool: Sequence[Candidate], trials: Array) -> A
 
 
 def _projected(residual: Residual, pool: Sequence[Candidate]) -> Iterator[tuple[Candidate, Array, Array]]:
-    """Every candidate with its projected columns (M + B, E) and the unique share (E,) of each."""
+    """Yield every candidate with its projected columns (M + B, E) and the unique share (E,) of each."""
     for start in range(0, len(pool), CHUNK):
         part = pool[start : start + CHUNK]
         left, shares = residual.projected([e for c in part for e in c.effects])
@@ -70,7 +74,7 @@ def _projected(residual: Residual, pool: Sequence[Candidate]) -> Iterator[tuple[
 
 
 def deflated(residual: Residual, candidate: Candidate, inflations: Sequence[float]) -> list[float]:
-    """Gains of a candidate, nats, with the variance of the noise inflated by what poses share."""
+    """Compute the gains of a candidate, nats, at inflated variances of the noise."""
     if not inflations:
         return []
     span, _ = residual.projected(candidate.effects)
@@ -79,7 +83,7 @@ def deflated(residual: Residual, candidate: Candidate, inflations: Sequence[floa
 
 
 def contribution(residual: Residual, candidate: Candidate) -> Array:
-    """Posterior mean of a candidate's part of the residual (M + B,)."""
+    """Compute the posterior mean of a candidate's contribution to the residual (M + B,)."""
     span, _ = residual.projected(candidate.effects)
     if not candidate.has_priors:
         return np.asarray(span @ np.linalg.lstsq(span, residual.values, rcond=None)[0])
@@ -109,7 +113,7 @@ def own_share(residual: Residual, candidate: Candidate) -> float:
 def _gains(
     residual: Residual, candidate: Candidate, span: Array, trials: Array, noise_steps: int, inflation: float = 1.0
 ) -> tuple[Array, Array]:
-    """Gain and nats (T,) of a candidate on each trial (M + B, T)."""
+    """Compute gain and nats (T,) of a candidate on each trial (M + B, T)."""
     energies = np.sum(trials**2, axis=0)
     if candidate.has_priors:
         u, s = directions(residual, candidate, span)
@@ -125,7 +129,7 @@ def _gains(
 
 
 def directions(residual: Residual, candidate: Candidate, span: Array) -> tuple[Array, Array]:
-    """Columns times priors as U s Vᵀ: U (M + B, E) and s (E, 1)."""
+    """Decompose columns times priors as U s Vᵀ: U (M + B, E) and s (E, 1)."""
     norms = np.linalg.norm(residual.columns(candidate.effects), axis=0)
     prior = np.array([e.prior for e in candidate.effects])
     weighted = span * norms * prior
@@ -135,7 +139,7 @@ def directions(residual: Residual, candidate: Candidate, span: Array) -> tuple[A
 
 
 def _noise(residual: Residual, s: Array, trials: tuple[Array, Array], steps: int) -> Array:
-    """Variance (T,) of the noise under priors, by their marginal likelihood: the priors pay for the unknowns.
+    """Estimate the variance (T,) of the noise under priors by the marginal likelihood.
 
     With f = s² / (s² + σ²):  E = r·r - Σ f (u·r)²,  nats = dof/2 ln(r·r / E) - ½ Σ ln(1 + s²/σ²) - cost.
     trials: squares (E, T) of u·r, and energies (T,) r·r. Source: MacKay (1992), evidence.
@@ -150,17 +154,17 @@ def _noise(residual: Residual, s: Array, trials: tuple[Array, Array], steps: int
 DECADES = 10.0
 GRID = 24
 REFINEMENTS = 12
-"""The variance is sought over so many powers of ten below the largest; at so many places; by so many steps of a golden
-section between the best two places, to a hundredth of a nat."""
+"""Range of the variance in powers of ten below the largest, grid points in it, and steps of the golden section between
+the neighbours of the best point, which end within a hundredth of a nat."""
 
 
 def fitted(variance: Array, s: Array, q: Array) -> Array:
-    """Σ_i a q_i² / (1 + a s_i) (G,), what each of G groups takes off yᵀC⁻¹y at its variance (G,)."""
+    """Compute Σ_i a q_i² / (1 + a s_i) (G,), the decrease of yᵀC⁻¹y by each of G groups at its variance (G,)."""
     return np.asarray(np.sum(variance[:, None] * q**2 / (1.0 + variance[:, None] * np.maximum(s, 0.0)), axis=1))
 
 
 def with_own_noise(gains: Array, fit: Array, mismatch: float) -> Array:
-    """Gains (G,) where the noise is estimated again with each group in it, Q (G,) what it takes off E = yᵀC⁻¹y.
+    """Correct gains (G,) for the noise, estimated again with each group, whose decrease of E = yᵀC⁻¹y is Q (G,).
 
     With all variances in proportion to the noise:  gain - Q/2 - E/2 ln(1 - Q/E). Of few poses the noise before is too
     large by what is missing, and the gains too small.
@@ -169,7 +173,7 @@ def with_own_noise(gains: Array, fit: Array, mismatch: float) -> Array:
 
 
 def best(s: Array, q: Array, cap: Array) -> tuple[Array, Array]:
-    """Largest gain (G,) over variances up to cap² (G,), and where: a grid in log a, then golden section."""
+    """Maximise the gain (G,) over variances up to cap² (G,) by a grid in log a and a golden section; return both."""
     from gpmodel.evolution.kernels.variances import largest_gains
 
     s, q, top = np.maximum(s, 0.0), np.ascontiguousarray(q), 2.0 * np.log(cap)
@@ -179,7 +183,7 @@ def best(s: Array, q: Array, cap: Array) -> tuple[Array, Array]:
 
 
 def rotated(inner: Array, rhs: Array) -> tuple[Array, Array]:
-    """Eigenvalues s (G, K) of S (G, K, K) and q = Vᵀ rhs (G, K)."""
+    """Compute eigenvalues s (G, K) of S (G, K, K) and q = Vᵀ rhs (G, K)."""
     if inner.shape[-1] == 1:
         return inner[:, :, 0], rhs
     s, turn = np.linalg.eigh(inner)

@@ -19,7 +19,7 @@ Site = tuple[str, str]
 
 
 class Rows:
-    """M weighted rows: what a unit twist at each place does (M,), whitened inner products, placement projected out.
+    """M weighted rows: their sensitivity (M,) to a unit twist at each site, whitened, the placement projected out.
 
     A column is a sensitivity times a shape, x = r ∘ φ(pose of row), so Xᵀv = Φᵀ (sums of r ∘ v over each pose).
     """
@@ -75,7 +75,7 @@ class Rows:
 
 
 class Atoms:
-    """Products with very many columns at once: the distinct (place, shape) pairs of all effects, place by place."""
+    """Products with all columns at once, by the distinct pairs of site and basis function."""
 
     def __init__(self, rows: Rows, effects: Sequence[Effect]) -> None:
         self.rows = rows
@@ -108,7 +108,7 @@ class Atoms:
 
 
 CHUNK = 400
-"""Groups whose products are formed at once: a few megabytes."""
+"""Groups whose products are formed at once; half or double change memory alone, a few megabytes."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Linearise the chain, take a step of the selection, and fit the exact chain with what is in the model."""
+"""Linearise the chain, take a step of the selection, and fit the exact chain with the selected groups."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -24,9 +24,14 @@ from gpmodel.selection.sparse_bayes import reestimate
 
 @dataclass(frozen=True)
 class Expansion:
-    """Where the chain is linearised: what is fitted to what, values (E,), placement, σ of one measurement, m.
+    """Point at which the chain is linearised.
 
-    variances, left: of the groups in the model, by name, the variance and the terms of the effects that are left.
+    fitting: model, poses and weights of the fit.
+    theta: (E,) values of the effects, SI units.
+    placement: registration and tool.
+    sigma: standard deviation of one measurement, m.
+    variances: prior variance of each group in the model, by name.
+    left: terms of the effects that each of these groups still has, by name.
     """
 
     fitting: Fitting
@@ -39,7 +44,13 @@ class Expansion:
 
 @dataclass(frozen=True)
 class Refit:
-    """The fit at a state. problem: its rows independent. unknowns: that the measurements determine. error: (N,) m."""
+    """Fit of the exact chain.
+
+    state: its point of expansion.
+    problem: linearised problem there, with independent rows.
+    unknowns: number of unknowns that the measurements determine.
+    error: (N,) 3-D error of each pose, m.
+    """
 
     state: Expansion
     problem: Linearised
@@ -48,9 +59,9 @@ class Refit:
 
 
 def refit(state: Expansion) -> Refit:
-    """Solve all values and the placement on the exact chain: θ ~ N(0, prior²), the noise and its levels as of a state.
+    """Fit all values and the placement on the exact chain, θ ~ N(0, prior²), at the noise of a state.
 
-    By the damped steps of a calibration: none is taken that does not lower the sum of squares, priors included.
+    The damped steps of a calibration are taken. Each lowers the sum of squares, priors included.
     """
     inflation = 1.0 + state.fitting.ratio
     model = replace(state.fitting.model, noise=state.sigma * float(np.sqrt(inflation)))
@@ -69,18 +80,20 @@ def refit(state: Expansion) -> Refit:
 
 
 def inliers(error: Array, use: Mask, sigmas: float) -> Mask:
-    """The poses (N,) in use, judged anew: within so many robust deviations of the median error, at most a tenth left
-    out."""
+    """Mark the poses (N,) within so many robust standard deviations of the median error; at most a tenth is excluded.
+
+    error: (N,) m. use: (N,) poses whose median and deviation count.
+    """
     return ~((error > outlier_limit(error[use], sigmas)) & among_worst(error))
 
 
 UNKNOWN = 1e-6
-"""Variance from which that of a group is sought which is always in the model."""
+"""First prior variance of a group that is always in the model, rad² or m²; re-estimation moves it."""
 
 
 @dataclass(frozen=True)
 class Screening:
-    """Shapes of bases over the training poses, and the prices of groups."""
+    """Values of basis functions at the training poses, and prices of groups."""
 
     shapes: Shapes
     prices: Price
@@ -100,7 +113,7 @@ def with_only(screening: Screening, groups: Sequence[Group], state: Expansion) -
 
 
 def _started(screening: Screening, groups: Sequence[Group], state: Expansion) -> Active:
-    """The problem linearised at a state, with what was chosen before; unknowns are totals, from their means."""
+    """Linearise at a state, with the groups selected before; unknowns are totals, from the means of their priors."""
     fitting, model = state.fitting, state.fitting.model
     problem = fitting.linearised(state.theta, state.placement)
     target = problem.residual + problem.columns[:, problem.placement :] @ off_mean(model, state.theta)
@@ -118,7 +131,7 @@ def _started(screening: Screening, groups: Sequence[Group], state: Expansion) ->
 
 
 def _refitted(active: Active, screening: Screening, state: Expansion) -> Expansion:
-    """The exact fit with what is active, outliers and the noise's levels judged anew."""
+    """Fit the exact chain with the groups of a model, then judge outliers and the levels of the noise again."""
     fitting = state.fitting
     before = dict(zip((e.terms for e in fitting.model.effects), state.theta, strict=True))
     effects, variances, left = [], {}, {}
@@ -144,9 +157,7 @@ def _refitted(active: Active, screening: Screening, state: Expansion) -> Expansi
 
 
 def _readmitted(state: Expansion, criteria: Criteria) -> Mask:
-    """The poses (N,) that do not stand far out of a fit to all of them.
-
-    Those that stood out of the model before, and were left out of this one's fit, may be what it is there for."""
+    """Mark the inliers (N,) of a fit to all poses: the outliers of an earlier model may be explained by this one."""
     everything = np.ones(len(state.fitting.use), dtype=bool)
     fit = refit(replace(state, fitting=replace(state.fitting, use=everything)))
     return inliers(fit.error, everything, criteria.outlier_sigmas)

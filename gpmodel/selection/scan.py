@@ -1,4 +1,4 @@
-"""Score every group beside a model, or in the place of one of its groups, and list the nearest alternatives."""
+"""Score every group given a model, or in the place of one of its groups, and list the nearest alternatives."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,9 +16,9 @@ MEMORY = 4_000_000
 
 
 def scan(active: Active, among: IntArray | None = None) -> tuple[Array, Array, Array]:
-    """Gain (G,), -∞ for groups not asked for, best variance (G,) and fit (G,) of every group beside the model.
+    """Compute gain (G,), best variance (G,) and decrease of yᵀC⁻¹y (G,) of every group given the model.
 
-    Fit: what each takes off yᵀC⁻¹y.
+    among: groups to score; the gain of others is -∞.
     """
     pool = active.pool
     gains, variances = np.full(len(pool.groups), -np.inf), np.ones(len(pool.groups))
@@ -39,8 +39,8 @@ def scan(active: Active, among: IntArray | None = None) -> tuple[Array, Array, A
 
 
 def whitened_cross(active: Active, rows: IntArray | None = None) -> tuple[Array, Array]:
-    """Whitened cross products T = XᵀA L⁻ᵀ (E, K) of the model's columns with every distinct one,
-    or some of them, and t = L⁻¹Aᵀy (K,)."""
+    """Form the whitened cross products T = XᵀA L⁻ᵀ (E, K) of the model's columns with the distinct columns, and
+    t = L⁻¹Aᵀy (K,)."""
     parts = []
     for g, a in active.variances.items():
         crossed = active.pool.crossed(g) if rows is None else active.pool.crossed(g)[rows]
@@ -51,8 +51,10 @@ def whitened_cross(active: Active, rows: IntArray | None = None) -> tuple[Array,
 
 
 def conditional_gram(active: Active, c: SizeClass, table: Array, right: Array, place: IntArray) -> tuple[Array, Array]:
-    """Gram matrices S (G, K, K) and XᵀC⁻¹y (G, K) of a class, conditional on the model; place: row of
-    the table of each distinct effect."""
+    """Compute S (G, K, K) and XᵀC⁻¹y (G, K) of the groups of one size given the model.
+
+    place: row of the table of each distinct effect.
+    """
     inner, rhs = c.inner / active.sigma2, c.rhs / active.sigma2
     for part in _chunks(c, table.shape[1]):
         t = table[place[c.index[part]]] * c.spreads[part][:, :, None]
@@ -63,7 +65,7 @@ def conditional_gram(active: Active, c: SizeClass, table: Array, right: Array, p
 
 @dataclass(frozen=True)
 class Replacements:
-    """Every group in the place of each active one of a model."""
+    """Gains of every group in the place of each selected one."""
 
     active: Active
 
@@ -77,7 +79,7 @@ class Replacements:
         return [conditional_gram(self.active, c, *self._whitened, place) for c in self.active.pool.classes]
 
     def of(self, g: int, least: Array) -> tuple[Array, Array]:
-        """Gain (G,) and best variance (G,) of every group in place of g; -∞ where it must be under `least` (G,).
+        """Compute gain (G,) and best variance (G,) of every group in the place of g; -∞ below `least` (G,).
 
         Taking g out: S gains u uᵀ / σ² with u = (XᵀA H)_g chol(H_gg)⁻ᵀ, XᵀC⁻¹y likewise. No gain exceeds
         ½ yᵀC⁻¹X S⁻¹ XᵀC⁻¹y, which is cheaper.
@@ -103,19 +105,19 @@ class Replacements:
 
 
 def _chunks(c: SizeClass, width: int) -> list[IntArray]:
-    """Groups of a class in parts of bounded memory."""
+    """Divide the groups of a class into parts of bounded memory."""
     return np.array_split(np.arange(len(c.ids)), max(1, c.index.size * width // MEMORY))
 
 
 def _bound(s: Array, q: Array) -> Array:
-    """½ qᵀS⁻¹q (G,) of S (G, K, K), above every gain."""
+    """Compute ½ qᵀS⁻¹q (G,) of S (G, K, K), an upper bound of the gain."""
     size = s.shape[-1]
     ridge = 1e-12 * np.trace(s, axis1=1, axis2=2)[:, None, None] * np.eye(size) + 1e-300 * np.eye(size)
     return np.asarray(0.5 * np.einsum("gk,gk->g", q, np.linalg.solve(s + ridge, q[:, :, None])[:, :, 0]))
 
 
 MOST_RIVALS = 20
-"""Alternatives kept of a group, nearest first."""
+"""Largest number of alternatives of a group, nearest first."""
 
 
 @dataclass(frozen=True)
@@ -127,10 +129,10 @@ class Alternative:
 
 
 def alternatives(active: Active) -> dict[int, tuple[Alternative, ...]]:
-    """The best groups in the place of each selected one, neighbours first, then nearest first.
+    """Return the alternatives to each selected group, neighbours first, then in order of loss.
 
-    Neighbours are of its family and inputs and are listed whatever the loss: another number of lobes may predict as
-    well and differ in the value and in the geometry.
+    Neighbours have its family and inputs and are listed whatever the loss: another number of lobes may predict as well
+    and differ in the value and in the geometry.
     """
     replacements = Replacements(active)
     return {g: _in_place_of(replacements, g) for g in active.found}
