@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 from scipy import stats
 
 from experiments.irb6400r_truth import Case
+from gpmodel.application.compensator import cartesian_problem
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.explore import cartesian_problem
 from gpmodel.evolution.problems import CartesianProblem, Inputs
 from gpmodel.families import catalogue
 from gpmodel.model.effect import Effect

@@ -6,9 +6,9 @@ import numpy as np
 from effect_cases import measure, mechanism
 from loop_cases import found, quick
 
+from gpmodel.application.compensator import slot_task
 from gpmodel.calibration.comparison import climb, growing, step_of
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.discovery.explore import slot_task
 from gpmodel.evolution.input_histogram import histogram
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.runs import KeptRuns, Plan, run_all

@@ -17,10 +17,10 @@ from matplotlib.figure import Figure
 
 from experiments.chapter5 import POSITION, cartesian, effects_of, fit, options, rounded, save
 from experiments.irb6400r_truth import measured_robot
+from gpmodel.application.compensator import MILLIMETRE
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on
-from gpmodel.discovery.explore import MILLIMETRE
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import CartesianProblem
 from gpmodel.evolution.search import evolve

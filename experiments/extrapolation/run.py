@@ -17,10 +17,10 @@ from matplotlib.figure import Figure
 
 from experiments.chapter5 import KINDS, POSITION, THESIS_INPUTS, cartesian, fit, options, rounded, save
 from experiments.irb6400r_truth import Case, measured_robot
+from gpmodel.application.compensator import MILLIMETRE
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on
-from gpmodel.discovery.explore import MILLIMETRE
 from gpmodel.discovery.targets import targets
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import residual_of

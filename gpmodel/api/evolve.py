@@ -18,11 +18,11 @@ from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model, load_model
 from gpmodel.api.results import save_record, write_results
 from gpmodel.api.table import TableLike
+from gpmodel.application.compensator import TrainingProblem, cartesian_task, slot_task
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import Models, step_of
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.explore import TrainingProblem, cartesian_task, slot_task
 from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evolution.input_histogram import Histogram, histogram

@@ -79,7 +79,7 @@ def test_the_page_has_fitness_operators_and_the_best_program_over_its_inputs() -
 
 def _errors(result: EvolutionResult) -> np.ndarray:
     """Measured less modelled points (3, N) of the training poses, mm, in the root frame."""
-    from gpmodel.discovery.explore import cartesian_problem
+    from gpmodel.application.compensator import cartesian_problem
 
     problem = cartesian_problem(result.fit, result.start.poses, result.start.train)
     return np.asarray(problem.measured - problem.inputs.select(("x", "y", "z")).values)

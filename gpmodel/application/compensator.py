@@ -1,0 +1,82 @@
+"""Pose the problem of a compensator of the tool, or of programs at the sites, for the residual of a calibration."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpmodel.arrays import Array, IntArray
+from gpmodel.calibration.result import Calibration, resolved
+from gpmodel.discovery.explore import posed
+from gpmodel.discovery.search import Search
+from gpmodel.discovery.targets import readable_inputs
+from gpmodel.errors import InputError
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import residual_of
+from gpmodel.evolution.problems import COORDINATES, CartesianProblem, Inputs, Problem
+from gpmodel.formula.program import Program
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.error_model import Poses, observe
+from gpmodel.model.sites import sites_of
+
+
+@dataclass(frozen=True)
+class TrainingProblem:
+    """A problem of the training poses, and the gain of a program on the held-out ones (None without)."""
+
+    problem: Problem
+    heldout: Callable[[Program], float] | None
+
+
+MILLIMETRE = 1e3
+"""Compensators read and write points in millimetres. The constants of Table 5.1 and the values of sin, cos and atan are
+of order one, and so is what is to be compensated in millimetres; in metres it is a thousandth of that."""
+
+
+def cartesian_task(
+    fit: Calibration, poses: Poses, train: IntArray, held: IntArray, norm: str = "max"
+) -> TrainingProblem:
+    """Pose the problem of a compensator on the training rows, with its gain on the held-out ones."""
+    problem = cartesian_problem(fit, poses, train, norm)
+    if not len(held):
+        return TrainingProblem(problem, None)
+    other = cartesian_problem(fit, poses, held, norm)
+
+    def heldout(program: Program) -> float:
+        if not program.outputs:
+            return 0.0
+        return 1.0 - other.norm_of(program.evaluate(other.inputs.mapping())) / other.initial_norm()
+
+    return TrainingProblem(problem, heldout)
+
+
+def slot_task(fit: Calibration, mechanism: Mechanism, seen: Poses, seed: int) -> TrainingProblem:
+    """Pose the residual of a fit at every site of the mechanism; a node has the price of the loop."""
+    residual = residual_of(fit, seen, Criteria(), seed)
+    return TrainingProblem(posed(residual, sites_of(mechanism), Search(), np.arange(len(residual.poses)))[0], None)
+
+
+def cartesian_problem(fit: Calibration, poses: Poses, rows: IntArray, norm: str = "max") -> CartesianProblem:
+    """Pose thesis Fig 5.2: model points (x, y, z; mm, in the root frame) against the measured ones at some rows.
+
+    The inputs are those of Table 5.1: the point, the joints, and any column of the table that varies.
+    Raises InputError where no pose has all three coordinates.
+    """
+    rows = rows[np.isfinite(poses.dataset.position[rows]).all(axis=1)]
+    if not len(rows):
+        raise InputError(f"{poses.dataset.source}: no pose has x, y and z; a compensator needs all three")
+    chosen = resolved(fit, poses.subset(rows))
+    tip = observe(fit.model, chosen, fit.theta, fit.placement).tip[:, :3, 3]
+    register = np.stack([fit.placement.registration[name] for name in chosen.dataset.label("setup").tolist()])
+    model, measured = (MILLIMETRE * _in_root(register, points) for points in (tip, chosen.dataset.position))
+    readable, _ = readable_inputs(poses.states, rows)
+    table = {*poses.dataset.joints, *poses.dataset.extras} - set(COORDINATES)
+    kept = [name for name in readable.names if name in table]
+    values = np.vstack([model, readable.select(kept).values])
+    return CartesianProblem(Inputs((*COORDINATES, *kept), values), measured, norm)
+
+
+def _in_root(register: Array, points: Array) -> Array:
+    """Transform points (N, 3) from the instrument's frame to the mechanism's root frame, (3, N)."""
+    moved = np.einsum("nji,nj->ni", register[:, :3, :3], points - register[:, :3, 3])
+    return np.ascontiguousarray(moved.T)
