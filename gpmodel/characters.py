@@ -1,12 +1,27 @@
 """Characters of texts from outside: what steers a terminal, and what source of any language can hold."""
 
+import codecs
 import re
+import shlex
+import subprocess
+import sys
 import unicodedata
+from pathlib import Path
 
 _STEERING = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
 """Unicode categories of characters that steer a terminal, or that none can show."""
 _FOREIGN = re.compile(r"[^\w .,:;()\[\]+/°%·=±−-]")
 """Characters forbidden in generated source: quotes, backslashes, line ends, signs that begin or end a comment."""
+PLAIN = "gpmodel.plain"
+"""Error handler of codecs: `plain` in place of the characters that an encoding lacks."""
+_PLAIN = str.maketrans(
+    {
+        "−": "-", "–": "-", "—": "-", "─": "-", "→": "->", "←": "<-", "≤": "<=", "≥": ">=", "≈": "~",
+        "½": "1/2", "µ": "u", "μ": "u", "ß": "ss",
+        "×": "x", "·": "*", "±": "+/-", "√": "sqrt", "∞": "inf", "°": "deg", "●": "*", "○": "o",
+    }
+)  # fmt: skip
+_RAISED = re.compile("[⁻⁺⁰¹²³⁴-⁹]+")
 
 
 def printable(text: str, kept: str = "\n\t") -> str:
@@ -32,6 +47,39 @@ def harmless(text: str) -> str:
     'torque_J2 [N·m] ·/ system(_id_)'
     """
     return _FOREIGN.sub("_", text.replace("*", "·"))
+
+
+def plain(text: str) -> str:
+    """Write a text in ASCII letters that keep its meaning.
+
+    >>> plain("−0.3 ± 0.1 ×10⁻⁶ σ, Lücke")
+    '-0.3 +/- 0.1 x10^-6 sigma, Lucke'
+    """
+    text = _RAISED.sub(lambda found: f"^{unicodedata.normalize('NFKC', found[0])}", text)
+    return "".join(c if c.isascii() else _plain(c) for c in text)
+
+
+def _plain(character: str) -> str:
+    name = unicodedata.name(character, "")
+    likened = unicodedata.normalize("NFKD", character.translate(_PLAIN)).translate(_PLAIN)
+    if not likened.isascii() and name.startswith("GREEK "):
+        word = name.split(" LETTER ")[-1].split()[0]
+        return word.capitalize() if "CAPITAL" in name else word.lower()
+    return likened.encode("ascii", "ignore").decode() or "?"
+
+
+def _unencodable(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return plain(error.object[error.start : error.end]), error.end
+
+
+codecs.register_error(PLAIN, _unencodable)
+
+
+def shell_quoted(word: Path | str) -> str:
+    """Write a word of a command line as a shell of this system reads it: in quotes where it holds a blank."""
+    return subprocess.list2cmdline([str(word)]) if sys.platform == "win32" else shlex.quote(str(word))
 
 
 def commented(note: str) -> list[str]:

@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 import socket
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
@@ -22,6 +23,8 @@ _NUMBERS = {int, float, type(None)}
 _DRAFT = ".gpmodel-draft"
 _held = set[Path]()
 """Folders whose lock this process holds."""
+SYNCHRONIZE, STILL_RUNNING = 0x100000, 0x102
+"""Right to wait for a process of Windows, and the answer of one that runs (WAIT_TIMEOUT)."""
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -134,7 +137,7 @@ def remove_folder(folder: Path) -> None:
     if folder.exists():
         with told_of(folder):
             aside = Path(tempfile.mkdtemp(prefix=_mine(), dir=folder.parent))
-            os.replace(folder, aside)
+            os.replace(folder, aside / folder.name)
         shutil.rmtree(aside, ignore_errors=True)
 
 
@@ -218,6 +221,14 @@ def _sweep(folder: Path) -> None:
 
 
 def _alive(process: int) -> bool:
+    """Return whether a process of this machine runs; on Windows, where signal 0 is Ctrl-C, it is opened instead."""
+    if sys.platform == "win32":
+        import ctypes
+
+        handle = ctypes.windll.kernel32.OpenProcess(SYNCHRONIZE, False, process)
+        running = handle and ctypes.windll.kernel32.WaitForSingleObject(handle, 0) == STILL_RUNNING
+        ctypes.windll.kernel32.CloseHandle(handle)
+        return bool(running)
     try:
         os.kill(process, 0)
     except ProcessLookupError:

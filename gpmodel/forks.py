@@ -23,8 +23,9 @@ class Forks:
     """Copies of this process, with all that it has loaded and read; 0 for one a core. Results alone are pickled; a task
     whose result cannot be is done here.
 
-    Threads instead where a system has no copies (Windows) or its libraries bear none (macOS), and where other threads
-    run, which may hold a lock at that moment; in a copy itself one task after another.
+    Threads instead where a system has no copies (Windows) or its libraries bear none (macOS), where a start method
+    other than fork was set (`multiprocessing.set_start_method`), and where other threads run, which may hold a lock at
+    that moment; in a copy itself one task after another.
     """
 
     workers: int = 0
@@ -43,7 +44,7 @@ class Forks:
         workers = self.workers or cores()
         count = min(workers, len(tasks))
         alone = workers == 1 or count + (call is not None) <= 1
-        if alone or _inherited or sys.platform != "linux" or threading.active_count() > 1:
+        if alone or _inherited or not _copies():
             if call:
                 call()
             yield from Threads(1 if _inherited else self.workers)(function, tasks)
@@ -68,6 +69,12 @@ class Forks:
         with threadpool_limits(1, user_api="blas"):
             for number, found in lost_replaced(opened, _inherited_task, range(len(tasks)), ahead, call):
                 yield number, function(tasks[number]) if found is None else pickle.loads(found)
+
+
+def _copies() -> bool:
+    """Return whether this process can be copied."""
+    forked = multiprocessing.get_start_method(allow_none=True) in (None, "fork")
+    return sys.platform == "linux" and forked and threading.active_count() == 1
 
 
 ALONE = Forks(1)

@@ -9,6 +9,7 @@ from gpmodel.api.calibrate import CalibrationResult
 from gpmodel.api.calibrate import calibrate as fit
 from gpmodel.api.results import check_writable, write_numbers
 from gpmodel.api.table import read_table
+from gpmodel.characters import shell_quoted
 from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, what_next
 from gpmodel.cli.terminal import echo
@@ -56,8 +57,8 @@ def calibrate(
         echo(result.summary())
         if folder is not None and not missing:
             echo(what_next(folder, result.record))
-    if missing:
-        echo(f"{folder} holds the model without pages: {missing}, then gpmodel report {folder}", err=True)
+    if folder is not None and missing:
+        echo(f"{folder} holds the model without pages: {missing}, then gpmodel report {shell_quoted(folder)}", err=True)
 
 
 def save(result: CalibrationResult, folder: Path) -> str:

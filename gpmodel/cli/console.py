@@ -14,6 +14,7 @@ import pandas as pd
 from gpmodel import wording
 from gpmodel.api.model import MODEL
 from gpmodel.api.table import with_numbers
+from gpmodel.characters import shell_quoted
 from gpmodel.cli import terminal
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
@@ -85,7 +86,7 @@ def write_frame(frame: pd.DataFrame, out: Path | None, default_name: str, source
 
 def command_line() -> str:
     """Return the command line as typed, for the record."""
-    return " ".join(["gpmodel", *sys.argv[1:]])
+    return " ".join(["gpmodel", *map(shell_quoted, sys.argv[1:])])
 
 
 def session_note(names: tuple[str, ...], session: bool) -> str:
@@ -98,15 +99,15 @@ def session_note(names: tuple[str, ...], session: bool) -> str:
 
 def what_next(folder: Path, record: Report) -> str:
     """The files of a calibration or a discovery, and the commands that use them."""
-    model = folder / MODEL
+    model, place = shell_quoted(folder / MODEL), shell_quoted(folder)
     then = [(f"gpmodel predict {model} POSES", "where the real tool will be"),
             (f"gpmodel compensate {model} TARGETS", "joint values that make it go where it should")]  # fmt: skip
     if record.effects:
-        then += [(f"gpmodel explain {folder} 1", "the first finding in words"),
-                 (f"gpmodel poses --after {folder} -n 12", "what to measure next to know it better")]  # fmt: skip
-    then += [(f"gpmodel certificate {folder}", "the accuracy as a page to print or save as PDF")]
+        then += [(f"gpmodel explain {place} 1", "the first finding in words"),
+                 (f"gpmodel poses --after {place} -n 12", "what to measure next to know it better")]  # fmt: skip
+    then += [(f"gpmodel certificate {place}", "the accuracy as a page to print or save as PDF")]
     if (folder / "exports").is_dir():
-        then += [(f"gpmodel export {folder}", "URDF, DH rows, NumPy, C99, a grid of a box of yours")]
+        then += [(f"gpmodel export {place}", "URDF, DH rows, NumPy, C99, a grid of a box of yours")]
     if record.kind == "calibrate":
         then += [("gpmodel discover TABLE --mechanism M", "what the model is still missing")]
     widest = max(len(command) for command, _ in then)

@@ -1,6 +1,7 @@
 """`gpmodel demo`: the main job on a shipped table, from nothing to the opened report."""
 
 import os
+import sys
 from importlib.resources import as_file, files
 from pathlib import Path
 
@@ -39,5 +40,6 @@ def demo(folder: Path, no_open: bool, seed: int, workers: int | None, quiet: boo
     if not quiet:
         echo(found.summary())
         echo(what_next(folder, found.record))
-        if not no_open and os.environ.get("DISPLAY") and not os.environ.get("CI"):
+        shown = sys.platform != "linux" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+        if not no_open and shown and not os.environ.get("CI"):
             click.launch(str(folder / "report.html"))

@@ -7,6 +7,7 @@ import click
 
 from gpmodel.api.fleet import fleet as calibrate_fleet
 from gpmodel.api.mechanism import load_mechanism
+from gpmodel.characters import shell_quoted
 from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, progress_line
 from gpmodel.cli.request import Typed
@@ -78,4 +79,4 @@ def fleet(
         if folder is not None:
             echo(f"overview: {folder / PAGE}\nof each machine: {folder / MACHINES}/*/model.json")
             echo("next, of a further machine:")
-            echo(f"  gpmodel calibrate TABLE --mechanism M --fleet {folder / NAME}")
+            echo(f"  gpmodel calibrate TABLE --mechanism M --fleet {shell_quoted(folder / NAME)}")

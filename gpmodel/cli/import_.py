@@ -7,6 +7,7 @@ import click
 import pandas as pd
 
 from gpmodel.api.arguments import quantity
+from gpmodel.characters import shell_quoted
 from gpmodel.checks.guess import guess_files
 from gpmodel.cli.console import path_for, write_frame
 from gpmodel.cli.options import PATH, mechanism_options, quiet_option
@@ -165,7 +166,7 @@ def _write(made: Imported, file: Path, out: Path | None, quiet: bool) -> None:
     for name, where in beside.items():
         write_text(where, toml_text(made.described[name]))
     if not quiet and path is not None:
-        options = "".join(f" --{name} {where}" for name, where in beside.items() if name != "map")
+        options = "".join(f" --{name} {shell_quoted(where)}" for name, where in beside.items() if name != "map")
         options = options and f"; read with{options}"
         options += f"; {beside['map']} repeats it" if "map" in beside else ""
         echo(f"{said} in {path}{options}")

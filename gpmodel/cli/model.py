@@ -8,6 +8,7 @@ from gpmodel.api.model import Point, load_model, model_file
 from gpmodel.api.verify import verify as judge
 from gpmodel.application.exports.grid import NODES
 from gpmodel.application.exports.programs import Language
+from gpmodel.characters import shell_quoted
 from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, place_for, progress_line, session_note, write_frame
 from gpmodel.cli.terminal import echo
@@ -176,5 +177,7 @@ def verify(
     if not quiet:
         echo(found.summary())
         if folder is not None:
-            echo(f"page: {folder / 'verify.html'}\nnext:\n  gpmodel certificate {folder}  the certificate of this")
+            echo(
+                f"page: {folder / 'verify.html'}\nnext:\n  gpmodel certificate {shell_quoted(folder)}  its certificate"
+            )
     return 0 if found.passed else CHANGED

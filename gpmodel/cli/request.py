@@ -3,7 +3,6 @@
 import contextlib
 import hashlib
 import os
-import shlex
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from click.core import ParameterSource
 from gpmodel._version import __version__
 from gpmodel.api.model import model_file
 from gpmodel.application.model_reader import REPORT
+from gpmodel.characters import shell_quoted
 from gpmodel.cli.options import SIGHTS
 from gpmodel.cli.terminal import echo
 from gpmodel.errors import InputError, WriteError
@@ -137,8 +137,8 @@ class Typed:
             return Request(command, self.table, choice, options, settings, self.options.get("minutes"))
         if self.folder is not None and self.folder.resolve() != self.resume.resolve():
             raise InputError("the results go to the folder of --resume; leave --out away", "folder")
-        typed = {n: v for n, v in self.options.items() if ctx.get_parameter_source(n) is ParameterSource.COMMANDLINE}
-        given = replace(self, options=typed)
+        chosen = {n: v for n, v in self.options.items() if ctx.get_parameter_source(n) is ParameterSource.COMMANDLINE}
+        given = replace(self, options=chosen)
         found = unfinished(self.resume)
         if found is None:
             done = self.resume / self.result
@@ -161,7 +161,7 @@ class Typed:
         """The unfinished request in `out`, with what was typed again in its place."""
         if content["command"] != command:
             raise InputError(f"{out}: its unfinished search is of {content['command']}, expected one of {command}")
-        files = {kind: Path(os.path.normpath(out / Path(*path.split("/")))) for kind, path in content["files"].items()}
+        files = {kind: Path(os.path.normpath(out / path)) for kind, path in content["files"].items()}
         com = content["choice"]["payload_com"]
         before = MechanismChoice(**content["choice"] | {"payload_com": None if com is None else tuple(com)})
         if "mechanism" in files:
@@ -177,7 +177,7 @@ class Typed:
 
 @contextlib.contextmanager
 def _resumable(command: str, files: Unfinished) -> Iterator[None]:
-    again = f"gpmodel {command} --resume {shlex.quote(str(files.out))}"
+    again = f"gpmodel {command} --resume {shell_quoted(files.out)}"
     try:
         yield
     except KeyboardInterrupt:
@@ -222,8 +222,11 @@ def _with_files(options: Mapping[str, Any], files: Mapping[str, Path]) -> dict[s
 
 
 def _relative(path: Path, out: Path) -> str:
-    """A path as seen from `out`, with slashes."""
-    return Path(os.path.relpath(path.resolve(), out.resolve())).as_posix()
+    """A path as seen from `out`, with slashes; the whole path on another drive."""
+    path = path.resolve()
+    with contextlib.suppress(ValueError):
+        path = Path(os.path.relpath(path, out.resolve()))
+    return path.as_posix()
 
 
 def _measured(table: Path) -> dict[str, str]:

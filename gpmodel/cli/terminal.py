@@ -7,19 +7,19 @@ from contextlib import suppress
 
 import click
 
-from gpmodel.characters import printable
+from gpmodel.characters import PLAIN, printable
 
 _failed: list[str] = []
 """Why standard output took no more, in this run of the program."""
 
 
 def begin() -> None:
-    """Let both streams replace characters that their encoding lacks."""
+    """Let both streams write characters that their encoding lacks in ASCII: − as -, ×10⁻⁶ as x10^-6."""
     _failed.clear()
     for stream in (sys.stdout, sys.stderr):
         if getattr(stream, "errors", None) == "strict" and hasattr(stream, "reconfigure"):
             with suppress(OSError, ValueError):
-                stream.reconfigure(errors="replace")
+                stream.reconfigure(errors=PLAIN)
 
 
 def failed() -> str:
