@@ -26,14 +26,10 @@ from gpmodel.selection.result import Kept
 
 @dataclass(frozen=True)
 class Judged:
-    """hypotheses: every selected group with its tests, the strongest first. calibration: with the accepted ones.
-
-    null_nats: (T,) largest gain of any group on permuted residuals.
-    """
+    """hypotheses: every selected group with its tests, the strongest first. calibration: with the accepted ones."""
 
     hypotheses: tuple[Hypothesis, ...]
     calibration: Calibration
-    null_nats: Array
 
 
 def judge(problem: Problem, last: FittedSelection, evolved_null: Array) -> Judged:
@@ -43,6 +39,8 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array) -> Judge
     likely. evolved_null: (S,) largest gain of any program on permuted residuals; an evolved term has to stand out of
     both nulls, since it was searched for twice.
     """
+    if not last.candidates:
+        return Judged((), last.left.calibration)
     kept = {k.group.name: k for k in last.chosen.kept}
     nulls = last.chosen.permutation_null, evolved_null
     alternatives, residual = last.chosen.alternatives, lru_cache(1)(problem.residual)
@@ -67,7 +65,7 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array) -> Judge
     judged, calibration = eliminate_and_readmit(candidates, calibration, verdicts, problem.fit)
     residual(calibration)  # once, before workers look at it side by side
     judged = of_each(candidates, with_alternatives)
-    return Judged(tuple(judged.values()), calibration, nulls[0])
+    return Judged(tuple(judged.values()), calibration)
 
 
 def _judged(residual: Residual, candidate: Candidate, kept: Kept, nulls: tuple[Array, Array]) -> Hypothesis:

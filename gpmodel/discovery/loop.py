@@ -73,7 +73,8 @@ def discover(
     search, say = search or Search(), Teller(progress)
     poses, train, heldout = usable_rows(poses, train, heldout, say)
     offers = distinct(candidates)
-    instances_of(mechanism, poses.states, offers)  # what cannot be offered is refused before anything is searched
+    if not errors_alone:
+        instances_of(mechanism, poses.states, offers)  # bad offers are refused before anything is searched
     state = State(
         mechanism, poses, train, heldout, geometric_effects(mechanism) if standard is None else standard, known,
         offers, search, criteria or Criteria(), condition_limit, seed, say, kept or KeptRuns(),
@@ -176,7 +177,7 @@ def one_round(state: State, standard_fit: Calibration, calibration: Calibration)
     exploration = _explored(state, residual, number)
     new = _promising(state, residual, exploration)
     if state.rounds and not new:
-        state.rounds.append(Round(number, (), exploration, (), state.rounds[-1].null_nats))
+        state.rounds.append(Round(number, (), exploration, ()))
         return calibration
     state.say(f"round {number}: selecting effects")
     problem = Problem(
@@ -191,7 +192,7 @@ def one_round(state: State, standard_fit: Calibration, calibration: Calibration)
     found = judge(problem, fitted, null)
     dropped = _taken(state, [h for h in found.hypotheses if h.accepted], number)
     laws = tuple(fitted.candidates[name] for name in proposals.laws if name in fitted.candidates)
-    state.rounds.append(Round(number, found.hypotheses, exploration, (*new, *laws), found.null_nats, dropped))
+    state.rounds.append(Round(number, found.hypotheses, exploration, (*new, *laws), dropped))
     return found.calibration
 
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gpmodel.arrays import Array, IntArray
+from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import Step, known_rows
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
@@ -48,14 +48,12 @@ class Round:
     """A round: evolved programs, tested groups of the joint selection, and findings that were dropped.
 
     hypotheses: all tested groups. evolved: programs that are offered as groups from this round on.
-    null_nats: (T,) largest gain of any group on permuted residuals.
     """
 
     number: int
     hypotheses: tuple[Hypothesis, ...]
     exploration: Exploration
     evolved: tuple[Candidate, ...]
-    null_nats: Array
     dropped: tuple[str, ...] = ()
 
     @property

@@ -87,11 +87,16 @@ class NonlinearParameters:
     @property
     def effects(self) -> tuple[Effect, ...]:
         """The candidate's effects with the constants in them."""
-        return tuple(self._filled(effect) for effect in self.template)
-
-    def _filled(self, effect: Effect) -> Effect:
-        terms = tuple(replace(t, basis=Expression(self._substituted(str(t.basis), between=True))) for t in effect.terms)
-        return replace(effect, name=self._substituted(effect.name), terms=terms)
+        bases = {str(term.basis) for effect in self.template for term in effect.terms}
+        filled = {text: Expression(self._substituted(text, between=True)) for text in bases}
+        return tuple(
+            replace(
+                effect,
+                name=self._substituted(effect.name),
+                terms=tuple(replace(term, basis=filled[str(term.basis)]) for term in effect.terms),
+            )
+            for effect in self.template
+        )
 
     def _substituted(self, text: str, between: bool = False) -> str:
         """A text with the constants in it. between: rows of events are the middle to the next one."""

@@ -60,15 +60,14 @@ def select(
             known = {group.name for group in active.pool.groups}
             new = []
             if changed:
-                proposals = [
-                    partial(_smooth_terms, active, offering),
-                    partial(propose_sinusoids, active, offering.grids),
-                ]
-                new = [group for found in called(workers, proposals) for group in found if group.name not in known]
-            if changed and step is grow:
+                sources = [partial(propose_sinusoids, active, offering.grids)]
+                if chosen.kept:
+                    sources.insert(0, partial(_smooth_terms, active, offering))
+                new = [group for found in called(workers, sources) for group in found if group.name not in known]
+            if new and step is grow:
                 continue
-            if not new and step is exchange:
-                further, curves = propose(chosen) if propose else ((), frozenset())
+            if not new and (step is exchange or not chosen.kept):
+                further, curves = propose(chosen) if propose and chosen.kept else ((), frozenset())
                 new = [group for group in further if group.name not in known]
                 if not new:
                     return chosen
