@@ -16,10 +16,11 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.evolution.constants import polish
 from gpmodel.evolution.founders import binned, founders
-from gpmodel.evolution.memetic import LONGEST, Formulas, bred, fewer
+from gpmodel.evolution.memetic import LONGEST, Formulas, bred
 from gpmodel.evolution.pareto import Solution, pareto
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets
+from gpmodel.evolution.shorter import shorter_forms
 from gpmodel.evolution.smooth import (
     distance,
     factors,
@@ -42,8 +43,6 @@ BEHIND = 40.0
 """Nats by which a structure of several inputs may fit worse than the best without a form, and is still searched."""
 THIRDS = 4
 """Third inputs that are looked at in a product with two others."""
-EVEN = 0.05
-"""Weights so far from one at most, whose plain sum or difference is offered too, as of angles in one plane."""
 
 
 def formulas_at(problem: SlotProblem, site: int, names: Sequence[str]) -> tuple[Solution, ...]:
@@ -75,7 +74,7 @@ def _sound(one: Solution) -> bool:
 def shorter(program: Program, problem: SlotProblem) -> Iterator[Program]:
     """The program less a node, in every way, its constants fitted."""
     columns = problem.inputs.mapping()
-    for one in fewer(program):
+    for one in shorter_forms(program):
         yield polish(one, problem.targets, 0, columns)[0]
 
 
@@ -181,33 +180,26 @@ def _of_column(name: str, column: Array, targets: Targets, parsimony: float) -> 
 
 
 def _of_weighted_sum(problem: SlotProblem) -> _Structure:
-    """Formulas of the weighted sum of inputs that saves most, and of the plain one beside it."""
+    """Formulas of the weighted sum of inputs that saves most."""
     weights = weighted_sum(problem.targets, problem.inputs.values)
     weights = weights / weights[np.argmax(np.abs(weights))]
-    near = np.abs(np.abs(weights) - 1.0) < EVEN
-    texts = [_weighted(problem.inputs.names, weights)]
-    if np.count_nonzero(near) > 1:
-        texts.append(_weighted(problem.inputs.names, np.where(near, np.sign(weights), weights)))
-    return _of_any(problem, [parse(text) for text in texts])
-
-
-def _weighted(names: Sequence[str], weights: Array) -> str:
-    terms = (repr(n) if w == 1.0 else f"({w:.6g})*{n!r}" for n, w in zip(names, weights.tolist(), strict=True))
-    return " + ".join(terms).replace("+ (-1)*", "- ")
+    pairs = zip(problem.inputs.names, weights.tolist(), strict=True)
+    terms = (repr(name) if weight == 1.0 else f"({weight:.6g})*{name!r}" for name, weight in pairs)
+    return _of_any(problem, parse(" + ".join(terms)))
 
 
 def _of_distance(problem: SlotProblem) -> _Structure:
     """Formulas of the distance from a point in the plane of two inputs that saves most."""
     (one, other), (a, b, w) = map(repr, problem.inputs.names), distance(problem.targets, problem.inputs.values)
-    return _of_any(problem, [parse(f"hypot({one} - ({a:.6g}), ({w:.6g})*({other} - ({b:.6g})))")])
+    return _of_any(problem, parse(f"hypot({one} - ({a:.6g}), ({w:.6g})*({other} - ({b:.6g})))"))
 
 
-def _of_any(problem: SlotProblem, joined: Sequence[Program]) -> _Structure:
-    """Formulas of what inputs are joined to, searched for the first way and offered for all."""
-    column, targets = joined[0].evaluate(problem.inputs.mapping())[0], problem.targets
+def _of_any(problem: SlotProblem, joined: Program) -> _Structure:
+    """Formulas of what inputs are joined to."""
+    column, targets = joined.evaluate(problem.inputs.mapping())[0], problem.targets
 
     def programs() -> list[Program]:
         found = _of_column("joined", column, targets, problem.parsimony)
-        return [one.with_inputs({"joined": both}) for one in found for both in joined]
+        return [one.with_inputs({"joined": joined}) for one in found]
 
     return _Structure(noise_left(targets, column), programs)

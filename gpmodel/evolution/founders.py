@@ -102,7 +102,7 @@ def _in_proportion(numbers: tuple[float, float, int], finer: int = 1) -> list[fl
 
 
 def _elements(finer: int = 1) -> Iterator[Element]:
-    """Line, parabolas, kink, ramps, dead band, wave, steps, bump, resonance, growths, roots, logarithms, poles."""
+    """Line, powers, kink, ramps, dead band, wave, steps, bump, resonance, growths, roots, logarithms, poles."""
     apply = {name: operator.function for name, operator in BY_NAME.items()}
     inside = _inside(finer)
     steep, turns, growth, widths = (_in_proportion(numbers, finer) for numbers in (STEEP, TURNS, GROWTH, WIDTHS))
@@ -111,6 +111,7 @@ def _elements(finer: int = 1) -> Iterator[Element]:
         yield Element("square({q} - {a})", np.square, c=c)
         yield Element("abs({q} - {a})", np.abs, c=c)
         yield Element("({q} - {a})*sqrt(abs({q} - {a}))", lambda x: x * np.sqrt(np.abs(x)), c=c)
+        yield Element("({q} - {a})*abs({q} - {a})", lambda x: x * np.abs(x), c=c)
         yield Element("max({q} - {a}, 0)", lambda x: np.maximum(x, 0.0), c=c)
         yield Element("min({q} - {a}, 0)", lambda x: np.minimum(x, 0.0), c=c)
         yield from (Element("sin({k}*({q} - {a}))", np.sin, k, c) for k in turns)

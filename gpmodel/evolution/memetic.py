@@ -22,6 +22,7 @@ from gpmodel.evolution.constants import polish
 from gpmodel.evolution.founders import ELEMENTS, constant, joined
 from gpmodel.evolution.pareto import Solution, description_length
 from gpmodel.evolution.problems import SlotProblem
+from gpmodel.evolution.shorter import shorter_forms
 from gpmodel.formula.parse import parse
 from gpmodel.formula.program import Builder, Node, Program
 
@@ -29,6 +30,8 @@ LONGEST = 30
 """Nodes that a formula may have."""
 PARENTS, OFFSPRING, GENERATIONS = 6, 20, 3
 """Formulas that are bred from, the shortest descriptions; offspring whose constants are fitted; generations at most."""
+SHORTENED = 2
+"""Formulas whose shorter forms are fitted at a time."""
 FIRST_STEPS = 4
 """Steps in which constants are fitted before the better half goes on."""
 IMPROVED = 1.0
@@ -46,18 +49,20 @@ class Formulas:
         self.problem = problem
         self.columns = problem.inputs.mapping()
         self.found: list[Solution] = []
-        self._begun: set[bytes] = set()
-        self._met: set[bytes] = set()
+        self._begun: set[tuple[bytes, int]] = set()
+        self._places: dict[bytes, int] = {}
+        targets = problem.targets
+        self.holds_constants = not targets.gains(np.ones((1, targets.poses)))[0, 0] > 0.0
 
     def add(self, programs: Iterable[Program]) -> None:
         """Fit the constants of programs that are not met yet: some steps of all, then the better half to the end."""
-        fresh = [
-            one
-            for one in map(_centred, programs)
-            if one.inputs
-            and one.complexity <= LONGEST
-            and self._is_new(one, one.evaluate(self.columns)[0], self._begun)
-        ]
+        fresh = list[Program]()
+        for one in map(_centred, programs) if self.holds_constants else programs:
+            if one.inputs and one.complexity <= LONGEST:
+                key = self._column(one.evaluate(self.columns)[0]), one.complexity
+                if key[0] and key not in self._begun:
+                    self._begun.add(key)
+                    fresh.append(one)
         begun = [polish(one, self.problem.targets, 0, self.columns, steps=FIRST_STEPS) for one in fresh]
         order = np.argsort([-float(self.problem.nats(gain, one.complexity)) for one, gain in begun], kind="stable")
         for rank, k in enumerate(order.tolist()):
@@ -67,12 +72,15 @@ class Formulas:
             self.take(program)
 
     def take(self, program: Program) -> None:
-        """Take in a program with its constants as they are."""
+        """Take in a program with its constants as they are, the shortest of an equal column."""
         values = program.evaluate(self.columns)
-        if self._is_new(program, values[0], self._met):
-            gain, coefficients = self.problem.targets.set_gain(values, 0)
-            name = self.problem.targets.names[0]
-            self.found.append(Solution(program, 0, name, gain, coefficients, program.complexity))
+        column = self._column(values[0])
+        place = self._places.setdefault(column, len(self.found))
+        if not column or (place < len(self.found) and self.found[place].complexity <= program.complexity):
+            return
+        gain, coefficients = self.problem.targets.set_gain(values, 0)
+        name = self.problem.targets.names[0]
+        self.found[place : place + 1] = [Solution(program, 0, name, gain, coefficients, program.complexity)]
 
     def best(self, count: int) -> list[Solution]:
         """The shortest descriptions, one of those that differ in constants alone."""
@@ -86,8 +94,8 @@ class Formulas:
         """Description length that the best formula saves."""
         return max((-description_length(one, self.problem) for one in self.found), default=0.0)
 
-    def _is_new(self, program: Program, values: Array, met: set[bytes]) -> bool:
-        """Return whether no earlier program has as many nodes and an equal projected column; then store it."""
+    def _column(self, values: Array) -> bytes:
+        """The projected, normalised column of values (N,) to four digits, empty where it is none."""
         targets = self.problem.targets
         with np.errstate(all="ignore"):
             values = values / np.abs(values).max()
@@ -95,12 +103,9 @@ class Formulas:
             size = float(projected @ values)
             column = projected / np.sqrt(size)
         if not size > 0 or not np.isfinite(column).all():
-            return False
+            return b""
         column = column * np.sign(column[np.argmax(np.abs(column))]) / np.abs(column).max()
-        key = np.round(column / DIGITS).astype(np.int32).tobytes() + bytes([program.complexity])
-        known = key in met
-        met.add(key)
-        return not known
+        return bytes(np.round(column / DIGITS).astype(np.int32))
 
 
 def _centred(program: Program) -> Program:
@@ -130,10 +135,18 @@ def bred(population: Formulas, names: Sequence[str], generations: int = GENERATI
     for _ in range(generations):
         parents = [one.program for one in population.best(PARENTS)]
         population.add(_offspring(population, parents, names))
-        population.add(itertools.chain.from_iterable(fewer(one.program) for one in population.best(2)))
+        shortened(population)
         if population.nats() < before + IMPROVED:
             break
         before = population.nats()
+
+
+def shortened(population: Formulas) -> None:
+    """Add the shorter forms of the best formulas for as long as they save more."""
+    before = -np.inf
+    while population.nats() > before:
+        before = population.nats()
+        population.add(itertools.chain.from_iterable(shorter_forms(one.program) for one in population.best(SHORTENED)))
 
 
 @dataclass(frozen=True)
@@ -267,19 +280,6 @@ def _parts(program: Program) -> tuple[str, list[Program]]:
             else:
                 parts.append(Builder(list(program.nodes)).program([k]))
     return operator, parts
-
-
-def fewer(program: Program) -> Iterator[Program]:
-    """The program with one of its nodes given way to one of that node's arguments, for every node and argument that
-    leave an input."""
-    for index, argument in [(i, k) for i, left in enumerate(program.nodes) for k in left.arguments]:
-        shorter = program.rebuilt(partial(_given_way, index, argument))
-        if shorter.inputs:
-            yield shorter
-
-
-def _given_way(index: int, argument: int, builder: Builder, node: Node, copies: list[int]) -> int:
-    return copies[argument] if len(copies) == index else builder.add(node, copies)
 
 
 SIZES = np.array([element.size for element in ELEMENTS.every], dtype=float)

@@ -1,0 +1,98 @@
+"""Shorter forms of a program: one node less, or a constant at the value that needs no writing.
+
+A constant of 0, 1 or -1 in a sum or product, of ±π/2 in a sine, of ±1 beside tanh, and an exponent of 2 go:
+
+    x + 0 = x,  1 x = x,  y + (-1) x = y - x,  sin(x + π/2) = cos(x),  1 + tanh(x) = 2 logistic(2 x),  |x|^2 = x²
+
+The constants need not be near those values: each form is fitted again and judged by its description length.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+
+from gpmodel.formula.program import Builder, Node, Program
+
+LINEAR = ("add", "subtract", "multiply")
+OTHER_WAVE = {"sin": "cos", "cos": "sin"}
+MINUS = {"add": "subtract", "subtract": "add"}
+
+
+def shorter_forms(program: Program) -> Iterator[Program]:
+    """Programs of fewer nodes that read an input: every node given way to each of its arguments, and every constant at
+    the value that removes it."""
+    for index, node in enumerate(program.nodes):
+        for argument in node.arguments:
+            shorter = program.rebuilt(partial(_given_way, index, argument))
+            if shorter.inputs:
+                yield shorter
+                if node.operator in ("add", "subtract"):
+                    yield from _with_other_wave(program, index, argument)
+        yield from _without_constant(program, index, node)
+
+
+def _given_way(index: int, argument: int, builder: Builder, node: Node, copies: list[int]) -> int:
+    return copies[argument] if len(copies) == index else builder.add(node, copies)
+
+
+def _with_other_wave(program: Program, index: int, argument: int) -> Iterator[Program]:
+    """A sum of a term and a constant gives way to the term, and the sine around it to the cosine."""
+    (other,) = set(program.nodes[index].arguments) - {argument} or {argument}
+    if program.nodes[other].operator != "constant":
+        return
+    inside = {index}
+    for wave in range(index + 1, len(program.nodes)):
+        node = program.nodes[wave]
+        if node.operator in OTHER_WAVE and inside.intersection(node.arguments):
+
+            def build(builder: Builder, old: Node, copies: list[int], wave: int = wave) -> int:
+                if len(copies) == wave:
+                    return builder.apply(OTHER_WAVE[old.operator], *(copies[k] for k in old.arguments))
+                return _given_way(index, argument, builder, old, copies)
+
+            yield program.rebuilt(build)
+        if node.operator in LINEAR and inside.intersection(node.arguments):
+            inside.add(wave)
+
+
+def _without_constant(program: Program, index: int, node: Node) -> Iterator[Program]:
+    """The program with a sum, difference or power written without its constant."""
+    nodes = program.nodes
+    for place, argument in enumerate(node.arguments):
+        inner, other = nodes[argument], node.arguments[-1 - place]
+        if node.operator in MINUS and inner.operator == "multiply":
+            for factor, scaled in (inner.arguments, inner.arguments[::-1]):
+                if nodes[factor].operator == "constant" and float(nodes[factor].value or 0.0) < 0.0:
+                    yield _rebuilt(program, index, MINUS[node.operator], other, scaled)
+        elif node.operator in MINUS and inner.operator == "tanh" and nodes[other].operator == "constant":
+            above = float(nodes[other].value or 0.0) * (1.0 if node.operator == "add" else -1.0)
+            yield from _logistic(program, index, nodes[inner.arguments[0]], above < 0.0)
+        elif node.operator == "power" and inner.operator == "abs":
+            yield _rebuilt(program, index, "square", inner.arguments[0])
+
+
+def _rebuilt(program: Program, index: int, operator: str, *arguments: int) -> Program:
+    """The program with an operator of other nodes in the place of a node."""
+
+    def build(builder: Builder, node: Node, copies: list[int]) -> int:
+        if len(copies) == index:
+            return builder.apply(operator, *(copies[k] for k in arguments))
+        return builder.add(node, copies)
+
+    return program.rebuilt(build)
+
+
+def _logistic(program: Program, index: int, inside: Node, falls: bool) -> Iterator[Program]:
+    """The program with logistic(±2 k x) in the place of tanh(k x) and a constant; inside: the node k x."""
+    for factor, scaled in (inside.arguments, inside.arguments[::-1]) if inside.operator == "multiply" else ():
+        scale = program.nodes[factor]
+        if scale.operator == "constant":
+            twice = (-2.0 if falls else 2.0) * float(scale.value or 0.0)
+
+            def build(
+                builder: Builder, node: Node, copies: list[int], twice: float = twice, scaled: int = scaled
+            ) -> int:
+                if len(copies) == index:
+                    return builder.apply("logistic", builder.apply("multiply", builder.constant(twice), copies[scaled]))
+                return builder.add(node, copies)
+
+            yield program.rebuilt(build)
