@@ -24,7 +24,7 @@ class Search:
     population, generations: of one run.
     opening_population, opening_generations: upper limits in the first round with named effects, whose runs only tell
         which inputs the residual depends on.
-    climb: number of best programs of a run that are improved by single edits.
+    climb: number of best programs of a run that formulas are bred from at its end.
     nats_per_node: price of a node, the log of about seven inputs and operators, nats.
     evolved_poses: largest number of poses that GP uses, sampled again in every round.
     scored_poses: number of poses, drawn evenly along the rows, on which effects are selected if there are half as many

@@ -111,19 +111,6 @@ class Typing:
         """Number of the kind that an operator makes, by those of its arguments: (K,) or (K, K), or ``NONE``."""
         return self._results[operator.name]
 
-    def of(self, operator: Operator, *kinds: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Kinds that an operator makes of arrays of kinds; nothing is made of ``NONE``."""
-        found: NDArray[np.uint8] = self._bordered[operator.name][kinds]
-        return found
-
-    @cached_property
-    def _bordered(self) -> dict[str, NDArray[np.uint8]]:
-        """The results by any two numbers of eight bits: of what is no kind nothing is made."""
-        return {
-            name: np.pad(table, [(0, NONE + 1 - len(self.kinds))] * table.ndim, constant_values=NONE)
-            for name, table in self._results.items()
-        }
-
     @cached_property
     def _results(self) -> dict[str, NDArray[np.uint8]]:
         found = {}
@@ -154,22 +141,16 @@ class Typing:
                     part[...] = np.where(made != NONE, 256 * other.code + made, part)
         return table
 
-    def of_nodes(self, program: Program, names: Sequence[str], changed: dict[int, int] | None = None) -> list[int]:
-        """Number of the kind of every node, ``NONE`` at and after what may not be; some may be given."""
+    def allows(self, program: Program, names: Sequence[str]) -> bool:
+        """Return whether every node of a program over inputs of these names has an allowed kind."""
         found: list[int] = []
-        for index, node in enumerate(program.nodes):
-            if changed and index in changed:
-                found.append(changed[index])
-            elif node.operator == "input":
+        for node in program.nodes:
+            if node.operator == "input":
                 found.append(int(self.of_inputs[names.index(str(node.value))]) if self.inputs else 0)
             elif node.operator == "constant":
                 found.append(0)
             else:
-                below = tuple(found[k] for k in node.arguments)
-                broken = NONE in below
-                found.append(NONE if broken else int(self.results(BY_NAME[node.operator])[below]))
-        return found
-
-    def allows(self, program: Program, names: Sequence[str], changed: dict[int, int] | None = None) -> bool:
-        """Return whether every node of a program over inputs of these names has an allowed kind, some being given."""
-        return NONE not in self.of_nodes(program, names, changed)
+                found.append(int(self.results(BY_NAME[node.operator])[tuple(found[k] for k in node.arguments)]))
+                if found[-1] == NONE:
+                    return False
+        return True

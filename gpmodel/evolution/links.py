@@ -109,10 +109,10 @@ class Link:
         if self.operator == "log":
             return _product(terms)
         if not below:
-            return joined(self.inverse, _sum(terms)) if self.inverse else _sum(terms)
+            return joined(self.inverse, summed(terms)) if self.inverse else summed(terms)
         one = 1.0 - sum(c * mean for _, c, mean in below)
         over = [(term, c / one) for term, c in terms]
-        return joined("divide", _sum(over), _sum([(parse("1"), 1.0), *((term, c / one) for term, c, _ in below)]))
+        return joined("divide", summed(over), summed([(parse("1"), 1.0), *((term, c / one) for term, c, _ in below)]))
 
 
 LINKS = (
@@ -130,7 +130,8 @@ def below_the_bar(values: Array, response: Array) -> Array:
         return np.asarray((values - values.mean(axis=-1, keepdims=True)) * response) if values.size else values
 
 
-def _sum(terms: Sequence[tuple[Program, float]]) -> Program:
+def summed(terms: Sequence[tuple[Program, float]]) -> Program:
+    """Add programs, each times its coefficient."""
     return reduce(lambda one, other: joined("add", one, other), (_scaled(*term) for term in terms))
 
 

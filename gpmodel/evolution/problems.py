@@ -175,10 +175,6 @@ class SlotProblem:
         """Gain of a program's outputs (m, N) at a site, solved together."""
         return self.targets.set_gain(values, site)[0]
 
-    def set_gains(self, values: Sequence[Array], site: int) -> Array:
-        """Gains (P,) of many programs at a site; values: (P, N) of each of their outputs, (1, N) of one for all."""
-        return self.targets.set_gains(values, site)
-
     def nats(self, gain: Array | float, size: Array | float) -> Array:
         """Description length saved: -components/2 · ln(1 - gain) - parsimony · size."""
         return ranked(fit_nats(gain, self.targets.components) - self.parsimony * np.asarray(size))

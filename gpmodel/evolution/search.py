@@ -1,19 +1,21 @@
 """The evolutionary search: one loop for both representations and both problems."""
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.evolution.building_blocks import Vocabulary, promising
 from gpmodel.evolution.generations import Generations, distinct
-from gpmodel.evolution.hill_climb import climbed
+from gpmodel.evolution.kinds import Typing
+from gpmodel.evolution.links import summed
 from gpmodel.evolution.machine import Layout
-from gpmodel.evolution.pareto import Archive, Solution, best_of, description_length, pareto, scored
+from gpmodel.evolution.memetic import Formulas, bred
+from gpmodel.evolution.pareto import Archive, Solution, best_of, description_length, pareto
 from gpmodel.evolution.problems import Problem, SlotProblem
 from gpmodel.evolution.settings import Settings
+from gpmodel.formula.program import Program
 
 
 @dataclass(frozen=True)
@@ -100,10 +102,18 @@ def _search(problem: Problem, run: Generations, settings: Settings) -> Evolution
 
 
 def _finished(front: tuple[Solution, ...], problem: SlotProblem, layout: Layout, count: int) -> tuple[Solution, ...]:
-    """The front after its best programs, and the best pairs of elements, were climbed from by single edits."""
-    words = Vocabulary(problem.inputs, layout.operators)
-    best = sorted(front, key=lambda solution: description_length(solution, problem))[:count]
-    starts = [(solution.program, solution.site) for solution in best]
-    starts += promising(problem, words, count)
-    tops = [(climbed(program, problem, site, words, layout.outputs), site) for program, site in starts]
-    return pareto([*front, *(scored(top, problem, site) for top, site in tops)])
+    """The front with the formulas that are bred at the sites of its best programs, of its own operators and kinds."""
+    names, typing = problem.inputs.names, Typing(problem.inputs.kinds)
+    offered = {operator.name for operator in layout.operators}
+
+    def allows(program: Program) -> bool:
+        return offered.issuperset(program.operator_counts) and typing.allows(program, names)
+
+    found = list(front)
+    for one in sorted(front, key=lambda solution: description_length(solution, problem))[:count]:
+        population = Formulas(problem.only(one.site, names), allows)
+        terms = [one.program.select([k]) for k in range(len(one.coefficients))]
+        population.add([*terms, summed(list(zip(terms, one.coefficients.tolist(), strict=True)))])
+        bred(population, names)
+        found += [replace(formula, site=one.site) for formula in population.found]
+    return pareto(found)

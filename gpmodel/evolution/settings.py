@@ -95,8 +95,8 @@ class Budget:
 
     population; generations and seconds: whichever ends first. target: stop once a program reaches this gain.
     polish_every: own constants of the best are fitted every so many generations (0: never). restart_after:
-    generations without progress before a fresh population (0: never). climb: the best programs of a slot
-    search, so many, are finished by single edits (0: none). threads: 0 for all cores; never changes a result.
+    generations without progress before a fresh population (0: never). climb: formulas are bred from
+    so many of the best programs of a slot search at its end (0: none). threads: 0 for all cores, with one result.
     Raises InputError for a choice out of range.
     """
 
