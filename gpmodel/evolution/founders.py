@@ -39,6 +39,8 @@ EDGE, BESIDE_EDGE = "step({q} - {a})", 0.05
 """The element that sets in at once, and the share of the poses that it leaves at either side at least."""
 JOINED = 4.0
 """Nats that an element has to gain, about its nodes and constants."""
+APART = 1.001
+"""Ratio of two constants that begin at one place of the grid."""
 BINS, CHUNK = 64, 1_000_000
 """Values of a column that elements are compared on; numbers that compositions are computed of at a time."""
 
@@ -270,7 +272,7 @@ def _products(alone: Array, targets: Targets, of: Callable[[Element], Program]) 
         nats[one, one:] = _nats(alone[one] * alone[one:], targets)
 
     def build(one: int, other: int) -> Program:
-        return joined("multiply", of(ELEMENTS.every[one]), of(ELEMENTS.every[other]))
+        return product_of(of(ELEMENTS.every[one]), of(ELEMENTS.every[other]))
 
     yield from _of_blocks(nats, ELEMENTS, build)
 
@@ -302,6 +304,12 @@ def _of_blocks(nats: Array, first: Elements, build: Callable[[int, int], Program
         row, column = np.unravel_index(int(np.argmax(block)), block.shape)
         number = int(rows.start + row), int(columns.start + column)
         yield Founder(float(best[one, other]) - 2.0 * JOINED, partial(build, *number))
+
+
+def product_of(first: Program, second: Program) -> Program:
+    """The product of two programs, whose equal constants are fitted apart: they are equal by the grid they begin on."""
+    apart = [value * APART if value in first.constants else value for value in second.constants]
+    return joined("multiply", first, second.with_constants(apart))
 
 
 def joined(operator: str, *programs: Program) -> Program:

@@ -1,6 +1,7 @@
 """Shorter forms of a program: one node less, or a constant at the value that needs no writing.
 
-A constant of 0, 1 or -1 in a sum or product, of ±π/2 in a sine, of ±1 beside tanh, and an exponent of 2 go:
+A constant of 0, 1 or -1 in a sum or product, of ±π/2 in a sine, of ±1 beside tanh, an exponent of 2, and a constant
+equal to another, whose terms then are one, go:
 
     x + 0 = x,  1 x = x,  y + (-1) x = y - x,  sin(x + π/2) = cos(x),  1 + tanh(x) = 2 logistic(2 x),  |x|^2 = x²
 
@@ -9,6 +10,7 @@ The constants need not be near those values: each form is fitted again and judge
 
 from collections.abc import Iterator
 from functools import partial
+from itertools import permutations
 
 from gpmodel.formula.program import Builder, Node, Program
 
@@ -18,8 +20,8 @@ MINUS = {"add": "subtract", "subtract": "add"}
 
 
 def shorter_forms(program: Program) -> Iterator[Program]:
-    """Programs of fewer nodes that read an input: every node given way to each of its arguments, and every constant at
-    the value that removes it."""
+    """Programs of fewer nodes that read an input: every node given way to each of its arguments, every constant at the
+    value that removes it, and two constants as one."""
     for index, node in enumerate(program.nodes):
         for argument in node.arguments:
             shorter = program.rebuilt(partial(_given_way, index, argument))
@@ -28,6 +30,11 @@ def shorter_forms(program: Program) -> Iterator[Program]:
                 if node.operator in ("add", "subtract"):
                     yield from _with_other_wave(program, index, argument)
         yield from _without_constant(program, index, node)
+    values = program.constants
+    for one, other in permutations(range(len(values)), 2):
+        tied = program.with_constants([*values[:other], values[one], *values[other + 1 :]])
+        if tied.complexity < program.complexity:
+            yield tied
 
 
 def _given_way(index: int, argument: int, builder: Builder, node: Node, copies: list[int]) -> int:

@@ -29,6 +29,7 @@ COLUMNS = {"x": X[0], "y": X[1]}
         ("(1 - tanh(2*x))*y", "logistic((-4)*x)*y"),
         ("power(abs(x - 0.3), 1.98)", "square(x - 0.3)"),
         ("x*power(abs(x), 0.99)", "x*abs(x)"),
+        ("(x - 0.301)*reciprocal(2 + square(x - 0.3))", "v = x - 0.3; v*reciprocal(2 + square(v))"),
     ],
 )
 def test_a_constant_that_needs_no_writing_goes(long: str, short: str) -> None:
