@@ -184,4 +184,4 @@ def _may_fit(frames: Array, raw: Array) -> bool:
     for _ in range(3):
         left = np.linalg.norm(raw - columns @ np.linalg.lstsq(columns[kept], raw[kept])[0], axis=1)
         kept = np.sort(np.argsort(left)[: round((1.0 - OUTLIER_SHARE) * len(raw))])
-    return least_misfit(frames[kept], raw[kept]) < GOOD_SHARE * spread_of(raw[kept])
+    return bool(least_misfit(frames[kept], raw[kept]) < GOOD_SHARE * spread_of(raw[kept]))

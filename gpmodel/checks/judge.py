@@ -15,7 +15,7 @@ from gpmodel.checks.counting import measured_values, unknowns
 from gpmodel.checks.digits import computed, written_to_a_digit
 from gpmodel.checks.lenses import another_centre
 from gpmodel.checks.misfit import spread_of
-from gpmodel.checks.mixed_up import mixed_up
+from gpmodel.checks.mixed_up import mixed_up, of_the_rows
 from gpmodel.checks.notes import not_read, notes
 from gpmodel.checks.rotations import rotations_flaw
 from gpmodel.checks.warnings import POOR, built_wrong, poor_fit, warnings_of
@@ -110,7 +110,8 @@ def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
             root_mean_square(calibrate(soft, poses, start=without_outlier_marks(fit)).fitted_error) if pool else np.inf
         )
         if left > POOR:
-            yield text, "the standard model leaves too much"
+            rows = of_the_rows(fit.model.mechanism, poses.dataset, left)
+            yield "; ".join(filter(None, (text, rows))), "the standard model leaves too much"
         else:
             yield f"{text}. With base and joints that yield {1e3 * left:.3g} mm are left", ""
 

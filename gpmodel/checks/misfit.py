@@ -88,12 +88,14 @@ def misfit(mechanism: Mechanism, q: Array, position: Array) -> float:
     return root_mean_square(registered(frames, position).errors(frames, position))
 
 
-def least_misfit(frames: Array, position: Array) -> float:
-    """RMS distance, m, below which no registration and tool point can come: position as any linear function of the
-    flange's position and of all entries of its rotation, p = s + A t + B vec R."""
-    columns = np.hstack([np.ones((len(frames), 1)), frames[:, :3, 3], frames[:, :3, :3].reshape(-1, 9)])
-    left = position - columns @ np.linalg.lstsq(columns, position, rcond=None)[0]
-    return root_mean_square(np.linalg.norm(left, axis=1))
+def least_misfit(frames: Array, position: Array) -> Array:
+    """RMS distance (...), m, below which no registration and tool point can come: positions (..., N, 3) as any linear
+    function of the positions of the flange frames (..., N, 4, 4) and of all entries of their rotations,
+    p = s + A t + B vec R."""
+    turns = frames[..., :3, :3].reshape(*frames.shape[:-2], 9)
+    columns = np.linalg.qr(np.concatenate([np.ones_like(turns[..., :1]), frames[..., :3, 3], turns], axis=-1))[0]
+    left = position - columns @ (np.swapaxes(columns, -1, -2) @ position)
+    return np.asarray(np.sqrt(np.mean(np.sum(left**2, axis=-1), axis=-1)))
 
 
 def core(frames: Array, position: Array) -> tuple[Registered, Mask]:

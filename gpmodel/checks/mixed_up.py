@@ -1,13 +1,14 @@
 """Columns mixed up or in the wrong unit, recognised by how much better another reading fits the mechanism."""
 
-from itertools import chain
-from operator import itemgetter
+from collections.abc import Iterable
+from itertools import chain, groupby, islice, product
+from operator import attrgetter, itemgetter
 
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.checks.misfit import Registered, core, flange, gross, least_misfit, registered, spread_of
-from gpmodel.checks.readings import of_joints, of_lengths, of_the_mechanism
+from gpmodel.checks.readings import Reading, of_joints, of_lengths, of_orders, of_signs, of_the_mechanism, of_two_joints
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Mechanism, closed
 from gpmodel.numerics.least_squares import root_mean_square
@@ -22,6 +23,10 @@ POOR_SHARE, POOR_LENGTH = 0.02, 0.01
 tried: ten times what a bad robot is off by. Below it see `checks.weak_columns`."""
 FAR_BETTER = 5.0
 """Times better another reading has to fit: a mechanism described wrongly is not fitted so much better by chance."""
+ALIKE = 1.5
+"""Times what the best reading leaves that another may leave which is as likely: both are named."""
+SCREENED = 200
+"""Readings whose frames are computed at once."""
 GOOD_SHARE = 0.05
 """Share of the spread of the points that the right reading leaves at most."""
 HOPELESS_SHARE, HOPELESS_LENGTH = 0.1, 0.03
@@ -56,15 +61,15 @@ def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
     q, p, now = data.q[few][most], data.position[few][most], root_mean_square(errors[most])
     spread, reach = spread_of(p), spread_of(frames[most, :3, 3])
     poor = now >= max(POOR_LENGTH, POOR_SHARE * min(spread, reach))
-    text = _better(mechanism, q, p, now, (spread, reach)) if poor else None
-    if text is None and (poor or np.mean(errors > gross(errors)) > OUTLIER_SHARE):
-        text = _of_the_rows(mechanism, data, rows[:MOST_IN_ORDER], root_mean_square(errors))
+    hopeless = now > max(HOPELESS_LENGTH, HOPELESS_SHARE * spread)
+    text = _better(mechanism, q, p, now, (spread, reach), hopeless) if poor else None
+    if text is None and (now >= POOR_LENGTH or np.mean(errors > gross(errors)) > OUTLIER_SHARE):
+        text = of_the_rows(mechanism, data, root_mean_square(errors))
     if not poor:
         return text
     if text is None and largest > TURNS:
         return _degrees_read_as_radians(largest)
-    hopeless = now > max(HOPELESS_LENGTH, HOPELESS_SHARE * spread) and all(j.measured for j in mechanism.joints)
-    if text is None and hopeless:
+    if text is None and hopeless and all(j.measured for j in mechanism.joints):
         return (
             f"the positions do not fit {mechanism.name}: registration and tool leave {1e3 * now:.3g} mm of their "
             f"spread of {1e3 * spread:.3g} mm; expected the right mechanism, joint order, signs and units"
@@ -72,25 +77,48 @@ def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
     return text
 
 
-def _better(mechanism: Mechanism, q: Array, p: Array, now: float, sizes: tuple[float, float]) -> str | None:
-    """The reading that fits best, where one fits FAR_BETTER. sizes: spread of the points and of the flange, m."""
-    best, text = now, None
+def _better(
+    mechanism: Mechanism, q: Array, p: Array, now: float, sizes: tuple[float, float], hopeless: bool
+) -> str | None:
+    """The reading that fits best, where one fits FAR_BETTER, and one of another kind that fits as well.
+
+    sizes: spread of the points and of the flange, m. hopeless: read two columns otherwise, or all in another order.
+    """
     longest = float(np.abs(mechanism.transforms(q)[..., :3, 3]).max())
-    readings = [of_lengths(q, p, *sizes)]
+    kinds = [of_lengths(q, p, *sizes)]
     if not closed(mechanism):  # other joint values of closed loops meet nowhere
-        readings = [of_joints(mechanism, q, p), *readings]
+        kinds.insert(0, chain(of_joints(mechanism, q, p), of_signs(mechanism, q, p)))
     if not TINY < longest < GIANT:
-        readings = [of_the_mechanism(mechanism.name, q, p)]
-    for reading in chain.from_iterable(readings):
-        frames = flange(mechanism, reading.q, reading.scale)
-        if least_misfit(frames, reading.position) > best / FAR_BETTER:
-            continue
-        left = root_mean_square(registered(frames, reading.position).errors(frames, reading.position))
-        if left < best / FAR_BETTER and left < GOOD_SHARE * spread_of(reading.position):
-            best, text = left, reading.meaning
-    if text is None:
+        kinds = [of_the_mechanism(mechanism.name, q, p)]
+    found = [fit for kind in kinds if (fit := _best_of(mechanism, kind, now / FAR_BETTER))]
+    if not found and hopeless and not closed(mechanism):
+        several = chain(of_two_joints(mechanism, q, p), of_orders(mechanism, q, p))
+        found = [fit for fit in [_best_of(mechanism, several, now / FAR_BETTER)] if fit]
+    if not found:
         return None
-    return f"{text}; registration alone then leaves {1e3 * best:.3g} mm, as it stands {1e3 * now:.3g} mm"
+    least = min(left for left, _ in found)
+    said = ", or ".join(text for left, text in sorted(found) if left < ALIKE * least)
+    return f"{said}; registration alone then leaves {1e3 * least:.3g} mm, as it stands {1e3 * now:.3g} mm"
+
+
+def _best_of(mechanism: Mechanism, readings: Iterable[Reading], limit: float) -> tuple[float, str] | None:
+    """RMS, m, below `limit` that the best reading leaves, and its meaning; of those that fit alike the first."""
+    fits: list[tuple[int, float, str]] = []
+    number = 0
+    for scale, alike in groupby(readings, key=attrgetter("scale")):
+        while part := list(islice(alike, SCREENED)):
+            frames = flange(mechanism, np.concatenate([r.q for r in part]), scale).reshape(len(part), -1, 4, 4)
+            bounds = least_misfit(frames, np.stack([r.position for r in part]))
+            for k in np.argsort(bounds).tolist():
+                p = part[k].position
+                good = GOOD_SHARE * spread_of(p)
+                if bounds[k] < min(limit, good):
+                    left = root_mean_square(registered(frames[k], p).errors(frames[k], p))
+                    if left < good:
+                        fits.append((number + k, left, part[k].meaning))
+                        limit = min(limit, ALIKE * left)
+            number += len(part)
+    return next(((left, meaning) for _, left, meaning in sorted(fits) if left < limit), None)
 
 
 def comparable_rows(data: Dataset) -> IntArray:
@@ -111,8 +139,14 @@ def typical(frames: Array, position: Array) -> tuple[IntArray, Array]:
     return best, errors
 
 
-def _of_the_rows(mechanism: Mechanism, data: Dataset, rows: IntArray, now: float) -> str | None:
-    """A row lost, two set-ups in one, or many bad readings: a large part of the rows that fits by itself tells."""
+def of_the_rows(mechanism: Mechanism, data: Dataset, now: float) -> str | None:
+    """A row lost, a late column, two set-ups in one, or many bad readings: a large part of the rows that fits tells.
+
+    now: RMS, m, that registration and tool leave.
+    """
+    rows = comparable_rows(data)[:MOST_IN_ORDER]
+    if len(rows) < FEWEST_ROWS or branched(mechanism):
+        return None
     frames, p, row = flange(mechanism, data.q[rows]), data.position[rows], data.row[rows]
     parts = []
     for shift in (0, 1, -1):
@@ -122,9 +156,25 @@ def _of_the_rows(mechanism: Mechanism, data: Dataset, rows: IntArray, now: float
         if good.sum() >= max(FEWEST_OF_A_PART, LEAST_PART * len(rows)) and left <= now / FAR_BETTER:
             parts.append((int(good.sum()), shift, found))
     if not parts:
-        return None
+        return _late_column(mechanism, data.q[rows], p, now)
     _, shift, found = max(parts, key=itemgetter(0))
     return _lost_row(found, frames, p, row) or (_bad_rows(frames, p, row, found) if shift == 0 else None)
+
+
+def _late_column(mechanism: Mechanism, q: Array, p: Array, now: float) -> str | None:
+    """The joint whose values belong to the row before or after; None where that does not explain nearly all."""
+    for i, shift in product(range(q.shape[1]), (1, -1)):
+        moved = q.copy()
+        moved[:, i] = np.roll(q[:, i], -shift)
+        frames = flange(mechanism, moved[1:-1])
+        if least_misfit(frames, p[1:-1]) < now / FAR_BETTER:
+            most, errors = typical(frames, p[1:-1])
+            if root_mean_square(errors[most]) < now / FAR_BETTER:
+                return (
+                    f"column '{mechanism.joints[i].name}' looks a row {'late' if shift > 0 else 'early'}; put its "
+                    "values beside those of the other joints again"
+                )
+    return None
 
 
 def _paired(frames: Array, p: Array, shift: int) -> tuple[Array, Array]:

@@ -1,8 +1,8 @@
 """Other readings of a table's columns, each with no further unknown, and what it would mean that one fits."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations, permutations
+from itertools import combinations, permutations, product
 
 import numpy as np
 
@@ -13,6 +13,10 @@ LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "cm": 1e-2}
 """Metres of the units that tables of lengths are written in."""
 OF_ANOTHER_SIZE = 5.0
 """Times larger or smaller than the workspace that measured points may be spread."""
+QUARTERS = (0.0, 90.0, -90.0, 180.0)
+"""Degrees between the zeros of a controller and of a description: both count from one of four perpendicular poses."""
+MOST_ORDERED = 6
+"""Joints of which all orders are tried: 720."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,75 @@ def of_joints(
                 coupled[:, i] += sign * q[:, k]
                 name, other = joints[i].name, joints[k].name
                 yield Reading(f"column '{name}' looks as if it were to be '{name}' {word} '{other}'", coupled, p)
+
+
+def of_signs(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
+    """Several joints counted the other way round: as of a mirrored arm, or by the signs of another controller."""
+    names = [j.name for j in mechanism.joints]
+    for size in range(2, len(names) + 1):
+        for chosen in combinations(range(len(names)), size):
+            flipped = np.where(np.isin(np.arange(len(names)), chosen), -q, q)
+            yield Reading(f"columns {_listed([names[i] for i in chosen])} look counted the other way round", flipped, p)
+
+
+def of_orders(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
+    """The columns in another order: the reverse one, one that begins elsewhere, or any one of few joints."""
+    names, count = [j.name for j in mechanism.joints], len(mechanism.joints)
+    first = np.arange(count)
+    yield Reading("the joint columns look in reverse order", q[:, ::-1], p)
+    orders = permutations(range(count)) if count <= MOST_ORDERED else (np.roll(first, k) for k in range(1, count))
+    for order in map(list, orders):
+        held = _listed([names[order.index(i)] for i in range(count)])
+        yield Reading(f"the joint columns look to hold, in this order, {held}", q[:, order], p)
+
+
+def of_two_joints(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
+    """One joint or two counted from another zero, in one of both directions, or from a neighbour's angle.
+
+    The zeros of the first and of the last joint are free: registration and tool absorb them.
+    """
+    count = len(mechanism.joints)
+    turning = [i for i, joint in enumerate(mechanism.joints) if joint.kind == "revolute"]
+    changes: list[tuple[int, Array]] = []
+    for i in turning:
+        inner = 0 < i < count - 1
+        for sign, zero in product((1.0, -1.0), QUARTERS if inner else QUARTERS[:1]):
+            changes += [] if (sign, zero) == (1.0, 0.0) else [(i, _row(count, {i: sign}, zero))]
+        near = [k for k in (i - 1, i + 1) if k in turning]
+        changes += [(i, _row(count, {i: 1.0, k: sign}, 0.0)) for k, sign in product(near, (1.0, -1.0))]
+    for size in (1, 2):
+        for chosen in combinations(changes, size):
+            if len({i for i, _ in chosen}) == size:
+                turned = q.copy()
+                for i, row in chosen:
+                    turned[:, i] = q @ row[:-1] + np.radians(row[-1])
+                yield Reading(_formulas(mechanism, chosen), turned, p)
+
+
+def _row(count: int, factors: dict[int, float], zero: float) -> Array:
+    """Factors of the columns (n,), and a zero, deg, behind them."""
+    row = np.zeros(count + 1)
+    row[list(factors)], row[-1] = list(factors.values()), zero
+    return row
+
+
+def _formulas(mechanism: Mechanism, chosen: Sequence[tuple[int, Array]]) -> str:
+    """Say which formula of its columns each joint looks to be."""
+    names = [joint.name for joint in mechanism.joints]
+    said = []
+    for i, row in chosen:
+        own_first = sorted(np.flatnonzero(row[:-1]).tolist(), key=lambda k: k != i)
+        terms = [f" {'-' if row[k] < 0 else '+'} '{names[k]}'" for k in own_first]
+        terms += [f" {'-' if row[-1] < 0 else '+'} {abs(row[-1]):g} deg"] * bool(row[-1])
+        formula = f"{terms[0].replace(' + ', '').replace(' - ', '-')}{''.join(terms[1:])}"
+        said.append(f"column '{names[i]}' looks as if it were to be {formula}")
+    zero = ": the description counts from another zero" * any(bool(row[-1]) for _, row in chosen)
+    return f"{' and '.join(said)}{zero}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    quoted = [f"'{name}'" for name in names]
+    return " and ".join([", ".join(quoted[:-1]), quoted[-1]] if len(quoted) > 1 else quoted)
 
 
 def of_lengths(q: Array, p: Array, spread: float, reach: float) -> Iterator[Reading]:

@@ -55,6 +55,8 @@ _BRACKETS = re.compile(r"[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]")
 _BEHIND = re.compile(rf"(?i)^(.*?\w)\s*(?:[ _/,.-]|\bin\b)\s*({'|'.join(BEHIND)})$")
 _POINT = re.compile(r"^[-+]?(?:\d{1,3}(?:[, ]\d{3})+|\d+)?\.?\d*(?:[eE][-+]?\d+)?$")
 _COMMA = re.compile(r"^[-+]?(?:\d{1,3}(?:[. ]\d{3})+|\d+)?,?\d*(?:[eE][-+]?\d+)?$")
+_ROBTARGET = re.compile(r"\brobtarget\b|\[\[[^][]*\],\s*\[(?:[^][,]*,){3}[^][,]*\],\s*\[(?:[^][,]*,){3}[^][,]*\]")
+_POSE, _AXES = re.compile(r"\bX Y Z (?:A B C|W P R)\b"), re.compile(r"\b[AJ]1\b")
 _BETWEEN_WORDS = re.compile(
     r"(?:(?<!\w)([A-Za-z]\w{0,30})\s{0,9}[=:]?\s{0,9})?"
     r"(?<![\w.])([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\w.])(?:\s*(deg|rad|mm)\b)?"
@@ -236,18 +238,36 @@ def _programmed(lines: Sequence[str]) -> bool:
     return bool(numbers) and sum(bool(re.search(r"[={\[].*\d", line)) for line in numbers) > len(numbers) / 2
 
 
+def _of_the_controller(line: str, names: Sequence[str]) -> bool:
+    """Return whether a line of a program is a position that its controller computed.
+
+    A robtarget of ABB, an E6POS of KUKA (X, Y, Z, A, B, C), a position of Fanuc (X, Y, Z, W, P, R).
+    """
+    words = " ".join(name.split(" ")[0] for name in names)
+    return bool(_ROBTARGET.search(line) or _POSE.search(words)) and not _AXES.search(words)
+
+
 def _between_words(text: str, path: Path) -> Sheet:
     """Numbers of the lines that are alike but for them, as `A1 -12.5,A2 30` or `[[1.5,2,3],[1,0,0,0]]`."""
     whole = re.sub(r"\{[^{}]*\}", lambda found: " ".join(found[0].split()), text)
     alike: dict[tuple[str, ...], list[list[str]]] = {}
+    own = 0
     for line in whole.splitlines():
         found = _BETWEEN_WORDS.findall(line)
         names = tuple(f"{word} [{unit}]" if unit else word for word, _, unit in found)
         point = re.search(r"(\w+)\s*:?=", line)
-        if len(found) >= FEWEST_NUMBERS:
+        if _of_the_controller(line, names):
+            own += 1
+        elif len(found) >= FEWEST_NUMBERS:
             alike.setdefault(names, []).append([point[1] if point else "", *(number for _, number, _ in found)])
+    if own > 2 * max(map(len, alike.values()), default=0):
+        raise InputError(
+            f"{path.name}: {own} positions that the controller computed, and no joint values; expected joint values "
+            "(jointtarget of ABB, E6AXIS of KUKA, joint representation of Fanuc)"
+        )
     if not alike:
         raise InputError(f"{path.name}: no line of {FEWEST_NUMBERS} numbers; expected a table, a row a pose")
     names, rows = max(alike.items(), key=lambda item: len(item[1]) * len(item[0]))
     said = f"{len(rows)} lines of a program that differ in {len(names)} numbers"
+    said += f"; {own} positions of the controller left out" * bool(own)
     return Sheet(("point", *names), pd.DataFrame(rows, dtype=object).replace("", None), (said,), path.name)

@@ -193,3 +193,32 @@ def test_what_cannot_be_joined_is_one_line(how: str, said: str, tmp_path: Path) 
     joined = read_files((tmp_path / "t.csv", tmp_path / "u.csv"), "N = M")
     assert joined.cells.to_numpy().tolist() == [["3", "30", "p3", "7.5"], ["1", "10", "p1", "8.5"]]
     assert "rows of t.csv without a partner: 2" in joined.said
+
+
+ABB = "  CONST jointtarget j{0}:=[[{0},2,3,4,5,6],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]];"
+ABB_OWN = "  CONST robtarget p{0}:=[[{0}.5,2,3],[1,0,0,0],[0,0,0,0],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]];"
+KUKA = "PTP {{A1 {0},A2 2,A3 3,A4 4,A5 5,A6 6,E1 0}}"
+KUKA_OWN = "DECL E6POS XP{0}={{X {0}.5,Y 2,Z 3,A 4,B 5,C 6,S 2,T 35}}"
+FANUC = (
+    "P[{0}]{{\n GP1:\n\tUF : 0, UT : 1,\n\tJ1= {0} deg, J2= 2.0 deg, J3= 3 deg,\n\tJ4= 4 deg, J5= 5 deg, J6= 6 deg\n}};"
+)
+FANUC_OWN = (
+    "P[{0}]{{\n GP1:\n\tUF : 0, UT : 1,\n\tX = {0}.5 mm, Y = 2 mm, Z = 3 mm,\n\tW = 4 deg, P = 5 deg, R = 6 deg\n}};"
+)
+
+
+@pytest.mark.parametrize(("joints", "own"), [(ABB, ABB_OWN), (KUKA, KUKA_OWN), (FANUC, FANUC_OWN)])
+def test_joint_values_of_a_program_are_read_and_positions_of_its_controller_are_not(
+    joints: str, own: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "cell.txt"
+    file.write_text("\n".join(line.format(k) for k in range(1, 9) for line in (joints, own)))
+    sheet = read_sheet(file)
+    assert len(sheet.cells) == 8
+    assert "8 positions of the controller left out" in sheet.said[0]
+    assert {"2", "3", "4", "5", "6"} <= {str(cell).removesuffix(".0") for cell in sheet.cells.iloc[0]}
+    file.write_text("\n".join(own.format(k) for k in range(1, 9)))
+    with pytest.raises(
+        InputError, match="8 positions that the controller computed, and no joint values; expected joint"
+    ):
+        read_sheet(file)
