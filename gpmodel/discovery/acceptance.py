@@ -71,7 +71,8 @@ def tested(residual: Residual, candidate: Candidate, score: Score, by_chance: Ch
     ]
     if order_matters(residual, candidate):
         t = better_by(residual.in_stretches, candidate.effects)
-        tests.append(Test("stretches", t, predicts, t > predicts))
+        apart = criteria.apart_cv_t if candidate.family else criteria.clear_cv_t
+        tests.append(Test("stretches", t, apart, t > apart))
     shared = {name: factor for name, factor in inflated.items() if factor > 1.0}
     for name, nats in zip(shared, deflated(residual, candidate, tuple(shared.values())), strict=True):
         tests.append(Test(name, nats, criteria.minimum_nats, nats > criteria.minimum_nats))
@@ -82,35 +83,21 @@ Fit = Callable[[Sequence[Candidate], Calibration], Calibration]
 Judge = Callable[[Calibration, Mapping[str, Candidate]], dict[str, Hypothesis]]
 
 
-def eliminate_and_readmit(
+def eliminate(
     offered: Mapping[str, Candidate], calibration: Calibration, judge: Judge, fit: Fit
 ) -> tuple[dict[str, Hypothesis], Calibration]:
-    """Eliminate and readmit: the last verdict on each candidate, and the calibration with the accepted ones.
+    """Eliminate candidates that fail a test given all others, the weaker half of those that fail at a time.
 
-    judge: verdicts on candidates beside all the others that a calibration has. fit: calibrates with candidates, from a
-    fit to go on from. All that fail are left out at once, until none does. What failed beside much that is out
-    by then may pass beside the rest: the strongest of those comes back, one after the other; then all are judged
-    once more (the floating search of Pudil et al. 1994). What fails the test of significance never comes back.
+    judge: tests candidates given all others of a calibration. fit: calibrates with candidates, starting from a fit.
+    Returns the last verdict on each candidate, and the calibration with the accepted ones.
     """
-    inside, outside = dict(offered), dict[str, Candidate]()
-    judged: dict[str, Hypothesis] = {}
-
-    def weeded(calibration: Calibration) -> Calibration:
-        while True:
-            judged.update(now := judge(calibration, inside))
-            failed = [name for name, hypothesis in now.items() if not hypothesis.accepted]
-            if not failed:
-                return calibration
-            outside.update({name: inside.pop(name) for name in failed})
-            calibration = fit(tuple(inside.values()), calibration)
-
-    calibration = weeded(calibration)
-    before = len(inside)
-    while again := {name: c for name, c in outside.items() if judged[name].verdict.passed("chance")}:
-        judged.update(now := judge(calibration, again))
-        best = max((n for n, h in now.items() if h.accepted), key=lambda n: now[n].score.nats, default=None)
-        if best is None:
-            break
-        inside[best] = outside.pop(best)
+    inside, judged = dict(offered), dict[str, Hypothesis]()
+    while True:
+        judged.update(now := judge(calibration, inside))
+        failed = [name for name, hypothesis in now.items() if not hypothesis.accepted]
+        if not failed:
+            return judged, calibration
+        failed.sort(key=lambda name: now[name].score.nats)
+        for name in failed[: max(1, len(failed) // 2)]:
+            inside.pop(name)
         calibration = fit(tuple(inside.values()), calibration)
-    return judged, weeded(calibration) if len(inside) > before else calibration

@@ -10,7 +10,7 @@ from scipy.special import softmax
 
 from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.acceptance import Hypothesis, eliminate_and_readmit, tested
+from gpmodel.discovery.acceptance import Hypothesis, eliminate, tested
 from gpmodel.discovery.choose import FittedSelection, Problem
 from gpmodel.discovery.refinement import detailed, refined_fit
 from gpmodel.evidence.cross_validation import cross_validated
@@ -62,7 +62,7 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array) -> Judge
         without = residual(calibration).without(judged[name].candidate.effects)
         return averaged(without, judged[name], [group for group, _ in alternatives[name]])
 
-    judged, calibration = eliminate_and_readmit(candidates, calibration, verdicts, problem.fit)
+    judged, calibration = eliminate(candidates, calibration, verdicts, problem.fit)
     residual(calibration)  # once, before workers look at it side by side
     judged = of_each(candidates, with_alternatives)
     return Judged(tuple(judged.values()), calibration)

@@ -130,7 +130,7 @@ def _passes(machines: Sequence[Residual], group: Group, nats: float, criteria: C
         (cross_validated(of, ()).per_unit - cross_validated(of, group.effects).per_unit) / of.sigma**2
         for of in machines
     ]
-    return paired_t(np.concatenate(gains)) > criteria.minimum_cv_t
+    return paired_t(np.concatenate(gains)) > criteria.apart_cv_t
 
 
 def _common(candidate: Candidate, machines: Sequence[Residual]) -> Group | None:

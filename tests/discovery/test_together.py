@@ -1,4 +1,4 @@
-"""All that fail are left out at once; what stands beside the rest comes back, the strongest first."""
+"""Candidates that fail given all others are eliminated, the weaker half of them at a time."""
 
 from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import pytest
 
-from gpmodel.discovery.acceptance import eliminate_and_readmit
+from gpmodel.discovery.acceptance import eliminate
 from gpmodel.evidence.criteria import Test, Verdict
 
 NATS = {"a": 90.0, "b": 50.0, "c": 20.0, "d": 10.0}
@@ -43,15 +43,13 @@ def fit(candidates: Sequence[str], start: frozenset[str]) -> frozenset[str]:
         ({"b": "a", "a": "b"}, {}, "acd"),
         ({"a": "d", "b": "d", "d": "c"}, {}, "abc"),
         ({"a": "d", "b": "d"}, {"d": False}, "abc"),
-        ({"c": "b", "b": "a"}, {}, "acd"),
+        ({"c": "b", "b": "a"}, {}, "ad"),
     ],
 )
-def test_those_that_stand_beside_one_another(rule: dict[str, str], chance: dict[str, bool], standing: str) -> None:
+def test_the_weakest_that_fails_goes_first(rule: dict[str, str], chance: dict[str, bool], standing: str) -> None:
     whole = {name: frozenset(others) for name, others in rule.items()}
     offered = cast(Any, {name: name for name in NATS})
-    verdicts, calibration = eliminate_and_readmit(
-        offered, cast(Any, frozenset(NATS)), judged(whole, chance), cast(Any, fit)
-    )
+    verdicts, calibration = eliminate(offered, cast(Any, frozenset(NATS)), judged(whole, chance), cast(Any, fit))
     assert set(cast(Any, calibration)) == set(standing)
     assert set(verdicts) == set(NATS)
     for name in standing:
