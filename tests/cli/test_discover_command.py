@@ -15,9 +15,11 @@ from cli_cases import one_line, run, table, write
 from gpmodel.api import discover as api
 from gpmodel.api.table import read_table
 from gpmodel.application.model_file import load_model
+from gpmodel.checks.counting import unknowns
 from gpmodel.cli import demo as demo_command
 from gpmodel.discovery.search import Search
 from gpmodel.model.error_model import observe, pose_error, prepare
+from gpmodel.model.sites import geometric_effects
 
 RESULTS = {
     "report.html", "explore.html", "poses.csv", "report.json", "model.json", "calibrated.urdf", "exports", "figures",
@@ -220,3 +222,21 @@ def test_the_demo_finds_what_was_planted(tmp_path: Path) -> None:
     report = json.loads((tmp_path / "demo" / "report.json").read_text())
     assert report["effects"]
     assert report["ladder"][-1]["heldout"]["rms_mm"] < 0.6 * report["ladder"][1]["heldout"]["rms_mm"]
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_a_table_like_mine_holds_what_its_standard_model_needs(name: str) -> None:
+    made = demo_command.like_mine(name, seed=3)
+    said = demo_command.to_measure(made, name, Path("my demo/table.csv"))
+    needed = unknowns(made.truth.mechanism, made.table, geometric_effects(made.truth.mechanism))
+    assert 0 <= 3 * len(made.table) - 6 * needed < 30
+    assert f"planted: gear error, 2 per turn, {made.truth.mechanism.joints[1].name}" in said
+    assert f"gpmodel poses --mechanism {name} -n {len(made.table)}" in said
+
+
+@pytest.mark.long
+def test_the_demo_of_my_mechanism_shows_what_was_planted(tmp_path: Path) -> None:
+    result = run("demo", "--mine", "ur5", "--out", tmp_path / "demo")
+    assert result.exit_code == 0, result.stderr
+    assert "gear error, 2 per turn, shoulder_lift_joint" in result.stdout.split("[[Effects]]")[1]
+    assert {"report.html", "table.csv", "table.truth.json"} <= {p.name for p in (tmp_path / "demo").iterdir()}

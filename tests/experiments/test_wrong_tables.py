@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from experiments.wrong_tables.conventions import CURES, named
 from experiments.wrong_tables.kinds import KINDS, measured
 from experiments.wrong_tables.run import SOUND, judged
 
@@ -24,6 +25,21 @@ def test_at_most_two_percent_of_the_wrong_tables_are_silent_and_no_sound_one_is_
     counts = [sum(kind.get(word, 0) for kind in found["kinds"].values()) for word in ("refused", "unfit", "warned")]
     assert f"| | {' | '.join(map(str, [*counts, found['silent']]))} |" in said
     assert set(found["kinds"]) == set(KINDS)
+
+
+def test_of_thirty_wrong_conventions_twenty_eight_are_named_with_the_cure() -> None:
+    found = json.loads((ROOT / "wrong_tables/conventions.json").read_text(encoding="utf-8"))
+    said = (ROOT / "wrong_tables/README.md").read_text(encoding="utf-8")
+    assert set(found["not named on"]) == set(CURES)
+    assert found["named on every arm"] >= 28 / 30 * len(CURES)
+    assert f"| now (3 arms) | {found['named on every arm']} |" in said
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", ["zero of J2 off by 90 deg", "J1, J4, J6 flipped", "Euler ZYZ"])
+def test_a_wrong_convention_is_named(kind: str) -> None:
+    right, said = named(measured("ur3", 7, offset=1.5e-3), kind, 7)
+    assert right, said
 
 
 @pytest.mark.long
