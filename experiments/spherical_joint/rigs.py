@@ -31,7 +31,6 @@ from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3
 from gpmodel.report.origin import versions
-from gpmodel.report.schema_search import RIVAL_MARGIN
 from gpmodel.selection.offers import Offering, of_offers
 from gpmodel.selection.select import select
 from gpmodel.table.dataset import Dataset
@@ -106,9 +105,7 @@ def found_on(number: int, kind: str, on_axis: bool) -> dict[str, Any]:
     chosen = select(standard, poses, Offering((of_offers(catalogue.catalogue),)))
     reads, name = KINDS[kind].reads, KINDS[kind].name
     read = [{i for e in f.candidate.effects for i in e.inputs} for f in found.findings]
-    rivals = [
-        [n for n, rms in f.hypothesis.rivals if rms <= (1 + RIVAL_MARGIN) * f.hypothesis.cv_rms] for f in found.findings
-    ]
+    rivals = [f.hypothesis.causes.names if f.hypothesis.causes else () for f in found.findings]
     named = [f.candidate.name for f in found.findings]
     return {
         "number": number,

@@ -31,7 +31,6 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import geometric_effects
 from gpmodel.report.origin import versions
-from gpmodel.report.schema_search import RIVAL_MARGIN
 
 HERE = Path(__file__).parent
 POSES = {"hexapod": 120, "tau": 300}
@@ -71,9 +70,7 @@ def one_machine(kind: str, seed: int, planted: bool) -> dict[str, Any]:
     out = {"seed": seed, "named": [f.candidate.name for f in found.findings]}
     if not planted:
         return out | {"right": not found.findings}
-    close = [
-        [n for n, rms in f.hypothesis.rivals if rms <= (1 + RIVAL_MARGIN) * f.hypothesis.cv_rms] for f in found.findings
-    ]
+    close = [f.hypothesis.causes.names if f.hypothesis.causes else () for f in found.findings]
     return out | {
         "truth": f"{LOBES} lobes over {fault.angle}",
         "right": named == [{BALLS[fault.ball]}],

@@ -38,6 +38,7 @@ from gpmodel.model.naming import in_mechanism_names, names_of, translate
 from gpmodel.model.sites import standard_effects
 from gpmodel.model.states import States
 from gpmodel.progress import Say, silent
+from gpmodel.report import words
 from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
@@ -83,11 +84,11 @@ class DiscoveryResult(FittedResult):
         return self.record.rejected
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a finding: name, value, stderr, unit, slot, axis, basis, inputs, unique share, chance, rivals."""
+        """One row a finding: name, value, stderr, unit, slot, axis, basis, inputs, unique share, chance, causes."""
         columns = ["name", "value", "stderr", "unit", "slot", "axis", "basis", "unique_share", "p_value", "found_by"]
         return pd.DataFrame(self.findings, columns=columns).assign(
             inputs=[", ".join(f.inputs) for f in self.findings],
-            rivals=[", ".join(r.name for r in f.rivals or ()) for f in self.findings],
+            causes=[words.causes(f) for f in self.findings],
         )
 
     def __repr__(self) -> str:

@@ -93,8 +93,8 @@ def of_rejected(saved: SavedModel, record: Report | None, pool: Array, number: i
     return Asked(f"rejected candidate: {name}", (question,), (question,), "± of what it moves the point by [mm]", 1e3)
 
 
-def tellable_rivals(model: Model, record: Report) -> frozenset[str]:
-    """Names of the close rivals in a result that poses of a pool could tell from their findings, by the same pool and
+def tellable_causes(model: Model, record: Report) -> frozenset[str]:
+    """Names of the other causes in a result that poses of a pool could tell from their findings, by the same pool and
     limit as the next poses are chosen by."""
     rng = np.random.default_rng(0)
     outlook = Outlook.over(model.saved, pool_of(model.mechanism, POOLED, rng, Reach()), rng)
@@ -118,7 +118,8 @@ def findings_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
         called = [translate(e.name, names) for e in effects]
         mine = [name == effect.name or name.startswith(f"{effect.name},") for name in called]
         own = np.flatnonzero(np.logical_and(mine, saved.theta)).tolist()
-        wanted = [by_mechanism[r.name] for r in effect.close_rivals() if r.name in by_mechanism][:MOST_RIVALS]
+        others = [cause.names[0] for cause in effect.others]
+        wanted = [by_mechanism[name] for name in others if name in by_mechanism][:MOST_RIVALS]
         rivals = tuple((translate(n, names), outlook.candidates[n]) for n in wanted)
         if own:
             found.append(Questioned(effect.name, np.array(own), rivals))

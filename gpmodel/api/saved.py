@@ -161,13 +161,13 @@ def explain(result: object, number: int) -> ExplainResult:
     """Finding `number`, from 1, of a result or its folder, in words; where it has a model, the advice is what its next
     poses could tell. Raises InputError where it is no result, or has no such finding."""
     with extra_for("an explanation", "report"):
-        from gpmodel.api.next_poses import tellable_rivals
+        from gpmodel.api.next_poses import tellable_causes
         from gpmodel.report import explain as explained
 
     record, wanted = record_of(result, "result"), whole(number, "number", 1)
-    asked = wanted <= len(record.effects) and record.effects[wanted - 1].close_rivals()
+    asked = wanted <= len(record.effects) and record.effects[wanted - 1].others
     model = _model_of(result) if asked else None
-    told = tellable_rivals(model, record) if model is not None else None
+    told = tellable_causes(model, record) if model is not None else None
     return ExplainResult(record, explained.explain(record, wanted, told), told)
 
 

@@ -12,15 +12,15 @@ from gpmodel.evidence.residual import Residual
 from gpmodel.evidence.score import Score, deflated, own_share
 from gpmodel.evolution.chance import Chance
 from gpmodel.families.candidate import Candidate
+from gpmodel.selection.causes import CredibleSet
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A candidate with its score, p-value, rivals and verdict, all from training poses.
+    """A candidate with its score, p-value, verdict and credible set, all from training poses.
 
     chance: p-value of its score on permuted residuals. cv_rms: cross-validated 3-D RMS with it, m; cv_before: without.
-    rivals: names and cv_rms of what else it could be. likely: the probability that it is this and none of them, by what
-    each predicts. moved: effects of the model, each with the standard deviation of its value over these.
+    causes: what it could be, None of a rejected one.
     """
 
     candidate: Candidate
@@ -28,10 +28,8 @@ class Hypothesis:
     chance: Chance
     cv_rms: float
     cv_before: float
-    rivals: tuple[tuple[str, float], ...]
     verdict: Verdict
-    likely: float = 1.0
-    moved: tuple[tuple[str, float], ...] = ()
+    causes: CredibleSet | None = None
 
     @property
     def accepted(self) -> bool:
@@ -76,7 +74,7 @@ def tested(residual: Residual, candidate: Candidate, score: Score, by_chance: Ch
     shared = {name: factor for name, factor in inflated.items() if factor > 1.0}
     for name, nats in zip(shared, deflated(residual, candidate, tuple(shared.values())), strict=True):
         tests.append(Test(name, nats, criteria.minimum_nats, nats > criteria.minimum_nats))
-    return Hypothesis(candidate, score, by_chance, after.rms, before.rms, (), Verdict(tuple(tests)))
+    return Hypothesis(candidate, score, by_chance, after.rms, before.rms, Verdict(tuple(tests)))
 
 
 Fit = Callable[[Sequence[Candidate], Calibration], Calibration]

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import remembered
 from gpmodel.families.offer import Offer
 from gpmodel.model.error_model import Poses
-from gpmodel.model.sites import sites_of
+from gpmodel.model.sites import Site, sites_of
 from gpmodel.selection.group import Group, Price, group_of
 from gpmodel.selection.offers import Offering, of_evolved, of_offers
 from gpmodel.selection.result import Kept, Selection
@@ -46,6 +46,13 @@ class Problem:
     criteria: Criteria
     input_prices: Mapping[str, float] = field(default_factory=dict)
     late: Callable[[], bool] = lambda: False
+
+    @cached_property
+    def smooth_sites(self) -> tuple[tuple[Site, ...], tuple[str, ...]]:
+        """Sites and inputs of smooth terms at the training poses."""
+        states = self.train.states
+        inputs = readable_inputs(states, np.arange(len(states)))[0].names
+        return tuple(moving_sites(self.standard.model.mechanism, self.train.dataset)), tuple(inputs)
 
     def residual(self, calibration: Calibration) -> Residual:
         """Residual of a calibration at the training poses."""
@@ -103,8 +110,6 @@ def choose(problem: Problem, evolved: Sequence[Candidate], fresh: frozenset[str]
     """
     mechanism, states = problem.standard.model.mechanism, problem.train.states
     still = still_joints(mechanism, problem.train.dataset)
-    inputs = readable_inputs(states, np.arange(len(states)))[0].names
-    sites = moving_sites(mechanism, problem.train.dataset)
     grids = grids_of(problem.offers, mechanism, states)
     grids = [c for c in grids if not stands_still((slot for slot, _, _ in c.joint.drive), still)]
 
@@ -112,7 +117,7 @@ def choose(problem: Problem, evolved: Sequence[Candidate], fresh: frozenset[str]
         return not all(stands_still(e.slots, still) for e in group.effects)
 
     cost = partial(problem.search.cost, places=len(sites_of(mechanism)))
-    offering = Offering((of_offers(problem.offers), of_evolved(evolved, cost)), sites, inputs, grids, wanted)
+    offering = Offering((of_offers(problem.offers), of_evolved(evolved, cost)), *problem.smooth_sites, grids, wanted)
     proposals = Proposals(problem, fresh)
     chosen = select(
         problem.standard, problem.train, offering, prices=Price(problem.criteria, problem.input_prices),

@@ -15,8 +15,8 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray
 from gpmodel.discovery.state import Discovery, drop_duplicate_rows
 from gpmodel.errors import InputError
-from gpmodel.evidence.confirmation import paired
 from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.cross_validation import paired
 from gpmodel.evidence.residual import independent_units
 from gpmodel.executor import called
 from gpmodel.families.candidate import is_program

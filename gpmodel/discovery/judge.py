@@ -1,12 +1,8 @@
-"""Judge a selection: each group tested given all the others, those that fail eliminated, alternatives weighed."""
+"""Judge a selection: each group tested given all the others, those that fail eliminated, causes weighed."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
-
-import numpy as np
-from scipy import linalg
-from scipy.special import softmax
+from functools import lru_cache, partial, reduce
 
 from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration
@@ -19,9 +15,10 @@ from gpmodel.evidence.score import scores
 from gpmodel.evolution.chance import chance, larger
 from gpmodel.executor import called
 from gpmodel.families.candidate import Candidate, is_program
-from gpmodel.model.effect import Effect
-from gpmodel.numerics.least_squares import solve
+from gpmodel.selection.causes import credible_set
+from gpmodel.selection.posterior import Active
 from gpmodel.selection.result import Kept
+from gpmodel.selection.sparse_bayes import reestimate
 
 
 @dataclass(frozen=True)
@@ -33,7 +30,7 @@ class Judged:
 
 
 def judge(problem: Problem, last: FittedSelection, evolved_null: Array) -> Judged:
-    """Test every selected group given all the others, eliminate those that fail, and weigh the alternatives.
+    """Test every selected group given all the others, eliminate those that fail, and weigh the causes of the rest.
 
     Fine curves get as many harmonics as their evidence asks for, and constants inside move to where they are most
     likely. evolved_null: (S,) largest gain of any program on permuted residuals; an evolved term has to stand out of
@@ -43,7 +40,7 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array) -> Judge
         return Judged((), last.left.calibration)
     kept = {k.group.name: k for k in last.chosen.kept}
     nulls = last.chosen.permutation_null, evolved_null
-    alternatives, residual = last.chosen.alternatives, lru_cache(1)(problem.residual)
+    residual = lru_cache(1)(problem.residual)
     fine = detailed(last.left, last.candidates)
     calibration = last.left.calibration
     if fine != last.candidates:
@@ -58,13 +55,16 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array) -> Judge
         left = residual(calibration)
         return of_each(asked, lambda name: _judged(left.without(asked[name].effects), asked[name], kept[name], nulls))
 
-    def with_alternatives(name: str) -> Hypothesis:
-        without = residual(calibration).without(judged[name].candidate.effects)
-        return averaged(without, judged[name], [group for group, _ in alternatives[name]])
+    def with_causes(name: str) -> Hypothesis:
+        if not judged[name].accepted:
+            return judged[name]
+        return replace(judged[name], causes=credible_set(accepted, number[name], *problem.smooth_sites))
 
     judged, calibration = eliminate(candidates, calibration, verdicts, problem.fit)
-    residual(calibration)  # once, before workers look at it side by side
-    judged = of_each(candidates, with_alternatives)
+    number = {last.chosen.active.pool.groups[g].name: g for g in last.chosen.active.found}
+    failed = (number[name] for name, hypothesis in judged.items() if not hypothesis.accepted)
+    accepted = reestimate(reduce(Active.without, failed, last.chosen.active))
+    judged = of_each(candidates, with_causes)
     return Judged(tuple(judged.values()), calibration)
 
 
@@ -77,72 +77,3 @@ def _judged(residual: Residual, candidate: Candidate, kept: Kept, nulls: tuple[A
     if is_program(kept.group.found_by) and len(nulls[1]):
         by_chance = larger(by_chance, chance(nats, nulls[1]))
     return tested(residual, candidate, score, by_chance, before)
-
-
-MOST_RIVALS = 6
-"""Rivals shown beside a finding, those that predict best; of several that are one to the data the nearest."""
-
-UNLIKELY = 0.01
-"""Probability below which a rival moves nothing that anybody would notice."""
-
-
-def probabilities(cv_rms: Sequence[float], freedom: float) -> Array:
-    """Probability (R,) of each of several models, all alike beforehand: as likely as normal noise of what it leaves of
-    poses left out, m, over so many independent values. Source: Yao et al. (2018), pseudo-BMA."""
-    return np.asarray(softmax(-freedom * np.log(np.maximum(cv_rms, np.finfo(float).tiny))))
-
-
-def averaged(residual: Residual, hypothesis: Hypothesis, rivals: Sequence[Candidate]) -> Hypothesis:
-    """The hypothesis beside those of its rivals, nearest first as given, that predict best: its probability among them,
-    by how much the best predicts better, and the deviations of the model's other values over them.
-
-    residual: of the model without it.
-    """
-    own = cross_validated(residual, hypothesis.candidate.effects)
-    every = ((cross_validated(residual, rival.effects), rival) for rival in reversed(rivals))
-    one_each = {predicted.rms: (predicted, rival) for predicted, rival in every}
-    best = [one_each[rms] for rms in sorted(one_each)[:MOST_RIVALS]]
-    likely = probabilities([own.rms, *(predicted.rms for predicted, _ in best)], residual.freedom)
-    spread = spread_by_rivals(residual, hypothesis.candidate.effects, [rival.effects for _, rival in best], likely)
-    return replace(
-        hypothesis,
-        rivals=tuple((rival.name, predicted.rms) for predicted, rival in best),
-        likely=float(likely[0]),
-        moved=tuple(spread.items()),
-    )
-
-
-def spread_by_rivals(
-    residual: Residual, effects: Sequence[Effect], rivals: Sequence[Sequence[Effect]], likely: Array
-) -> dict[str, float]:
-    """Standard deviation of every number of placement and model over a finding and its rivals, about the value beside
-    the finding: √Σ p (value - value beside it)².
-
-    residual: of the model without the finding. likely: (1 + R,) probability of it and of each rival. Source: Hoeting et
-    al. (1999), the variance between models.
-    """
-    able = [(p, rival) for p, rival in zip(likely[1:], rivals, strict=True) if p > UNLIKELY]
-    if not able:
-        return {}
-    own = _explained(residual, effects)
-    apart = np.column_stack([own - _explained(residual, rival) for _, rival in able])
-    moved, names = solve(residual.system, apart), (*residual.problem.placement_names, *residual.names)
-    at = {e.name: i for i, e in enumerate(residual.calibration.model.effects, residual.problem.placement)}
-    columns = residual.problem.columns[:, [*range(residual.problem.placement), *(at[name] for name in residual.names)]]
-    unit = residual.system[: residual.measured]
-    scale = np.linalg.norm(unit, axis=0) / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
-    spread = scale * np.sqrt(moved**2 @ np.array([p for p, _ in able]))
-    return dict(zip(names, spread.tolist(), strict=True))
-
-
-def _explained(residual: Residual, effects: Sequence[Effect]) -> Array:
-    """Return the contribution (M + B,) of effects fitted in addition to the model, their own columns only."""
-    columns = residual.columns(effects)
-    norms = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
-    left, _ = residual.projected(effects)
-    belief = np.array([residual.sigma / e.prior for e in effects]) / norms
-    gram = left.T @ left + np.diag(belief**2)
-    fitted = linalg.lstsq(gram, left.T @ residual.values, lapack_driver="gelsy", check_finite=False)[0]
-    out = np.zeros(len(residual.values))
-    out[: residual.measured] = columns @ (fitted / norms)
-    return out

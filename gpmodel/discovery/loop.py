@@ -18,8 +18,8 @@ from gpmodel.discovery.final_fit import final_fit
 from gpmodel.discovery.judge import judge
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.state import Discovery, FinalFit, Finding, Round, State, usable_rows
-from gpmodel.evidence.confirmation import Confirmation, confirmation
 from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.cross_validation import Confirmation, confirmation
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import scores
 from gpmodel.evolution.input_histogram import input_prices

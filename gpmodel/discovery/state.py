@@ -16,8 +16,8 @@ from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.explore import Exploration
 from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
-from gpmodel.evidence.confirmation import Confirmation
 from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.cross_validation import Confirmation
 from gpmodel.evolution.runs import KeptRuns
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import FittedConstant

@@ -32,8 +32,6 @@ class Criteria:
     tie: nats within which the expression that is shortest to read represents its like.
 
     Selection of groups:
-    rival_nats: nats within which another in its place is a rival, a likelihood ratio of twenty ("strong", Jeffreys
-        1961).
     one_pose_share: largest share of a group's gain that one pose brings; with more the group is bent to an outlier.
 
     Poses:
@@ -61,7 +59,6 @@ class Criteria:
     naming_margin: float = 8.0
     tie: float = 1.0
     largest_between: float = 4.0
-    rival_nats: float = 3.0
     one_pose_share: float = 0.5
     outlier_sigmas: float = 6.0
     fewest_bundles: int = 20

@@ -1,14 +1,17 @@
-"""Cross-validation of a model with candidate effects, all of it refitted without each fold."""
+"""Compare predictions: of models refitted without each fold, and on held-out poses that chose nothing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, special
 
-from gpmodel.arrays import Array
-from gpmodel.evidence.residual import Residual
+from gpmodel.arrays import Array, IntArray
+from gpmodel.calibration.result import Calibration, errors_on
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import Residual, independent_units
 from gpmodel.model.effect import Effect
+from gpmodel.model.error_model import Poses
 from gpmodel.numerics.outliers import outlier_limit
 from gpmodel.numerics.rank import NEGLIGIBLE
 
@@ -69,3 +72,43 @@ def better_by(residual: Residual, effects: Sequence[Effect], others: Sequence[Ef
     """Paired t of the cross-validated gain of some effects over others, over independent units of poses."""
     before, after = cross_validated(residual, others), cross_validated(residual, effects)
     return gained(before, after, residual.criteria.outlier_sigmas)
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """Paired test of two models on held-out poses.
+
+    t: mean of (squared error of the first - of the second) over `units` independent units of poses, in standard
+    errors of that mean. p_value: one-sided chance of it between equally good models. passed: whether it is below its
+    limit.
+    """
+
+    t: float
+    p_value: float
+    limit: float
+    units: int
+    passed: bool
+
+
+def confirmation(standard: Calibration, found: Calibration, heldout: Poses, criteria: Criteria) -> Confirmation:
+    """Test whether the found model predicts held-out poses better than the standard model."""
+    unit = independent_units(heldout.dataset, criteria)
+    return paired(errors_on(standard, heldout), errors_on(found, heldout), unit, criteria)
+
+
+def paired(before: Array, after: Array, units: IntArray, criteria: Criteria) -> Confirmation:
+    """Paired test of the 3-D errors (N,) of two models on poses that neither was chosen on; NaN: no error is known.
+
+    units: (N,) code of the poses that count as one observation.
+    Both models' errors are winsorised at median + 6 · 1.4826 MAD of the standard model's: one bad measurement neither
+    proves nor disproves. A single unit of poses proves nothing: p is 1.
+    """
+    known = np.isfinite(before) & np.isfinite(after)
+    errors = before[known], after[known]
+    limit = outlier_limit(errors[0], criteria.outlier_sigmas)
+    squared = [np.minimum(e, limit) ** 2 for e in errors]
+    unit = np.unique(units[known], return_inverse=True)[1].reshape(-1)
+    gain = np.bincount(unit, squared[0] - squared[1]).astype(float)
+    t = paired_t(gain) if len(gain) > 1 else 0.0
+    p = float(special.stdtr(len(gain) - 1, -t)) if t else 1.0
+    return Confirmation(t, p, criteria.confirmation, len(gain), p < criteria.confirmation)

@@ -11,8 +11,8 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
-from gpmodel.evidence.confirmation import paired
 from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.cross_validation import paired
 from gpmodel.evidence.dependence import reads_a_clock
 from gpmodel.evidence.residual import Residual, independent_units, residual_of
 from gpmodel.executor import Workers

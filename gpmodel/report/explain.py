@@ -34,7 +34,7 @@ class Explanation:
 def explain(report: Report, number: int, tellable: Set[str] | None = None) -> Explanation:
     """Finding `number`, from 1, of a report. Raises InputError where it has none of that number.
 
-    tellable: the rivals that further poses could tell from their findings, by name, where somebody asked.
+    tellable: the causes that further poses could tell from their findings, by name, where somebody asked.
     """
     if not 1 <= number <= len(report.effects):
         have = f"it has {len(report.effects)}" if report.effects else "it has none"
@@ -117,7 +117,7 @@ def _facts(report: Report, effect: EffectRecord) -> Iterator[str]:
         yield wording.minus(f"it was trained on {r.input} from {r.low:.4g} to {r.high:.4g}{unit} and holds there only")
     if effect.unique_share is not None:
         yield f"{wording.percent(effect.unique_share)} of its signature is explained by nothing else in the model"
-    for said in filter(None, (beside_specification(effect), words.rivals(effect))):
+    for said in filter(None, (beside_specification(effect), words.causes(effect))):
         yield said
     if said := words.confirmed(report):
         yield f"all findings together are {said}"
@@ -179,8 +179,8 @@ def _is_speed(unit: str) -> bool:
 
 
 def advice(report: Report, effect: EffectRecord, tellable: Set[str] | None) -> Iterator[str]:
-    """Sentences; tellable: the rivals that further poses could tell from it, by name; None where nobody asked."""
-    close = [r.name for r in effect.close_rivals()]
+    """Sentences; tellable: the causes that further poses could tell from it, by name; None where nobody asked."""
+    close = [cause.names[0] for cause in effect.others]
     told = [name for name in close if tellable is None or name in tellable]
     if told:
         yield f"take poses at which it and {told[0]} differ: `gpmodel poses --after` this result chooses them"

@@ -3,12 +3,12 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from operator import itemgetter
 
 import numpy as np
 
 from gpmodel.application.heldout import shipped, unseen_of
 from gpmodel.application.model_file import SavedModel
+from gpmodel.application.over_causes import spreads
 from gpmodel.arrays import Array
 from gpmodel.calibration.unobservable import unobservable_families
 from gpmodel.discovery.acceptance import Hypothesis
@@ -24,8 +24,8 @@ from gpmodel.report.schema import REGISTRATION, STANDARD, ParameterRecord, Repor
 from gpmodel.report.schema_poses import ShapeRecord
 from gpmodel.report.schema_search import (
     CandidateRecord,
+    CauseRecord,
     EffectRecord,
-    RivalRecord,
     RoundRecord,
     TestRecord,
 )
@@ -37,16 +37,16 @@ def from_discovery(discovery: Discovery, origin: Origin, saved: SavedModel | Non
     poses, final = discovery.poses, discovery.final
     names = names_of(poses.dataset)
     unobservable = tuple(translate(name, names) for name in unobservable_families(final, poses))
-    parts = unseen_of(discovery)
+    parts, moved = unseen_of(discovery), spreads(discovery)
     ladder = Ladder(poses, discovery.train, discovery.steps, final, (), None, saved, shipped(discovery), parts)
     common = build("discover", ladder, origin)
     if discovery.folds:
         common = _by_folds(common, discovery)
     report = replace(
         common,
-        effects=tuple(_effects(discovery, names)),
+        effects=tuple(_effects(discovery, names, moved)),
         histograms=_histograms(discovery, names),
-        placement=tuple(_widened(common.placement, discovery)),
+        placement=tuple(_widened(common.placement, moved)),
         rounds=tuple(_round(r, _as_fitted(discovery), names) for r in discovery.rounds),
         rank_curve=common.rank_curve or discovery.steps[1].calibration.rank_curve,
         stopped=discovery.stopped,
@@ -85,11 +85,13 @@ def _histograms(discovery: Discovery, names: Mapping[str, str]) -> tuple[Histogr
     return tuple(in_the_table(h, names) for h in counted) if any(sum(h.runs.values()) for h in counted) else ()
 
 
-def _effects(discovery: Discovery, names: Mapping[str, str]) -> Iterator[EffectRecord]:
+def _effects(
+    discovery: Discovery, names: Mapping[str, str], moved: Sequence[Mapping[str, float]]
+) -> Iterator[EffectRecord]:
     """All findings, with what speaks for each."""
     poses, steps = discovery.poses, {step.finding: step for step in discovery.steps}
     records = effect_records(
-        discovery.found, poses, discovery.fitted.candidates, names, poses.states, tuple(_moved(discovery))
+        discovery.found, poses, discovery.fitted.candidates, names, poses.states, tuple(_moved(discovery, moved))
     )
     for i, record in enumerate(records):
         finding, hypothesis, step = discovery.findings[i], discovery.findings[i].hypothesis, steps.get(i)
@@ -97,11 +99,8 @@ def _effects(discovery: Discovery, names: Mapping[str, str]) -> Iterator[EffectR
         yield replace(
             record,
             explanation=record.explanation or unnamed,
-            rivals=tuple(
-                RivalRecord(translate(n, names), fitted.optional(1e3 * v))
-                for n, v in sorted(hypothesis.rivals, key=itemgetter(1))
-            ),
-            probability=hypothesis.likely,
+            causes=tuple(_causes(hypothesis, record.name, names)),
+            without_name=hypothesis.causes.none if hypothesis.causes else 0.0,
             cv_rms_mm=1e3 * hypothesis.cv_rms,
             cv_before_mm=1e3 * hypothesis.cv_before,
             p_value=hypothesis.p_value,
@@ -116,12 +115,19 @@ def _effects(discovery: Discovery, names: Mapping[str, str]) -> Iterator[EffectR
         )
 
 
-def _widened(placement: Sequence[ParameterRecord], discovery: Discovery) -> Iterator[ParameterRecord]:
-    """Widen the standard errors of tool points by how far the alternatives of the findings would move them.
+def _causes(hypothesis: Hypothesis, name: str, names: Mapping[str, str]) -> Iterator[CauseRecord]:
+    """Causes in the credible set of a finding, which bears the name of the fit to all poses."""
+    found = hypothesis.candidate.name
+    for cause in hypothesis.causes.causes if hypothesis.causes else ():
+        said = tuple(name if g.name == found else translate(g.name, names) for g in cause.groups)
+        yield CauseRecord(said, cause.probability, cause.own)
+
+
+def _widened(placement: Sequence[ParameterRecord], moved: Sequence[Mapping[str, float]]) -> Iterator[ParameterRecord]:
+    """Widen the standard errors of tool points by how far the other causes of the findings would move them.
 
     Steps of a tool point are along the axes of the flange, as its numbers are.
     """
-    moved = [dict(finding.hypothesis.moved) for finding in discovery.findings]
     for number in placement:
         step = number.name[:-1] + f"T{number.name[-1]}"
         more = [by[step] for by in moved if step in by and number.name.startswith("tool")]
@@ -129,12 +135,11 @@ def _widened(placement: Sequence[ParameterRecord], discovery: Discovery) -> Iter
         yield replace(number, stderr=math.hypot(number.stderr or 0.0, *more)) if known else number
 
 
-def _moved(discovery: Discovery) -> Iterator[Array]:
-    """Standard deviations (E,) of the effects of every finding over the rivals of the others; zero where the fit to all
+def _moved(discovery: Discovery, every: Sequence[Mapping[str, float]]) -> Iterator[Array]:
+    """Standard deviations (E,) of the effects of every finding over the causes of the others; zero where the fit to all
     poses has another number of them, as of the radii of a hysteresis."""
-    every = [dict(finding.hypothesis.moved) for finding in discovery.findings]
     for i, finding in enumerate(discovery.findings):
-        others = every[:i] + every[i + 1 :]
+        others = [*every[:i], *every[i + 1 :]]
         names = [effect.name for effect in finding.candidate.effects]
         spread = np.array([math.hypot(*(other.get(name, 0.0) for other in others)) for name in names])
         fitted_to_all = len(discovery.fitted.candidates[i].effects)

@@ -10,7 +10,7 @@ from typing import Literal
 
 from gpmodel.application.further import ErrorBounds
 from gpmodel.arrays import Count, NotNegative, Share
-from gpmodel.evidence.confirmation import Confirmation
+from gpmodel.evidence.cross_validation import Confirmation
 from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.evolution.runs import Run
 from gpmodel.numerics.rank import RankChoice

@@ -9,9 +9,6 @@ from gpmodel.arrays import ROUNDING, Count, NotNegative, Share
 from gpmodel.families.inner import FittedConstant
 from gpmodel.wording import measured, shortened
 
-RIVAL_MARGIN = 0.1
-"""A rival fits about as well when its cross-validated RMS is at most this share above the finding's own; the RMS of 60
-poses is itself known to about a tenth (1 / √(2·60))."""
 NOTICED = 0.01
 """Least relative fall of the cross-validated error by a rejected candidate that is listed: the last digit shown."""
 SIGNIFICANT = ("chance", "nats")
@@ -37,11 +34,16 @@ class Range:
 
 
 @dataclass(frozen=True)
-class RivalRecord:
-    """Another effect whose signature is alike, and the cross-validated RMS with it instead."""
+class CauseRecord:
+    """A cause in the credible set of a finding, and its probability.
 
-    name: str
-    cv_rms_mm: NotNegative | None = None
+    names: of candidates that no measurement at these poses distinguishes, the most probable first. own: the finding is
+    one of them.
+    """
+
+    names: tuple[str, ...]
+    probability: Share
+    own: bool = False
 
 
 @dataclass(frozen=True)
@@ -71,8 +73,8 @@ class EffectRecord:
 
     kind: single, harmonic, vector or curve, as of a candidate; of a curve the value is the RMS over the measured poses.
     stderr: of the value, by the noise and over what the other findings could be in their places.
-    rivals: alike ones, closest first; None where nobody looked. probability: that it is this and none of them, by what
-    each leaves of poses left out. p_value: chance of it among `shuffles` of what was
+    causes: the 95 % credible set, the most probable first; None where nobody looked. without_name: probability in the
+    set that the cause has no name. p_value: chance of it among `shuffles` of what was
     `shuffled`. gain: share of the residual energy that it removes where everything else is in the model.
     tool_rms_mm, tool_max_mm: how far it moves the measured point over the measured poses; alone_rms_mm: of that what
     nothing else in the model, registration and tool included, takes up; workspace_*: at joint values
@@ -95,8 +97,8 @@ class EffectRecord:
     explanation: str = ""
     kept: bool = True
     terms: tuple[TermRecord, ...] = ()
-    rivals: tuple[RivalRecord, ...] | None = None
-    probability: Share | None = None
+    causes: tuple[CauseRecord, ...] | None = None
+    without_name: Share = 0.0
     correlated_with: tuple[Correlation, ...] = ()
     cv_rms_mm: NotNegative | None = None
     cv_before_mm: NotNegative | None = None
@@ -123,19 +125,29 @@ class EffectRecord:
         return f"<effect {self.name}: {size} at {self.slot} {self.axis}, {shortened(self.basis, 60)}>"
 
     @property
-    def stderr_over_rivals(self) -> float | None:
-        """Root mean square deviation of the amount from the value, which is zero where it is a rival that is there:
+    def probability(self) -> float | None:
+        """Probability of the finding and of what no measurement distinguishes from it; None where nobody looked."""
+        if self.causes is None:
+            return None
+        return next((cause.probability for cause in self.causes if cause.own), self.without_name)
+
+    @property
+    def others(self) -> tuple[CauseRecord, ...]:
+        """Other causes in the credible set."""
+        return tuple(cause for cause in self.causes or () if not cause.own)
+
+    @property
+    def alike(self) -> tuple[str, ...]:
+        """Names that no measurement at these poses distinguishes from the finding."""
+        return tuple(name for cause in self.causes or () if cause.own for name in cause.names if name != self.name)
+
+    @property
+    def stderr_over_causes(self) -> float | None:
+        """Root mean square deviation of the amount from the value, which is zero where another is the cause:
         √(p σ² + (1 - p) value²). Source: Hoeting et al. (1999), variance within and between models."""
         if self.probability is None or self.value is None or self.stderr is None:
             return None
         return float((self.probability * self.stderr**2 + (1.0 - self.probability) * self.value**2) ** 0.5)
-
-    def close_rivals(self) -> tuple[RivalRecord, ...]:
-        """Those that fit about as well: within RIVAL_MARGIN of the finding's own cross-validated RMS."""
-        if self.cv_rms_mm is None:
-            return ()
-        limit = (1 + RIVAL_MARGIN) * self.cv_rms_mm
-        return tuple(r for r in self.rivals or () if r.cv_rms_mm is not None and r.cv_rms_mm <= limit)
 
 
 @dataclass(frozen=True)

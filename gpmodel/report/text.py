@@ -14,7 +14,7 @@ MOST_LISTED = 12
 
 
 def summary(report: Report) -> str:
-    """Verdict, ladder, noise floor, findings with σ and rivals, parameters, caveats."""
+    """Verdict, ladder, noise floor, findings with σ and causes, parameters, caveats."""
     blocks = (
         ("Verdict", [wrapped(" ".join(filter(None, (report.verdict, verdict.behind(report)))))]),
         ("3-D error, mm", list(_ladder(report))),
@@ -70,8 +70,8 @@ def _effects(report: Report) -> Iterator[str]:
         yield wrapped(said)
     for number, effect in enumerate(report.effects, 1):
         value = wording.measured(effect.value, effect.stderr, effect.unit)
-        doubt = words.rivalled(effect)
-        if said := words.rivals(effect) if doubt else "":
+        doubt = words.doubt(effect)
+        if said := words.causes(effect) if doubt else "":
             yield wrapped(f"{number}  {effect.name}; {said}")
             yield wrapped(f"{value}{_relative(effect)}, {doubt}", 7)
         else:
@@ -91,7 +91,7 @@ def _effects(report: Report) -> Iterator[str]:
             else "",
         ]
         yield wrapped("; ".join(filter(None, facts)), 7)
-        if not doubt and (said := words.rivals(effect)):
+        if not doubt and (said := words.causes(effect)):
             yield wrapped(said, 7)
 
 

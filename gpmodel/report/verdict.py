@@ -16,7 +16,7 @@ MOST_NAMED = 6
 MOST_SIZED = 2
 """Effects that the verdict of a calibration names; of more it says the number."""
 SURE = 0.9
-"""Probability among its rivals from which an effect is said to be the one."""
+"""Probability from which an effect is said to be the cause."""
 STATED_TOO_LARGE = 3.0
 """Times what is left of the error that a stated noise cannot be: it would leave a third of itself."""
 _LOAD = re.compile(r"(?:payload_)?(?:torque|moment|force)_(?P<at>\w+)$")
@@ -66,12 +66,12 @@ def _rejected(report: Report) -> str:
 
 
 def _undecided(report: Report) -> Iterator[str]:
-    """Effects that these poses do not tell from a rival."""
+    """Effects that these poses do not tell from another cause."""
     for effect in report.effects:
-        close = effect.close_rivals()
-        if close and effect.probability is not None and effect.probability < SURE:
-            more = f" and {len(close) - 1} more" if len(close) > 1 else ""
-            yield f"These poses do not tell {effect.name} from {close[0].name}{more}."
+        others = effect.others
+        if others and effect.probability is not None and effect.probability < SURE:
+            more = f" and {len(others) - 1} more" if len(others) > 1 else ""
+            yield f"These poses do not tell {effect.name} from {others[0].names[0]}{more}."
 
 
 def inputs_in_words(report: Report) -> Iterator[str]:

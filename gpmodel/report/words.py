@@ -1,4 +1,4 @@
-"""Sentences that text and pages share: noise floor, confirmation, rivals, the two tests of an input, places."""
+"""Sentences that text and pages share: noise floor, confirmation, causes, the two tests of an input, places."""
 
 import math
 from collections.abc import Iterator
@@ -11,9 +11,10 @@ from gpmodel.families.candidate import CATALOGUE, FORMULA, FORMULA_OF_PROGRAM, N
 from gpmodel.mechanism.protocol import INSTRUMENT
 from gpmodel.numerics.interval import COVERAGE, coverage_factor
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_search import RIVAL_MARGIN, CandidateRecord, EffectRecord
+from gpmodel.report.schema_search import CandidateRecord, EffectRecord
 
-MARGIN = f"{100 * RIVAL_MARGIN:.0f} %"
+COVERAGE_OF_CAUSES = "95 %"
+NO_NAME = "none of these, but an effect without a name"
 MOST_EXPLAINED = 3
 """Inputs whose test is said in words; the table has all."""
 _FOUND_BY = {
@@ -72,15 +73,16 @@ def confirmed(report: Report) -> str:
     )
 
 
-def rivals(effect: EffectRecord) -> str:
-    """State the alternatives; empty if none were sought."""
-    if effect.rivals is None:
+def causes(effect: EffectRecord) -> str:
+    """State the credible set, each cause with its probability; empty if nobody looked."""
+    if effect.causes is None:
         return ""
-    close = effect.close_rivals()
-    if not close:
-        return f"no alternative within {MARGIN} of its cross-validated error"
-    listed = ", ".join(f"{r.name} ({wording.length(r.cv_rms_mm)})" for r in close)
-    return f"alternatives within {MARGIN} of its cross-validated error: {listed}"
+    if not effect.others and not effect.alike and not effect.without_name:
+        return f"no other cause is in its {COVERAGE_OF_CAUSES} credible set"
+    listed = [(c.probability, " or ".join(c.names)) for c in effect.causes]
+    listed += [(effect.without_name, NO_NAME)] if effect.without_name else []
+    named = (f"{name} ({wording.percent(p)})" for p, name in sorted(listed, reverse=True))
+    return f"causes at {COVERAGE_OF_CAUSES}: {'; '.join(named)}"
 
 
 def moves(effect: EffectRecord) -> str:
@@ -93,23 +95,17 @@ def moves(effect: EffectRecord) -> str:
     return f"{said}, {wording.length(effect.alone_rms_mm)} of it absorbed by no other parameter"
 
 
-def rivalled(effect: EffectRecord) -> str:
-    """State the condition of the ± of an effect with close alternatives, its probability, and the ± over all of them.
+def doubt(effect: EffectRecord) -> str:
+    """State the condition of the ± of an effect with other causes, its probability, and the ± over all of them.
 
-    Empty without alternatives.
+    Empty without other causes.
     """
-    close, over_all = effect.close_rivals(), effect.stderr_over_rivals
-    if not close:
+    over_all = effect.stderr_over_causes
+    if not effect.others or over_all is None:
         return ""
-    said = (
-        f"if none of its {len(close)} alternatives is the cause"
-        if len(close) > 1
-        else "if its alternative is not the cause"
-    )
-    if over_all is None or effect.probability is None:
-        return said
     size = wording.measured(effect.value, over_all, effect.unit)
-    return f"{said} ({wording.percent(effect.probability)} likely; allowing for them, ± {size.deviation} {size.unit})"
+    likely = wording.percent(effect.probability)
+    return f"if it is the cause ({likely} likely; allowing for the others, ± {size.deviation} {size.unit})"
 
 
 def beforehand(report: Report, effect: EffectRecord) -> str:

@@ -129,11 +129,10 @@ class SizeClass:
 class GroupPool:
     """Groups over distinct effects (groups may share them); every column is scaled by its group's spread.
 
-    cost, price, reading: (G,) nats to describe each group, to let it enter, and to read it. kind: (G,) number of
-    family and inputs, -1 without a name. block: (G,) number of the kind at several joints that it is a part of, -1 for
-    none. wholes: (B,) number of the group of each such kind. shared: (B,) nats that further parts need not say again:
-    all but which of n joints it is. rhs: (E,) products of the distinct unit columns with the target, whitened and
-    cleaned.
+    cost, price, reading: (G,) nats to describe each group, to let it enter, and to read it. block: (G,) number of the
+    kind at several joints that it is a part of, -1 for none. wholes: (B,) number of the group of each such kind.
+    shared: (B,) nats that further parts need not say again: all but which of n joints it is. rhs: (E,) products of the
+    distinct unit columns with the target, whitened and cleaned.
     """
 
     def __init__(self, rows: Rows, groups: Sequence[Group], prices: Price) -> None:
@@ -154,9 +153,6 @@ class GroupPool:
         self.price = np.array([prices.to_enter(g) for g in self.groups])
         self.reading = np.array([prices.to_read(g) for g in self.groups])
         self.cap = np.array([g.cap for g in self.groups])
-        kinds: dict[object, int] = {}
-        named = [(g.family, g.inputs) if g.family else None for g in self.groups]
-        self.kind = np.array([-1 if kind is None else kinds.setdefault(kind, len(kinds)) for kind in named])
         self.wholes = np.array([g for g, group in enumerate(self.groups) if group.parts and group.family], np.int64)
         blocks = [self.groups[g].parts for g in self.wholes]
         of_part = {part.name: b for b, parts in enumerate(blocks) for part in parts}

@@ -1,4 +1,4 @@
-"""Summarise a selection: groups with gains, their alternatives, and the permutation null of the largest gain."""
+"""Summarise a selection: groups with gains, and the permutation null of the largest gain."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ from gpmodel.selection.offers import shared_kinds
 from gpmodel.selection.pool import Rows
 from gpmodel.selection.posterior import Active
 from gpmodel.selection.relinearise import Expansion, Screening
-from gpmodel.selection.scan import alternatives, conditional_gram, whitened_cross
+from gpmodel.selection.scan import conditional_gram, whitened_cross
 from gpmodel.selection.sinusoids import sinusoid_null
 from gpmodel.table.split import JUDGED
 
@@ -90,12 +90,6 @@ class Selection:
     def names(self) -> frozenset[str]:
         """Names of the selected groups."""
         return frozenset(kept.group.name for kept in self.kept)
-
-    @cached_property
-    def alternatives(self) -> dict[str, tuple[tuple[Group, float], ...]]:
-        """Groups that could take the place of each selected one by name, with the loss of the objective, nats."""
-        groups, found = self.active.pool.groups, alternatives(self.active)
-        return {groups[g].name: tuple((groups[o.number], o.loss) for o in others) for g, others in found.items()}
 
     @cached_property
     def permutation_null(self) -> Array:

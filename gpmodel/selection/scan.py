@@ -1,4 +1,4 @@
-"""Score every group given a model, or in the place of one of its groups, and list the nearest alternatives."""
+"""Score every group given a model, or in the place of one of its groups."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -114,37 +114,3 @@ def _bound(s: Array, q: Array) -> Array:
     size = s.shape[-1]
     ridge = 1e-12 * np.trace(s, axis1=1, axis2=2)[:, None, None] * np.eye(size) + 1e-300 * np.eye(size)
     return np.asarray(0.5 * np.einsum("gk,gk->g", q, np.linalg.solve(s + ridge, q[:, :, None])[:, :, 0]))
-
-
-MOST_RIVALS = 20
-"""Largest number of alternatives of a group, nearest first."""
-
-
-@dataclass(frozen=True)
-class Alternative:
-    """A group that could take the place of a selected one. loss: of the objective, nats."""
-
-    number: int
-    loss: float
-
-
-def alternatives(active: Active) -> dict[int, tuple[Alternative, ...]]:
-    """Return the alternatives to each selected group, neighbours first, then in order of loss.
-
-    Neighbours have its family and inputs and are listed whatever the loss: another number of lobes may predict as well
-    and differ in the value and in the geometry.
-    """
-    replacements = Replacements(active)
-    return {g: _in_place_of(replacements, g) for g in active.found}
-
-
-def _in_place_of(replacements: Replacements, g: int) -> tuple[Alternative, ...]:
-    active, kind = replacements.active, replacements.active.pool.kind
-    own, near = active.net_gain(g), (kind == kind[g]) & (kind >= 0)
-    margin = np.where(near, np.inf, active.criteria.rival_nats)
-    prices = active.without(g).prices
-    gains, _ = replacements.of(g, own + prices - margin)
-    losses = own - (gains - prices)
-    losses[list(active.variances)] = np.inf
-    able = [h for h in np.lexsort((losses, ~near)).tolist() if np.isfinite(losses[h]) and losses[h] < margin[h]]
-    return tuple(Alternative(h, float(losses[h])) for h in able[:MOST_RIVALS])

@@ -123,6 +123,12 @@ def propose_smooth_terms(active: Active, sites: Sequence[Site], inputs: Sequence
     return [g for g in groups if g is not None]
 
 
+def nats_without_a_name(active: Active, sites: Sequence[Site], inputs: Sequence[str], offered: int) -> Array:
+    """Net gains (K,), nats, of smooth terms at some sites, of so many that are offered."""
+    further = math.log(offered / len(sites)) + active.criteria.minimum_nats
+    return np.array([found.nats - further for found in _best(active, sites, inputs)])
+
+
 def _best(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> Iterator[_Found]:
     """Score the strongest sites and inputs of the screening at every correlation length."""
     places = SiteProducts.of(active, sites)

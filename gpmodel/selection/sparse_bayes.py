@@ -153,9 +153,11 @@ def reestimate(model: Active, sweeps: int = SWEEPS) -> Active:
     return model
 
 
-def prune(model: Active) -> Active:
-    """Delete groups with a net loss, the worst first, and idle sites of groups at several sites."""
-    while (worst := min(model.found, key=model.net_gain, default=None)) is not None and model.net_gain(worst) < 0.0:
+def prune(model: Active, exempt: int = -1) -> Active:
+    """Delete groups but for one with a net loss, the worst first, and idle sites of groups at several sites."""
+    while (
+        worst := min((g for g in model.found if g != exempt), key=model.net_gain, default=None)
+    ) is not None and model.net_gain(worst) < 0.0:
         model = reestimate(model.without(worst), 3)
     return _without_idle_sites(model)
 

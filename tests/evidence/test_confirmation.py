@@ -11,8 +11,8 @@ from loop_cases import ARM, QUICK, quick, robot
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.loop import discover
 from gpmodel.errors import InputError
-from gpmodel.evidence.confirmation import confirmation
 from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.cross_validation import confirmation
 from gpmodel.evidence.residual import Residual, exchangeable, independent_units, residual_of
 from gpmodel.evidence.score import best_nats, scores
 from gpmodel.evolution.chance import chance

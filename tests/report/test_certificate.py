@@ -12,7 +12,7 @@ from report_runs import calibrated, discovered
 
 from gpmodel import wording
 from gpmodel.errors import InputError
-from gpmodel.evidence.confirmation import Confirmation
+from gpmodel.evidence.cross_validation import Confirmation
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.report import certificate
 from gpmodel.report.certificate import STATISTICS, errors_before_and_after, statistics

@@ -21,7 +21,7 @@ from gpmodel.report.effects import over_the_workspace
 from gpmodel.report.explain import MEASURES, explain, html, kinds_of, text
 from gpmodel.report.fitted import tool_displacements
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_search import Correlation, Range, RivalRecord
+from gpmodel.report.schema_search import CauseRecord, Correlation, Range
 from gpmodel.table.dataset import unmeasured
 
 
@@ -92,17 +92,15 @@ def test_what_no_family_describes_is_not_called_named_by_the_user() -> None:
     assert "named by the user" in explain(altered(explanation="", found_by="named"), 1).cause
 
 
-def test_poses_are_only_advised_where_they_tell_rivals_apart() -> None:
-    effect = discovered().effects[0]
-    report = altered(rivals=(RivalRecord("close", effect.cv_rms_mm), RivalRecord("other", effect.cv_rms_mm)))
+def test_poses_are_only_advised_where_they_tell_causes_apart() -> None:
+    report = altered(causes=(CauseRecord(("close",), 0.3), CauseRecord(("other",), 0.3)))
     assert "it and other differ" in explain(report, 1, {"other"}).advice[0]
     assert "No poses of this mechanism tell it from close" in explain(report, 1, set()).advice[0]
 
 
-def test_rivals_and_a_small_share_have_their_advice() -> None:
-    effect = discovered().effects[0]
-    rival = RivalRecord("something alike", effect.cv_rms_mm)
-    assert "it and something alike differ" in explain(altered(rivals=(rival,)), 1).advice[0]
+def test_other_causes_and_a_small_share_have_their_advice() -> None:
+    other = CauseRecord(("something alike",), 0.3)
+    assert "it and something alike differ" in explain(altered(causes=(other,)), 1).advice[0]
     near = (Correlation("J2 Rz", 0.97),)
     weak = altered(unique_share=0.05, correlated_with=near)
     assert any("hard to tell from J2 Rz" in s for s in explain(weak, 1).advice)

@@ -12,14 +12,14 @@ from report_runs import REPORTS, calibrated, discovered, quickly
 
 from gpmodel import wording
 from gpmodel.cli.results import report as report_command
-from gpmodel.evidence.confirmation import Confirmation
+from gpmodel.evidence.cross_validation import Confirmation
 from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.report import explore
 from gpmodel.report.figures import draw
 from gpmodel.report.page import html, pictures
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema import ErrorsMm, ParameterRecord, Report
-from gpmodel.report.schema_search import CandidateRecord, EffectRecord, RivalRecord, RoundRecord
+from gpmodel.report.schema_search import CandidateRecord, CauseRecord, EffectRecord, RoundRecord
 from gpmodel.report.words import beforehand, input_tests, place
 
 VOID = {"meta", "link", "img", "br"}
@@ -101,11 +101,11 @@ def test_pictures_take_their_colours_from_the_page_and_share_no_ids(case: str) -
         assert all(i.startswith(f"{name}-") for i in re.findall(r' id="([^"]+)"', svg))
 
 
-def test_the_first_screen_says_noise_floor_rivals_and_whether_it_is_confirmed() -> None:
+def test_the_first_screen_says_noise_floor_causes_and_whether_it_is_confirmed() -> None:
     report = discovered()
     (effect,) = report.effects
-    rival = RivalRecord("something alike", effect.cv_rms_mm)
-    head = page(dataclasses.replace(report, effects=(dataclasses.replace(effect, rivals=(rival,)),))).text
+    causes = (CauseRecord((effect.name,), 0.6, own=True), CauseRecord(("something alike",), 0.4))
+    head = page(dataclasses.replace(report, effects=(dataclasses.replace(effect, causes=causes),))).text
     head = head[: head.index("Error after each step")]
     assert "noise floor unknown give repeats or --noise" in head
     assert "Confirmed on the held-out poses" in head

@@ -10,15 +10,15 @@ from report_runs import REPORTS, calibrated, discovered, evolved
 
 from gpmodel import wording
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.evidence.confirmation import Confirmation
+from gpmodel.evidence.cross_validation import Confirmation
 from gpmodel.report.fitted import moves_alone
 from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.origin import Origin
 from gpmodel.report.page import html
 from gpmodel.report.schema import ErrorsMm, Report, StepRecord
-from gpmodel.report.schema_search import RIVAL_MARGIN, CandidateRecord, RivalRecord, RoundRecord, TestRecord
+from gpmodel.report.schema_search import CandidateRecord, CauseRecord, RoundRecord, TestRecord
 from gpmodel.report.text import summary
-from gpmodel.report.words import noise_floor, rivals
+from gpmodel.report.words import causes, noise_floor
 
 
 @pytest.mark.parametrize("case", REPORTS)
@@ -95,30 +95,28 @@ def test_a_finding_has_its_size_deviation_share_and_chance() -> None:
     assert f"at {effect.slot} {effect.axis}" in text
 
 
-def test_only_rivals_within_the_margin_are_offered() -> None:
+def test_the_credible_set_is_said_cause_by_cause() -> None:
     (effect,) = discovered().effects
-    assert effect.cv_rms_mm is not None
-    near, far = (RivalRecord(n, effect.cv_rms_mm * f) for n, f in (("near", 1 + 0.9 * RIVAL_MARGIN), ("far", 1.6)))
-    said = rivals(dataclasses.replace(effect, rivals=(near, far)))
-    assert "near" in said
-    assert "far" not in said
-    assert "no alternative" in rivals(dataclasses.replace(effect, rivals=(far,)))
-    assert rivals(dataclasses.replace(effect, rivals=None)) == ""
+    own = CauseRecord((effect.name, "its double"), 0.6, own=True)
+    said = causes(dataclasses.replace(effect, causes=(own, CauseRecord(("other",), 0.3)), without_name=0.08))
+    assert said.index(f"{effect.name} or its double (60 %)") < said.index("other (30 %)") < said.index("none of these")
+    alone = dataclasses.replace(effect, causes=(CauseRecord((effect.name,), 0.97, own=True),), without_name=0.0)
+    assert "no other cause" in causes(alone)
+    assert causes(dataclasses.replace(effect, causes=None)) == ""
 
 
-def test_rivals_stand_before_a_value_that_holds_only_without_them() -> None:
+def test_causes_stand_before_a_value_that_holds_for_one_of_them() -> None:
     report = discovered()
     (effect,) = report.effects
-    assert effect.cv_rms_mm is not None
-    doubted = dataclasses.replace(effect, rivals=(RivalRecord("a stranger", effect.cv_rms_mm),))
+    set_of_two = (CauseRecord((effect.name,), 0.5, own=True), CauseRecord(("a stranger",), 0.5))
+    doubted = dataclasses.replace(effect, causes=set_of_two)
+    assert doubted.stderr_over_causes == pytest.approx(
+        np.hypot(effect.value or 0.0, effect.stderr or 0.0) / np.sqrt(2.0)
+    )
     text = " ".join(summary(dataclasses.replace(report, effects=(doubted,))).split())
     value = str(wording.measured(effect.value, effect.stderr, effect.unit))
     assert text.index("a stranger") < text.index(value)
-    assert "if its alternative is not the cause" in text[text.index(value) :]
-    even = dataclasses.replace(doubted, probability=0.5)
-    assert even.stderr_over_rivals == pytest.approx(np.hypot(effect.value or 0.0, effect.stderr or 0.0) / np.sqrt(2.0))
-    text = " ".join(summary(dataclasses.replace(report, effects=(even,))).split())
-    assert "(50 % likely; allowing for them, ± " in text
+    assert "if it is the cause (50 % likely; allowing for the others, ± " in text[text.index(value) :]
 
 
 def test_a_finding_may_have_fewer_effects_in_the_fit_to_all_poses() -> None:

@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 from report_runs import calibrated, discovered, quickly
 
-from gpmodel.evidence.confirmation import Confirmation
+from gpmodel.evidence.cross_validation import Confirmation
 from gpmodel.model.naming import table_names, translate
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_search import RivalRecord
+from gpmodel.report.schema_search import CauseRecord
 from gpmodel.report.verdict import behind, of_calibration, of_discovery, spans
 
 JOINTS = ("J1", "J2", "J3", "J4", "J5", "J6")
@@ -46,12 +46,15 @@ def test_what_is_behind_it_is_said_as_a_person_would(inputs: tuple[str, ...], sa
 
 
 @pytest.mark.parametrize(("probability", "said"), [(0.3, True), (0.95, False), (None, False)])
-def test_a_rival_that_these_poses_do_not_tell_apart_is_in_the_sentence(probability: float | None, said: bool) -> None:
+def test_a_cause_that_these_poses_do_not_tell_apart_is_in_the_sentence(probability: float | None, said: bool) -> None:
     report = discovered()
-    rms = report.effects[0].cv_rms_mm
-    assert rms is not None
-    rivals = (RivalRecord("joint compliance, J2", 1.01 * rms), RivalRecord("joint bending, J1", 2.0 * rms))
-    effect = replace(report.effects[0], name="base compliance", probability=probability, rivals=rivals)
+    causes = None
+    if probability is not None:
+        causes = (
+            CauseRecord(("base compliance",), probability, own=True),
+            CauseRecord(("joint compliance, J2",), 1.0 - probability),
+        )
+    effect = replace(report.effects[0], name="base compliance", causes=causes)
     sentence = "These poses do not tell base compliance from joint compliance, J2."
     assert (sentence in behind(replace(report, effects=(effect,)))) == said
 

@@ -1,0 +1,121 @@
+"""Find the credible set of a selected group: every candidate in its place, with its probability.
+
+    p(h | y) ∝ exp L(model with h in the place of g),   h over all groups of the pool
+
+L is the objective of the selection: log marginal likelihood less the price. Everything else in the model is
+re-estimated with h, and what h makes superfluous is deleted. What has no name counts as one cause, "none of these".
+Sources: Wang et al. (2020), a sum of single effects; Raftery et al. (1997), the models near the best one.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from gpmodel.arrays import Array
+from gpmodel.families.candidate import SMOOTH_TERM
+from gpmodel.model.sites import Site
+from gpmodel.selection.group import Group, is_curve
+from gpmodel.selection.posterior import Active
+from gpmodel.selection.scan import Replacements
+from gpmodel.selection.smooth_terms import nats_without_a_name
+from gpmodel.selection.sparse_bayes import prune, reestimate
+
+COVERED, NEAR, MOST, ALIKE = 0.95, 9.0, 40, 1e-3
+"""Least probability of a credible set. Nats below the best within which the model is estimated again with a candidate:
+a farther one has a probability below 0.0001. Such candidates at most, the best first. Relative difference of two
+contributions below which no measurement at these poses distinguishes their causes."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Indistinguishable groups, the most probable first, and their probability. own: one of them is selected."""
+
+    groups: tuple[Group, ...]
+    probability: float
+    own: bool
+
+
+@dataclass(frozen=True)
+class CredibleSet:
+    """Causes, the most probable first. none: probability that the cause has no name, 0 outside the set."""
+
+    causes: tuple[Cause, ...]
+    none: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all causes."""
+        return tuple(group.name for cause in self.causes for group in cause.groups)
+
+    @property
+    def others(self) -> tuple[Cause, ...]:
+        """Causes that the selected group is none of."""
+        return tuple(cause for cause in self.causes if not cause.own)
+
+
+def credible_set(model: Active, g: int, sites: Sequence[Site] = (), inputs: Sequence[str] = ()) -> CredibleSet:
+    """Weigh all candidates in the place of a selected group. sites, inputs: of smooth terms."""
+    near, group = dict(_near(model, g)), model.pool.groups[g]
+    unnamed = _smooth_terms(model, g, sites, inputs) if _named(group) else np.zeros(0)
+    total = float(logsumexp([*near.values(), *unnamed]))
+    named = {h: float(np.exp(value - total)) for h, value in near.items() if _named(model.pool.groups[h])}
+    lines = [(p, line) for line, p in _lines(model.without(g), named)]
+    lines.append((1.0 - sum(named.values()), ()))
+    lines.sort(key=lambda line: -line[0])
+    kept = lines[: 1 + int(np.searchsorted(np.cumsum([p for p, _ in lines]), COVERED))]
+    groups = model.pool.groups
+    causes = tuple(Cause(tuple(groups[h] for h in line), p, g in line) for p, line in kept if line)
+    return CredibleSet(causes, next((p for p, line in kept if not line), 0.0))
+
+
+def _named(group: Group) -> bool:
+    return bool(group.family) and not is_curve(group)
+
+
+def _near(model: Active, g: int) -> Iterable[tuple[int, float]]:
+    """Candidates in the place of a group, itself among them, with the objective (nats) of the model with each."""
+    yield g, model.objective
+    fewer = model.without(g)
+    gains, variances = Replacements(model).of(g, model.net_gain(g) - NEAR + fewer.prices)
+    smooth = [h for h, group in enumerate(model.pool.groups) if group.found_by == SMOOTH_TERM]
+    net = gains - fewer.prices
+    net[[*model.variances, *smooth]] = -np.inf
+    for h in np.argsort(-net, kind="stable")[:MOST].tolist():
+        if net[h] < model.net_gain(g) - NEAR:
+            return
+        trial = prune(reestimate(fewer.added(h, float(variances[h]))), exempt=h)
+        if len(np.unique(trial.part_of_column(h))) != 1:
+            yield h, trial.objective
+
+
+def _smooth_terms(model: Active, g: int, sites: Sequence[Site], inputs: Sequence[str]) -> Array:
+    """Objective (K,), nats, of the model with smooth terms where a group acts in its place."""
+    slots = {slot for e in model.pool.groups[g].effects for slot in e.slots}
+    there = [site for site in sites if not slots.isdisjoint(slot for slot, _, _ in site.terms)]
+    if not there or not inputs:
+        return np.zeros(0)
+    fewer = prune(reestimate(model.without(g)))
+    return fewer.objective + nats_without_a_name(fewer, there, inputs, len(sites))
+
+
+def _lines(fewer: Active, chance: dict[int, float]) -> list[tuple[tuple[int, ...], float]]:
+    """Groups by what they contribute beside a model: those that contribute the same are one line."""
+    lines: list[tuple[list[int], Array]] = []
+    for h in sorted(chance, key=lambda h: (-round(chance[h], 6), fewer.pool.groups[h].name)):
+        moved = _contribution(fewer, h)
+        for line, first in lines:
+            if np.linalg.norm(moved - first) < ALIKE * np.linalg.norm(first):
+                line.append(h)
+                break
+        else:
+            lines.append(([h], moved))
+    return [(tuple(line), sum(chance[h] for h in line)) for line, _ in lines]
+
+
+def _contribution(fewer: Active, h: int) -> Array:
+    """Least-squares contribution (M,) of a group to what a model leaves."""
+    columns = fewer.pool.columns(h)
+    columns = columns - fewer.spanned @ (fewer.spanned.T @ columns)
+    return np.asarray(columns @ np.linalg.lstsq(columns, fewer.left, rcond=None)[0])

@@ -1,0 +1,90 @@
+"""Credible sets: the planted effect is in the set, in any order of candidates; what has no name is said."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from effect_cases import bare, measure, mechanism, sized
+from group_cases import ARM, STANDING, offered, started
+
+from gpmodel.families import catalogue
+from gpmodel.formula.expression import Expression
+from gpmodel.model.effect import effect_at
+from gpmodel.model.error_model import prepare
+from gpmodel.model.sites import sites_of
+from gpmodel.selection.causes import COVERED, CredibleSet, credible_set
+from gpmodel.selection.group import Shapes
+from gpmodel.selection.offers import Offering
+from gpmodel.selection.pool import GroupPool
+from gpmodel.selection.posterior import Active
+from gpmodel.selection.sparse_bayes import grow, reestimate
+
+PLANTED = (
+    "balancing spring, J2", "axis wobble, J2 Rz", "base compliance", "coupling, J2 to J3", "joint compliance, J5",
+    "eccentricity, 1 per turn, J3", "gear error, 2 per turn, J4", "hardening stiffness, J2", "gear ratio, J2",
+    "coupling, J4 to J5",
+)  # fmt: skip
+
+
+@cache
+def grown(name: str, seed: int, millimetres: float = 0.12) -> Active:
+    """A robot with one catalogue effect, measured at 60 poses, and what the selection grows from the catalogue."""
+    data, arm = bare(ARM, 60, seed, payload=False), mechanism(ARM)
+    states = prepare(arm, data).states
+    effects = {c.name: c for c in catalogue.candidates(arm, states)}[name].effects
+    truth = measure(ARM, effects, sized(ARM, effects, data, millimetres, seed), seed, dataset=data)
+    return grow(started(truth, offered(Offering(STANDING), arm, Shapes(truth.poses.states)))[0])
+
+
+def said(found: CredibleSet) -> list[tuple[tuple[str, ...], float]]:
+    """Names and probability of each cause."""
+    return [(tuple(group.name for group in cause.groups), round(cause.probability, 4)) for cause in found.causes]
+
+
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    [(name, 3) if k < 2 else pytest.param(name, k, marks=pytest.mark.long) for k, name in enumerate(PLANTED)],
+)
+def test_the_planted_effect_is_in_a_set_that_holds_what_it_says(name: str, seed: int) -> None:
+    model = grown(name, seed)
+    sets = [credible_set(model, g) for g in model.found]
+    assert any(name in found.names for found in sets)
+    for found in sets:
+        assert COVERED <= sum(cause.probability for cause in found.causes) + found.none <= 1.0 + 1e-9
+        assert sum(cause.own for cause in found.causes) <= 1
+
+
+def test_the_order_of_the_candidates_changes_nothing() -> None:
+    model = grown(PLANTED[0], 3)
+    order = np.random.default_rng(0).permutation(len(model.pool.groups))
+    place = {int(g): k for k, g in enumerate(order)}
+    pool = GroupPool(model.pool.rows, [model.pool.groups[g] for g in order], model.pool.prices)
+    again = replace(
+        model, pool=pool, variances={place[g]: a for g, a in model.variances.items()},
+        chosen={place[g]: part for g, part in model.chosen.items()},
+    )  # fmt: skip
+    for g in model.found:
+        assert said(credible_set(again, place[g])) == said(credible_set(model, g))
+
+
+def test_causes_that_no_measurement_distinguishes_are_one_line() -> None:
+    """Sag under its own weight and a spring that does not balance it follow the sine and cosine of one angle."""
+    model = grown(PLANTED[0], 3)
+    found = next(found for g in model.found if PLANTED[0] in (found := credible_set(model, g)).names)
+    line = next(names for names, _ in said(found) if PLANTED[0] in names)
+    assert len(line) > 1
+    assert all(", J2" in name for name in line)
+
+
+def test_an_effect_that_no_family_describes_is_none_of_these() -> None:
+    """A product of two angles, for which the compliance of the joint is selected by force."""
+    data, arm = bare(ARM, 60, 4, payload=False), mechanism(ARM)
+    effect = effect_at("product", "J3.moving", "Rz", Expression("sin(2*J2)*cos(3*J4)"))
+    truth = measure(ARM, [effect], [6e-4], 4, dataset=data)
+    model, number = started(truth, offered(Offering(STANDING), arm, Shapes(truth.poses.states)))
+    g = number["joint compliance, J3"]
+    model = reestimate(model.added(g, 1e-8))
+    found = credible_set(model, g, sites_of(arm), ("J2", "J4"))
+    assert found.none > COVERED
+    assert found.causes == ()
