@@ -62,8 +62,8 @@ class Measured:
     model: ErrorModel
 
 
-def measured(case: tuple[str, str, str], count: int, seed: int) -> Measured:
-    """Measure a robot of some arm, motion and instrument at so many poses."""
+def measured(case: tuple[str, str, str], count: int, seed: int, times: float = 1.0) -> Measured:
+    """Measure a robot of some arm, motion and instrument at so many poses. times: factor on the planted error."""
     name, motion, instrument = case
     rng, arm = np.random.default_rng([89, seed]), gp.load_mechanism(name)
     bare = unmeasured([j.name for j in arm.joints], joint_values(arm, motion, count + FRESH, rng))
@@ -81,7 +81,7 @@ def measured(case: tuple[str, str, str], count: int, seed: int) -> Measured:
         own = one_effect_named(PLANTED[instrument][0], arm, seen.states)
         model, theta = (
             replace(model, effects=(*model.effects, *own)),
-            np.append(theta, [PLANTED[instrument][1]] * len(own)),
+            np.append(theta, [times * PLANTED[instrument][1]] * len(own)),
         )
         read = observe(model, seen, theta, placement).tip[:, :3, 3]
     table = replace(bare, position=read + NOISE * rng.normal(size=read.shape))

@@ -4,7 +4,7 @@ Every robot has geometric errors, a second joint that yields and hardens, and 0.
 frame of the robot itself, some in that of a tracker, some of these with an error of the tracker. With --discovers 0 the
 true model is fitted to tables with an error of the tracker, and nothing is searched.
 From the root of the repository: python -m experiments.gauge.run [--robots 40] [--poses 120] [--discovers 1]
-[--out FOLDER]
+[--times 1] [--first 0] [--out FOLDER]
 """
 
 from __future__ import annotations
@@ -56,9 +56,9 @@ def told(made: Measured) -> SavedModel:
     return saved_model(calibrate(made.model, made.poses), made.poses)
 
 
-def one_robot(case: tuple[str, str, str], count: int, seed: int, discovers: bool) -> dict[str, Any]:
+def one_robot(case: tuple[str, str, str], count: int, seed: int, discovers: bool, times: float) -> dict[str, Any]:
     """Return the error of `predict` for one robot, from a discovery or from the true model fitted to the table."""
-    made = measured(case, count, seed)
+    made = measured(case, count, seed, times)
     if not discovers:
         return {"case": list(case), **judged(told(made), made)}
     table, arm = made.poses.dataset, made.model.mechanism
@@ -68,12 +68,13 @@ def one_robot(case: tuple[str, str, str], count: int, seed: int, discovers: bool
 
 
 def main(arguments: list[str] | None = None) -> None:
-    chosen = options(__doc__, "gauge", arguments, robots=40, poses=120, discovers=1)
+    chosen = options(__doc__, "gauge", arguments, robots=40, poses=120, discovers=1, times=1, first=0)
     chosen.results = "results.json" if chosen.discovers else "told.json"
     cases = list(product(ARMS, MOTIONS, INSTRUMENTS if chosen.discovers else PLANTED))
     order, done = np.random.default_rng(89).permutation(len(cases)), list[dict[str, Any]]()
     for k in range(chosen.robots):
-        done.append(one_robot(cases[order[k % len(cases)]], chosen.poses, k, bool(chosen.discovers)))
+        case, seed = cases[order[k % len(cases)]], chosen.first + k
+        done.append(one_robot(case, chosen.poses, seed, bool(chosen.discovers), chosen.times))
         bare = [r["plain_mm"] / r["as_measured_mm"] for r in done if r["case"][2] not in PLANTED]
         counts = {"robots": len(done), "not_planted": len(bare), "largest_ratio": max(bare, default=None)}
         save(chosen, {**counts, "each": done}, {}, robots=len(done))

@@ -3,7 +3,8 @@
 Simulated robots with an effect that no family of the catalogue has, and 0.03 mm noise. Either the standard model alone
 is fitted, as where a search refuses everything, or `discover --runs 0` adds what it finds. Asked is the share of the
 coordinates of fresh exact positions within two sigma: of parameters and discrepancy, and of the parameters alone.
-From the root of the repository: python -m experiments.prediction_sigma.run [--robots 60] [--searched 8] --out FILE
+From the root of the repository: python -m experiments.prediction_sigma.run [--robots 60] [--searched 8]
+[--first 1000] --out FILE
 """
 
 import argparse
@@ -95,10 +96,12 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robots", type=int, default=60)
     parser.add_argument("--searched", type=int, default=0)
+    parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--out", type=Path, required=True)
     asked = parser.parse_args()
-    found = {"standard": [standard(n, SIZES[n % 4]) for n in range(asked.robots)]}
-    found["searched"] = [searched(n, SIZES[n % 4]) for n in range(asked.searched)]
+    numbers = [range(asked.first, asked.first + count) for count in (asked.robots, asked.searched)]
+    found = {"standard": [standard(n, SIZES[n % 4]) for n in numbers[0]]}
+    found["searched"] = [searched(n, SIZES[n % 4]) for n in numbers[1]]
     command = " ".join(["python -m experiments.prediction_sigma.run", *sys.argv[1:]])
     versions = {"python": platform.python_version(), "numpy": np.__version__}
     summary = {kind: summed(rows) for kind, rows in found.items()}

@@ -16,6 +16,7 @@ from gpmodel.api.simulate import SimulationResult
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
+from gpmodel.calibration.undeclared import apart_from_effects
 from gpmodel.calibration.weigh import weighed
 from gpmodel.errors import InputError
 from gpmodel.files import to_json, write_text
@@ -64,7 +65,7 @@ def robot(instrument: str, seed: int) -> dict[str, dict[str, float]]:
     made = gp.simulate(ARM, EFFECTS, geometry_sigma="0.3 mm", **scene)
     poses = weighed(ARM, prepare(ARM, made.table))
     models = ((), *(standard_effects(ARM, patterns) for patterns in MODELS.values()))
-    fits = [calibrate(ErrorModel(ARM, effects), poses) for effects in models]
+    fits = [apart_from_effects(calibrate(ErrorModel(ARM, effects), poses), poses) for effects in models]
     before, *after = judged(made, fits)
     return {
         name: {"inside": before[0], "inside after": error[0], "outside": before[1], "outside after": error[1],

@@ -21,6 +21,7 @@ from gpmodel.calibration.comparison import climb, growing
 from gpmodel.calibration.gauss_newton import calibrate as fit_model
 from gpmodel.calibration.payload import find_lever, hang_payload
 from gpmodel.calibration.result import Calibration
+from gpmodel.calibration.undeclared import apart_from_effects
 from gpmodel.calibration.weigh import weighed
 from gpmodel.checks.judge import refuse
 from gpmodel.checks.warnings import poor_fit
@@ -125,6 +126,7 @@ def calibrate(
     if known is None:
         steps = climb(arm, growing(geometry, groups), seen, unseen, condition_limit, seed)
         final = fit_model(steps[-1].calibration.model, poses, condition_limit=condition_limit, seed=seed)
+        final = apart_from_effects(final, poses)
     else:
         steps = further_machine(known, arm, seen, unseen, seed).steps
         machine = further_machine(known, arm, poses, unseen, seed)

@@ -11,13 +11,18 @@ from gpmodel.application.predict import batches
 from gpmodel.application.usable import check_finite
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.gauss_newton import without_outliers
+from gpmodel.calibration.iterate import Fitting, iterate
 from gpmodel.calibration.linearise import Linearised, linearise
 from gpmodel.calibration.placing import placement_after
+from gpmodel.calibration.size import without_frame
+from gpmodel.calibration.uncertainty import uncertainty
+from gpmodel.calibration.unmeasured_joints import free_joints
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import Placement, Poses, observe, pose_error, prepare
 from gpmodel.model.observation import Observation, observations
 from gpmodel.model.observed import Observed
 from gpmodel.numerics import se3
+from gpmodel.table.bundles import sharing
 from gpmodel.table.dataset import Dataset
 
 PASSES = 8
@@ -119,6 +124,30 @@ def _placed(saved: SavedModel, dataset: Dataset) -> SavedModel:
         registration[name] = np.block([[turn, shift[:, None]], [np.zeros(3), np.ones(1)]])
     kept = {key: saved.placement.anchors[key] for _, key in kept_by(saved, dataset)}
     return replace(saved, placement=Placement(registration, saved.placement.tool, kept))
+
+
+def as_its_rows_show(saved: SavedModel, dataset: Dataset) -> SavedModel:
+    """Refit the constants to the model's own rows, where neither these nor later ones are in an instrument's frame.
+
+    Constants of such a model are fitted apart from undeclared effects. In the measured region these act as they did.
+    """
+    known = None if saved.measured is None else saved.measured.dataset
+    if (
+        known is None
+        or free_joints(saved.mechanism)
+        or not all(without_frame(observations(d)) for d in (known, dataset))
+    ):
+        return saved
+    poses, kept = prepare(saved.mechanism, known), np.isfinite(saved.stderr)
+    observed = observe(saved.model, poses, saved.theta, saved.placement)
+    use = without_outliers(observed, known, np.ones(len(poses), dtype=bool))
+    fitting = Fitting(saved.model, poses, use, saved.rotation_weight, sharing(known))
+    found = iterate(fitting, saved.theta, saved.placement, kept)
+    told = uncertainty(fitting, found, kept)
+    return replace(
+        saved, theta=found.theta, placement=found.placement, stderr=told.stderr, covariance=told.covariance,
+        sigma=told.sigma, freedom=told.freedom,
+    )  # fmt: skip
 
 
 def errors_at(session: Session, dataset: Dataset) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 
 from gpmodel.application.changes import SET_UP, SIGNIFICANCE, NamedChange, Visible, changes, visible
 from gpmodel.application.kinematics import tips
-from gpmodel.application.later import Session, kept_by, settled
+from gpmodel.application.later import Session, as_its_rows_show, kept_by, settled
 from gpmodel.application.measured import counted
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.possible_changes import possible_changes
@@ -96,6 +96,7 @@ def verified(saved: SavedModel, dataset: Dataset) -> Verified:
     `application.recheck` and `application.changes`. Raises InputError where the poses do not fit the model, are too
     few, or their columns are mixed up.
     """
+    saved = as_its_rows_show(saved, dataset)
     found, instrument = _with_or_without_the_instrument(saved, _as_counted(saved, dataset))
     if (share := np.sqrt(found.chi_square / found.degrees)) < COMPUTED:
         raise InputError(

@@ -8,6 +8,7 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
+from gpmodel.calibration.undeclared import apart_from_effects
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
@@ -66,6 +67,7 @@ def climb(
     for name, of_model in models:
         start = without_outlier_marks(steps[-1].calibration) if steps else None
         fit = calibrate(ErrorModel(mechanism, of_model), seen, condition_limit=condition_limit, start=start, seed=seed)
+        fit = apart_from_effects(fit, seen)
         steps.append(step_of(name, fit, seen, unseen))
     return tuple(steps)
 

@@ -10,12 +10,14 @@ depend on θ. Sources: Kennedy and O'Hagan (2001), Bayesian calibration of compu
 (1971), recovery of inter-block information.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.linearise import Linearised, effect_columns
 from gpmodel.calibration.result import Calibration, problem_at
-from gpmodel.model.error_model import ErrorModel, Poses
+from gpmodel.model.error_model import Poses
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank
 from gpmodel.table.bundles import sharing
@@ -28,8 +30,6 @@ LENGTHS = (0.3, 0.08)
 """Correlation lengths of an unknown function in ranges of a joint: those of one period over the range, and of four."""
 ORDER = 4
 """Joints that an unknown function reads at most; with two, one more robot in a hundred lies outside two sigma."""
-MOST_ROWS = 400
-"""Readings that unknown functions are estimated from, drawn evenly along the rows."""
 RATIOS = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 41)])
 """Values of γ that are tried: below a hundredth the discrepancy is a tenth of the noise and moves no σ."""
 
@@ -55,25 +55,6 @@ def noise_within(fit: Calibration, poses: Poses) -> float:
     variance, odds, best = _restricted(rest, _kernel(fit, ours, problem), problem.residual[point])
     share = variance[best] / variance[0]
     return float(fit.sigma * np.sqrt(min(1.0, (1.0 + odds * share) / (1.0 + odds))))
-
-
-def undeclared(problem: Linearised, model: ErrorModel, fitted: Array) -> float:
-    """Estimate γ, m and rad: the standard deviation of an unknown smooth function at each axis, zero without evidence.
-
-    fitted: (M, K) orthonormal columns that take up a part of the readings. γ² is averaged like the variance of the
-    noise.
-    """
-    rows = np.linspace(0, len(problem.residual) - 1, min(len(problem.residual), MOST_ROWS)).astype(int)
-    taken = rank.orthonormal(fitted[rows])
-    rest = np.linalg.qr(taken, mode="complete")[0][:, taken.shape[1] :]
-    if rest.shape[1] < FEWEST:
-        return 0.0
-    columns = problem.effect_rows(geometric_effects(model.mechanism), model)[rows]
-    poses, pose = np.unique(problem.pose_of_row[rows], return_inverse=True)
-    kernel = (columns @ columns.T) * _alike(problem.poses.dataset.q[poses])[np.ix_(pose, pose)]
-    size = np.trace(kernel) / len(kernel)
-    variance, odds, best = _restricted(rest, kernel / size, problem.residual[rows])
-    return float(np.sqrt(odds / (1.0 + odds) * variance[best] * RATIOS[best] / size))
 
 
 def _restricted(rest: Array, kernel: Array, residual: Array) -> tuple[Array, float, int]:
@@ -105,14 +86,14 @@ def _kernel(fit: Calibration, poses: Poses, problem: Linearised) -> Array:
     columns = effect_columns(effects, fit.model, poses, problem.observed)[:, :3].reshape(-1, len(effects))
     size = np.linalg.norm(columns, axis=0)
     columns = columns[:, size > 0] / size[size > 0]
-    kernel = (columns @ columns.T) * np.kron(_alike(poses.dataset.q), np.ones((3, 3)))
+    kernel = (columns @ columns.T) * np.kron(alike(poses.dataset.q), np.ones((3, 3)))
     return np.asarray(kernel * len(kernel) / np.trace(kernel))
 
 
-def _alike(q: Array) -> Array:
+def alike(q: Array, lengths: Sequence[float] = LENGTHS, order: int = ORDER) -> Array:
     """Correlation (N, N) of an unknown function at two poses: the mean over joints of exp(-d²/2) and its powers up to
-    ORDER, with their products of joints."""
+    `order`, with their products of joints. lengths: in ranges of a joint."""
     span = np.ptp(q, axis=0)
     gaps = (q[:, None] - q[None])[:, :, span > 0] / span[span > 0]
-    near = np.mean([np.exp(-0.5 * (gaps / length) ** 2).mean(axis=2) for length in LENGTHS], axis=0)
-    return np.asarray(np.mean([near**power for power in range(1, ORDER + 1)], axis=0))
+    near = np.mean([np.exp(-0.5 * (gaps / length) ** 2).mean(axis=2) for length in lengths], axis=0)
+    return np.asarray(np.mean([near**power for power in range(1, order + 1)], axis=0))

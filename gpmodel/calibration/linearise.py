@@ -32,6 +32,7 @@ class Linearised:
     Metres throughout: rotations are weighted by `rotation_weight`. observed: what was predicted. poses: those given,
     with free joints solved. sizes: (K,) norms of the weighted columns before each pose's free joints were eliminated.
     weights: (N, m), positive where an observation is a row; `left` is what free joints leave, None without any.
+    ratio: noise over the standard deviation of a constant, 1/m, where both are known; None where they are not.
     """
 
     columns: Array
@@ -44,6 +45,7 @@ class Linearised:
     sizes: Array
     weights: Array
     left: "Left | None" = None
+    ratio: float | None = None
 
     def free(self, kept: Mask) -> Mask:
         """The columns (K,) of the placement and of the effects that are kept (E,)."""

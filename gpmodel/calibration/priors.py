@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
-from gpmodel.calibration.discrepancy import undeclared
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.size import MOST, TOLERANCE, relative, size_hidden, spread, standing_for
+from gpmodel.calibration.size import TOLERANCE, relative, size_hidden, spread, standing_for
 from gpmodel.model.error_model import ErrorModel, Placement
 from gpmodel.numerics import rank as ident
 
@@ -55,17 +54,10 @@ def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, placemen
     if not (len(at) and relative(problem)):
         return np.diag(np.full(len(at), residual_sigma(problem) / GEOMETRY_REACH))
     inverse, explained = _explained(model, theta, problem, placement, at)
+    if problem.ratio is not None:
+        return inverse * problem.ratio
     believed, sigma, _ = spread(*explained, TOLERANCE)
     return inverse * sigma / believed
-
-
-def varying_effects(model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray) -> float:
-    """Estimate γ, m and rad, of undeclared effects in readings without an instrument's frame.
-
-    at: (H,) held constants, which take up a part of the readings.
-    """
-    _, explained = _explained(model, theta, problem, placement, at)
-    return undeclared(problem, model, spread(*explained, MOST)[2])
 
 
 def _explained(

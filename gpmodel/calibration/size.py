@@ -5,6 +5,7 @@ that whose constants, all of them, are nearest to the description. A bar, a ball
 point in metres shows size.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -57,8 +58,13 @@ def relative(problem: Linearised) -> bool:
     Touches, bars, cameras and inclinometers measure parts of a mechanism relative to each other. They determine much
     of its geometry weakly or not at all.
     """
-    kinds = [kind for kind in problem.observed.kinds if kind.readings.any()]
-    return bool(kinds) and problem.left is None and not any(kind.absolute for kind in kinds)
+    return problem.left is None and without_frame(problem.observed.kinds)
+
+
+def without_frame(kinds: Sequence[Observation]) -> bool:
+    """Return whether there are readings, none of them in the frame of an instrument."""
+    read = [kind for kind in kinds if kind.readings.any()]
+    return bool(read) and not any(kind.absolute for kind in read)
 
 
 def share_of_size(model: ErrorModel, problem: Linearised) -> Array:

@@ -8,10 +8,11 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.calibration.linearise import effect_columns
 from gpmodel.calibration.placing import placement_columns
-from gpmodel.calibration.priors import of_the_description, varying_effects
+from gpmodel.calibration.priors import of_the_description
 from gpmodel.calibration.region import Region, anywhere, nominal_points
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.calibration.size import TOLERANCE, relative, shows_size
+from gpmodel.calibration.undeclared import Undeclared
 from gpmodel.calibration.unmeasured_joints import free_joints
 from gpmodel.families import catalogue
 from gpmodel.model.effect import Effect
@@ -86,8 +87,8 @@ def errors_by_region(fit: Calibration, poses: Poses) -> tuple[float, float, floa
 
     The variance is that of the constants and the placement, and what varies at each axis, γ².
     """
-    model, at = fit.model, np.flatnonzero(fit.kept & of_the_description(fit.model))
-    unknown = varying_effects(model, fit.theta, problem_at(fit, poses), fit.placement, at)
+    model = fit.model
+    unknown = Undeclared.estimated(problem_at(fit, poses), model, fit.theta).sizes
     drawn = anywhere(model.mechanism, poses.dataset)
     there = prepare(model.mechanism, drawn.subset(closing(model, drawn, fit.theta)))
     seen = observe(model, there, fit.theta, fit.placement)
@@ -98,7 +99,7 @@ def errors_by_region(fit: Calibration, poses: Poses) -> tuple[float, float, floa
     placed = np.concatenate(blocks, axis=2)[:, :, own]
     columns = effect_columns(model.effects, model, there, bare)
     axes = effect_columns(geometric_effects(model.mechanism), model, there, bare)
-    varying = unknown**2 * np.sum(axes**2, axis=(1, 2))
+    varying = np.sum(axes**2, axis=1) @ unknown**2
     rows = [placement.index(names[k]) for k in own]
     by_placement = _variance(placed, fit.covariance.values[np.ix_(rows, rows)]) + varying
     constants = fit.covariance.values[len(placement) :, len(placement) :]

@@ -10,6 +10,7 @@ from cli_cases import one_line, run
 from instrument_cases import ARM, EFFECT
 
 import gpmodel as gp
+from experiments.touches.run import EFFECTS as UNDECLARED
 from gpmodel.model.instruments import with_observations
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.write import frame_of, table_text
@@ -63,6 +64,18 @@ def test_a_zero_that_moved_is_named(instrument: str) -> None:
     assert f"zero of J{joint + 1}" in (first.name, *first.rivals)
     if first.name == f"zero of J{joint + 1}":
         assert abs(first.value - by) < 4 * first.stderr
+
+
+@pytest.mark.long
+def test_undeclared_effects_hide_no_zero_that_moved() -> None:
+    made = gp.simulate(ARM, UNDECLARED, poses=136, instrument="planes", geometry_sigma="0.3 mm", noise="0.05 mm",
+                       seed=1)  # fmt: skip
+    model = gp.calibrate(made.truth.mechanism, made.table[:100], holdout=0.0).model
+    later = replace(made.table[100:], source="later.csv")
+    assert model.verify(later).holds
+    found = model.verify(moved(later, 2, 3e-3)).record
+    assert found.verdict == "drifted"
+    assert "zero of J3" in {name for change in found.changes for name in (change.name, *change.rivals)}
 
 
 @pytest.mark.long

@@ -10,6 +10,7 @@ import gpmodel as gp
 from experiments.touches.run import EFFECTS, judged
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
+from gpmodel.calibration.undeclared import apart_from_effects
 from gpmodel.calibration.unobservable import errors_by_region, held_at_description
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import standard_effects
@@ -25,14 +26,15 @@ def touched(
     made = gp.simulate(ARM, planted, poses=100, instrument="planes", geometry_sigma="0.3 mm", noise="0.05 mm", seed=1)
     arm = made.truth.mechanism
     poses = prepare(arm, made.table)
-    fits = [calibrate(ErrorModel(arm, effects), poses) for effects in ((), standard_effects(arm, (pattern,)))]
+    models = [ErrorModel(arm, effects) for effects in ((), standard_effects(arm, (pattern,)))]
+    fits = [apart_from_effects(calibrate(model, poses), poses) for model in models]
     return fits, poses, judged(made, fits)
 
 
 @pytest.mark.parametrize("guilty", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_touches_leave_an_arm_no_worse_inside_or_outside_than_its_description(guilty: bool) -> None:
     (nominal_inside, nominal_outside), (inside, outside) = touched(guilty)[2]
-    assert inside < (0.5 if guilty else 0.1) * nominal_inside
+    assert inside < (1.0 if guilty else 0.1) * nominal_inside
     assert outside < (1.0 if guilty else 0.3) * nominal_outside
 
 
