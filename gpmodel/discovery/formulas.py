@@ -20,6 +20,7 @@ from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.families.candidate import Candidate, formula_of
 from gpmodel.families.catalogue import names
+from gpmodel.formula.length import description_size
 from gpmodel.formula.program import Program
 from gpmodel.formula.simplification import simplify
 from gpmodel.model.effect import Effect
@@ -194,7 +195,7 @@ def _as_laws(
     between = states.between()
     places = len(sites_of(residual.calibration.model.mechanism))
     for program in programs:
-        cost = search.cost(program.complexity, 1 if curve.family else places) + curve.cost * bool(curve.family)
+        cost = search.cost(description_size(program), 1 if curve.family else places) + curve.cost * bool(curve.family)
         candidate = as_candidate(program, task.site, task.written, cost, formula_of([curve.found_by]))
         if candidate and without_poles(residual.criteria, candidate, states, between):
             yield ShortLaw(program, task, candidate)

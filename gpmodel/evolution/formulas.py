@@ -16,7 +16,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.evolution.constants import polish
 from gpmodel.evolution.founders import binned, founders
-from gpmodel.evolution.memetic import LONGEST, Formulas, bred
+from gpmodel.evolution.memetic import GENERATIONS, LONGEST, Formulas, bred, shortened
 from gpmodel.evolution.pareto import Solution, pareto
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets
@@ -45,13 +45,15 @@ THIRDS = 4
 """Third inputs that are looked at in a product with two others."""
 
 
-def formulas_at(problem: SlotProblem, site: int, names: Sequence[str]) -> tuple[Solution, ...]:
+def formulas_at(
+    problem: SlotProblem, site: int, names: Sequence[str], generations: int = GENERATIONS
+) -> tuple[Solution, ...]:
     """Formulas of one term at one site, shortest first: those that none of as few nodes equals in gain, unless they are
     shorter to read. In one input or two, in two and a third of the problem where it saves much more, or of more in the
     three whose product or weighted sum leaves least noise.
 
-    ``problem.nats(formula.gain, formula.complexity + 1)`` is what each saves; its coefficient is solved. Depends on the
-    arguments only. Raises InputError for an unknown input.
+    ``problem.nats(formula.gain, formula.complexity + 1)`` is what each saves; its coefficient is solved. generations:
+    at most; of none the founders are shortened. Depends on the arguments only. Raises InputError for an unknown input.
     """
     there = problem.only(site, problem.inputs.names)
     there = replace(there, inputs=Inputs(there.inputs.names, there.inputs.values))  # any form of any kind of input
@@ -63,7 +65,8 @@ def formulas_at(problem: SlotProblem, site: int, names: Sequence[str]) -> tuple[
         structures = _of_two(asked, there) if len(names) == 2 else _of_more(asked)
         population.add(itertools.chain.from_iterable(structure.programs() for structure in structures))
     read = {name for one in population.best(1) for name in one.program.inputs}
-    bred(population, [name for name in there.inputs.names if name in read.union(names)])
+    shortened(population)
+    bred(population, [name for name in there.inputs.names if name in read.union(names)], generations)
     return pareto(filter(_sound, population.found), lambda one: (one.complexity, length(one.program)))
 
 

@@ -4,7 +4,7 @@ An individual is an expression of one output. Its coefficient is solved by proje
 projection (``constants.polish``). Offspring are compared by the nats that they save from where they start, all at
 once; the constants of the best are fitted. Selection is by description length:
 
-    components / 2 * ln(1 - gain) + parsimony * (nodes + 1)
+    components / 2 * ln(1 - gain) + parsimony * (size + 1)
 
 Two individuals whose columns, projected out of the model and normalised, agree to four digits are one.
 Source: Moscato (1989), memetic algorithms; Golub and Pereyra (1973), variable projection.
@@ -23,6 +23,7 @@ from gpmodel.evolution.founders import ELEMENTS, constant, joined
 from gpmodel.evolution.pareto import Solution, description_length
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.evolution.shorter import shorter_forms
+from gpmodel.formula.length import description_size
 from gpmodel.formula.parse import parse
 from gpmodel.formula.program import Builder, Node, Program
 
@@ -67,7 +68,9 @@ class Formulas:
                     self._begun.add(key)
                     fresh.append(one)
         begun = [polish(one, self.problem.targets, 0, self.columns, steps=FIRST_STEPS) for one in fresh]
-        order = np.argsort([-float(self.problem.nats(gain, one.complexity)) for one, gain in begun], kind="stable")
+        order = np.argsort(
+            [-float(self.problem.nats(gain, description_size(one))) for one, gain in begun], kind="stable"
+        )
         for rank, k in enumerate(order.tolist()):
             program = begun[k][0]
             if 2 * rank <= len(order):
@@ -79,11 +82,11 @@ class Formulas:
         values = program.evaluate(self.columns)
         column = self._column(values[0])
         place = self._places.setdefault(column, len(self.found))
-        if not column or (place < len(self.found) and self.found[place].complexity <= program.complexity):
+        if not column or (place < len(self.found) and self.found[place].complexity <= description_size(program)):
             return
         gain, coefficients = self.problem.targets.set_gain(values, 0)
         name = self.problem.targets.names[0]
-        self.found[place : place + 1] = [Solution(program, 0, name, gain, coefficients, program.complexity)]
+        self.found[place : place + 1] = [Solution(program, 0, name, gain, coefficients, description_size(program))]
 
     def best(self, count: int) -> list[Solution]:
         """The shortest descriptions, one of those that differ in constants alone."""

@@ -3,6 +3,19 @@
 from gpmodel.formula.program import Node, Program
 
 LINEAR = ("add", "subtract", "multiply", "divide")
+CURVED = frozenset(("sin", "cos", "tan", "atan", "exp", "log", "tanh", "asin", "reciprocal", "logistic"))
+NESTED = 2
+"""Nodes that a function of a function costs besides its own: a formula of a handbook has one in ten cases or fewer."""
+
+
+def description_size(program: Program) -> int:
+    """Nodes of a program, and `NESTED` more for every curved function of a curved function."""
+    curved, nested = list[bool](), 0
+    for node in program.nodes:
+        inside = any(curved[k] for k in node.arguments)
+        nested += inside and node.operator in CURVED
+        curved.append(inside or node.operator in CURVED)
+    return program.complexity + NESTED * nested
 
 
 def length(program: Program) -> int:

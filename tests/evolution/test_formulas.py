@@ -11,7 +11,7 @@ from gpmodel.evolution.memetic import Formulas, bred
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets, regression
-from gpmodel.formula.length import length
+from gpmodel.formula.length import description_size, length
 from gpmodel.formula.parse import parse
 
 NAMES = ("J2", "J5", "torque J2", "row")
@@ -80,6 +80,21 @@ def test_of_more_inputs_a_law_takes_the_three_that_it_is_made_of() -> None:
     best = max(laws_of(problem, NAMES), key=lambda one: one.gain)
     assert set(best.program.inputs) == {"J2", "torque J2", "row"}
     assert best.gain > 0.99
+
+
+@pytest.mark.parametrize(
+    ("text", "nodes"), [("sin(2*J2)*exp(J5)", 7), ("sin(2*abs(atan(J2)))", 8), ("abs(exp(J2))", 3)]
+)
+def test_a_function_of_a_function_costs_two_nodes(text: str, nodes: int) -> None:
+    assert description_size(parse(text)) == nodes
+
+
+@pytest.mark.parametrize("seed", [1, 5])
+def test_of_equally_long_formulas_the_one_without_a_function_of_a_function_is_taken(seed: int) -> None:
+    """A line times a resonance is sin(2 atan(x) - b), too, up to a constant."""
+    problem = curve("(J2 - 0.25)*reciprocal(0.28 + square(J2 - 0.8))", 0.1, seed)
+    best = max(laws_of(problem, ("J2",)), key=lambda one: float(problem.nats(one.gain, one.complexity + 1)))
+    assert {*best.program.operator_counts} == {"subtract", "multiply", "reciprocal", "add", "square"}
 
 
 @pytest.mark.long
