@@ -12,9 +12,8 @@ from gpmodel.report.picture import AFTER, AFTER_LIGHT, BEFORE, INK, MUTED, Pictu
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-BINS = 24
-"""Bars from no error to the largest."""
-
+BINS, MOST_BINS = 12, 96
+"""Bars up to the largest error after calibration, and at most up to the largest of all; half as many hide the shape."""
 
 Heads = tuple[str, bool]
 """Heading of the errors before, and whether those after are predicted."""
@@ -30,10 +29,17 @@ def histogram(errors: Array, tolerance_mm: float | None, heads: Heads) -> Pictur
     )  # fmt: skip
 
 
+def bins_of(errors: Array, tolerance_mm: float | None) -> list[float]:
+    """Edges of the bars, mm: as wide as the errors after calibration need, up to the largest error or the tolerance."""
+    largest = max(float(errors.max()), tolerance_mm or 0.0, 1e-9) * 1.0001
+    count = np.clip(np.ceil(BINS * largest / max(float(errors[:, 1].max()), 1e-9)), BINS, MOST_BINS)
+    return [float(edge) for edge in np.linspace(0.0, largest, int(count) + 1)]
+
+
 def _draw(axes: Axes, errors: Array, tolerance_mm: float | None, heads: Heads) -> None:
     from matplotlib.ticker import MaxNLocator
 
-    bins = np.linspace(0.0, max(float(errors.max()), tolerance_mm or 0.0, 1e-9) * 1.0001, BINS + 1).tolist()
+    bins = bins_of(errors, tolerance_mm)
     axes.hist(errors[:, 0], bins, histtype="step", color=BEFORE, lw=1.4, label=heads[0])
     after = "after, predicted" if heads[1] else "after"
     axes.hist(errors[:, 1], bins, color=AFTER_LIGHT, ec=AFTER, lw=0.6, label=after)

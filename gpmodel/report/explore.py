@@ -21,8 +21,8 @@ LONGEST = 0.12
 """The 90th percentile of the residuals before is drawn this share of the span of the poses long."""
 MOST = 3000
 """At most this many poses are shown, evenly chosen along the rows: the file stays under 6 MB."""
-COLOURS = {"before": "#868d98", "after": "#3d8fd6", "arm": "#d07f1f", "slot": "#868d98"}
-"""Each has a contrast of at least 3 with the light and with the dark paper."""
+COLOURS = {"before": "#868d98", "after": "#3d8fd6", "arm": "#8e63ce", "slot": "#868d98"}
+"""Each has a contrast of at least 3 with the light and with the dark paper; the arm's is none of SCALE's."""
 
 
 def drawable(report: Report) -> bool:
@@ -135,7 +135,7 @@ def _dots(points: Array, said: list[tuple[int, str]], error: Array) -> dict[str,
     return {
         "type": "scatter3d", "mode": "markers", "name": "poses", "hoverinfo": "text", "text": [t for _, t in said],
         "customdata": [row for row, _ in said], "marker": {
-            "size": 6, "color": _plain(error), "colorscale": SCALE, "cmin": 0.0, "cmax": most or 1.0, "showscale": True,
+            "size": 4, "color": _plain(error), "colorscale": SCALE, "cmin": 0.0, "cmax": most or 1.0, "showscale": True,
             "colorbar": {"title": {"text": "after, mm"}, "len": 0.5, "y": 0.3, "thickness": 12},
         },
         **{a: _plain(points[:, i]) for i, a in enumerate("xyz")},
