@@ -20,7 +20,8 @@ class Hypothesis:
     """A candidate with its score, p-value, verdict and credible set, all from training poses.
 
     chance: p-value of its score on permuted residuals. cv_rms: cross-validated 3-D RMS with it, m; cv_before: without.
-    causes: what it could be, None of a rejected one.
+    causes: what it could be, None of a rejected one. rivals: names of the other candidates among them, each with the
+    cross-validated 3-D RMS in its place, m.
     """
 
     candidate: Candidate
@@ -30,6 +31,7 @@ class Hypothesis:
     cv_before: float
     verdict: Verdict
     causes: CredibleSet | None = None
+    rivals: tuple[tuple[str, float], ...] = ()
 
     @property
     def accepted(self) -> bool:

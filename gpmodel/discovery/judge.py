@@ -56,14 +56,20 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array) -> Judge
         return of_each(asked, lambda name: _judged(left.without(asked[name].effects), asked[name], kept[name], nulls))
 
     def with_causes(name: str) -> Hypothesis:
-        if not judged[name].accepted:
-            return judged[name]
-        return replace(judged[name], causes=credible_set(accepted, number[name], *problem.smooth_sites))
+        found = judged[name]
+        if not found.accepted:
+            return found
+        causes = credible_set(accepted, number[name], *problem.smooth_sites)
+        without = residual(calibration).without(found.candidate.effects)
+        others = [group for cause in causes.causes for group in cause.groups if group.name != name]
+        rivals = tuple((group.name, cross_validated(without, group.effects).rms) for group in others)
+        return replace(found, causes=causes, rivals=rivals)
 
     judged, calibration = eliminate(candidates, calibration, verdicts, problem.fit)
     number = {last.chosen.active.pool.groups[g].name: g for g in last.chosen.active.found}
     failed = (number[name] for name, hypothesis in judged.items() if not hypothesis.accepted)
     accepted = reestimate(reduce(Active.without, failed, last.chosen.active))
+    residual(calibration)  # formed once, before workers share it
     judged = of_each(candidates, with_causes)
     return Judged(tuple(judged.values()), calibration)
 

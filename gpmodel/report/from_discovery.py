@@ -26,6 +26,7 @@ from gpmodel.report.schema_search import (
     CandidateRecord,
     CauseRecord,
     EffectRecord,
+    RivalRecord,
     RoundRecord,
     TestRecord,
 )
@@ -101,6 +102,7 @@ def _effects(
             explanation=record.explanation or unnamed,
             causes=tuple(_causes(hypothesis, record.name, names)),
             without_name=hypothesis.causes.none if hypothesis.causes else 0.0,
+            rivals=tuple(RivalRecord(translate(n, names), fitted.optional(1e3 * v)) for n, v in hypothesis.rivals),
             cv_rms_mm=1e3 * hypothesis.cv_rms,
             cv_before_mm=1e3 * hypothesis.cv_before,
             p_value=hypothesis.p_value,

@@ -34,6 +34,14 @@ class Range:
 
 
 @dataclass(frozen=True)
+class RivalRecord:
+    """Another candidate in the credible set of a finding, and the cross-validated RMS with it in its place."""
+
+    name: str
+    cv_rms_mm: NotNegative | None = None
+
+
+@dataclass(frozen=True)
 class CauseRecord:
     """A cause in the credible set of a finding, and its probability.
 
@@ -74,8 +82,9 @@ class EffectRecord:
     kind: single, harmonic, vector or curve, as of a candidate; of a curve the value is the RMS over the measured poses.
     stderr: of the value, by the noise and over what the other findings could be in their places.
     causes: the 95 % credible set, the most probable first; None where nobody looked. without_name: probability in the
-    set that the cause has no name. p_value: chance of it among `shuffles` of what was
-    `shuffled`. gain: share of the residual energy that it removes where everything else is in the model.
+    set that the cause has no name. rivals: the other candidates in the set, with their cross-validated error. p_value:
+    chance of it among `shuffles` of what was `shuffled`. gain: share of the residual energy that it removes where
+    everything else is in the model.
     tool_rms_mm, tool_max_mm: how far it moves the measured point over the measured poses; alone_rms_mm: of that what
     nothing else in the model, registration and tool included, takes up; workspace_*: at joint values
     anywhere within the limits. of_specification: of an error of the instrument, how many times its specification it
@@ -99,6 +108,7 @@ class EffectRecord:
     terms: tuple[TermRecord, ...] = ()
     causes: tuple[CauseRecord, ...] | None = None
     without_name: Share = 0.0
+    rivals: tuple[RivalRecord, ...] | None = None
     correlated_with: tuple[Correlation, ...] = ()
     cv_rms_mm: NotNegative | None = None
     cv_before_mm: NotNegative | None = None

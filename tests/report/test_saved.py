@@ -21,7 +21,7 @@ CONTRACT = {
     "mechanism": {"name", "joints"},
     "ladder": {"step", "train", "heldout", "rank", "dropped", "effect"},
     "effects": {"name", "slot", "axis", "basis", "inputs", "value", "stderr", "unit", "unique_share", "found_by",
-                "catalogue", "causes"},
+                "catalogue", "rivals", "causes"},
     "histogram": {"inputs", "linear", "tree", "shuffled", "significant"},
 }  # fmt: skip
 GONE = {"held_out_gain", "simplified", "null_gain", "correlation_partners", "partners"}
