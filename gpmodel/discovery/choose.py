@@ -140,7 +140,11 @@ def as_candidate(kept: Kept, poses: Poses) -> Candidate:
     return Candidate(group.name, effects, group.family, group.cost, group.found_by, group.explanation, inner)
 
 
-def simplified(fitted: FittedSelection, laws: Iterable[ShortLaw]) -> FittedSelection:
-    """Simplify the formulas of a selection by computer algebra; their values do not change."""
+def simplified(problem: Problem, fitted: FittedSelection, laws: Iterable[ShortLaw]) -> FittedSelection:
+    """Simplify the formulas of a selection by computer algebra, and fit it with those that changed."""
     written = {law.candidate.name: law.simplified() for law in laws if law.candidate.name in fitted.candidates}
-    return replace(fitted, candidates={name: written.get(name, c) for name, c in fitted.candidates.items()})
+    candidates = {name: written.get(name, c) for name, c in fitted.candidates.items()}
+    if candidates == fitted.candidates:
+        return fitted
+    calibration = problem.fit(tuple(candidates.values()), fitted.left.calibration)
+    return FittedSelection(fitted.chosen, candidates, problem.residual(calibration))

@@ -187,7 +187,7 @@ def one_round(state: State, standard_fit: Calibration, calibration: Calibration)
     fresh = frozenset(c.name for c in new)
     fitted, proposals = choose(problem, (*state.evolved, *new), fresh)
     if not state.errors_alone:
-        fitted = simplified(fitted, proposals.laws.values())
+        fitted = simplified(problem, fitted, proposals.laws.values())
     null = np.concatenate([exploration.null_nats, *_earlier_nulls(state)])
     found = judge(problem, fitted, null)
     dropped = _taken(state, [h for h in found.hypotheses if h.accepted], number)
