@@ -50,7 +50,7 @@ def pictures(report: Report) -> Iterator[Picture]:
             yield Picture(
                 f"shape_{shape.effect + 1}", f"Shape of {name}", 4.9, 3.3,
                 f"Partial residual of {name} over {x_name}, with the fitted curve where it reads this input alone.",
-                "Dots: what the data ask for, everything else in the model removed."
+                "Dots: partial residuals, everything else in the model removed."
                 + (" Line: the fitted effect." if shape.curve_x else ""),
                 partial(_shape, shape=shape, x_name=x_name),
             )  # fmt: skip

@@ -31,7 +31,7 @@ def pictures(report: Report) -> Iterator[Picture]:
     for k, histogram in enumerate(histograms, 1):
         standing = significant_inputs(histogram)
         shown, unread = len(_shown(histogram)), len(histogram.inputs) - len(_shown(histogram))
-        rest = f" Nothing refers, or hardly anything, to the other {unread} inputs." if unread else ""
+        rest = f" Few or none of them refer to the other {unread} inputs." if unread else ""
         yield Picture(
             f"inputs_{k}", f"Round {k}", 4.9, 1.1 + 0.21 * shown,
             f"Evolved programs that refer to each input, beside the same search on shuffled residuals; "

@@ -1,4 +1,4 @@
-"""The shape of a finding as the data ask for it: its partial residual over its first input."""
+"""Shape of a finding: its partial residual over its first input."""
 
 from collections.abc import Mapping
 

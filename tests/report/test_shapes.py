@@ -1,4 +1,4 @@
-"""The shape of a finding as its data ask for it."""
+"""The shape of a finding."""
 
 from dataclasses import replace
 
