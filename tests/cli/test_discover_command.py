@@ -238,5 +238,5 @@ def test_a_table_like_mine_holds_what_its_standard_model_needs(name: str) -> Non
 def test_the_demo_of_my_mechanism_shows_what_was_planted(tmp_path: Path) -> None:
     result = run("demo", "--mine", "ur5", "--out", tmp_path / "demo")
     assert result.exit_code == 0, result.stderr
-    assert "gear error, 2 per turn, shoulder_lift_joint" in result.stdout.split("[[Effects]]")[1]
+    assert "gear error, 2 per turn, shoulder_lift_joint" in result.stdout.split("[[Findings]]")[1]
     assert {"report.html", "table.csv", "table.truth.json"} <= {p.name for p in (tmp_path / "demo").iterdir()}

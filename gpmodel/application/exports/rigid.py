@@ -4,7 +4,7 @@ import re
 import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -48,9 +48,10 @@ class Rigid:
 
 
 def refitted(saved: SavedModel) -> Rigid:
-    """The constants of the model fitted anew to the table it was fitted to, without the mechanism's other effects.
+    """Fit the constants of the model anew to its table, without the mechanism's other effects.
 
-    Effects of the instrument and of the session stay beside them, so that the geometry does not take them up.
+    A model without such effects keeps its values. Effects of the instrument and of the session stay beside them, so
+    that the geometry does not take them up.
     Raises InputError as `measured_table`, or for a fit that cannot be made.
     """
     poses = prepare(saved.mechanism, measured_table(saved))
@@ -59,6 +60,8 @@ def refitted(saved: SavedModel) -> Rigid:
     model = ErrorModel(saved.mechanism, kept)
     heldout = _held_out(model, poses, saved.measured)
     fit = calibrate(model, poses)
+    if kept == saved.model.effects:
+        fit = replace(fit, theta=np.array(saved.theta), placement=saved.placement)
     values = zip(saved.model.effects, saved.theta, strict=True)
     missing = tuple(translate(e.name, saved.names) for e, value in values if e not in kept and value != 0.0)
     placement = placed_now(usable(saved_model(fit, poses))).placement
