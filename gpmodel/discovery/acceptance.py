@@ -97,7 +97,6 @@ def eliminate(
         failed = [name for name, hypothesis in now.items() if not hypothesis.accepted]
         if not failed:
             return judged, calibration
-        failed.sort(key=lambda name: now[name].score.nats)
-        for name in failed[: max(1, len(failed) // 2)]:
+        for name in sorted(failed, key=lambda name: now[name].score.nats)[: max(1, len(failed) // 2)]:
             inside.pop(name)
         calibration = fit(tuple(inside.values()), calibration)

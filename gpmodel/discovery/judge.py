@@ -69,7 +69,7 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array) -> Judge
     number = {last.chosen.active.pool.groups[g].name: g for g in last.chosen.active.found}
     failed = (number[name] for name, hypothesis in judged.items() if not hypothesis.accepted)
     accepted = reestimate(reduce(Active.without, failed, last.chosen.active))
-    residual(calibration)  # formed once, before workers share it
+    residual(calibration)  # once, before workers share it
     judged = of_each(candidates, with_causes)
     return Judged(tuple(judged.values()), calibration)
 

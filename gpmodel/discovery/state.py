@@ -121,10 +121,7 @@ Division = tuple[Poses, IntArray, IntArray]
 
 
 def usable_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> Division:
-    """Return the rows that a search may use.
-
-    Raises InputError if no held-out pose belongs to a set-up and tool of the training poses.
-    """
+    """Return the rows that a search may use. Raises InputError if no held-out pose is of a known set-up and tool."""
     poses, train, heldout = drop_duplicate_rows(poses, train, heldout, say)
     if not len(heldout):
         return poses, train, heldout

@@ -47,7 +47,7 @@ class Refit:
     """Fit of the exact chain.
 
     state: its point of expansion.
-    problem: linearised problem there, with independent rows.
+    problem: linearised there, with independent rows.
     unknowns: number of unknowns that the measurements determine.
     error: (N,) 3-D error of each pose, m.
     """
