@@ -80,7 +80,7 @@ class Case:
     def export(self, file: str) -> Export:
         urdf = as_urdf(self.rigid, self.predicted)
         if file in DH:
-            mechanism = self.rigid.fit.model.mechanism
+            mechanism = self.rigid.mechanism
             text = dh_text(mechanism, chain_of(mechanism), self.rigid.twists, DH[file], note_of(self.rigid, file))
             return replace(urdf, text=text)
         return urdf if file == URDF else of_urdf(file, self.rigid, urdf.text, self.predicted)
@@ -188,7 +188,7 @@ def robodk_frames(text: str, case: Case) -> np.ndarray:
 def read_elsewhere(case: Case, file: str, text: str) -> float:
     """Return the distance of a file's tool from the prediction, by readers outside the product, m."""
     link, tool = tool_said(text)
-    nominal = written(case.rigid.fit.model.mechanism, {})[0]
+    nominal = written(case.rigid.mechanism, {})[0]
     if file in DH:
         path = MechanismChoice("rows.toml", description=text).load()
         return case.missed(se3.chain(path.transforms(case.predicted.dataset.q))[-1], tool)

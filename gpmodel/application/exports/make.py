@@ -138,7 +138,7 @@ def as_urdf(rigid: Rigid, predicted: PredictedPoints) -> Export:
 
 
 def _dh(file: str, rigid: Rigid, predicted: PredictedPoints) -> Export:
-    mechanism = rigid.fit.model.mechanism
+    mechanism = rigid.mechanism
     text = dh_text(mechanism, chain_of(mechanism), rigid.twists, DH[file], note_of(rigid, file))
     return _geometry(file, f"as {DH[file]} Denavit-Hartenberg rows", text, rigid, predicted)
 
@@ -152,13 +152,13 @@ def of_urdf(file: str, rigid: Rigid, urdf: str, predicted: PredictedPoints) -> E
 def _geometry(file: str, what: str, text: str, rigid: Rigid, predicted: PredictedPoints) -> Export:
     """One of the forms of the same refitted geometry, read back."""
     errors = predicted.errors(points_read(file, text, rigid, predicted.dataset))
-    heldout, said = root_mean_square(rigid.heldout), follows(rigid.fit.model.mechanism, file)
+    heldout, said = root_mean_square(rigid.heldout), follows(rigid.mechanism, file)
     return Export(file, f"the refitted geometry {what}", text, *errors, heldout, rigid.missing, said)
 
 
 def _beside(file: str, rigid: Rigid, urdf: str) -> tuple[str, str]:
     """Text of a file of what a URDF text holds, and what it is."""
-    mechanism, (nominal, link) = rigid.fit.model.mechanism, written(rigid.fit.model.mechanism, {})
+    mechanism, (nominal, link) = rigid.mechanism, written(rigid.mechanism, {})
     if file == "exports/robodk.csv":
         note = note_of(rigid, file, "the last frame")
         return robodk_text(mechanism, chain_of(mechanism), rigid.twists, note), "as RoboDK's table"

@@ -37,7 +37,7 @@ def points_read(file: str, text: str, rigid: Rigid, dataset: Dataset) -> Array:
     """
     said = dict(zip(rigid.placement.tool, _TOOL.finditer(text), strict=True))
     setups, tools, tips = (dataset.label(name).tolist() for name in ("setup", "tool", "tip"))
-    order = list(getattr(branched(rigid.fit.model.mechanism), "tips", ()))
+    order = list(getattr(branched(rigid.mechanism), "tips", ()))
     points = np.empty((len(dataset), 3))
     for place in {*zip(setups, tools, tips, strict=True)}:
         setup, tool, tip = place
@@ -53,7 +53,7 @@ def points_read(file: str, text: str, rigid: Rigid, dataset: Dataset) -> Array:
 
 def _frames(file: str, text: str, link: str, rigid: Rigid, q: Mapping[str, Array]) -> Array:
     """Read the frame (N, 4, 4), m, of a link in the root, from the text of an export."""
-    suffix, nominal = Path(file).suffix, written(rigid.fit.model.mechanism, {})[0] if file.endswith(".yaml") else ""
+    suffix, nominal = Path(file).suffix, written(rigid.mechanism, {})[0] if file.endswith(".yaml") else ""
     match Path(file).name:
         case "robodk.csv":
             return _robodk(text, q)

@@ -4,7 +4,7 @@ import re
 import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ from gpmodel.application.usable import of_the_session, placed_now, usable
 from gpmodel.arrays import Array
 from gpmodel.calibration.comparison import known_rows
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.result import Calibration, errors_on
+from gpmodel.calibration.result import errors_on
 from gpmodel.characters import harmless
 from gpmodel.errors import InputError
 from gpmodel.mechanism.branches import branched
@@ -35,11 +35,16 @@ FOLDS = 5
 
 @dataclass(frozen=True)
 class Rigid:
-    """fit: to all rows. placement: registration and tool as they are now. twists: constant error twist (6,), m and rad,
-    of every slot that has one. heldout: 3-D errors on rows by fits without them, m. missing: effects left
-    out, by the names of the table of the fit. tips: of several arms the measured link that each tool is on."""
+    """Constant errors of a mechanism.
 
-    fit: Calibration
+    placement: registration and tool as they are now.
+    twists: constant error twist (6,), m and rad, of every slot that has one.
+    heldout: 3-D errors on rows by fits without them, m.
+    missing: effects left out, by the names of the table of the fit.
+    tips: of several arms the measured link of each tool.
+    """
+
+    mechanism: Mechanism
     placement: Placement
     twists: Mapping[str, Array]
     heldout: Array
@@ -59,13 +64,11 @@ def refitted(saved: SavedModel) -> Rigid:
     kept = tuple(e for e in saved.model.effects if e.constant or e.name in aside or e.of_the_instrument)
     model = ErrorModel(saved.mechanism, kept)
     heldout = _held_out(model, poses, saved.measured)
-    fit = calibrate(model, poses)
-    if kept == saved.model.effects:
-        fit = replace(fit, theta=np.array(saved.theta), placement=saved.placement)
+    fitted = saved if kept == saved.model.effects else saved_model(calibrate(model, poses), poses)
     values = zip(saved.model.effects, saved.theta, strict=True)
     missing = tuple(translate(e.name, saved.names) for e, value in values if e not in kept and value != 0.0)
-    placement = placed_now(usable(saved_model(fit, poses))).placement
-    return Rigid(fit, placement, _constant_twists(fit, poses.subset(np.arange(1))), heldout, missing, tips_of(saved))
+    placement, twists = placed_now(usable(fitted)).placement, _constant_twists(fitted, poses.subset(np.arange(1)))
+    return Rigid(saved.mechanism, placement, twists, heldout, missing, tips_of(saved))
 
 
 def _held_out(model: ErrorModel, poses: Poses, measured: Measured | None) -> Array:
@@ -87,10 +90,10 @@ def _held_out(model: ErrorModel, poses: Poses, measured: Measured | None) -> Arr
     return found[np.isfinite(found)]
 
 
-def _constant_twists(fit: Calibration, one: Poses) -> dict[str, Array]:
+def _constant_twists(fitted: SavedModel, one: Poses) -> dict[str, Array]:
     """By slot, from the states of any one pose, which constants do not read."""
     out: dict[str, Array] = {}
-    for effect, value in zip(fit.model.effects, fit.theta.tolist(), strict=True):
+    for effect, value in zip(fitted.model.effects, fitted.theta.tolist(), strict=True):
         if effect.constant and value != 0.0:
             for slot in effect.slots:
                 out[slot] = out.get(slot, np.zeros(6)) + value * effect.twist(one.states, slot)[0]
@@ -108,7 +111,7 @@ def urdf_text(rigid: Rigid, note: str) -> str:
 
     Raises InputError where the mechanism has no writer.
     """
-    text, frame = written(rigid.fit.model.mechanism, rigid.twists)
+    text, frame = written(rigid.mechanism, rigid.twists)
     comment = "\n".join([f"{LINK}{frame}", *map(harmless, note.splitlines())]).replace("--", "- -")
     return re.sub(r"(<\?xml[^>]*\?>\n?)?", lambda head: f"{head[0]}<!--\n{comment}\n-->\n", text, count=1)
 
@@ -160,8 +163,7 @@ def note_of(rigid: Rigid, file: str, link: str = "the measured link", at: Mappin
     link: link of the tool point; of several arms all links, separated by commas.
     at: pose of the measured link in it, (4, 4), m, by name; empty where it is the link itself.
     """
-    fit = rigid.fit
-    lines = [f"Geometry of {harmless(fit.model.mechanism.name)}, fitted without what a rigid description cannot hold."]
+    lines = [f"Geometry of {harmless(rigid.mechanism.name)}, fitted without what a rigid description cannot hold."]
     if len(rigid.heldout):
         rms, most = (length(1e3 * v) for v in (root_mean_square(rigid.heldout), float(rigid.heldout.max())))
         lines.append(f"Error on held-out poses: {rms} RMS, {most} at most.")
@@ -170,8 +172,8 @@ def note_of(rigid: Rigid, file: str, link: str = "the measured link", at: Mappin
     lines.append(
         f"Missing: {harmless('; '.join(rigid.missing))}." if rigid.missing else "Nothing of the model is missing."
     )
-    lines += [f"{said}." for said in follows(fit.model.mechanism, file)]
-    tree = branched(fit.model.mechanism)
+    lines += [f"{said}." for said in follows(rigid.mechanism, file)]
+    tree = branched(rigid.mechanism)
     links = dict(zip(tree.tips, link.split(","), strict=False)) if tree else {}
     for name, tool in rigid.placement.tool.items():
         own = links.get(rigid.tips.get(name, ""), link)
