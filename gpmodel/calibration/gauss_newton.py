@@ -199,3 +199,10 @@ def _rotation_weight(problem: Linearised, poses: Poses) -> float:
     residual, turns = measured_minus(problem.observed, poses.dataset), problem.observed.turns
     lengths, angles = np.nanmedian(np.abs(residual[:, ~turns])), np.nanmedian(np.abs(residual[:, turns]))
     return float(np.clip(lengths / angles, 0.01, 10.0)) if lengths > 0 and angles > 0 else ROTATION_WEIGHT
+
+
+def fitting_of(fit: Calibration, poses: Poses) -> Fitting:
+    """Return the problem of a fit to poses without its outliers, repeats of a pose as independent rows."""
+    use = np.ones(len(poses), dtype=bool)
+    use[fit.outliers] = False
+    return Fitting(fit.model, poses, use, fit.rotation_weight, sharing(poses.dataset))

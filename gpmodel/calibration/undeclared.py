@@ -17,7 +17,8 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.calibration.discrepancy import alike
-from gpmodel.calibration.iterate import Coloured, Fitting, iterate
+from gpmodel.calibration.gauss_newton import fitting_of
+from gpmodel.calibration.iterate import Coloured, iterate
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.priors import of_the_description
 from gpmodel.calibration.result import Calibration
@@ -26,7 +27,6 @@ from gpmodel.calibration.uncertainty import uncertainty
 from gpmodel.model.error_model import ErrorModel, Poses, pose_error
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank
-from gpmodel.table.bundles import sharing
 
 LENGTHS, ORDER = (2.0, 0.5), 2
 """Correlation lengths of an unknown function, in ranges of a joint, and the joints it reads. A load hardly changes over
@@ -112,10 +112,3 @@ def apart_from_effects(fit: Calibration, poses: Poses) -> Calibration:
         theta=again.theta, placement=placed.placement, error=pose_error(placed.problem.observed, poses.dataset),
         status=fit.status if again.status == "stalled" else again.status,
     )  # fmt: skip
-
-
-def fitting_of(fit: Calibration, poses: Poses) -> Fitting:
-    """The problem of a fit, without its outliers; what repeats of a pose share is an undeclared effect."""
-    use = np.ones(len(poses), dtype=bool)
-    use[fit.outliers] = False
-    return Fitting(fit.model, poses, use, fit.rotation_weight, sharing(poses.dataset))

@@ -4,10 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gpmodel.calibration.iterate import Fitting
+from gpmodel.calibration.gauss_newton import fitting_of
 from gpmodel.calibration.noise import pose_ratio
 from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.executor import Workers, called
@@ -23,7 +22,6 @@ from gpmodel.selection.result import Offered, Selection, summarised
 from gpmodel.selection.sinusoids import propose_sinusoids
 from gpmodel.selection.smooth_terms import propose_smooth_terms
 from gpmodel.selection.sparse_bayes import exchange, grow
-from gpmodel.table.bundles import sharing
 
 Step = Callable[[Active], Active]
 
@@ -79,14 +77,10 @@ def nothing_selected(
     calibration: Calibration, poses: Poses, prices: Price, grids: Sequence[FrequencyGrid]
 ) -> Selection:
     """The effects of a calibration alone, always included, linearised where it has them."""
-    use = np.ones(len(poses), dtype=bool)
-    use[calibration.outliers] = False
-    bundle = sharing(poses.dataset)
     screening = Screening(Shapes(_predicted_states(calibration, poses)), prices)
     base = geometry_groups(calibration.model.effects)
-    fitting = Fitting(calibration.model, poses, use, calibration.rotation_weight, bundle)
-    theta, placement = calibration.theta, calibration.placement
-    ratio = pose_ratio(fitting.at(theta, placement), bundle, 0.0, float(len(theta)))
+    fitting, theta, placement = fitting_of(calibration, poses), calibration.theta, calibration.placement
+    ratio = pose_ratio(fitting.at(theta, placement), fitting.bundle, 0.0, float(len(theta)))
     state = Expansion(replace(fitting, ratio=ratio), theta, placement, calibration.sigma)
     return Selection((), Offered(screening, base, (), (), grids), with_only(screening, base, state), state)
 
