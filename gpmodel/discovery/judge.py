@@ -18,6 +18,7 @@ from gpmodel.families.candidate import Candidate, is_program
 from gpmodel.selection.causes import credible_set
 from gpmodel.selection.posterior import Active
 from gpmodel.selection.result import Kept
+from gpmodel.selection.scan import Replacements
 from gpmodel.selection.sparse_bayes import reestimate
 
 
@@ -29,12 +30,12 @@ class Judged:
     calibration: Calibration
 
 
-def judge(problem: Problem, last: FittedSelection, evolved_null: Array) -> Judged:
+def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_alone: bool = False) -> Judged:
     """Test every selected group given all the others, eliminate those that fail, and weigh the causes of the rest.
 
     Fine curves get as many harmonics as their evidence asks for, and constants inside move to where they are most
     likely. evolved_null: (S,) largest gain of any program on permuted residuals; an evolved term has to stand out of
-    both nulls, since it was searched for twice.
+    both nulls, since it was searched for twice. errors_alone: leave out the causes, which no error depends on.
     """
     if not last.candidates:
         return Judged((), last.left.calibration)
@@ -59,16 +60,20 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array) -> Judge
         found = judged[name]
         if not found.accepted:
             return found
-        causes = credible_set(accepted, number[name], *problem.smooth_sites)
-        without = residual(calibration).without(found.candidate.effects)
+        causes = credible_set(replacements, number[name], *problem.smooth_sites)
         others = [group for cause in causes.causes for group in cause.groups if group.name != name]
+        if not others:
+            return replace(found, causes=causes)
+        without = residual(calibration).without(found.candidate.effects)
         rivals = tuple((group.name, cross_validated(without, group.effects).rms) for group in others)
         return replace(found, causes=causes, rivals=rivals)
 
     judged, calibration = eliminate(candidates, calibration, verdicts, problem.fit)
+    if errors_alone:
+        return Judged(tuple(judged[name] for name in candidates), calibration)
     number = {last.chosen.active.pool.groups[g].name: g for g in last.chosen.active.found}
     failed = (number[name] for name, hypothesis in judged.items() if not hypothesis.accepted)
-    accepted = reestimate(reduce(Active.without, failed, last.chosen.active))
+    replacements = Replacements(reestimate(reduce(Active.without, failed, last.chosen.active)))
     residual(calibration)  # once, before workers share it
     judged = of_each(candidates, with_causes)
     return Judged(tuple(judged.values()), calibration)

@@ -189,7 +189,7 @@ def one_round(state: State, standard_fit: Calibration, calibration: Calibration)
     if not state.errors_alone:
         fitted = simplified(problem, fitted, proposals.laws.values())
     null = np.concatenate([exploration.null_nats, *_earlier_nulls(state)])
-    found = judge(problem, fitted, null)
+    found = judge(problem, fitted, null, state.errors_alone)
     dropped = _taken(state, [h for h in found.hypotheses if h.accepted], number)
     laws = tuple(fitted.candidates[name] for name in proposals.laws if name in fitted.candidates)
     state.rounds.append(Round(number, found.hypotheses, exploration, (*new, *laws), dropped))

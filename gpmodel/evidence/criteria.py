@@ -16,7 +16,7 @@ class Criteria:
         five is a Bayes factor of 150, "very strong" (Kass and Raftery 1995).
     minimum_cv_t: least cross-validated gain of a named effect over random folds, in standard errors of its mean. Zero:
         evidence and permutation null decide whether it is there, and it must not predict worse. At 1.5 the model of 90
-        poses of a measured cobot lost a third of its effects, and its error rose by a fifth (docs/how.md).
+        poses of a measured cobot lost a third of its effects, and its error rose by a fifth (CONTRIBUTING).
     apart_cv_t: least such gain over stretches of rows, where these are in order or read, and over machines; half of 3,
         as an effect of t standard errors lowers the squared error by t² σ² and noise moves that by 2 t σ².
     clear_cv_t: least such gain of an unnamed expression, over none, over a named effect and over any part of it: the

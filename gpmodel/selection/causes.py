@@ -55,9 +55,12 @@ class CredibleSet:
         return tuple(cause for cause in self.causes if not cause.own)
 
 
-def credible_set(model: Active, g: int, sites: Sequence[Site] = (), inputs: Sequence[str] = ()) -> CredibleSet:
+def credible_set(
+    replacements: Replacements, g: int, sites: Sequence[Site] = (), inputs: Sequence[str] = ()
+) -> CredibleSet:
     """Weigh all candidates in the place of a selected group. sites, inputs: of smooth terms."""
-    near, group = dict(_near(model, g)), model.pool.groups[g]
+    model = replacements.active
+    near, group = dict(_near(replacements, g)), model.pool.groups[g]
     unnamed = _smooth_terms(model, g, sites, inputs) if _named(group) else np.zeros(0)
     total = float(logsumexp([*near.values(), *unnamed]))
     named = {h: float(np.exp(value - total)) for h, value in near.items() if _named(model.pool.groups[h])}
@@ -74,11 +77,12 @@ def _named(group: Group) -> bool:
     return bool(group.family) and not is_curve(group)
 
 
-def _near(model: Active, g: int) -> Iterable[tuple[int, float]]:
+def _near(replacements: Replacements, g: int) -> Iterable[tuple[int, float]]:
     """Candidates in the place of a group, itself among them, with the objective (nats) of the model with each."""
+    model = replacements.active
     yield g, model.objective
     fewer = model.without(g)
-    gains, variances = Replacements(model).of(g, model.net_gain(g) - NEAR + fewer.prices)
+    gains, variances = replacements.of(g, model.net_gain(g) - NEAR + fewer.prices)
     smooth = [h for h, group in enumerate(model.pool.groups) if group.found_by == SMOOTH_TERM]
     net = gains - fewer.prices
     net[[*model.variances, *smooth]] = -np.inf

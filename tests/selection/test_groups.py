@@ -131,7 +131,7 @@ def test_of_two_that_explain_the_same_the_better_known_is_named_and_the_other_on
     assert "joint bending, J1" not in selection.names
     model = selection.active
     (base,) = (g for g in model.found if model.pool.groups[g].name == "base compliance")
-    (own,) = (cause for cause in credible_set(model, base).causes if cause.own)
+    (own,) = (cause for cause in credible_set(Replacements(model), base).causes if cause.own)
     assert {group.name for group in own.groups} == {"base compliance", "joint bending, J1"}
 
 
