@@ -75,7 +75,7 @@ CURES = {
 
 
 def named(table: Table, kind: str, seed: int) -> tuple[bool, list[str]]:
-    """Whether the cure is named, and what is said."""
+    """Return whether the message names the cure, and the message."""
     wrong = (KINDS | NEW)[kind](table, np.random.default_rng([seed, list(CURES).index(kind)]))
     _, said = judged(wrong)
     names = [joint.name for joint in table.mechanism.joints]

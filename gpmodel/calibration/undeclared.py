@@ -43,7 +43,12 @@ START, SMALLEST = (1e-4, 3e-4, 0.3), 1e-8
 
 @dataclass(frozen=True)
 class Undeclared:
-    """What varies at each axis: sizes (A,) γ, m and rad, of `geometric_effects`; constant τ, m and rad; noise n, m."""
+    """Standard deviations of undeclared effects, constants and noise.
+
+    sizes: (A,) γ of the unknown function at each axis of `geometric_effects`, m and rad.
+    constant: τ of a constant, m and rad.
+    noise: n of a reading, m.
+    """
 
     sizes: Array
     constant: float

@@ -16,7 +16,7 @@ MOST_NAMED = 6
 MOST_SIZED = 2
 """Effects that the verdict of a calibration names; of more it says the number."""
 SURE = 0.9
-"""Probability from which an effect is said to be the cause."""
+"""Probability from which the verdict names no other cause."""
 STATED_TOO_LARGE = 3.0
 """Times what is left of the error that a stated noise cannot be: it would leave a third of itself."""
 _LOAD = re.compile(r"(?:payload_)?(?:torque|moment|force)_(?P<at>\w+)$")

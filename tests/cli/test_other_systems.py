@@ -1,4 +1,4 @@
-"""What other systems have: no copies of a process, a code page, folders with blanks and umlauts, several drives."""
+"""Windows and macOS: process start without fork, code pages, folders with blanks and umlauts, several drives."""
 
 import os
 import shlex

@@ -55,8 +55,8 @@ class Rigid:
 def refitted(saved: SavedModel) -> Rigid:
     """Fit the constants of the model anew to its table, without the mechanism's other effects.
 
-    A model without such effects keeps its values. Effects of the instrument and of the session stay beside them, so
-    that the geometry does not take them up.
+    A model without such effects keeps its values. Effects of the instrument and of the session stay in the fit, so that
+    the geometry does not absorb them.
     Raises InputError as `measured_table`, or for a fit that cannot be made.
     """
     poses = prepare(saved.mechanism, measured_table(saved))
