@@ -11,6 +11,11 @@ from gpmodel.numerics import se3
 STEPS = 50
 """Newton's method doubles the digits a step; a machine that needs more than this does not close."""
 
+PROGRESS, STALLED = 0.9, 6
+"""A pose is given up after so many steps in which its worst miss has not fallen by a tenth: it has left the assembly it
+started from. At half no pose of 2161 with tilts up to 15 deg is lost and one of 671 at 45 deg, at double a pose that
+cannot close takes twice the time."""
+
 CLOSED = 1e-13
 """m; a length of a metre is a root of squares that double precision resolves to 2e-16 each."""
 
@@ -20,20 +25,39 @@ LONGEST_STEP = 0.1
 
 def newton(pose: Array, lower: Array, balls: Array, lengths: Array) -> tuple[Array, Array]:
     """Pose (N, 4, 4) of the platform, from a start on, with its balls (6, N, 3) at `lengths` (6, N) from the lower
-    ones, and by how much (N,) the worst misses, m."""
-    miss = np.zeros_like(lengths)
+    ones, and by how much (N,) the worst misses, m.
+
+    Each pose takes steps until it is closed or has stalled.
+    """
+    pose, lower, balls, lengths = pose.copy(), *(np.swapaxes(part, 0, 1) for part in (lower, balls, lengths))
+    miss, best, stalled = np.full(len(pose), np.inf), np.full(len(pose), np.inf), np.zeros(len(pose), dtype=int)
+    rows = np.arange(len(pose))
     for _ in range(STEPS):
-        upper = np.einsum("nij,knj->kni", pose[:, :3, :3], balls) + pose[:, :3, 3]
-        miss = lengths - np.linalg.norm(upper - lower, axis=2)
-        if np.abs(miss).max(initial=0.0) < CLOSED:
+        turn, at = pose[rows, :3, :3], pose[rows, :3, 3]
+        vectors = balls[rows] @ np.swapaxes(turn, 1, 2) + (at[:, None] - lower[rows])
+        long = np.sqrt(np.einsum("nki,nki->nk", vectors, vectors))
+        short = lengths[rows] - long
+        miss[rows] = np.abs(short).max(axis=1)
+        stalled[rows] = np.where(miss[rows] < PROGRESS * best[rows], 0, stalled[rows] + 1)
+        best[rows] = np.minimum(best[rows], miss[rows])
+        go = np.flatnonzero((miss[rows] >= CLOSED) & (stalled[rows] < STALLED))
+        if not len(go):
             break
+        rows = rows[go]
+        along = (vectors[go] / long[go, :, None]) @ turn[go]
         try:
-            step = np.linalg.solve(jacobian_of(pose, lower, upper), miss.T[:, :, None])[:, :, 0]
+            step = np.linalg.solve(wrenches(along, balls[rows]), short[go, :, None])[:, :, 0]
         except np.linalg.LinAlgError:
             break
         longest = np.abs(step).max(axis=1, keepdims=True)
-        pose = pose @ se3.exp(step * np.minimum(1.0, LONGEST_STEP / np.maximum(longest, LONGEST_STEP)))
-    return pose, np.abs(miss).max(axis=0)
+        pose[rows] = pose[rows] @ se3.exp(step * (LONGEST_STEP / np.maximum(longest, LONGEST_STEP)))
+    return pose, miss
+
+
+def wrenches(along: Array, arm: Array) -> Array:
+    """Rows (..., 6) of unit directions u (..., 3) and their moments r × u at arms r (..., 3)."""
+    (x, y, z), (u, v, w) = np.moveaxis(arm, -1, 0), np.moveaxis(along, -1, 0)
+    return np.stack([u, v, w, y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
 def jacobian_of(tool: Array, lower: Array, upper: Array) -> Array:
@@ -41,7 +65,7 @@ def jacobian_of(tool: Array, lower: Array, upper: Array) -> Array:
     turn = tool[:, :3, :3]
     along = np.einsum("nji,knj->nki", turn, unit(upper - lower))
     arm = np.einsum("nji,knj->nki", turn, upper - tool[:, :3, 3])
-    return np.concatenate([along, np.cross(arm, along)], axis=2)
+    return wrenches(along, arm)
 
 
 def unit(vectors: Array) -> Array:
