@@ -56,7 +56,14 @@ class LayoutError(InputError):
 
 
 class OpenLoopsError(InputError):
-    """Joint values, with the errors of a mechanism, at which its closed loops do not meet."""
+    """Joint values, with the errors of a mechanism, at which its closed loops do not meet.
+
+    gap: what does not meet. pose: index of the joint values. where: file and row; by default the number of the pose.
+    """
+
+    def __init__(self, gap: str, pose: int, where: str = "") -> None:
+        self.gap, self.pose = gap, pose
+        super().__init__(f"{where or f'pose {pose + 1}'}: {gap}")
 
 
 class WriteError(InputError):

@@ -130,7 +130,7 @@ class OnLegs:
         wrong = int(np.argmax(miss))
         if not miss[wrong] < CLOSED:
             said = ", ".join(f"{1e3 * v:.1f}" for v in lengths[:, wrong])
-            raise OpenLoopsError(f"{self.name}: legs of {said} mm do not meet in one platform (pose {wrong + 1})")
+            raise OpenLoopsError(f"legs of {said} mm do not meet in one platform of {self.name}", wrong)
         return frames
 
     def closes(self, q: Array, twists: Mapping[int, Array] | None = None) -> Mask:

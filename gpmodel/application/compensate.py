@@ -1,13 +1,13 @@
 """Joint values that make the real mechanism reach what the nominal one was meant to, with a limit on the move."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from gpmodel.application.kinematics import LENGTH, REACHED, inverse, look_at, solve, tips
+from gpmodel.application.kinematics import LENGTH, REACHED, inverse, look_where_closed, solve, tips
 from gpmodel.application.matching import matched, matched_with_readings, remembered, turned
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.uncertainty import point_deviation
@@ -15,7 +15,7 @@ from gpmodel.application.usable import check_finite, of_the_mechanism, outside
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.model.error_model import prepare
+from gpmodel.model.error_model import closing, prepare
 from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.read import dataset_from
@@ -30,6 +30,8 @@ GIVEN = (OK, SINGULAR, RANGE, SIDE)
 """Statuses of rows that have corrected values."""
 MAX_MOVE = float(np.radians(2.0))
 """Radians or metres that a joint may be moved by to compensate: an error of the model is far smaller."""
+FULL_TURN = float(np.radians(361.0))
+"""Largest rotation of a target: a full turn, and rounding."""
 LIMIT_TOLERANCE = 1e-9
 """Radians or metres by which a joint may pass its limit: rounding."""
 DAMPED_ITERATIONS = 12
@@ -41,11 +43,15 @@ times shorter than the one before."""
 
 @dataclass(frozen=True)
 class TargetPoses:
-    """Tool poses (N, 4, 4) to reach in the root frame, from the joint values of `dataset`. whole: with orientation."""
+    """Tool poses (N, 4, 4) to reach in the root frame, from the joint values of `dataset`.
+
+    whole: with orientation. unreachable: indices of targets that the nominal mechanism does not reach.
+    """
 
     dataset: Dataset
     frames: Array
     whole: bool
+    unreachable: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 @dataclass(frozen=True)
@@ -55,7 +61,8 @@ class Compensation:
     q: (N, n), rad and m, NaN where the status gives none. status: (N,) one of the seven words. residual: (N,) m left at
     the tool point; turn: (N,) rad left of the orientation, NaN where it was not asked for. correction: (N,) m the real
     tool point would have missed by without it. sigma: (N,) m, standard deviation of the reached point in the root
-    frame. outside: (N,) inputs beyond the ranges of the model.
+    frame. outside: (N,) inputs beyond the ranges of the model. The last five are NaN or empty where the nominal
+    mechanism does not reach the target.
     """
 
     q: Array
@@ -90,7 +97,7 @@ def targets_in(
 
 def compensated(saved: SavedModel, frame: pd.DataFrame, targets: TargetPoses, max_move: float) -> pd.DataFrame:
     """`frame` of targets with corrected_JOINT, the correction, what is left of it, sigma [mm], the status of each
-    row; columns of an earlier compensation are replaced."""
+    row; columns of an earlier compensation are replaced. Raises InputError where no target is reached."""
     found, names = compensate(saved, targets, max_move), _table_names(saved, targets.dataset)
     corrected = (
         joint_column(f"corrected_{name}", joint.kind, values)
@@ -103,7 +110,21 @@ def compensated(saved: SavedModel, frame: pd.DataFrame, targets: TargetPoses, ma
         "sigma [mm]": 1e3 * found.sigma,
     }
     results: dict[str, Array | list[str]] = {**added, "outside": list(found.outside), "status": list(found.status)}
-    return with_results(frame, results, ("corrected_",))
+    table = with_results(frame, results, ("corrected_",))
+    if set(found.status) == {LOST}:
+        raise InputError(f"{targets.dataset.source}, {not_reached(saved.mechanism, table)}")
+    return table
+
+
+def not_reached(mechanism: Mechanism, corrected: pd.DataFrame) -> str:
+    """Name the first row of compensated targets that is out of reach and its x, y, z, and the number of the others."""
+    rows = np.flatnonzero(corrected["status"] == LOST)
+    if not len(rows):
+        return ""
+    point = corrected.iloc[rows[0]][[c for c in corrected.columns if split_header(str(c))[0] in ("x", "y", "z")]]
+    target = ", ".join(f"{name} {cell}" for name, cell in point.items())
+    more = f"; so are {len(rows) - 1} more" if len(rows) > 1 else ""
+    return f"row {rows[0] + 1}: {target or 'the target'} is out of reach of {mechanism.name}{more}"
 
 
 def of_frame(saved: SavedModel) -> SavedModel:
@@ -141,11 +162,18 @@ def cartesian_targets(saved: SavedModel, dataset: Dataset, rng: np.random.Genera
     if turned.any() and not turned.all():
         row = int(dataset.row[~turned][0])
         raise InputError(f"{dataset.source}, row {row}: no rx, ry, rz; expected rotations in every row or in none")
+    turns = np.nan_to_num(np.linalg.norm(dataset.rotation, axis=1))
+    if turns.max() > FULL_TURN:
+        row = int(dataset.row[turns.argmax()])
+        raise InputError(
+            f"{dataset.source}, row {row}: rx, ry, rz turn by {np.degrees(turns.max()):.4g} deg; expected at most 360, "
+            "or another unit"
+        )
     frames = se3.exp(np.hstack([np.zeros_like(dataset.position), np.nan_to_num(dataset.rotation)]))
     frames[:, :3, 3] = dataset.position
     whole = bool(turned.all()) and len(saved.mechanism.joints) >= 6
-    reached = replace(fitting, q=inverse(saved, fitting, frames, whole, rng))
-    return TargetPoses(remembered(saved, reached), frames, whole)
+    q, reached = inverse(saved, fitting, frames, whole, rng)
+    return TargetPoses(remembered(saved, replace(fitting, q=q)), frames, whole, np.flatnonzero(~reached))
 
 
 def compensate(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MOVE) -> Compensation:
@@ -154,25 +182,46 @@ def compensate(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MO
     Where the whole pose would need a larger move, near a singular pose, the position is reached and as much of the
     orientation as the limit allows. Raises InputError where an effect is not finite at a target.
     """
-    saved, dataset = of_the_mechanism(saved), targets.dataset
+    saved = of_the_mechanism(saved)
+    targets = _closing_start(saved, targets)
+    dataset = targets.dataset
     q, status = corrected(saved, targets, max_move)
     poses, observed = tips(saved, replace(dataset, q=q.copy()), nominal=False)
     beyond = outside(saved, poses.states)
+    beyond = tuple("" if k in targets.unreachable else names for k, names in enumerate(beyond))
     for k in np.flatnonzero((np.array(beyond, dtype=object) != "") & (status == OK)):
         status[k] = RANGE
     for k in np.flatnonzero(turned(saved, dataset.q, q) & (status == OK)):
         status[k] = SIDE
     without = tips(saved, dataset, nominal=False)[1].tip
+    known = np.where(np.isin(np.arange(len(q)), targets.unreachable), np.nan, 1.0)
     turns = se3.rotation_vector(targets.frames[:, :3, :3] @ np.swapaxes(observed.tip[:, :3, :3], 1, 2))
     return Compensation(
         q=np.where(np.isin(status, GIVEN)[:, None], q, np.nan),
         status=tuple(str(s) for s in status),
-        residual=np.linalg.norm(targets.frames[:, :3, 3] - observed.tip[:, :3, 3], axis=1),
-        turn=np.linalg.norm(turns, axis=1) if targets.whole else np.full(len(q), np.nan),
-        correction=np.linalg.norm(targets.frames[:, :3, 3] - without[:, :3, 3], axis=1),
-        sigma=point_deviation(saved, poses, observed, placed=False),
+        residual=known * np.linalg.norm(targets.frames[:, :3, 3] - observed.tip[:, :3, 3], axis=1),
+        turn=known * np.linalg.norm(turns, axis=1) if targets.whole else np.full(len(q), np.nan),
+        correction=known * np.linalg.norm(targets.frames[:, :3, 3] - without[:, :3, 3], axis=1),
+        sigma=known * point_deviation(saved, poses, observed, placed=False),
         outside=beyond,
     )
+
+
+def _closing_start(saved: SavedModel, targets: TargetPoses) -> TargetPoses:
+    """Call targets unreachable at whose nominal joint values the loops of the real mechanism are open; they get those
+    of another row."""
+    dataset = targets.dataset
+    closes = closing(saved.model, dataset, saved.theta)
+    if len(closes) == len(dataset):
+        return targets
+    if not len(closes):
+        point = ", ".join(f"{1e3 * v:.6g}" for v in targets.frames[0, :3, 3])
+        name = saved.mechanism.name
+        raise InputError(f"{dataset.source}, row {dataset.row[0]}: x, y, z of {point} mm is out of reach of {name}")
+    lost = np.setdiff1d(np.arange(len(dataset)), closes)
+    q = dataset.q.copy()
+    q[lost] = q[closes[0]]
+    return replace(targets, dataset=replace(dataset, q=q), unreachable=np.union1d(targets.unreachable, lost))
 
 
 def corrected(
@@ -188,7 +237,8 @@ def corrected(
     q, left = solve(saved, replace(dataset, q=start.copy()), targets.frames, targets.whole, nominal=False)
     far = _moves(saved.mechanism, q - start) > max_move
     status = np.where(left < REACHED, np.where(far, LARGE, OK), LOST).astype(object)
-    again = np.flatnonzero(status != OK)
+    status[targets.unreachable] = LOST
+    again = np.setdiff1d(np.flatnonzero(status != OK), targets.unreachable)
     if part and targets.whole and len(again):
         within = TargetPoses(dataset.subset(again), targets.frames[again], True)
         damped, reached = _damped(saved, within, max_move)
@@ -234,7 +284,8 @@ def _position_first(saved: SavedModel, targets: TargetPoses, rows: IntArray, dam
     q = np.array(start.q)
     eye = np.eye(q.shape[1])
     for _ in range(DAMPED_ITERATIONS):
-        miss, jacobian = look_at(saved, replace(start, q=q.copy()), frames, nominal=False)
+        miss, jacobian = look_where_closed(saved, replace(start, q=q.copy()), frames, nominal=False)
+        miss[~np.isfinite(miss)] = 0.0
         first, second = jacobian[:, :3], LENGTH * jacobian[:, 3:]
         inverse_first = np.linalg.pinv(first, rcond=1e-6)
         step = (inverse_first @ miss[:, :3, None])[:, :, 0]
@@ -245,5 +296,5 @@ def _position_first(saved: SavedModel, targets: TargetPoses, rows: IntArray, dam
         square = np.swapaxes(turning, 1, 2) @ turning + damping**2 * eye
         right = (np.swapaxes(turning, 1, 2) @ wanted[:, :, None])[:, :, 0] - pull
         q = q + step + (free @ np.linalg.solve(square, right[:, :, None]))[:, :, 0]
-    miss = look_at(saved, replace(start, q=q.copy()), frames, nominal=False)[0]
+    miss = look_where_closed(saved, replace(start, q=q.copy()), frames, nominal=False)[0]
     return q, np.linalg.norm(miss[:, :3], axis=1)

@@ -7,10 +7,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from gpmodel.application.model_file import SavedModel
-from gpmodel.arrays import Array, IntArray
+from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.mechanism.protocol import AXES, Mechanism
 from gpmodel.mechanism.workspace import random_poses
-from gpmodel.model.error_model import ErrorModel, Placement, Poses, closing, observe, prepare
+from gpmodel.model.error_model import ErrorModel, Placement, Poses, closing, observe, prepare, rows_named
 from gpmodel.model.observed import Observed
 from gpmodel.model.states import States, tip_slots
 from gpmodel.numerics import se3
@@ -33,6 +33,8 @@ NEAREST = 6
 """Number of nearest starts tried first for a target, as many as the joints of most arms."""
 SEEDS = 24
 """Starts in all before a target is called not reached."""
+UNSOLVED = 1e3
+"""Cost of joint values that do not reach a target, far above any distance from the middle of the ranges."""
 
 
 def tips(saved: SavedModel, dataset: Dataset, *, nominal: bool) -> tuple[Poses, Observed]:
@@ -41,7 +43,8 @@ def tips(saved: SavedModel, dataset: Dataset, *, nominal: bool) -> tuple[Poses, 
     bare = replace(dataset, distances={}, observations=())
     if nominal:
         states = States({"row": bare.row.astype(float)}, {"row": "1"})
-        poses = Poses(bare, saved.mechanism.transforms(bare.q), states, tip_slots(saved.mechanism, bare))
+        with rows_named(bare):
+            poses = Poses(bare, saved.mechanism.transforms(bare.q), states, tip_slots(saved.mechanism, bare))
         return poses, observe(ErrorModel(saved.mechanism, ()), poses, np.zeros(0), root)
     poses = prepare(saved.mechanism, bare)
     return poses, observe(saved.model, poses, saved.theta, root)
@@ -75,21 +78,24 @@ def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, no
     """
     weight = np.array([1.0] * 3 + [LENGTH if whole else 0.0] * 3)
 
-    bare = ErrorModel(saved.mechanism, ()) if nominal else saved.model
-    theta = saved.theta[: len(bare.effects)]
-
     def look(q: Array, rows: IntArray) -> tuple[Array, Array]:
-        data = replace(dataset.subset(rows), q=q.copy())
-        able = closing(bare, data, theta)
-        miss, jacobian = np.full((len(rows), 6), np.inf), np.zeros((len(rows), 6, q.shape[1]))
-        if len(able) < len(rows):
-            data, rows = data.subset(able), rows[able]
-        if len(able):
-            left, slopes = look_at(saved, data, target[rows], nominal=nominal)
-            miss[able], jacobian[able] = left * weight, slopes * weight[:, None]
-        return miss, jacobian
+        miss, slopes = look_where_closed(saved, replace(dataset.subset(rows), q=q.copy()), target[rows], nominal)
+        miss[np.isfinite(miss).all(axis=1)] *= weight
+        return miss, slopes * weight[:, None]
 
     return _levenberg(look, np.array(dataset.q))
+
+
+def look_where_closed(saved: SavedModel, dataset: Dataset, target: Array, nominal: bool) -> tuple[Array, Array]:
+    """Return the pose error and Jacobian of `look_at`; infinite and zero where the loops of a mechanism are open."""
+    model = ErrorModel(saved.mechanism, ()) if nominal else saved.model
+    able = closing(model, dataset, saved.theta[: len(model.effects)])
+    if len(able) == len(dataset):
+        return look_at(saved, dataset, target, nominal=nominal)
+    miss, jacobian = np.full((len(dataset), 6), np.inf), np.zeros((len(dataset), 6, dataset.q.shape[1]))
+    if len(able):
+        miss[able], jacobian[able] = look_at(saved, dataset.subset(able), target[able], nominal=nominal)
+    return miss, jacobian
 
 
 def _levenberg(look: Callable[[Array, IntArray], tuple[Array, Array]], q: Array) -> tuple[Array, Array]:
@@ -112,21 +118,25 @@ def _levenberg(look: Callable[[Array, IntArray], tuple[Array, Array]], q: Array)
     return q, np.linalg.norm(miss, axis=1)
 
 
-def inverse(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, rng: np.random.Generator) -> Array:
+def inverse(
+    saved: SavedModel, dataset: Dataset, target: Array, whole: bool, rng: np.random.Generator
+) -> tuple[Array, Mask]:
     """Nominal joint values (N, n) for targets (N, 4, 4): of the solutions from several starts, the one nearest the
-    middle of the ranges. The starts are the poses of a random pool whose tools are nearest; where they lead nowhere,
-    random ones."""
+    middle of the ranges; and which targets (N,) have one. The starts are the poses of a random pool whose tools are
+    nearest; where they lead nowhere, random ones. Without a solution the joint values are the nearest start."""
     pool = random_poses(saved.mechanism, POOL, rng)
     many = replace(dataset.subset(np.zeros(POOL, dtype=np.int64)), q=pool)
     near = cKDTree(_place(tips(saved, many, nominal=True)[1].tip, whole))
-    starts = pool[near.query(_place(target, whole), k=NEAREST)[1]]
-    q, cost = _best(saved, dataset, target, whole, starts)
-    lost = np.flatnonzero(cost >= 1e3)
+    nearest = pool[near.query(_place(target, whole), k=NEAREST)[1]]
+    q, cost = _best(saved, dataset, target, whole, nearest)
+    lost = np.flatnonzero(cost >= UNSOLVED)
     if len(lost):
         starts = random_poses(saved.mechanism, len(lost) * SEEDS, rng).reshape(len(lost), SEEDS, -1)
         again, other = _best(saved, dataset.subset(lost), target[lost], whole, starts)
-        q[lost] = np.where((other < cost[lost])[:, None], again, q[lost])
-    return q
+        reached = other < UNSOLVED
+        q[lost] = np.where(reached[:, None], again, nearest[lost, 0])
+        cost[lost] = other
+    return q, cost < UNSOLVED
 
 
 def _place(frames: Array, whole: bool) -> Array:
@@ -136,9 +146,8 @@ def _place(frames: Array, whole: bool) -> Array:
 
 
 def _best(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, starts: Array) -> tuple[Array, Array]:
-    """Return the best (N, n) of the solutions from starts (N, k, n) and its cost (N,): 1000 and more without a
-    solution.
-    """
+    """Return the best (N, n) of the solutions from starts (N, k, n) and its cost (N,): UNSOLVED and more without
+    one."""
     mechanism = saved.mechanism
     count, tries, joints = starts.shape
     each = np.repeat(np.arange(count), tries)
@@ -150,6 +159,6 @@ def _best(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, start
     middle = np.where(np.isfinite(lower + upper), (lower + upper) / 2, 0.0)
     width = np.where(np.isfinite(upper - lower), upper - lower, 2 * np.pi)
     cost = np.linalg.norm((q - middle) / width, axis=1) + 10.0 * ((q < lower) | (q > upper)).any(axis=1)
-    cost = (cost + np.where(left < REACHED * 10, 0.0, 1e3 + left)).reshape(count, tries)
+    cost = (cost + np.where(left < REACHED * 10, 0.0, UNSOLVED + left)).reshape(count, tries)
     chosen = cost.argmin(axis=1)
     return q[chosen + tries * np.arange(count)], cost[np.arange(count), chosen]

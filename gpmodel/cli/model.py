@@ -6,6 +6,7 @@ import click
 
 from gpmodel.api.model import Point, load_model, model_file
 from gpmodel.api.verify import verify as judge
+from gpmodel.application.compensate import not_reached
 from gpmodel.application.exports.grid import NODES
 from gpmodel.application.exports.programs import Language
 from gpmodel.characters import shell_quoted
@@ -103,6 +104,8 @@ def compensate(
         path = write_frame(corrected, out, "compensated.csv", targets)
     if not quiet and (names := fitted.of_its_session(session=session)):
         echo(session_note(names, session), err=True)
+    if lost := not_reached(fitted.mechanism, corrected):
+        echo(lost, err=True)
     if not quiet and path is not None:
         counts = ", ".join(f"{count} {status}" for status, count in corrected["status"].value_counts().items())
         largest = corrected["correction [mm]"].max()

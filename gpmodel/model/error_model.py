@@ -1,12 +1,13 @@
 """The error model: a mechanism with effects, its prediction and its columns."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.errors import InputError, choices
+from gpmodel.errors import InputError, OpenLoopsError, choices
 from gpmodel.mechanism.branches import assembled, branched, lineage
 from gpmodel.mechanism.protocol import AXES, INSTRUMENT, Mechanism, closed, places
 from gpmodel.model.effect import REGISTRATION, TOOL, Effect
@@ -50,9 +51,23 @@ class Poses:
 
 
 def prepare(mechanism: Mechanism, dataset: Dataset, same: States | None = None) -> Poses:
-    """Nominal transforms and states of every pose, computed once. same: see `states_of`."""
-    states = states_of(mechanism, dataset, same)
-    return Poses(dataset, mechanism.transforms(dataset.q), states, tip_slots(mechanism, dataset))
+    """Nominal transforms and states of every pose, computed once. same: see `states_of`.
+
+    Raises OpenLoopsError for the row of joint values at which closed loops do not meet.
+    """
+    with rows_named(dataset):
+        states = states_of(mechanism, dataset, same)
+        return Poses(dataset, mechanism.transforms(dataset.q), states, tip_slots(mechanism, dataset))
+
+
+@contextmanager
+def rows_named(dataset: Dataset) -> Iterator[None]:
+    """Name the file and the row of joint values at which closed loops do not meet."""
+    try:
+        yield
+    except OpenLoopsError as error:
+        where = f"{dataset.source}, row {dataset.row[error.pose]}"
+        raise OpenLoopsError(error.gap, error.pose, where) from None
 
 
 @dataclass(frozen=True)
@@ -117,7 +132,8 @@ class ErrorModel:
     def frames_after(self, poses: Poses, twists: Mapping[int, Array]) -> Array:
         """Return the frames after known error twists (N, 6), keyed by the index of their slot."""
         if loops := closed(self.mechanism):
-            return loops.assembled(poses.dataset.q, twists)
+            with rows_named(poses.dataset):
+                return loops.assembled(poses.dataset.q, twists)
         if tree := branched(self.mechanism):
             return assembled(tree, poses.transforms, {slot: se3.exp(twist) for slot, twist in twists.items()})
         relative = poses.transforms.copy()

@@ -12,6 +12,7 @@ import pytest
 import gpmodel as gp
 from experiments.hexapod.simulator import BASE, GEOMETRY, POINT_NOISE, Machine, Rotation, readings, ring, table
 from gpmodel.api.effects import effects as families_on
+from gpmodel.application.compensate import not_reached
 from gpmodel.arrays import Array
 from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.start import start_placement
@@ -191,7 +192,7 @@ def test_a_bad_description_is_one_line(text: str, message: str, tmp_path: Path) 
 def test_lengths_that_meet_in_no_platform_are_refused_by_pose() -> None:
     q = np.full((3, 6), 0.55)
     q[1] = (0.1, 0.9, 0.1, 0.9, 0.1, 0.9)
-    with pytest.raises(InputError, match=r"legs of 100.0, 900.0.* do not meet in one platform \(pose 2\)"):
+    with pytest.raises(InputError, match=r"pose 2: legs of 100.0, 900.0.* do not meet in one platform"):
         hexapod().transforms(q)
 
 
@@ -231,3 +232,39 @@ def test_poses_that_are_proposed_close_and_steps_to_open_loops_are_not_taken() -
     made = gp.simulate(arm, poses=12, geometry_sigma="1 mm", seed=3)
     found = made.truth.compensate(pd.DataFrame(made.table.q * 1e3, columns=[f"{j.name} [mm]" for j in arm.joints]))
     assert set(found["status"]) <= {"ok", "large move", "joint limit", "near singular"}
+
+
+TARGET = ["x [mm]", "y [mm]", "z [mm]", "rx [rad]", "ry [rad]", "rz [rad]"]
+
+
+@pytest.mark.parametrize("columns", [TARGET, TARGET[:3]])
+def test_a_target_out_of_reach_has_no_numbers_and_the_other_rows_keep_theirs(columns: list[str]) -> None:
+    arm = gp.load_mechanism(Path(__file__).parents[2] / "experiments" / "twelve_balls" / "hexapod.toml")
+    truth = gp.simulate(arm, poses=12, geometry_sigma="1 mm", seed=3).truth
+    rows = [[0, 0, 500, 0, 0, 0], [5000, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0]]
+    targets = pd.DataFrame(rows, columns=TARGET)[columns]
+    found = truth.compensate(targets)
+    assert found["status"].tolist() == ["ok", "not reached", "not reached"]
+    numbers = [c for c in found.columns if c.startswith("corrected_")] + ["correction [mm]", "residual [mm]"]
+    assert found[numbers].notna().to_numpy().tolist() == [[True] * 8, [False] * 8, [False] * 8]
+    assert not_reached(arm, found).startswith("row 2: x [mm] 5000, y [mm] 0, z [mm] 0 is out of reach of wide hexapod")
+    for row in (1, 2):
+        with pytest.raises(InputError, match=r"row 1.* out of reach of wide hexapod"):
+            truth.compensate(targets.iloc[[row]])
+
+
+def test_open_loops_and_degrees_given_as_radians_are_named_by_row() -> None:
+    truth = gp.simulate("hexapod", poses=12, seed=3).truth
+    legs = pd.DataFrame(0.55, index=range(2), columns=[f"L{i} [m]" for i in range(1, 7)])
+    legs.iloc[1] = (0.1, 0.9, 0.1, 0.9, 0.1, 0.9)
+    for ask in (truth.predict, truth.compensate):
+        with pytest.raises(InputError, match=r", row 2: legs of 100.0, 900.0"):
+            ask(legs)
+    with pytest.raises(InputError, match=r"row 1: rx, ry, rz turn by 5157 deg; expected at most 360"):
+        truth.compensate(pd.DataFrame([[0, 0, 500, 90, 0, 0]], columns=TARGET))
+
+
+def test_a_pose_that_stalls_is_given_up_and_the_others_go_on() -> None:
+    arm, near = hexapod(), np.full((1, 6), 0.55)
+    apart = np.array([[0.1, 0.9, 0.1, 0.9, 0.1, 0.9]])
+    assert arm.closes(np.concatenate([apart, near, apart])).tolist() == [False, True, False]
