@@ -1,4 +1,5 @@
-"""Pictures of where the residual is: arrows in the workspace from three sides, and its course along the rows."""
+"""Pictures of where the residual is and of what each effect does to the tool: arrows in the workspace; and the residual
+along the rows."""
 
 from __future__ import annotations
 
@@ -26,9 +27,11 @@ from gpmodel.report.picture import (
     signed,
 )
 from gpmodel.report.schema import Report
+from gpmodel.report.schema_search import MovedRecord
 from gpmodel.wording import millimetres
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 SHARE_OF_SPAN = 0.13
@@ -38,8 +41,11 @@ ARROWS = 250
 
 
 def pictures(report: Report) -> Iterator[Picture]:
-    """Arrows from above, then the residual over the rows, where points were measured."""
+    """Arrows from above, what each effect moves, then the residual over the rows, where points were measured."""
     yield from _arrow_pictures(report)
+    for number, effect in enumerate(report.effects, 1):
+        if effect.moved is not None and effect.moved.points_mm:
+            yield _moved_picture(number, effect.name, effect.moved)
     residual = report.plots.residual_mm
     after = numbers(residual.get("final", ()))
     if np.isfinite(after).any():
@@ -65,10 +71,7 @@ def _arrow_pictures(report: Report) -> Iterator[Picture]:
     if len(chosen) == 0:
         return
     points, before, after = points[chosen], before[chosen], after[chosen]
-    typical = float(np.percentile(np.linalg.norm(before, axis=1), 90))
-    span = float(np.ptp(points, axis=0).max())
-    magnification = SHARE_OF_SPAN * (span or 1.0) / (typical or 1.0)
-    key = nice_length(0.16 * (span or 1.0) / magnification)
+    magnification = _magnification(points, before)
     some = "" if len(chosen) == whole.sum() else f" {len(chosen)} of {int(whole.sum())} poses are shown."
     models = "standard model (grey) and of the final model (blue)" if report.effects else "standard model"
     colours = "Grey before, blue after. " if report.effects else ""
@@ -77,29 +80,58 @@ def _arrow_pictures(report: Report) -> Iterator[Picture]:
         "arrows_above", "Seen from above", 4.9, 4.6,
         f"Residual of the {models} as arrows at the nominal positions: x and y.",
         f"{colours}Residual {float(f'{magnification:.2g}'):,.0f} times enlarged; explore.html turns it.{some}",
-        partial(_arrows, points=points, residuals=shown, magnification=magnification, key=key),
+        partial(_arrows, points=points, moves=shown, magnification=magnification, sides=((0, 1),)),
     )  # fmt: skip
 
 
+def _moved_picture(number: int, name: str, moved: MovedRecord) -> Picture:
+    points, moves = numbers(moved.points_mm), numbers(moved.moves_mm)
+    magnification = _magnification(points, moves)
+    where = "at joint values anywhere within the limits" if moved.anywhere else "at measured poses"
+    return Picture(
+        f"moved_{number}", f"What {name} does to the tool", 4.9, 2.5,
+        f"Displacement of the tool by {name} as arrows {where}, from above and from the side.",
+        f"Arrows: what it does to the tool {where}, {float(f'{magnification:.2g}'):,.0f} times enlarged; from above "
+        "and from the side.",
+        partial(_arrows, points=points, moves=[(moves, AFTER)], magnification=magnification, sides=((0, 1), (0, 2))),
+    )  # fmt: skip
+
+
+def _magnification(points: Array, moves: Array) -> float:
+    """How many times arrows are enlarged: a typical one is SHARE_OF_SPAN of the workspace."""
+    typical = float(np.percentile(np.linalg.norm(moves, axis=1), 90))
+    return SHARE_OF_SPAN * (float(np.ptp(points, axis=0).max()) or 1.0) / (typical or 1.0)
+
+
 def _arrows(
-    figure: Figure, points: Array, residuals: Sequence[tuple[Array, str]], magnification: float, key: float
+    figure: Figure,
+    points: Array,
+    moves: Sequence[tuple[Array, str]],
+    magnification: float,
+    sides: Sequence[tuple[int, int]],
 ) -> None:
-    axes = figure.subplots()
+    """Draw arrows, each kind in its colour, seen along the axis that each of the sides leaves out, and their scale."""
+    for axes, side in zip(figure.subplots(1, len(sides), squeeze=False)[0], sides, strict=True):
+        _seen_from(axes, points[:, side], [(move[:, side], colour) for move, colour in moves], magnification)
+        axes.set(xlabel=f"{'xyz'[side[0]]}, mm", ylabel=f"{'xyz'[side[1]]}, mm")
+
+
+def _seen_from(axes: Axes, points: Array, moves: Sequence[tuple[Array, str]], magnification: float) -> None:
     span = float(np.ptp(points, axis=0).max()) or 1.0
     axes.scatter(points[:, 0], points[:, 1], s=3, color=AXIS, lw=0)
-    for residual, colour in residuals:
-        axes.quiver(*points.T[:2], *residual.T[:2], color=colour, angles="xy",
-                    scale_units="xy", scale=1.0 / magnification, width=0.006, headwidth=3.6, headlength=4.0,
-                    headaxislength=3.6)  # fmt: skip
+    for move, colour in moves:
+        axes.quiver(*points.T, *move.T, color=colour, angles="xy",
+                    scale_units="xy", scale=1.0 / magnification, units="inches", width=0.023, headwidth=3.6,
+                    headlength=4.0, headaxislength=3.6)  # fmt: skip
     middle = points.min(axis=0) / 2 + points.max(axis=0) / 2
     half = 0.62 * span
     axes.set_xlim(middle[0] - half, middle[0] + half)
     axes.set_ylim(middle[1] - half, middle[1] + half)
-    left, low = middle[0] - 0.58 * span, middle[1] - 0.58 * span
+    left, low = middle - 0.58 * span
+    key = nice_length(0.16 * span / magnification)
     axes.plot([left, left + key * magnification], [low, low], color=INK, lw=2.2, solid_capstyle="butt")
     axes.text(left, low + 0.02 * span, f"{key:g} mm", color=INK, fontsize=8.5, va="bottom")
     axes.set_aspect("equal")
-    axes.set(xlabel="x, mm", ylabel="y, mm")
     axes.locator_params(nbins=5)
     signed(axes.xaxis, axes.yaxis)
     axes.tick_params(labelcolor=MUTED)

@@ -23,34 +23,49 @@ from gpmodel.report.fitted import statistics_mm, tool_displacements
 from gpmodel.report.origin import ranges
 from gpmodel.report.quantity import Quantity, quantity, read_columns
 from gpmodel.report.schema import ErrorsMm
-from gpmodel.report.schema_search import EffectRecord, TermRecord
+from gpmodel.report.schema_search import EffectRecord, MovedRecord, TermRecord
 
 POSES = 400
 """Random joint values within the limits: an RMS over them is known to 4 % (1 / √(2·400))."""
 
 
-def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]) -> tuple[ErrorsMm, ...]:
-    """RMS and maximum, mm, of what groups of effects of a fit move the tool by at joint values anywhere within the
-    limits.
+SHOWN = 120
+"""Arrows in the picture of an effect: neighbours can still be told from one another."""
+Moved = tuple[Array, Array]
+"""Points (K, 3) and by how much an effect moves each (K, 3), m, in the root frame."""
+
+
+def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]) -> list[Moved | None]:
+    """Return by how much groups of effects of a fit move the tool at joint values anywhere within the limits.
 
     Everything else is as in random rows of the table; laws that nobody named keep their value well beyond the range
-    they were fitted in, as `predict` has it. Nothing is said of what ended with the session, of a mechanism whose
+    they were fitted in, as `predict` has it. None for what ended with the session, for a mechanism whose
     joints are not all measured, or where the model remembers rows that nobody says are in order.
     """
     if poses.dataset.joints_approximate:
-        return (ErrorsMm(),) * len(groups)
+        return [None] * len(groups)
     saved, rng = usable(saved_model(final, poses), as_measured=True), np.random.default_rng(0)
     try:
         data = remembered(saved, poses.dataset)
     except InputError:
-        return (ErrorsMm(),) * len(groups)
+        return [None] * len(groups)
     anywhere = at_joint_values(data, random_poses(saved.mechanism, POSES, rng), rng)
-    moved = tool_displacements(saved, prepare(saved.mechanism, anywhere), groups)
+    points, moves = tool_displacements(saved, prepare(saved.mechanism, anywhere), groups)
     left = {effect.name for effect in saved.model.effects}
-    return tuple(
-        statistics_mm(values) if any(effect.name in left for effect in group) else ErrorsMm()
-        for values, group in zip(moved, groups, strict=True)
-    )
+    return [
+        (points, move) if any(effect.name in left for effect in group) else None
+        for move, group in zip(moves, groups, strict=True)
+    ]
+
+
+def _sizes(moved: Moved | None) -> ErrorsMm:
+    return ErrorsMm() if moved is None else statistics_mm(np.linalg.norm(moved[1], axis=1))
+
+
+def _picture(moved: Moved, anywhere: bool) -> MovedRecord:
+    """Every so many of the points, such that at most SHOWN are kept."""
+    points, moves = (1e3 * values[:: max(1, -(-len(values) // SHOWN))] for values in moved)
+    return MovedRecord(anywhere, fitted.vectors(np.round(points, 1)), fitted.vectors(moves))
 
 
 MOST_TERMS = 6
@@ -73,13 +88,14 @@ def effect_records(
     groups = [candidate.effects for candidate in candidates]
     if not groups:
         return ()
-    here = map(fitted.statistics_mm, fitted.tool_displacements(final, resolved(final, poses), groups))
+    points, moves = tool_displacements(final, resolved(final, poses), groups)
     anywhere = over_the_workspace(final, poses, groups)
     alone = fitted.moves_alone(final, poses, groups)
     out = []
     apart: Sequence[Array | None] = moved or [None] * len(groups)
-    for candidate, at_poses, there, own, spread in zip(candidates, here, anywhere, alone, apart, strict=True):
+    for candidate, move, far, own, spread in zip(candidates, moves, anywhere, alone, apart, strict=True):
         number = quantity(final, candidate, states, spread)
+        at_poses, there = _sizes((points, move)), _sizes(far)
         out.append(
             EffectRecord(
                 name=translate(candidate.name, names),
@@ -108,6 +124,7 @@ def effect_records(
                 workspace_max_mm=there.max_mm,
                 of_specification=fitted.of_specification(candidate.effects, at_poses, poses.dataset),
                 ranges=ranges(states, candidate.inputs, names),
+                moved=_picture(far or (points, move), anywhere=far is not None),
             )
         )
     return tuple(out)

@@ -8,7 +8,7 @@ from gpmodel.errors import InputError
 from gpmodel.families.candidate import NAMED
 from gpmodel.mechanism.protocol import INSTRUMENT
 from gpmodel.model.memory import constant_of, read_by
-from gpmodel.report import words
+from gpmodel.report import charts_space, words
 from gpmodel.report.instrument_words import beside_specification
 from gpmodel.report.page import render, sentence
 from gpmodel.report.schema import Report
@@ -73,7 +73,12 @@ def text(found: Explanation) -> str:
 
 def html(report: Report, number: int, tellable: Set[str] | None = None) -> str:
     """The explanation as a page."""
-    return render("explain.html.j2", report=report, found=explain(report, number, tellable))
+    from gpmodel.report.figures import drawn
+
+    found = explain(report, number, tellable)
+    picture = next((p for p in charts_space.pictures(report) if p.name == f"moved_{number}"), None)
+    drawing = drawn([picture])[picture.name] if picture else ""
+    return render("explain.html.j2", report=report, found=found, picture=picture, drawing=drawing)
 
 
 def _chain(report: Report, effect: EffectRecord) -> str:

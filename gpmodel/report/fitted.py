@@ -10,7 +10,7 @@ from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration, problem_at, resolved
 from gpmodel.mechanism.protocol import closed
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import Poses, closing, measured_minus, observe, prepare, turn_error
+from gpmodel.model.error_model import Placement, Poses, closing, measured_minus, observe, prepare, turn_error
 from gpmodel.model.naming import translate
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.rank import orthonormal, remove, triangle
@@ -81,20 +81,28 @@ def placement(final: Calibration) -> tuple[ParameterRecord, ...]:
 
 def tool_displacements(
     calibration: Calibration | SavedModel, poses: Poses, groups: Sequence[Sequence[Effect]]
-) -> list[Array]:
-    """Return the distance (K,), m, by which each group of effects of a fitted model moves the measured point.
+) -> tuple[Array, list[Array]]:
+    """Return the measured points (K, 3) and by how much each group of effects of a fitted model moves them (K, 3), m.
 
-    At the K of N poses at which the loops of a mechanism close with all effects and without any one group.
+    In the mechanism's root frame, at the K of N poses at which the loops of a mechanism close with all effects and
+    without any one group.
     """
     model, names = calibration.model, [{e.name for e in group} for group in groups]
     without = [np.where([e.name in own for e in model.effects], 0.0, calibration.theta) for own in names]
     if closed(model.mechanism):
         for theta in (calibration.theta, *without):
             poses = prepare(model.mechanism, poses.dataset.subset(closing(model, poses.dataset, theta)))
+    roots = root_in_instrument(calibration.placement, poses.dataset)
     whole, *less = (
-        observe(model, poses, theta, calibration.placement).tip[:, :3, 3] for theta in (calibration.theta, *without)
+        (np.linalg.inv(roots) @ observe(model, poses, theta, calibration.placement).tip)[:, :3, 3]
+        for theta in (calibration.theta, *without)
     )
-    return [np.linalg.norm(whole - points, axis=1) for points in less]
+    return whole, [whole - points for points in less]
+
+
+def root_in_instrument(placement: Placement, data: Dataset) -> Array:
+    """Return the registration (N, 4, 4) of every row: the mechanism's root in the instrument's frame."""
+    return np.stack([placement.registration[setup] for setup in data.label("setup").tolist()])
 
 
 def of_specification(effects: Sequence[Effect], moved: ErrorsMm, data: Dataset) -> float | None:
@@ -139,7 +147,7 @@ def root_residual(calibration: Calibration, poses: Poses) -> Array:
     data = seen.dataset
     observed = observe(calibration.model, seen, calibration.theta, calibration.placement)
     residual = measured_minus(observed, data)[:, :3]
-    turn = np.stack([calibration.placement.registration[s][:3, :3] for s in data.label("setup").tolist()])
+    turn = root_in_instrument(calibration.placement, data)[:, :3, :3]
     out[known] = (np.swapaxes(turn, 1, 2) @ residual[:, :, None])[:, :, 0]
     return out
 

@@ -7,6 +7,7 @@ from msgspec import Meta
 
 from gpmodel.arrays import ROUNDING, Count, NotNegative, Share
 from gpmodel.families.inner import FittedConstant
+from gpmodel.report.schema_poses import Vectors
 from gpmodel.wording import measured, shortened
 
 NOTICED = 0.01
@@ -65,6 +66,18 @@ class TermRecord:
 
 
 @dataclass(frozen=True)
+class MovedRecord:
+    """By how much an effect moves the measured point, mm: points (K, 3) and displacements (K, 3) in the root frame.
+
+    anywhere: at joint values anywhere within the limits; else at measured poses.
+    """
+
+    anywhere: bool = False
+    points_mm: Vectors = ()
+    moves_mm: Vectors = ()
+
+
+@dataclass(frozen=True)
 class TestRecord:
     """One test of the acceptance rule: what was measured, the limit it was held against, whether it passed."""
 
@@ -88,7 +101,8 @@ class EffectRecord:
     tool_rms_mm, tool_max_mm: how far it moves the measured point over the measured poses; alone_rms_mm: of that what
     nothing else in the model, registration and tool included, takes up; workspace_*: at joint values
     anywhere within the limits. of_specification: of an error of the instrument, how many times its specification it
-    moves the readings by, RMS. ranges: of its inputs, as trained. constants: inside its law.
+    moves the readings by, RMS. ranges: of its inputs, as trained. constants: inside its law. moved: displacements
+    pose by pose.
     """
 
     name: str
@@ -128,6 +142,7 @@ class EffectRecord:
     of_specification: NotNegative | None = None
     ranges: tuple[Range, ...] = ()
     constants: tuple[FittedConstant, ...] = ()
+    moved: MovedRecord | None = None
 
     def __repr__(self) -> str:
         """One line."""

@@ -110,6 +110,19 @@ def test_arrows_start_at_the_tip_and_show_the_residual() -> None:
         assert np.allclose(np.column_stack([quiver.U, quiver.V]), residual[:, :2])
 
 
+def test_every_effect_has_arrows_of_what_it_does_to_the_tool_from_above_and_from_the_side() -> None:
+    for report in (calibrated(), discovered("windup")):
+        for number, effect in enumerate(report.effects, 1):
+            moved = effect.moved
+            assert moved is not None
+            points, moves = np.array(moved.points_mm), np.array(moved.moves_mm)
+            assert 0.5 * effect.workspace_max_mm < np.linalg.norm(moves, axis=1).max() <= effect.workspace_max_mm + 1e-4
+            for axes, side in zip(drawn(report, f"moved_{number}").axes, ([0, 1], [0, 2]), strict=True):
+                quiver = next(c for c in axes.collections if hasattr(c, "U"))
+                assert np.allclose(quiver.get_offsets(), points[:, side])
+                assert np.allclose(np.column_stack([quiver.U, quiver.V]), moves[:, side])
+
+
 def test_poses_without_a_measurement_are_left_out_of_the_arrows_and_rows() -> None:
     report = discovered()
     final = list(report.plots.residual_mm["final"])
