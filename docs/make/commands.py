@@ -4,7 +4,7 @@ import click
 
 from gpmodel.cli.main import main
 
-WIDTH = 96
+WIDTH = 80
 INTRODUCTION = """# Commands
 
 One program, `gpmodel`. This is what `gpmodel COMMAND --help` prints. Exit status: 0 done, also when nothing was found;

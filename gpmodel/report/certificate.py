@@ -89,6 +89,16 @@ class Certificate:
     small_print: str = SMALL_PRINT
 
     @property
+    def answer(self) -> str:
+        """The accuracy in one sentence; empty where it is unknown."""
+        if len(self.errors) == 0:
+            return ""
+        before, after = (root_mean_square(errors) for errors in self.errors.T)
+        after_, largest, before_ = (f"{millimetres(v)} mm" for v in (after, self.errors[:, 1].max(), before))
+        said = "predicted" if self.predicted else "measured"
+        return f"{after_} RMS {said}, {largest} at most; {before_} RMS {self.before}."
+
+    @property
     def heads(self) -> tuple[str, str]:
         """Over the columns of the statistics."""
         return f"{self.before}, mm", "after, predicted, mm" if self.predicted else "after, mm"

@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from gpmodel.evolution.runs import Run
 from gpmodel.report.picture import AFTER, BEFORE, INK, MUTED, NULL, PAPER, Picture, numbers
 from gpmodel.report.schema import Report
@@ -32,13 +34,14 @@ def pictures(report: Report) -> Iterator[Picture]:
             partial(_fitness, runs=report.runs),
         )  # fmt: skip
         rows = operators(report.histograms[0])[1:]
-        yield Picture(
-            "operators", "Operators of the best programs", 4.9, 1.0 + 0.2 * max(len(rows), 1),
-            f"Best programs that use each of {len(rows)} operators.", "Runs whose best program uses the operator.",
-            partial(_operators, rows=rows),
-        )  # fmt: skip
+        if rows:
+            yield Picture(
+                "operators", "Operators of the best programs", 4.9, 1.0 + 0.2 * len(rows),
+                f"Best programs that use each of {len(rows)} operators.", "Runs whose best program uses the operator.",
+                partial(_operators, rows=rows),
+            )  # fmt: skip
     best = report.compensation
-    if best is not None and best.inputs and best.values:
+    if best is not None and best.inputs and np.any(numbers(best.values)):
         shown = min(len(best.inputs), MOST_INPUTS)
         yield Picture(
             "compensation", f"The best program ({best.run}) over its inputs", 10.2, 2.5 * (1 + (shown - 1) // 3),

@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, partial
 from importlib.resources import files
@@ -27,6 +28,8 @@ from gpmodel.report.schema import REGISTRATION, STANDARD, Report, StepRecord
 PAGE = "report.html"
 NAME = 80
 """Characters of the name of a candidate."""
+_INSIDE = re.compile(r"(?<=\d) (?=[→±%]|[nµmk]?(?:m|rad|N|px|deg)\b)|(?<=[→±]) ")
+"""Spaces at which a line of a title must not end."""
 MOST_POSES = 400
 """The page lists this many poses, the worst; poses.csv has all of them."""
 
@@ -72,7 +75,7 @@ def _environment() -> Environment:
     environment.filters.update(
         millimetres=wording.millimetres, distance=wording.length, percent=wording.percent, minus=wording.minus,
         expression=wording.expression, unit=wording.pretty_unit, sentence=sentence, decimals=_decimals,
-        shortened=partial(wording.shortened, length=NAME),
+        shortened=partial(wording.shortened, length=NAME), unbroken=unbroken,
     )  # fmt: skip
     environment.globals.update(
         words=words, instrument_words=instrument_words, measured=wording.measured,
@@ -84,6 +87,11 @@ def _environment() -> Environment:
 def sentence(text: str) -> str:
     """The text with a capital and a full stop."""
     return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}" if text else ""
+
+
+def unbroken(text: str) -> str:
+    """The text with no-break spaces between a number and its unit, and on both sides of `→` and `±`."""
+    return _INSIDE.sub("\N{NO-BREAK SPACE}", text)
 
 
 def _digits(values: Sequence[float | None]) -> int:

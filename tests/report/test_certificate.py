@@ -94,6 +94,14 @@ def test_poses_held_out_in_turn_are_not_called_unseen() -> None:
     assert "saw" not in said
 
 
+def test_the_accuracy_is_said_under_the_title() -> None:
+    made = certificate.certificate(calibrated(), Particulars())
+    rms = wording.millimetres(calibrated().ladder[-1].heldout.rms_mm)
+    assert made.answer.startswith(f"{rms} mm RMS predicted, ")
+    text = page(made)
+    assert text.index("Calibration certificate") < text.index(made.answer) < text.index("Scope")
+
+
 def test_poses_the_model_was_fitted_to_are_called_that() -> None:
     assert "the poses the model was fitted to" in page(certificate.certificate(calibrated(0.0), Particulars()))
 
