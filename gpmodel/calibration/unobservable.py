@@ -64,7 +64,14 @@ def held_at_description(fit: Calibration, poses: Poses) -> Iterator[str]:
     at = np.flatnonzero(fit.kept & of_the_description(fit.model))
     if not relative(problem) or not len(at):
         return
-    radius, inside, outside = errors_by_region(fit, poses)
+    unknown = Undeclared.estimated(problem, fit.model, fit.theta)
+    if unknown.stands_out:
+        yield (
+            f"the residual holds more than noise: smooth functions of the joint values explain it down to "
+            f"{1e3 * unknown.noise:.2g} mm a reading, of {1e3 * fit.sigma:.2g} mm; gpmodel discover names the effects "
+            "that cause it"
+        )
+    radius, inside, outside = errors_by_region(fit, poses, unknown.sizes)
     yield (
         f"expected error of a predicted point: {1e3 * inside:.2g} mm RMS within {radius:.2g} m of the middle of the "
         f"measured points, {1e3 * outside:.2g} mm outside; the residual tells neither"
@@ -82,13 +89,13 @@ def held_at_description(fit: Calibration, poses: Poses) -> Iterator[str]:
         )
 
 
-def errors_by_region(fit: Calibration, poses: Poses) -> tuple[float, float, float]:
+def errors_by_region(fit: Calibration, poses: Poses, unknown: Array) -> tuple[float, float, float]:
     """The radius of the measured region, m, and the RMS error of a predicted point, m, inside and outside of it.
 
-    The variance is that of the constants and the placement, and what varies at each axis, γ².
+    The variance is that of the constants and the placement, and that of the undeclared effects.
+    unknown: (A,) γ of the undeclared effect at each axis, m and rad.
     """
     model = fit.model
-    unknown = Undeclared.estimated(problem_at(fit, poses), model, fit.theta).sizes
     drawn = anywhere(model.mechanism, poses.dataset)
     there = prepare(model.mechanism, drawn.subset(closing(model, drawn, fit.theta)))
     seen = observe(model, there, fit.theta, fit.placement)

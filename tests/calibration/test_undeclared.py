@@ -4,16 +4,19 @@ from functools import cache
 
 import numpy as np
 import pytest
+import scipy
 from instrument_cases import ARM
 
 import gpmodel as gp
 from experiments.touches.run import EFFECTS, judged
+from gpmodel.arrays import Array
+from gpmodel.calibration.discrepancy import alike
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.result import Calibration
-from gpmodel.calibration.undeclared import apart_from_effects
+from gpmodel.calibration.result import Calibration, problem_at
+from gpmodel.calibration.undeclared import LENGTHS, ORDER, Undeclared, apart_from_effects
 from gpmodel.calibration.unobservable import errors_by_region, held_at_description
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
-from gpmodel.model.sites import standard_effects
+from gpmodel.model.sites import geometric_effects, standard_effects
 
 
 @cache
@@ -47,12 +50,41 @@ def test_joint_zeros_that_were_lost_are_found_whatever_a_maker_tolerates() -> No
 def test_errors_are_foreseen_inside_and_outside_and_said_first() -> None:
     fits, poses, errors = touched(False)
     fit = fits[1]
-    _, *foreseen = errors_by_region(fit, poses)
+    unknown = Undeclared.estimated(problem_at(fit, poses), fit.model, fit.theta)
+    _, *foreseen = errors_by_region(fit, poses, unknown.sizes)
     said = list(held_at_description(fit, poses))
     assert said[0].startswith(f"expected error of a predicted point: {1e3 * foreseen[0]:.2g} mm RMS within")
     assert said[-1].startswith("these readings do not show ")
     ratio = 1e3 * np.array(foreseen) / np.array(errors[1])
     assert np.all((ratio > 0.8) & (ratio < 3.0))
+
+
+@pytest.mark.parametrize("guilty", [False, True])
+def test_a_residual_of_more_than_noise_is_said_and_noise_is_not(guilty: bool) -> None:
+    fits, poses, _ = touched(guilty)
+    said = [line for line in held_at_description(fits[1], poses) if "gpmodel discover" in line]
+    assert [line.split(":")[0] for line in said] == ["the residual holds more than noise"] * guilty
+
+
+def test_functions_gain_as_much_as_the_likelihood_says() -> None:
+    fits, poses, _ = touched(True)
+    problem = problem_at(fits[1], poses)
+    effects = problem.columns[:, problem.placement :]
+    basis = scipy.linalg.null_space(problem.columns[:, : problem.placement].T)
+    known = basis.T @ (problem.residual + effects @ fits[1].theta)
+    unknown = Undeclared.estimated(problem, fits[1].model, fits[1].theta)
+
+    def density(sizes: Array, constant: float, noise: float) -> float:
+        axes = problem.effect_rows(geometric_effects(fits[1].model.mechanism), fits[1].model)
+        near = alike(problem.poses.dataset.q, LENGTHS, ORDER)[np.ix_(problem.pose_of_row, problem.pose_of_row)]
+        covariance = ((axes * sizes**2) @ axes.T) * near + constant**2 * axes @ axes.T + noise**2 * np.eye(len(axes))
+        return float(scipy.stats.multivariate_normal.logpdf(known, cov=basis.T @ covariance @ basis))
+
+    without = scipy.optimize.minimize(
+        lambda logs: -density(0.0 * unknown.sizes, *np.exp(logs)), np.log([3e-4, 1e-3]), method="Nelder-Mead"
+    )
+    gain = density(unknown.sizes, unknown.constant, unknown.noise) + without.fun
+    assert abs(gain - unknown.gain) < 0.01 * gain
 
 
 def test_points_in_the_frame_of_an_instrument_show_constants() -> None:
