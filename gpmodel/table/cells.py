@@ -7,6 +7,8 @@ import io
 import re
 import warnings
 import zipfile
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -34,8 +36,18 @@ COMMENTS = ("#", "//", "%", "!")
 NAMES = "expected names with units, as J1 [deg]"
 MOST_ABOVE, FEWEST_UNITS = 50, 3
 """Lines in which a header is looked for, and units that make one of a line: x, y and z have as many."""
+SEPARATORS, OF_TABLES = ("\t", ";", ",", "|", " "), ("\t", ";", ",")
+"""Separators of files of any layout, and of tables, whose names have blanks."""
+FEWEST_NUMBERS = 3
+"""Numbers that make a line one of data: x, y and z have as many."""
+SNIFFED = 300
+"""Lines by which separator and decimal sign are chosen."""
 _UNIT = re.compile(r"[\[(][^\W\d_][^\])]*[\])](?=\s*(?:[,;\t\"]|$))", re.MULTILINE)
 _NUMBER = re.compile(r"^[-+]?\d+,\d+(?:[eE][-+]?\d+)?$")
+
+
+_POINT = re.compile(r"^[-+]?(?:\d{1,3}(?:[, ]\d{3})+|\d+)?\.?\d*(?:[eE][-+]?\d+)?$")
+_COMMA = re.compile(r"^[-+]?(?:\d{1,3}(?:[. ]\d{3})+|\d+)?,?\d*(?:[eE][-+]?\d+)?$")
 
 
 def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
@@ -104,14 +116,44 @@ def decoded(raw: bytes, path: Path) -> tuple[str, str]:
     raise InputError(f"{path.name}: is no text; expected a table in UTF-8")
 
 
+def is_number(cell: str, decimal: str) -> bool:
+    """Return whether a cell is a number with that decimal sign, with or without signs between thousands."""
+    return bool((_COMMA if decimal == "," else _POINT).match(cell)) and any(c.isdigit() for c in cell)
+
+
+def split(line: str, separator: str) -> list[str]:
+    """Return the cells of a line, without blanks and quotes around them."""
+    if separator == " " or len(line) > LONGEST_HEADER:
+        return line.split()
+    return [cell.strip().strip("'") for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+
+
+def separator_and_decimal(lines: Sequence[str], among: Sequence[str] = SEPARATORS) -> tuple[str, str]:
+    """Choose the separator and the decimal sign that give most numbers in lines of one width.
+
+    Of several the separator that is most frequent in the first line.
+    """
+    lines = [line for line in lines[:SNIFFED] if line.strip()] or [""]
+    best = (-1, -1, ",", ".")
+    for separator in among:
+        rows = [split(line, separator) for line in lines]
+        for decimal in ".,":
+            counts = [sum(is_number(cell, decimal) for cell in row) for row in rows]
+            fewest = min(FEWEST_NUMBERS, max(counts))
+            wide = Counter(len(row) for row, n in zip(rows, counts, strict=True) if n >= fewest)
+            usual = wide.most_common(1)[0][0] if wide else 0
+            score = sum(n for row, n in zip(rows, counts, strict=True) if len(row) == usual)
+            best = max(best, (score, lines[0].count(separator), separator, decimal), key=lambda item: item[:2])
+    return best[2:]
+
+
 def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
     text, _ = decoded(raw, path)
     header = text.lstrip().splitlines()[0]
     if len(header) > LONGEST_HEADER:
         said = f"expected at most {MOST_COLUMNS} columns in {LONGEST_HEADER}"
         raise InputError(f"{path.name}, line 1: a header of {len(header)} characters; {said}")
-    counts = {s: header.count(s) for s in (";", "\t", ",")}
-    separator = max(counts, key=lambda s: counts[s])
+    separator, _ = separator_and_decimal(text.lstrip().splitlines(), OF_TABLES)
     names = next(csv.reader([header], delimiter=separator, skipinitialspace=True))
     if header.startswith(COMMENTS) or not np.isnan(pd.to_numeric(names[0].replace(",", "."), errors="coerce")):
         raise LayoutError(f"{path.name}, line 1: {header[:40]!r} is no header; {_header_line(text)}")

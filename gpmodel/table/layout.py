@@ -1,6 +1,5 @@
 """Cells of files of any layout: encoding, separator, decimal sign, header and units are recognised."""
 
-import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -10,15 +9,22 @@ from pathlib import Path
 import pandas as pd
 
 from gpmodel.errors import InputError
-from gpmodel.table.cells import COMMENTS, EMPTY, LARGEST_FILE, MOST_COLUMNS, decoded, excel_cells
+from gpmodel.table.cells import (
+    COMMENTS,
+    EMPTY,
+    FEWEST_NUMBERS,
+    LARGEST_FILE,
+    MOST_COLUMNS,
+    SNIFFED,
+    decoded,
+    excel_cells,
+    is_number,
+    separator_and_decimal,
+    split,
+)
 from gpmodel.table.units import known_unit
 from gpmodel.texts import read_limited
 
-SEPARATORS = ("\t", ";", ",", "|", " ")
-FEWEST_NUMBERS = 3
-"""Numbers that make a line one of data: x, y and z have as many."""
-SNIFFED = 300
-"""Lines by which separator and decimal sign are chosen."""
 MOST_HEADERS = 4
 """Lines of one header: names, kinds and units one below the other."""
 LONGEST_NAME = 200
@@ -53,8 +59,6 @@ BEHIND = (
 """Units that are recognised at the end of a name without brackets."""
 _BRACKETS = re.compile(r"[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]")
 _BEHIND = re.compile(rf"(?i)^(.*?\w)\s*(?:[ _/,.-]|\bin\b)\s*({'|'.join(BEHIND)})$")
-_POINT = re.compile(r"^[-+]?(?:\d{1,3}(?:[, ]\d{3})+|\d+)?\.?\d*(?:[eE][-+]?\d+)?$")
-_COMMA = re.compile(r"^[-+]?(?:\d{1,3}(?:[. ]\d{3})+|\d+)?,?\d*(?:[eE][-+]?\d+)?$")
 _ROBTARGET = re.compile(r"\brobtarget\b|\[\[[^][]*\],\s*\[(?:[^][,]*,){3}[^][,]*\],\s*\[(?:[^][,]*,){3}[^][,]*\]")
 _POSE, _AXES = re.compile(r"\bX Y Z (?:A B C|W P R)\b"), re.compile(r"\b[AJ]1\b")
 _BETWEEN_WORDS = re.compile(
@@ -115,14 +119,14 @@ def read_sheets(path: Path, header: bool = True) -> list[Sheet]:
     if not raw.strip():
         raise InputError(EMPTY.format(path.name))
     if path.suffix.lower() in (".xlsx", ".xls"):
-        parts = [rows for rows in excel_cells(raw, path) if any(_is_number(cell, ".") for row in rows for cell in row)]
+        parts = [rows for rows in excel_cells(raw, path) if any(is_number(cell, ".") for row in rows for cell in row)]
         return [_sheet(rows, ".", path, header) for rows in parts] or [_sheet([], ".", path, header)]
     text, encoding = decoded(raw, path)
     lines = text.splitlines()
     if _programmed(lines[:SNIFFED]):
         return [_between_words(text, path)]
-    separator, decimal = _separator(lines[:SNIFFED])
-    sheet = _sheet([_cells(line, separator) if line.strip() else [] for line in lines], decimal, path, header)
+    separator, decimal = separator_and_decimal(lines)
+    sheet = _sheet([split(line, separator) if line.strip() else [] for line in lines], decimal, path, header)
     named = {"\t": "tabs", " ": "blanks"}.get(separator, f"'{separator}'")
     return [replace(sheet, said=(f"{encoding}, {named} between cells, decimal '{decimal}'", *sheet.said))]
 
@@ -157,41 +161,16 @@ def spelled_unit(text: str) -> str | None:
     return None
 
 
-def _is_number(cell: str, decimal: str) -> bool:
-    return bool((_COMMA if decimal == "," else _POINT).match(cell)) and any(c.isdigit() for c in cell)
-
-
 def _plain(cell: str, decimal: str) -> str:
     """A number with a decimal point and without signs between thousands; other text as it is."""
-    if not _is_number(cell, decimal):
+    if not is_number(cell, decimal):
         return cell
     return cell.replace("." if decimal == "," else ",", "").replace(" ", "").replace(",", ".")
 
 
-def _cells(line: str, separator: str) -> list[str]:
-    if separator == " ":
-        return line.split()
-    return [cell.strip().strip("'") for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
-
-
-def _separator(lines: Sequence[str]) -> tuple[str, str]:
-    """Choose the separator and the decimal sign that give most numbers in lines of one width."""
-    best = (-1, ",", ".")
-    for separator in SEPARATORS:
-        rows = [_cells(line, separator) if line.strip() else [] for line in lines]
-        for decimal in ".,":
-            counts = [sum(_is_number(cell, decimal) for cell in row) for row in rows]
-            fewest = min(FEWEST_NUMBERS, max(counts))
-            wide = Counter(len(row) for row, n in zip(rows, counts, strict=True) if n >= fewest)
-            usual = wide.most_common(1)[0][0] if wide else 0
-            score = sum(n for row, n in zip(rows, counts, strict=True) if len(row) == usual)
-            best = max(best, (score, separator, decimal), key=lambda item: item[0])
-    return best[1:]
-
-
 def _sheet(rows: list[list[str]], decimal: str, path: Path, header: bool) -> Sheet:
     """Find the data among rows of cells, and what stands above them."""
-    counts = [sum(_is_number(cell, decimal) for cell in row) for row in rows]
+    counts = [sum(is_number(cell, decimal) for cell in row) for row in rows]
     fewest = max(min(FEWEST_NUMBERS, max(counts, default=0)), 1)
     data = [i for i, n in enumerate(counts) if n >= fewest and not rows[i][0].startswith(COMMENTS)]
     if not data:
@@ -223,7 +202,7 @@ def _above(rows: list[list[str]], first: int, width: int, decimal: str) -> list[
             continue
         words[0] = words[0].lstrip("".join(COMMENTS) + "/ ") if words[0].startswith(COMMENTS) else words[0]
         words = words[1:] if len(words) == width + 1 and not words[0] else words
-        texts = [w for w in words if w and not _is_number(w, decimal)]
+        texts = [w for w in words if w and not is_number(w, decimal)]
         if not width / 2 < len(words) <= width or len(texts) < (width + 1) // 2 or len(found) == MOST_HEADERS:
             break
         found.insert(0, words + [""] * (width - len(words)))
