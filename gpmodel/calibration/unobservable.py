@@ -54,9 +54,11 @@ MOST_NAMED = 6
 """Constants that a sentence names."""
 
 
-def held_at_description(fit: Calibration, poses: Poses) -> Iterator[str]:
-    """One sentence each: the error inside and outside the measured region, and the constants that the readings do not
-    show; none where points in an instrument's frame were read.
+def held_at_description(fit: Calibration, poses: Poses, *, searched: bool = False) -> Iterator[str]:
+    """Say the error inside and outside the measured region, with undeclared effects if these stand out, and the
+    constants that the readings do not show; nothing where points in an instrument's frame were read.
+
+    searched: the model is that of a search for effects.
 
     A constant is not shown where its standard error by the readings alone, σ / (|c| share), is above TOLERANCE.
     """
@@ -65,16 +67,17 @@ def held_at_description(fit: Calibration, poses: Poses) -> Iterator[str]:
     if not relative(problem) or not len(at):
         return
     unknown = Undeclared.estimated(problem, fit.model, fit.theta)
+    more = ""
     if unknown.stands_out:
-        yield (
-            f"the residual holds more than noise: smooth functions of the joint values explain it down to "
-            f"{1e3 * unknown.noise:.2g} mm a reading, of {1e3 * fit.sigma:.2g} mm; gpmodel discover names the effects "
-            "that cause it"
+        cause = "" if searched else "; gpmodel discover names the effects that cause it"
+        more = (
+            f". The residual holds more than noise: smooth functions of the joint values explain it down to "
+            f"{1e3 * unknown.noise:.2g} mm a reading, of {1e3 * fit.sigma:.2g} mm{cause}"
         )
     radius, inside, outside = errors_by_region(fit, poses, unknown.sizes)
     yield (
         f"expected error of a predicted point: {1e3 * inside:.2g} mm RMS within {radius:.2g} m of the middle of the "
-        f"measured points, {1e3 * outside:.2g} mm outside; the residual tells neither"
+        f"measured points, {1e3 * outside:.2g} mm outside; the residual tells neither{more}"
     )
     weak = fit.sigma > TOLERANCE * problem.sizes[problem.placement + at] * fit.unique_share[at]
     if weak.any():

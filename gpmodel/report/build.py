@@ -138,7 +138,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
             *reading_records(poses, [[_judged(step.calibration, ladder)] for step in (steps[0], steps[-1])]),
             *orientation_record(plots, ladder.outliers),
         ),
-        unseen=(*held_at_description(final, poses), *unseen(observations(data))),
+        unseen=(*held_at_description(final, poses, searched=kind == "discover"), *unseen(observations(data))),
         mimics=tuple(MimicRecord(translate(r.constant, names), translate(r.candidate.name, names)) for r in rivals),
         seconds=origin.seconds,
     )
