@@ -198,8 +198,7 @@ def test_an_excel_table_that_is_larger_than_it_looks_is_refused(tmp_path: Path) 
 def test_the_separator_is_that_of_the_rows_whatever_names_and_texts_contain(tmp_path: Path) -> None:
     joints = ";".join(f"J{i} [deg]" for i in range(1, 7))
     path = tmp_path / "t.csv"
-    path.write_text(f"{joints};x [mm];y [mm];z [mm];note, who, where, when, why, with, whom, since, until, and, so, on\n" + 3 * (
-        "1,5;2;3;4;5;6;100,25;200;300;a, b, c\n"
-    ))  # fmt: skip
+    note = "note, who, where, when, why, with, whom, since, until, and, so, on"
+    path.write_text(f"{joints};x [mm];y [mm];z [mm];{note}\n" + 3 * "1,5;2;3;4;5;6;100,25;200;300;a, b, c\n")
     data = read_table(path, ROBOT)
     np.testing.assert_allclose(data.position[0], [0.10025, 0.2, 0.3])
