@@ -1,12 +1,13 @@
 """Does calibration without a length standard ever leave a robot worse than its description?
 
 README.md says how the robots are made and judged.
-From the root of the repository: python -m experiments.touches.run [--robots 40] [--out FOLDER]
+From the root of the repository: python -m experiments.touches.run [--robots 40] [--cases CASE ...] [--out FOLDER]
 """
 
 import argparse
+import json
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,8 @@ from gpmodel.calibration.undeclared import apart_from_effects
 from gpmodel.calibration.weigh import weighed
 from gpmodel.errors import InputError
 from gpmodel.files import to_json, write_text
+from gpmodel.mechanism.branches import branched
+from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
 from gpmodel.model.sites import standard_effects
@@ -30,23 +33,49 @@ from gpmodel.table.dataset import unmeasured
 
 HERE, ARM, JUDGED = Path(__file__).parent, gp.load_mechanism("irb6400r"), 1500
 EFFECTS = ("joint_compliance J2=1.5e-6", "gear_harmonic J4=200 arcsec", "gear_harmonic J1=60 arcsec")
-POSES = {"planes": 100, "points": 120, "bar": 120, "camera": 40}
-NOISE = {**dict.fromkeys(POSES, "0.05 mm"), "camera": "0.1 px"}
+LIGHT = ("joint_compliance J2=2e-5", "gear_harmonic J4=400 arcsec", "gear_harmonic J1=120 arcsec")
+OF_TWO = ("joint_compliance left_2=2e-5", "gear_harmonic right_2=200 arcsec", "gear_harmonic table=60 arcsec")
+
+
+@dataclass(frozen=True)
+class Case:
+    """Robots of one kind: mechanism, undeclared effects, instrument, poses and noise."""
+
+    mechanism: Mechanism
+    effects: tuple[str, ...]
+    instrument: str
+    poses: int
+    noise: str = "0.05 mm"
+
+
+CASES = {
+    "planes": Case(ARM, EFFECTS, "planes", 100),
+    "points": Case(ARM, EFFECTS, "points", 120),
+    "bar": Case(ARM, EFFECTS, "bar", 120),
+    "camera": Case(ARM, EFFECTS, "camera", 40, "0.1 px"),
+    "light arm, planes": Case(gp.load_mechanism("ur10"), LIGHT, "planes", 100),
+    "two arms, points": Case(gp.load_mechanism(HERE / "two_arms.toml"), OF_TWO, "points", 160),
+}
 MODELS = {"standard": ("*",), "joint zeros": ("* Rz",)}
 
 
 def carried(model: ErrorModel, theta: Array, placement: Placement, q: Array) -> Array:
-    """Points (N, 3), m, in the root: of the tool, or of the board in the hand where that is all that was seen."""
-    held = placement.anchors.get("board B")
+    """Points (N, 3), m, in the root: of the tool, or of the board in the hand where that is all that was seen; of
+    several arms in turn."""
+    held, arm = placement.anchors.get("board B"), model.mechanism
     tool = placement.tool if held is None else {"": frame_of(held)}
     placed = replace(placement, registration={"": np.eye(4)}, tool=tool)
-    return observe(model, prepare(ARM, unmeasured([j.name for j in ARM.joints], q)), theta, placed).tips.root[:, :3, 3]
+    tree, data = branched(arm), unmeasured([j.name for j in arm.joints], q)
+    if tree is not None:
+        tips = np.resize(np.array(list(tree.tips)), len(q))
+        data = replace(data, labels={"tip": tips, "tool": tips})
+    return observe(model, prepare(arm, data), theta, placed).tips.root[:, :3, 3]
 
 
 def judged(made: SimulationResult, fits: list[Calibration]) -> list[tuple[float, float]]:
     """Mean errors, mm, inside and outside the measured region, of several fits."""
     truth, here = made.truth.saved, made.table.q
-    where = random_poses(ARM, JUDGED, np.random.default_rng(5))
+    where = random_poses(truth.mechanism, JUDGED, np.random.default_rng(5))
     real, seen = (carried(truth.model, truth.theta, truth.placement, q) for q in (where, here))
     middle = np.median(seen, axis=0)
     reach = np.quantile(np.linalg.norm(seen - middle, axis=1), 0.9)
@@ -59,13 +88,13 @@ def judged(made: SimulationResult, fits: list[Calibration]) -> list[tuple[float,
     return out
 
 
-def robot(instrument: str, seed: int) -> dict[str, dict[str, float]]:
+def robot(case: Case, seed: int) -> dict[str, dict[str, float]]:
     """Errors of one robot, mm, before and after, by what is calibrated."""
-    scene = {"poses": POSES[instrument], "instrument": instrument, "noise": NOISE[instrument], "seed": seed}
-    made = gp.simulate(ARM, EFFECTS, geometry_sigma="0.3 mm", **scene)
-    poses = weighed(ARM, prepare(ARM, made.table))
-    models = ((), *(standard_effects(ARM, patterns) for patterns in MODELS.values()))
-    fits = [apart_from_effects(calibrate(ErrorModel(ARM, effects), poses), poses) for effects in models]
+    arm, scene = case.mechanism, {"poses": case.poses, "instrument": case.instrument, "noise": case.noise}
+    made = gp.simulate(arm, case.effects, geometry_sigma="0.3 mm", seed=seed, **scene)
+    poses = weighed(arm, prepare(arm, made.table))
+    models = ((), *(standard_effects(arm, patterns) for patterns in MODELS.values()))
+    fits = [apart_from_effects(calibrate(ErrorModel(arm, effects), poses), poses) for effects in models]
     before, *after = judged(made, fits)
     return {
         name: {"inside": before[0], "inside after": error[0], "outside": before[1], "outside after": error[1],
@@ -74,12 +103,12 @@ def robot(instrument: str, seed: int) -> dict[str, dict[str, float]]:
     }  # fmt: skip
 
 
-def robots(instrument: str, count: int) -> list[dict[str, dict[str, float]]]:
+def robots(case: Case, count: int) -> list[dict[str, dict[str, float]]]:
     """The robots that reach what they touch, of so many."""
     found = []
     for seed in range(count):
         with suppress(InputError):
-            found.append(robot(instrument, seed))
+            found.append(robot(case, seed))
     return found
 
 
@@ -87,19 +116,22 @@ def main(arguments: list[str] | None = None) -> None:
     """Run all robots and write results.json."""
     parser = argparse.ArgumentParser(prog="python -m experiments.touches.run", description=__doc__)
     parser.add_argument("--robots", type=int, default=40)
+    parser.add_argument("--cases", nargs="*", choices=CASES, default=list(CASES))
     parser.add_argument("--out", type=Path, default=HERE)
     chosen = parser.parse_args(arguments)
-    results: dict[str, object] = {"command": f"{parser.prog} --robots {chosen.robots}", "versions": versions()}
-    for instrument in POSES:
-        made = robots(instrument, chosen.robots)
+    file = chosen.out / "results.json"
+    results = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    results |= {"command": f"{parser.prog} --robots {chosen.robots}", "versions": versions()}
+    for case in chosen.cases:
+        made = robots(CASES[case], chosen.robots)
         for name in MODELS:
             each = [errors[name] for errors in made]
             worse = {side: sum(r[f"{side} after"] > r[side] for r in each) for side in ("inside", "outside")}
             mean = {key: float(np.mean([r[key] for r in each])) for key in each[0]}
-            results[f"{instrument}, {name}"] = {"mean": mean, "worse": worse, "robots": each}
+            results[f"{case}, {name}"] = {"mean": mean, "worse": worse, "robots": each}
             said = ", ".join(f"{key} {value:.3f}" for key, value in mean.items())
-            print(f"{instrument}, {name}: {said}; worse {worse}", flush=True)
-            write_text(chosen.out / "results.json", to_json(results))
+            print(f"{case}, {name}: {said}; worse {worse}", flush=True)
+            write_text(file, to_json(results))
 
 
 if __name__ == "__main__":
