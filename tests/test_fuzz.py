@@ -27,7 +27,7 @@ def test_what_is_good_is_read(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["expression", "model", "toml", "urdf", "table"])
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_what_is_not_is_refused_in_one_line(name: str, data: st.DataObject, tmp_path: Path) -> None:
     reader = everything()[name]

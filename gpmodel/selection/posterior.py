@@ -15,6 +15,7 @@ from scipy import linalg
 from gpmodel.arrays import Array, IntArray
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.score import best
+from gpmodel.selection.group import FEW
 from gpmodel.selection.pool import GroupPool
 
 LEAST_NOISE = 1e-8
@@ -162,20 +163,42 @@ class Active:
 
     @cached_property
     def gains(self) -> dict[int, tuple[float, float]]:
-        """Gain of each active group over the model without it, at its best variance, and that variance.
+        """Gain of each active group over the model without it, at its best variance, and that variance."""
+        return self._gains(np.arange(len(self.variances)))
+
+    def _gains(self, of: IntArray) -> dict[int, tuple[float, float]]:
+        """Gains and best variances of some active groups, by their places.
 
         Groups of few columns are scored beside those of many: a column of zeros gains nothing.
         """
-        groups = np.array(list(self.variances), dtype=np.int64)
-        sizes = np.array([len(self.chosen[g]) for g in self.variances], dtype=np.int64)
+        groups, sizes = np.array(list(self.variances), dtype=np.int64), self._sizes
         a, first = np.array(list(self.variances.values())), np.cumsum(sizes) - sizes
-        s, q = np.zeros((2, len(groups), sizes.max(initial=0)))
-        for size in np.unique(sizes):
-            of_it = np.flatnonzero(sizes == size)
+        s, q = np.zeros((2, len(groups), sizes[of].max(initial=0)))
+        for size in np.unique(sizes[of]):
+            of_it = of[sizes[of] == size]
             columns = first[of_it, None] + np.arange(size)
             s[of_it, :size], q[of_it, :size] = self._taken_out(columns, a[of_it])
-        gains, at = best(s, q, self.pool.cap[groups])
-        return dict(zip(self.variances, zip(gains.tolist(), at.tolist(), strict=True), strict=True))
+        gains, at = best(s[of], q[of], self.pool.cap[groups[of]])
+        return dict(zip(groups[of].tolist(), zip(gains.tolist(), at.tolist(), strict=True), strict=True))
+
+    @cached_property
+    def _sizes(self) -> IntArray:
+        """Columns of each group."""
+        return np.array([len(self.chosen[g]) for g in self.variances], dtype=np.int64)
+
+    @cached_property
+    def reestimated(self) -> dict[int, float]:
+        """Variance of each group for the next step: the best of one or two columns, of more MacKay's, a |μ|² / γ.
+
+        γ = K - σ² tr H_gg of the K unknowns are determined; it needs no eigenvalues, and where the evidence is largest
+        it changes nothing.
+        """
+        sizes, determined = self._sizes, 1.0 - self.sigma2 * np.sum(self.inverse**2, axis=0)
+        starts = np.cumsum(sizes) - sizes
+        known, squares = (np.add.reduceat(part, starts) for part in (determined, self.mean**2))
+        a, cap = np.array(list(self.variances.values())), self.pool.cap[list(self.variances)]
+        out = dict(zip(self.variances, np.minimum(a * squares / np.maximum(known, 1e-9), cap**2).tolist(), strict=True))
+        return out | {g: variance for g, (_, variance) in self._gains(np.flatnonzero(sizes <= FEW)).items()}
 
     @cached_property
     def found(self) -> tuple[int, ...]:

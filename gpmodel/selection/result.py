@@ -19,7 +19,7 @@ from gpmodel.selection.offers import shared_kinds
 from gpmodel.selection.pool import Rows
 from gpmodel.selection.posterior import Active
 from gpmodel.selection.relinearise import Expansion, Screening
-from gpmodel.selection.scan import conditional_gram, whitened_cross
+from gpmodel.selection.scan import Scan
 from gpmodel.selection.sinusoids import sinusoid_null
 from gpmodel.table.split import JUDGED
 
@@ -122,18 +122,16 @@ def gain_null(
 ) -> Array:
     """Compute the largest gain (count,) less its description of any group or sinusoid on permuted residuals, nats.
 
-    Every group is scored given the model, as in `scan`.
+    Every group is scored given the model, as in `Scan`.
     bundle: (N,) code of the exchangeable block of each pose, in the order of the problem's poses.
     """
     pool, trials = active.pool, active.pool.rows.clean(permuted(active, bundle, rng, count))
     every_rhs = pool.atoms.cross(trials)
-    table, _ = whitened_cross(active)
+    products, found = Scan(active), sinusoid_null(active, grids, trials)
     rights = active.inverse @ (active.scale[:, None] * every_rhs[active.index])
-    place, found = np.arange(len(pool.effects)), sinusoid_null(active, grids, trials)
-    for c in pool.classes:
-        inner, _ = conditional_gram(active, c, table, np.zeros(table.shape[1]), place)
+    for c, inner, _ in products.classes:
         s, turn = np.linalg.eigh(inner)
-        reach = table[c.index] * c.spreads[:, :, None]
+        reach = products.table[c.index] * c.spreads[:, :, None]
         for some in np.array_split(np.arange(count), -(-count * turn.size // MOST_NUMBERS)):
             rhs = every_rhs[c.index][:, :, some] * c.spreads[:, :, None] - reach @ rights[:, some]
             q = np.einsum("gkt,gkl->tgl", rhs / active.sigma2, turn)

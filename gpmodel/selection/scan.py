@@ -1,41 +1,19 @@
 """Score every group given a model, or in the place of one of its groups."""
 
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Iterable
 
 import numpy as np
 from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.evidence.score import best, fitted, rotated
+from gpmodel.evidence.score import best, fitted, rotated, with_own_noise
 from gpmodel.selection.pool import SizeClass
 from gpmodel.selection.posterior import Active
 
 MEMORY = 4_000_000
 """Numbers held at once, 32 MB."""
-
-
-def scan(active: Active, among: IntArray | None = None) -> tuple[Array, Array, Array]:
-    """Compute gain (G,), best variance (G,) and decrease of yᵀC⁻¹y (G,) of every group given the model.
-
-    among: groups to score; the gain of others is -∞.
-    """
-    pool = active.pool
-    gains, variances = np.full(len(pool.groups), -np.inf), np.ones(len(pool.groups))
-    fit = np.zeros(len(pool.groups))
-    rows = None if among is None else np.unique(np.concatenate([pool.index[g] for g in among]))
-    table, right = whitened_cross(active, rows)
-    place = np.arange(len(pool.effects))
-    if rows is not None:
-        place[rows] = np.arange(len(rows))
-    for c in pool.classes:
-        at = np.arange(len(c.ids)) if among is None else np.flatnonzero(np.isin(c.ids, among))
-        if len(at):
-            s, q = rotated(*conditional_gram(active, c.part(at), table, right, place))
-            ids = c.ids[at]
-            gains[ids], variances[ids] = best(s, q, pool.cap[ids])
-            fit[ids] = fitted(variances[ids], s, q)
-    return gains, variances, fit
+FREE = 1e4
+"""Factor on the variance of a group of few unknowns, at which its prior holds it no more."""
 
 
 def whitened_cross(active: Active, rows: IntArray | None = None) -> tuple[Array, Array]:
@@ -63,54 +41,72 @@ def conditional_gram(active: Active, c: SizeClass, table: Array, right: Array, p
     return inner, rhs
 
 
-@dataclass(frozen=True)
-class Replacements:
-    """Gains of every group in the place of each selected one."""
+class Scan:
+    """Products of groups given a model, and their gains beside it or in the place of some of its groups.
 
-    active: Active
+    among: groups to score; the gain of others is -∞.
+    """
 
-    @cached_property
-    def _whitened(self) -> tuple[Array, Array]:
-        return whitened_cross(self.active)
+    def __init__(self, active: Active, among: IntArray | None = None) -> None:
+        self.active, pool = active, active.pool
+        classes, rows, self.place = pool.classes, None, np.arange(len(pool.effects))
+        if among is not None:
+            rows = np.unique(np.concatenate([pool.index[g] for g in among]))
+            self.place[rows] = np.arange(len(rows))
+            classes = tuple(c.part(np.flatnonzero(np.isin(c.ids, among))) for c in classes)
+        self.table, right = whitened_cross(active, rows)
+        self.classes = [(c, *conditional_gram(active, c, self.table, right, self.place)) for c in classes]
 
-    @cached_property
-    def _beside(self) -> list[tuple[Array, Array]]:
-        place = np.arange(len(self.active.pool.effects))
-        return [conditional_gram(self.active, c, *self._whitened, place) for c in self.active.pool.classes]
+    def gains(
+        self, least: Array | None = None, removed: Iterable[int] = (), freed: Iterable[int] = (), scaled: bool = False
+    ) -> tuple[Array, Array, Array]:
+        """Compute gain (G,), best variance (G,) and decrease of yᵀC⁻¹y (G,) of every group without the removed ones.
 
-    def of(self, g: int, least: Array) -> tuple[Array, Array]:
-        """Compute gain (G,) and best variance (G,) of every group in the place of g; -∞ below `least` (G,).
-
-        Taking g out: S gains u uᵀ / σ² with u = (XᵀA H)_g chol(H_gg)⁻ᵀ, XᵀC⁻¹y likewise. No gain exceeds
-        ½ yᵀC⁻¹X S⁻¹ XᵀC⁻¹y, which is cheaper.
+        Variances of `freed` groups are multiplied by `FREE`; the others stay. scaled: the noise and all variances are
+        in proportion to what is left. Below `least` (G,) an upper bound of the gain will do.
+        With columns A_D whose variances become 1 + δ times what they were (0: removed):
+        S' = S - W M⁻¹ Wᵀ,  W = XᵀA H_D,  M = 1/δ + I - σ² H_DD; XᵀC⁻¹y and yᵀC⁻¹y likewise.
         """
         active, pool = self.active, self.active.pool
-        table, right = self._whitened
-        own = active.blocks[g]
-        block = active.inverse[own.start :, own]
-        root = linalg.cholesky(block.T @ block, lower=True, check_finite=False)
-        back = linalg.solve_triangular(root, block.T, lower=True, check_finite=False)
-        table, right = table[:, own.start :] @ back.T, back @ right[own.start :]
+        change = {**dict.fromkeys(freed, FREE - 1.0), **dict.fromkeys(removed, -1.0)}
+        columns = [np.arange(len(active.rhs))[active.blocks[g]] for g in change]
+        delta = np.repeat(list(change.values()), [len(at) for at in columns])
+        at = np.concatenate([np.zeros(0, np.int64), *columns])
+        start = int(at.min(initial=len(active.rhs)))
+        below = active.inverse[start:, at]
+        m, turn = np.linalg.eigh(np.diag(1.0 / delta + 1.0) - active.sigma2 * below.T @ below)
+        table, right = self.table[:, start:] @ (below @ turn), active.mean[at] @ turn
+        mismatch = active.mismatch - float(np.sum(right**2 / m))
+        scale = mismatch / pool.rows.freedom if scaled else 1.0
         gains, variances = np.full(len(pool.groups), -np.inf), np.ones(len(pool.groups))
-        for c, (inner, rhs) in zip(pool.classes, self._beside, strict=True):
+        fit = np.zeros(len(pool.groups))
+        for c, inner, rhs in self.classes:
             for part in _chunks(c, table.shape[1]):
-                t = table[c.index[part]] * c.spreads[part][:, :, None]
-                s = inner[part] + (t @ np.swapaxes(t, 1, 2)) / active.sigma2
-                q = rhs[part] + (t @ right) / active.sigma2
-                able = np.flatnonzero(_bound(s, q) >= least[c.ids[part]])
-                if len(able):
-                    ids = c.ids[part[able]]
-                    gains[ids], variances[ids] = best(*rotated(s[able], q[able]), pool.cap[ids])
-        return gains, variances
+                t = table[self.place[c.index[part]]] * c.spreads[part][:, :, None]
+                s = (inner[part] - (t / m) @ np.swapaxes(t, 1, 2)) / scale
+                q = (rhs[part] - t @ (right / m)) / scale
+                ids = c.ids[part]
+                some = np.full(len(ids), -np.inf) if least is None else least[ids]
+                gains[ids], variances[ids], fit[ids] = _gains(s, q, pool.cap[ids], mismatch / scale, some)
+        return gains, variances, fit
+
+
+def _gains(inner: Array, rhs: Array, cap: Array, mismatch: float, least: Array) -> tuple[Array, Array, Array]:
+    """Compute gain (G,), best variance (G,) and decrease of yᵀC⁻¹y (G,) of S (G, K, K) and XᵀC⁻¹y (G, K).
+
+    Where no gain reaches `least` (G,), also once the noise is estimated again, it is an upper bound, ½ yᵀC⁻¹X S⁻¹
+    XᵀC⁻¹y, which is cheaper.
+    """
+    ridge = (1e-12 * np.trace(inner, axis1=1, axis2=2)[:, None, None] + 1e-300) * np.eye(inner.shape[-1])
+    gains = 0.5 * np.sum(rhs * np.linalg.solve(inner + ridge, rhs[:, :, None])[:, :, 0], axis=1)
+    variances, fit = np.ones(len(rhs)), np.zeros(len(rhs))
+    able = with_own_noise(gains, 2.0 * gains, mismatch) >= least
+    s, q = rotated(inner[able], rhs[able])
+    gains[able], variances[able] = best(s, q, cap[able])
+    fit[able] = fitted(variances[able], s, q)
+    return gains, variances, fit
 
 
 def _chunks(c: SizeClass, width: int) -> list[IntArray]:
     """Divide the groups of a class into parts of bounded memory."""
     return np.array_split(np.arange(len(c.ids)), max(1, c.index.size * width // MEMORY))
-
-
-def _bound(s: Array, q: Array) -> Array:
-    """Compute ½ qᵀS⁻¹q (G,) of S (G, K, K), an upper bound of the gain."""
-    size = s.shape[-1]
-    ridge = 1e-12 * np.trace(s, axis1=1, axis2=2)[:, None, None] * np.eye(size) + 1e-300 * np.eye(size)
-    return np.asarray(0.5 * np.einsum("gk,gk->g", q, np.linalg.solve(s + ridge, q[:, :, None])[:, :, 0]))

@@ -51,10 +51,13 @@ def select(
         new = _smooth_terms(chosen.active, offering)
         step: Step = grow
         seen = set[frozenset[str]]()  # a selection that recurs after another linearisation is no new one
+        settled: frozenset[str] | None = None
         while True:
             chosen = _among(chosen, groups, new, step)
             active, changed = chosen.active, chosen.names not in seen
             seen.add(chosen.names)
+            if step is exchange:
+                settled = chosen.names  # what was proposed since then was tried in the place of each group
             known = {group.name for group in active.pool.groups}
             new = []
             if changed:
@@ -64,7 +67,7 @@ def select(
                 new = [group for found in called(workers, sources) for group in found if group.name not in known]
             if new and step is grow:
                 continue
-            if not new and (step is exchange or not chosen.kept):
+            if not new and (chosen.names == settled or not chosen.kept):
                 further, curves = propose(chosen) if propose and chosen.kept else ((), frozenset())
                 new = [group for group in further if group.name not in known]
                 if not new:

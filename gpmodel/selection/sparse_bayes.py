@@ -10,17 +10,19 @@ place of a curve where it explains nearly as much.
 Sources: Tipping and Faul (2003), for groups of columns in place of single ones; MacKay (1992); tabu: Glover (1989).
 """
 
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import reduce
 
 import numpy as np
 
-from gpmodel.arrays import IntArray
+from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.evidence.score import with_own_noise
 from gpmodel.selection.group import FEW
+from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.posterior import LEAST_NOISE, Active
-from gpmodel.selection.scan import scan
+from gpmodel.selection.scan import FREE, Scan
 
 TOLERANCE = 0.05
 """Nats: a smaller rise of L ends a loop."""
@@ -28,8 +30,6 @@ SWEEPS = 30
 """Re-estimations at most; they end by themselves far earlier."""
 SHORT_LIST = 100
 """Groups that are scanned again after a full scan, until none of them has a net gain."""
-FREE = 1e4
-"""Factor on the variance of a group of few unknowns, at which its prior holds it no more."""
 PLAUSIBLE = 0.05
 """Share of what a removal costs that the three best groups must gain one by one for a regrowth to be tried."""
 
@@ -41,39 +41,39 @@ def exchange(model: Active, new: frozenset[str] | None = None) -> Active:
     new: names of groups with which every regrowth begins, where all others were tried before; None for all.
     """
     grown = named_by_site(grow(model))
-    if new is None or grown.found != model.found:
-        first = None
-    else:
-        first = np.flatnonzero([group.name in new for group in model.pool.groups])
+    first = np.ones(len(model.pool.groups), dtype=bool)
+    if new is not None and grown.found == model.found:
+        first = np.array([group.name in new for group in model.pool.groups])
     model, tried = grown, dict[frozenset[int], int]()
-    waiting = _removals(model)
+    waiting, beside = _removals(model), Scan(model)
     while waiting:
         removed = waiting.pop(0)
         tried[removed] = len(tried)
-        better = next((t for t in _exchanged(model, removed, first) if t.utility > model.utility + TOLERANCE), None)
+        better = next((t for t in _exchanged(beside, removed, first) if t.utility > model.utility + TOLERANCE), None)
         if better is not None:
-            model = better
-            waiting = sorted(_removals(model), key=lambda those: tried.get(those, -1))
+            model = named_by_site(grow(better, reading=True))
+            waiting, beside = sorted(_removals(model), key=lambda those: tried.get(those, -1)), Scan(model)
     return model
 
 
-def grow(model: Active, forbidden: frozenset[int] = frozenset(), reading: bool = False) -> Active:
-    """Add the group of largest net gain, re-estimate, prune; until no group that is not forbidden has a net gain.
+def grow(model: Active, listed: IntArray | None = None, reading: bool = False) -> Active:
+    """Add the group of largest net gain, re-estimate, prune; until no group has a net gain.
 
-    reading: curves pay what a reader loses by them, as where models are compared.
+    listed: groups that may be added; None for all. reading: curves pay what a reader loses by them, as where models are
+    compared.
     """
     model = prune(reestimate(model))
-    refused = set(forbidden)
-    among: IntArray | None = None
+    refused, among = set[int](), listed
     while True:
-        gains, variances, fit = scan(model, among)
-        gains[[*model.variances, *refused]] = -np.inf
-        net = gains - model.prices - reading * model.pool.reading
+        price = model.prices + reading * model.pool.reading
+        gains, variances, fit = Scan(model, among).gains(price)
+        net = gains - price
+        net[[*model.variances, *refused]] = -np.inf
         if net.max() < 0.0:
             net = with_own_noise(net, fit, model.mismatch)
         g = int(np.argmax(net))
         if not net[g] > 0.0:
-            if among is None:
+            if among is listed:
                 return model
             among = None
             continue
@@ -91,53 +91,65 @@ def grow(model: Active, forbidden: frozenset[int] = frozenset(), reading: bool =
 
 
 def _removals(model: Active) -> list[frozenset[int]]:
-    """Each selected group, the weakest first, then all groups that act at one site."""
-    return [*(frozenset({g}) for g in sorted(model.found, key=model.net_gain)), *_at_one_site(model)]
+    """Each selected group, the weakest first, then all groups that act at one site, then all of one kind."""
+    pool, together = model.pool, defaultdict[object, set[int]](set)
+    for g in model.found:
+        group = pool.groups[g]
+        sites = {group.parts[part].where for part in model.part_of_column(g)} if group.parts else {group.where}
+        together[sites.pop() if len(sites) == 1 else group.where].add(g)
+        together[int(pool.block[g]) if pool.block[g] >= 0 else group.name].add(g)
+    alone = [frozenset({g}) for g in sorted(model.found, key=model.net_gain)]
+    return [*alone, *(frozenset(several) for several in together.values() if len(several) > 1)]
 
 
-def _exchanged(model: Active, removed: frozenset[int], first: IntArray | None) -> Iterator[Active]:
+def _exchanged(beside: Scan, removed: frozenset[int], first: Mask) -> Iterator[Active]:
     """Models grown again without some groups.
 
-    Growth begins with the group of largest net gain, of some if given, where the remaining groups may take any size: a
-    group held to its size keeps out what would change it. Two effects may hide behind their best approximation: what
-    grew first is forbidden once, and in the place of a group of many unknowns groups of few are grown alone.
+    Growth begins with the group of largest net gain among the first (G,), where the remaining groups may take any size:
+    a group held to its size keeps out what would change it. It goes on among a short list. Two effects may hide behind
+    their best approximation: what grew first is forbidden once, and in the place of a group of many unknowns groups of
+    few are grown alone.
     """
-    fewer, forbidden = reestimate(_without(model, removed), 4), _with_blocks(model, removed)
+    model, pool = beside.active, beside.active.pool
+    fewer = reestimate(reduce(Active.without, removed, model), 4)
     lost = model.utility - fewer.utility
-    grown = _regrown(fewer, forbidden, lost, first)
+    if lost < 0.0:
+        yield fewer
+    small = {g for g in fewer.found if len(pool.groups[g].effects) <= FEW}
+    price = fewer.prices + pool.reading
+    gains, variances, fit = beside.gains(price, removed, small, scaled=True)
+    net = with_own_noise(gains - price, fit, pool.rows.freedom)
+    net[[*fewer.variances, *_forbidden(pool, removed)]] = -np.inf
+
+    def regrown(net: Array, begin: Array, lost: float) -> Active | None:
+        best = int(np.argmax(begin))
+        if not (begin[best] > 0.0 and float(np.sort(begin)[-3:].clip(0.0).sum()) > PLAUSIBLE * lost):
+            return None
+        listed = np.argsort(-net)[:SHORT_LIST]
+        free = replace(fewer, variances={g: a * FREE if g in small else a for g, a in fewer.variances.items()})
+        return named_by_site(grow(free.added(best, float(variances[best])), listed[net[listed] > -np.inf], True))
+
+    begin = np.where(first, net, -np.inf)
+    grown = regrown(net, begin, lost)
     if grown is None:
         return
     yield grown
     if came := frozenset(grown.variances) - frozenset(model.variances):
-        again = _regrown(_without(grown, came), forbidden | _with_blocks(model, came), 0.0)
-        if again is not None:
-            yield again
-    if any(len(model.pool.groups[g].effects) > FEW for g in removed):
-        many = frozenset(g for g, group in enumerate(model.pool.groups) if len(group.effects) > FEW)
-        plain = _regrown(fewer, forbidden | many, lost, first)
-        if plain is not None:
+        again = net.copy()
+        again[_forbidden(pool, came)] = -np.inf
+        if (other := regrown(again, again, 0.0)) is not None:
+            yield other
+    if any(len(pool.groups[g].effects) > FEW for g in removed):
+        few = np.array([0.0 if len(group.effects) <= FEW else np.inf for group in pool.groups])
+        if (plain := regrown(net - few, begin - few, lost)) is not None:
             yield plain
-
-
-def _regrown(fewer: Active, forbidden: frozenset[int], lost: float, first: IntArray | None = None) -> Active | None:
-    """The model grown without some groups, from the best of the first; None where nothing can make up for the loss."""
-    if lost < 0.0:
-        return named_by_site(grow(fewer, forbidden, reading=True))
-    free = _relaxed(fewer)
-    gains, variances, fit = scan(free, first)
-    gains[[*fewer.variances, *forbidden]] = -np.inf
-    net = with_own_noise(gains - free.prices - free.pool.reading, fit, free.mismatch)
-    best = int(np.argmax(net))
-    if not (net[best] > 0.0 and float(np.sort(net)[-3:].clip(0.0).sum()) > PLAUSIBLE * lost):
-        return None
-    return named_by_site(grow(free.added(best, float(variances[best])), forbidden, reading=True))
 
 
 def reestimate(model: Active, sweeps: int = SWEEPS) -> Active:
     """Update all variances and the noise together in log a, halving the step where the evidence falls."""
     step = 1.0
     for _ in range(sweeps):
-        target = {g: variance for g, (_, variance) in model.gains.items()}
+        target = model.reestimated
         sigma2 = max(model.energy / max(model.pool.rows.freedom - model.unknowns, 1.0), LEAST_NOISE**2)
         moved = {g: a * (target[g] / a) ** step for g, a in model.variances.items()}
         trial = replace(model, variances=moved, sigma2=model.sigma2 * (sigma2 / model.sigma2) ** step)
@@ -186,31 +198,10 @@ def rests_on_one_pose(before: Active, after: Active) -> bool:
     return float(gained.max()) > before.criteria.one_pose_share * float(gained.sum())
 
 
-def _relaxed(model: Active) -> Active:
-    """The model with the selected groups of few columns free to be of any size."""
-    pool = model.pool
-    small = {g for g in model.found if len(pool.groups[g].effects) <= FEW}
-    return replace(model, variances={g: a * FREE if g in small else a for g, a in model.variances.items()})
-
-
-def _without(model: Active, removed: frozenset[int]) -> Active:
-    return reduce(Active.without, removed, model)
-
-
-def _with_blocks(model: Active, groups: frozenset[int]) -> frozenset[int]:
-    """Groups, and those of several sites that have one of them as a part."""
-    kinds = model.pool.block[list(groups)]
-    return groups | frozenset(model.pool.wholes[kinds[kinds >= 0]].tolist())
-
-
-def _at_one_site(model: Active) -> list[frozenset[int]]:
-    """Sets of two or more selected groups that act at the same site."""
-    at: dict[str, set[int]] = {}
-    for g in model.found:
-        group = model.pool.groups[g]
-        sites = {group.parts[part].where for part in model.part_of_column(g)} if group.parts else {group.where}
-        at.setdefault(sites.pop() if len(sites) == 1 else group.where, set()).add(g)
-    return [frozenset(several) for several in at.values() if len(several) > 1]
+def _forbidden(pool: GroupPool, removed: frozenset[int]) -> list[int]:
+    """Removed groups, and each kind at several joints that lost one part: in the place of two or more it may come."""
+    kinds = pool.block[list(removed)]
+    return [*removed, *pool.wholes[np.flatnonzero(np.bincount(kinds[kinds >= 0]) == 1)].tolist()]
 
 
 def _without_idle_sites(model: Active) -> Active:

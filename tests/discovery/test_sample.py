@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from effect_cases import bare, measure, mechanism
 from group_cases import ARM
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gpmodel.discovery.loop import discover
@@ -25,7 +25,6 @@ def poses_of(count: int) -> Poses:
     return prepare(mechanism(ARM), bare(ARM, count, 4, payload=False))
 
 
-@settings(deadline=None)
 @given(st.integers(1, 40), st.integers(40, 120), st.integers(0, 9))
 def test_of_every_stretch_of_rows_one_is_drawn_and_all_of_few(most: int, count: int, skipped: int) -> None:
     rows = np.arange(count)[skipped:]

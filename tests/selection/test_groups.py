@@ -25,7 +25,7 @@ from gpmodel.selection.group import Price, Shapes
 from gpmodel.selection.offers import Offering
 from gpmodel.selection.posterior import Active
 from gpmodel.selection.result import Selection
-from gpmodel.selection.scan import Replacements, scan
+from gpmodel.selection.scan import Scan
 from gpmodel.selection.select import select
 
 PLANTED = ("base compliance", "joint compliance, J3", "gear error, 2 per turn, J4", "coupling, J4 to J5")
@@ -82,12 +82,12 @@ def test_the_evidence_is_the_density_of_the_target() -> None:
 
 def test_the_gain_of_a_group_is_what_the_density_gains_with_it() -> None:
     active, target = problem()
-    gains, variances, _ = scan(active)
+    gains, variances, _ = Scan(active).gains()
     some = [g for g in range(2, len(gains)) if g not in active.variances][::7]
     for g in some:
         there = active.added(g, float(variances[g]))
         assert gains[g] == pytest.approx(dense(there, target) - dense(active, target), abs=1e-3)
-    short, *_ = scan(active, np.array(some))
+    short, *_ = Scan(active, np.array(some)).gains()
     np.testing.assert_allclose(short[some], gains[some], atol=1e-6)
     assert np.isneginf(np.delete(short, some)).all()
 
@@ -95,7 +95,7 @@ def test_the_gain_of_a_group_is_what_the_density_gains_with_it() -> None:
 def test_at_its_own_noise_a_group_gains_what_the_density_does_once_everything_is_scaled_to_what_is_left() -> None:
     active, target = problem()
     active = scaled(active, active.mismatch / active.pool.rows.freedom)
-    gains, variances, fit = scan(active)
+    gains, variances, fit = Scan(active).gains()
     gains = with_own_noise(gains, fit, active.mismatch)
     for g in [g for g in range(2, len(gains)) if g not in active.variances][::9]:
         there = scaled(active.added(g, float(variances[g])), 1.0 - fit[g] / active.mismatch)
@@ -112,7 +112,7 @@ def test_a_group_in_the_model_is_worth_what_the_density_loses_without_it() -> No
 
 def test_a_group_in_place_of_another_gains_what_the_density_says() -> None:
     active, target = problem()
-    gains, variances = Replacements(active).of(5, np.full(len(active.pool.groups), -1.0))
+    gains, variances, _ = Scan(active).gains(removed=[5])
     for g in [g for g in range(2, len(gains)) if g not in active.variances][::9]:
         there = active.without(5).added(g, float(variances[g]))
         gained = dense(there, target) - dense(active.without(5), target)
@@ -131,7 +131,7 @@ def test_of_two_that_explain_the_same_the_better_known_is_named_and_the_other_on
     assert "joint bending, J1" not in selection.names
     model = selection.active
     (base,) = (g for g in model.found if model.pool.groups[g].name == "base compliance")
-    (own,) = (cause for cause in credible_set(Replacements(model), base).causes if cause.own)
+    (own,) = (cause for cause in credible_set(Scan(model), base).causes if cause.own)
     assert {group.name for group in own.groups} == {"base compliance", "joint bending, J1"}
 
 

@@ -18,7 +18,7 @@ from gpmodel.selection.group import Price, group_of
 from gpmodel.selection.offers import Offering
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.posterior import Active
-from gpmodel.selection.scan import scan
+from gpmodel.selection.scan import Scan
 from gpmodel.selection.select import select
 from gpmodel.selection.sinusoids import grids_of, sinusoid_null, spectrum
 
@@ -39,7 +39,7 @@ def test_a_wave_is_worth_what_its_group_is() -> None:
             assert group is not None
             pool = GroupPool(rows, [*active.pool.groups, replace(group, spreads=(1.0, 1.0))], Price())
             beside = Active(pool, active.variances, active.chosen, active.sigma2)
-            assert there.gain(rate) == pytest.approx(scan(beside)[0][-1], rel=1e-6, abs=1e-9)
+            assert there.gain(rate) == pytest.approx(Scan(beside).gains()[0][-1], rel=1e-6, abs=1e-9)
 
 
 def test_waves_of_noise_are_worth_nothing_once_all_rates_are_paid_for() -> None:

@@ -19,7 +19,7 @@ from gpmodel.selection.group import CAP, Price
 from gpmodel.selection.offers import Offering
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.posterior import Active
-from gpmodel.selection.scan import scan
+from gpmodel.selection.scan import Scan
 from gpmodel.selection.select import select
 from gpmodel.selection.smooth_terms import Sines, SiteProducts, SmoothTerm
 
@@ -55,7 +55,7 @@ def test_products_without_columns_are_those_of_the_columns() -> None:
         wider = Active(pool, active.variances, active.chosen, active.sigma2)
         products = places.products(function.values(), active.sigma2, slice(k, k + 1))
         gained, _ = best(*rotated(*products), np.array([CAP]))
-        assert gained[0] == pytest.approx(scan(wider)[0][-1], rel=1e-4, abs=1e-4)
+        assert gained[0] == pytest.approx(Scan(wider).gains()[0][-1], rel=1e-4, abs=1e-4)
 
 
 def planted(law: str, place: tuple[str, str]) -> tuple[Calibration, Poses, Offering]:

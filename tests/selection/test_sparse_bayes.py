@@ -143,7 +143,7 @@ def test_two_groups_take_the_place_of_a_broad_one_though_a_third_comes_before_ea
     ]  # fmt: skip
     active, number = started(truth, groups)
     broad = reestimate(active.added(number["broad"], 1e-7))
-    greedy = grow(active, frozenset({number["broad"]}))
+    greedy = grow(active, np.array([g for name, g in number.items() if name != "broad"]))
     assert {greedy.pool.groups[g].name for g in greedy.found} == {"nearly"}
     apart = exchange(broad)
     assert {apart.pool.groups[g].name for g in apart.found} == {"one", "other"}

@@ -59,7 +59,7 @@ def tables(draw: st.DrawFn) -> tuple[str, np.ndarray, np.ndarray, list[str], flo
     )
 
 
-@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(made=tables())
 def test_any_spelling_of_a_table_gives_its_numbers(made: tuple, tmp_path: Path) -> None:
     text, q, p, groups, angle, length = made
