@@ -53,7 +53,8 @@ class Scan:
         if among is not None:
             rows = np.unique(np.concatenate([pool.index[g] for g in among]))
             self.place[rows] = np.arange(len(rows))
-            classes = tuple(c.part(np.flatnonzero(np.isin(c.ids, among))) for c in classes)
+            listed = np.isin(np.arange(len(pool.groups)), among)
+            classes = tuple(c.part(np.flatnonzero(listed[c.ids])) for c in classes if listed[c.ids].any())
         self.table, right = whitened_cross(active, rows)
         self.classes = [(c, *conditional_gram(active, c, self.table, right, self.place)) for c in classes]
 
@@ -77,9 +78,8 @@ class Scan:
         m, turn = np.linalg.eigh(np.diag(1.0 / delta + 1.0) - active.sigma2 * below.T @ below)
         table, right = self.table[:, start:] @ (below @ turn), active.mean[at] @ turn
         mismatch = active.mismatch - float(np.sum(right**2 / m))
-        scale = mismatch / pool.rows.freedom if scaled else 1.0
-        gains, variances = np.full(len(pool.groups), -np.inf), np.ones(len(pool.groups))
-        fit = np.zeros(len(pool.groups))
+        scale, gains = mismatch / pool.rows.freedom if scaled else 1.0, np.full(len(pool.groups), -np.inf)
+        variances, fit = np.ones(len(pool.groups)), np.zeros(len(pool.groups))
         for c, inner, rhs in self.classes:
             for part in _chunks(c, table.shape[1]):
                 t = table[self.place[c.index[part]]] * c.spreads[part][:, :, None]
@@ -94,16 +94,16 @@ class Scan:
 def _gains(inner: Array, rhs: Array, cap: Array, mismatch: float, least: Array) -> tuple[Array, Array, Array]:
     """Compute gain (G,), best variance (G,) and decrease of yᵀC⁻¹y (G,) of S (G, K, K) and XᵀC⁻¹y (G, K).
 
-    Where no gain reaches `least` (G,), also once the noise is estimated again, it is an upper bound, ½ yᵀC⁻¹X S⁻¹
-    XᵀC⁻¹y, which is cheaper.
+    Where no gain reaches `least` (G,), even with the noise estimated again: its upper bound ½ yᵀC⁻¹X S⁻¹ XᵀC⁻¹y.
     """
     ridge = (1e-12 * np.trace(inner, axis1=1, axis2=2)[:, None, None] + 1e-300) * np.eye(inner.shape[-1])
     gains = 0.5 * np.sum(rhs * np.linalg.solve(inner + ridge, rhs[:, :, None])[:, :, 0], axis=1)
     variances, fit = np.ones(len(rhs)), np.zeros(len(rhs))
     able = with_own_noise(gains, 2.0 * gains, mismatch) >= least
-    s, q = rotated(inner[able], rhs[able])
-    gains[able], variances[able] = best(s, q, cap[able])
-    fit[able] = fitted(variances[able], s, q)
+    if able.any():
+        s, q = rotated(inner[able], rhs[able])
+        gains[able], variances[able] = best(s, q, cap[able])
+        fit[able] = fitted(variances[able], s, q)
     return gains, variances, fit
 
 
