@@ -162,18 +162,13 @@ def _best(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> Itera
 
 @dataclass(frozen=True)
 class SiteProducts:
-    """Products of the rows of a model with functions of the pose at S sites.
+    """Products of unit twists at each of P poses and S sites, given a model.
 
-    energy: sum of squares of a unit twist at each of P poses (S, P).
-    sums: products with the columns that the model projects out (S, P, K).
-    rhs: products with the residual (S, P).
-
-    Poses of one exchangeable block share one value of a function.
+    inner: with each other (S, P, P), without what the model takes out of them. rhs: with the residual (S, P).
     """
 
     poses: IntArray
-    energy: Array
-    sums: Array
+    inner: Array
     rhs: Array
 
     @staticmethod
@@ -190,17 +185,15 @@ class SiteProducts:
         taken, left, reach = by_pose[:, :, :count], by_pose[:, :, [count]], by_pose[:, :, count + 1 :]
         sums = np.swapaxes(np.swapaxes(reach, 1, 2) @ taken, 0, 1)
         energy, rhs = (np.sum(reach * value, axis=1).T for value in (reach, left))
-        return SiteProducts(rows.present[at], energy, np.ascontiguousarray(sums), rhs)
+        return SiteProducts(
+            rows.present[at], energy[:, :, None] * np.eye(len(at)) - sums @ np.swapaxes(sums, 1, 2), rhs
+        )
 
     def products(self, values: Array, sigma2: float, some: slice = slice(None)) -> tuple[Array, Array]:
         """S (S, m, m) and XᵀC⁻¹y (S, m) of functions with values (P, m) at some of the sites."""
-        size = values.shape[1]
-        first, second = np.triu_indices(size)
-        inner = np.empty((len(self.energy[some]), size, size))
-        inner[:, first, second] = self.energy[some] @ (values[:, first] * values[:, second])
-        inner[:, second, first] = inner[:, first, second]
-        cross = values.T @ self.sums[some]
-        return (inner - cross @ np.swapaxes(cross, 1, 2)) / sigma2, self.rhs[some] @ values / sigma2
+        sites, poses, _ = self.inner[some].shape
+        there = (self.inner[some].reshape(-1, poses) @ values).reshape(sites, poses, -1)
+        return values.T @ there / sigma2, self.rhs[some] @ values / sigma2
 
     def screened(self, values: Array, sigma2: float) -> Array:
         """Gain (S,) at one typical variance a, nats: ½ a bᵀM⁻¹b - ½ ln|M| of M = I + a S and b = XᵀC⁻¹y.
