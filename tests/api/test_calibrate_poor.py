@@ -15,6 +15,7 @@ def touched(instrument: str, column: str, value: str, folder: Path) -> Path:
     return folder / "touched.csv"
 
 
+@pytest.mark.long
 def test_wrong_labels_are_named_in_the_verdict(tmp_path: Path) -> None:
     verdict = gp.calibrate("ur5", touched("spheres", "on_sphere", "A", tmp_path)).verdict
     assert "touched.csv: the fit leaves" in verdict

@@ -21,6 +21,7 @@ def test_importing_it_loads_neither_click_nor_matplotlib_nor_rich_nor_numbers() 
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.long
 def test_every_public_name_is_there_and_none_of_them_loads_the_command_line() -> None:
     code = (
         "import sys, gpmodel as gp\n"
@@ -103,6 +104,7 @@ def test_a_lean_installation_says_which_extra_draws_pages(tmp_path: Path) -> Non
         assert "pip install 'gpmodel[" in done.stderr
 
 
+@pytest.mark.long
 def test_a_robot_read_from_urdf_predicts_without_pinocchio(tmp_path: Path) -> None:
     arm, path = tmp_path / "arm.urdf", tmp_path / "t.csv"
     arm.write_text(ODD_URDF)
@@ -141,6 +143,7 @@ def test_a_frame_and_a_file_are_the_same_table(tmp_path: Path) -> None:
     assert len(frame.sha256) == 64
 
 
+@pytest.mark.long
 def test_a_payload_belongs_to_the_mechanism_wherever_the_table_came_from(tmp_path: Path) -> None:
     path = write(FRAME, tmp_path / "t.csv")
     plain, loaded = gp.load_mechanism("irb6400r"), gp.load_mechanism("irb6400r", payload="60 kg")
@@ -153,6 +156,7 @@ def test_a_payload_belongs_to_the_mechanism_wherever_the_table_came_from(tmp_pat
     assert fits[0].model.mechanism.choice.payload_com == pytest.approx(point, abs=1e-3)  # type: ignore[attr-defined]
 
 
+@pytest.mark.long
 def test_calibrate_says_what_the_command_says(tmp_path: Path) -> None:
     path = write(FRAME, tmp_path / "t.csv")
     fit = gp.calibrate(gp.load_mechanism("irb6400r"), path, ["base_compliance"])
@@ -192,6 +196,7 @@ def test_a_saved_model_predicts_and_compensates_frames(tmp_path: Path) -> None:
     assert fit.model.summary() == model.summary()
 
 
+@pytest.mark.long
 def test_simulated_tables_go_through_the_front_door(tmp_path: Path) -> None:
     arm = gp.load_mechanism("irb6400r", payload="60 kg")
     made = gp.simulate(arm, ["joint_compliance J2=1e-6"], poses=60, seed=3, inputs={"temperature [degC]": "20:30"})

@@ -101,6 +101,7 @@ def test_two_loads_of_one_model_are_equal(fit: gp.Model, tmp_path: Path) -> None
     assert first != gp.calibrate("irb6400r", table(40, seed=3)).model
 
 
+@pytest.mark.long
 def test_one_rule_for_the_share_held_out() -> None:
     for share in (0, 0.0, 1.0, 1.5):
         with pytest.raises(gp.InputError, match="expected a share above 0 and below 1"):

@@ -36,6 +36,7 @@ COMMANDS: dict[str, Callable[[], Report]] = {
 SLOW = pytest.param("discover", marks=pytest.mark.long)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("command", [SLOW if command == "discover" else command for command in COMMANDS])
 def test_outliers_are_rows_of_the_table(command: str) -> None:
     report = COMMANDS[command]()

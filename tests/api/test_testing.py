@@ -88,6 +88,7 @@ ON = {
 """Where a family has instances, or a hundred instead of thousands."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("family", catalogue, ids=lambda family: family.name)
 def test_our_own_families_pass(family: gp.Family) -> None:
     name = ON.get(family.name, "irb6400r")

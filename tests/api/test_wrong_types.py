@@ -99,6 +99,7 @@ def refused(call: Callable[[], object], argument: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "argument", "value"), WRONG)
 def test_a_wrong_argument_of_a_function_is_one_line_that_names_it(name: str, argument: str, value: object) -> None:
     refused(lambda: CALLS[name][0](**{argument: value}), argument)
@@ -136,6 +137,7 @@ def test_a_result_goes_to_a_path_and_nowhere_else(result: str) -> None:
             refused(lambda value=value: made.report(value), "folder")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("result", RESULTS)
 def test_a_result_shows_itself(result: str) -> None:
     made = RESULTS[result]()
@@ -146,6 +148,7 @@ def test_a_result_shows_itself(result: str) -> None:
     assert len(made.to_dataframe().columns) > 0
 
 
+@pytest.mark.long
 def test_a_mechanism_is_a_value_a_name_or_a_file_everywhere(tmp_path: Path) -> None:
     path = write(TABLE, tmp_path / "table.csv")
     by_name = gp.calibrate("irb6400r", path)

@@ -11,6 +11,7 @@ import gpmodel as gp
 from gpmodel.application.model_file import save_model
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("other", "range_share", "said"),
     [

@@ -139,6 +139,7 @@ def command(saved: SavedModel, frame: pd.DataFrame, folder: Path) -> pd.DataFram
     return pd.read_csv(io.StringIO(result.stdout))
 
 
+@pytest.mark.long
 def test_each_row_has_a_status_and_only_good_rows_have_values(tmp_path: Path) -> None:
     saved, _ = true_model("irb6400r", 20)
     position = ["x [mm]", "y [mm]", "z [mm]"]

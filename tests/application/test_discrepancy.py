@@ -74,6 +74,7 @@ def test_it_is_kept_in_the_model_file_and_zero_in_an_older_one(tmp_path: Path) -
     assert (older.noise, older.discrepancy, older.spread) == (None, 0.0, older.sigma)
 
 
+@pytest.mark.long
 def test_verification_expects_the_same_error() -> None:
     """χ² of fresh readings is near its degrees of freedom with the discrepancy, and far beyond them without."""
     whole, saved, fresh = measured(("base_compliance=4e-8",), 1)

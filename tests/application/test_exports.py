@@ -235,6 +235,7 @@ def test_of_several_set_ups_and_tools_the_named_ones_are_exported_and_said(tmp_p
     assert "--tool" in one_line(run("export", tmp_path, "--tool", "hook"), 2)
 
 
+@pytest.mark.long
 def test_the_command_writes_what_it_says(tmp_path: Path) -> None:
     fitted("ur5").save(tmp_path / "model.json")
     done = run("export", tmp_path, "--box", "0:150,300:450,250:400mm", "--nodes", 3)

@@ -40,6 +40,7 @@ def fresh(model: Model, count: int) -> np.ndarray:
     return np.random.default_rng(9).uniform(low, high, (count, len(low)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["irb6400r", "panda"])
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 def test_the_inverse_in_c_is_that_of_compensate(name: str, tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ def model(seed: int, *effects: str | gp.Effect) -> gp.Model:
     return gp.calibrate(gp.load_mechanism("irb6400r"), table(50, seed=seed), effects).model
 
 
+@pytest.mark.long
 def test_the_deviation_covers_where_the_instrument_sees_the_true_point() -> None:
     """Over repetitions of one robot's measurement, misses over their stated deviations have a mean square of one."""
     mechanism, truth = robot(50, seed=2, noise=0.0)
@@ -64,6 +65,7 @@ def test_well_beyond_its_ranges_an_unnamed_law_and_a_creep_keep_their_value_and_
     assert (twist[2] == twist[3]) == clamped
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "text",
     ["reciprocal({x})", "reciprocal(square({x}))", "log({x})", "exp(-400*({x}))"],
@@ -190,6 +192,7 @@ def test_what_slipped_or_moved_is_a_place_that_no_joint_is_to_undo(effect: str, 
     np.testing.assert_allclose(moved, unmoved, atol=1e-7)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["irb6400r", "hexapod"])
 @pytest.mark.parametrize("what", ["tool slipped after row 45, Tx=1 mm", "set-up moved after row 45, Rx=1 mrad"])
 def test_where_tool_and_robot_are_now_predicts_the_same(name: str, what: str) -> None:

@@ -59,6 +59,7 @@ def test_while_the_model_holds_chances_are_uniform(fitted: Fitted) -> None:
     assert np.mean(errors**2) / np.mean(promised**2) == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.long
 def test_a_model_that_holds_is_said_to(fitted: Fitted) -> None:
     model, made = fitted
     found = model.verify(later(made, 1), tolerance="0.2 mm")
@@ -85,6 +86,7 @@ def test_an_instrument_that_wanders_meanwhile_is_no_change_of_the_machine(fitted
     assert verdicts[1::2] == ["drifted"] * 4
 
 
+@pytest.mark.long
 def test_a_zero_that_moved_is_named_with_its_size(fitted: Fitted) -> None:
     model, made = fitted
     for joint, moved in ((1, 1e-4), (2, -1e-4), (2, 5e-3)):
@@ -148,6 +150,7 @@ def test_repeats_of_a_pose_are_one_measurement(fitted: Fitted) -> None:
     assert found.holds
 
 
+@pytest.mark.long
 def test_errors_of_the_instrument_are_used_where_the_readings_have_them() -> None:
     arm, made = robot(80, seed=4, noise=NOISE)
     off = 2e-4 * np.linalg.norm(made.dataset.position, axis=1, keepdims=True) * made.dataset.position
@@ -181,6 +184,7 @@ def test_the_command_says_it_by_its_status_and_leaves_a_page_and_a_certificate(f
         assert "measured after the model was fitted" in page
 
 
+@pytest.mark.long
 def test_what_cannot_be_judged_is_refused_in_a_line(fitted: Fitted, tmp_path: Path) -> None:
     model, made = fitted
     model.save(tmp_path / "model.json")
@@ -239,6 +243,7 @@ def test_of_many_rows_as_many_as_a_check_fits_are_judged_and_it_says_so(fitted: 
     assert "judged on: 2000 of 5000 rows" in " ".join(found.summary().split())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("factor", "said"), [(1e3, "1000 times too large"), (1e-3, "1000 times too small")])
 def test_columns_in_another_unit_are_refused_and_no_verdict(fitted: Fitted, factor: float, said: str) -> None:
     """A scale of the instrument that is a thousandth would explain them."""

@@ -119,6 +119,7 @@ def test_the_command_takes_the_files_of_the_fit_and_leaves_its_pages(tmp_path: P
     assert "none.toml" in said
 
 
+@pytest.mark.long
 def test_a_table_of_another_instrument_is_refused_by_its_name() -> None:
     (camera, pixels), (probe, touches) = fitted("camera"), fitted("planes")
     with pytest.raises(gp.InputError, match="fitted to on_plane, which says nothing of the noise of pixel"):
@@ -127,6 +128,7 @@ def test_a_table_of_another_instrument_is_refused_by_its_name() -> None:
         camera.verify(touches)
 
 
+@pytest.mark.long
 def test_a_board_that_no_column_sees_is_not_passed_over() -> None:
     model, data = fitted("inclinometer")
     with pytest.raises(gp.InputError, match=r"board: later.csv has no column u or v that it says something of"):

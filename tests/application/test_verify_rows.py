@@ -25,6 +25,7 @@ def test_rows_of_the_fit_alone_are_refused(model: Path, old: slice, tmp_path: Pa
     assert "is the table the model was fitted to" in one_line(run("verify", model, part), 2)
 
 
+@pytest.mark.long
 def test_rows_of_the_fit_among_later_ones_are_left_out_and_counted(model: Path) -> None:
     mixed = gp.verify(model, EVERY.iloc[45:])
     alone = gp.verify(model, EVERY.iloc[55:])

@@ -132,6 +132,7 @@ def test_two_tables_of_one_machine_hold_the_same_parameters(name: str) -> None:
     assert (np.abs(apart) < 4.5 * np.hypot(fits[0].stderr, fits[1].stderr)[fits[0].kept]).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("see", [("position",), ("position", "rotation")])
 def test_registration_and_tool_come_with_deviations_that_hold(see: tuple[str, ...]) -> None:
     scores = []

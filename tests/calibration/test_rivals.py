@@ -59,6 +59,7 @@ def test_the_poses_it_names_tell_the_two_apart() -> None:
     assert not [r for r in rivals_of_constants(again, more, pool(more)) if r.candidate.name == LOBES]
 
 
+@pytest.mark.long
 def test_a_constant_in_the_noise_has_no_rivals_and_many_poses_leave_no_lobes() -> None:
     fit, poses = fitted(31, 0)
     names = {r.constant for r in rivals_of_constants(fit, poses, pool(poses))}
@@ -128,6 +129,7 @@ def test_a_scale_of_the_instrument_could_be_a_length_where_it_is_small_enough_to
     assert not not_believed.plausible
 
 
+@pytest.mark.long
 def test_beside_curves_finer_than_the_poses_can_tell_what_is_said_keeps_its_size() -> None:
     """Their priors hold the harmonics: without these no constant would be anything beside them, and anything could
     stand for it."""

@@ -23,6 +23,7 @@ def test_how_far_a_description_is_off_is_read_from_what_its_constants_explain(re
     assert spread(columns, said, placed, MOST)[0] == pytest.approx(reach, rel=0.25)
 
 
+@pytest.mark.long
 def test_the_size_does_not_depend_on_which_constants_stand_for_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first of equivalent constants are held. With the turns of the joints last, others are held and the fit
     does not change.

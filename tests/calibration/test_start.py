@@ -67,6 +67,7 @@ def test_too_few_distances_name_the_column() -> None:
         start_placement(prepare(truth.model.mechanism, replace(truth.poses.dataset, distances=few)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [2, 7])
 def test_balls_touched_by_an_unknown_tool_are_placed_from_whichever_tool_fits_best(seed: int) -> None:
     """From the flange alone both seeds end in another minimum, centimetres off."""
@@ -78,6 +79,7 @@ def test_balls_touched_by_an_unknown_tool_are_placed_from_whichever_tool_fits_be
     assert np.linalg.norm(off) < 0.02
 
 
+@pytest.mark.long
 def test_few_touches_of_balls_hold_constants_enough() -> None:
     """Twenty-eight touches fitted for fifteen numbers of three balls and a tool: some constants are held, none too
     many."""

@@ -71,6 +71,7 @@ def test_touches_of_one_plane_that_the_points_are_not_on_are_refused(tmp_path: P
         assert said.endswith("expected what the tool point touched in these poses")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_nothing_measures_is_refused(case: str) -> None:
     column, said = REFUSED[case]

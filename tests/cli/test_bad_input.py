@@ -115,6 +115,7 @@ TABLES: dict[str, tuple[Callable[[], pd.DataFrame], tuple[str, ...]]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("command", ["check", "calibrate"])
 @pytest.mark.parametrize("case", TABLES)
 def test_bad_table_is_refused_in_one_line(case: str, command: str, tmp_path: Path) -> None:

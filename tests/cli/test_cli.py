@@ -110,6 +110,7 @@ def test_every_error_is_one_line_and_a_status(
     assert ("Traceback" in shown.stderr) == (status != 130)
 
 
+@pytest.mark.long
 def test_calibrate_reports_what_the_contract_promises(tmp_path: Path) -> None:
     frame = table(60, effects=("base_compliance=3e-7",))
     path, out = write(frame, tmp_path / "measured.csv"), tmp_path / "deep" / "out"
@@ -174,6 +175,7 @@ def test_nothing_is_held_out_with_a_holdout_of_zero(tmp_path: Path) -> None:
     assert report["parameters"] == []
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief")
 def test_predict_takes_the_end_of_the_session_and_says_so(tmp_path: Path) -> None:
     path = write(table(60, effects=("J1.moving:Rz:row=3e-5",)), tmp_path / "t.csv")
@@ -187,6 +189,7 @@ def test_predict_takes_the_end_of_the_session_and_says_so(tmp_path: Path) -> Non
         assert run("predict", out / "model.json", path, "--quiet").stderr == ""
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief")
 def test_predict_keeps_the_table_and_adds_the_prediction(tmp_path: Path) -> None:
     frame = table(30)

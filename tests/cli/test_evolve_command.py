@@ -120,6 +120,7 @@ def test_thesis_settings_are_the_default_in_cartesian_space() -> None:
     assert settings_for("slot", default_strategies("slot"), Effort(seconds=2.0))["linear"].budget.generations > 10**5
 
 
+@pytest.mark.long
 def test_selection_rates_length_and_depth_are_asked_for_by_option(table: Path, tmp_path: Path) -> None:
     """Step 3 of the thesis' six: the settings of evolution are varied."""
     varied = ["--tournament", 3, "--crossover", 0.1, "--mutation", 0.02, "--length", 60, "--depth", 7]
@@ -134,6 +135,7 @@ def test_selection_rates_length_and_depth_are_asked_for_by_option(table: Path, t
     assert "crossover=0.1" in tree
 
 
+@pytest.mark.long
 def test_the_front_of_every_run_is_kept(table: Path, tmp_path: Path) -> None:
     run(table, *QUICK, "--out", tmp_path, "--quiet")
     for one in json.loads((tmp_path / "report.json").read_text())["runs"]:

@@ -55,6 +55,7 @@ def test_what_is_refused_is_one_line_with_its_row(tmp_path: Path) -> None:
     assert "row 5: camera 'D' is unknown; expected C" in said
 
 
+@pytest.mark.long
 def test_pixels_that_no_camera_saw_are_refused(tmp_path: Path) -> None:
     table, options = simulated("camera", tmp_path)
     good = pd.read_csv(table, dtype=str)

@@ -39,6 +39,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / FOLDER
 
 
+@pytest.mark.long
 def test_a_table_is_judged_in_a_code_page(folder: Path) -> None:
     assert "fit to calibrate with" in spawned(folder, "check", "Meßwerte Ü.csv", "--mechanism", "irb6400r")
 

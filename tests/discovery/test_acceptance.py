@@ -47,6 +47,7 @@ def test_nothing_is_accepted_where_permuted_residuals_do_as_well() -> None:
     assert "chance of it on shuffled residuals" in found.why
 
 
+@pytest.mark.long
 def test_nothing_is_accepted_of_a_robot_without_an_undeclared_effect() -> None:
     there = seen("nothing")
     null = best_nats(there, unnamed(), there.shuffled(np.random.default_rng(1), 60))

@@ -133,6 +133,7 @@ class Told:
         return replace(self.like, poses=poses, train=train, heldout=heldout, steps=steps)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("evolved", "first", "second", "limit", "confirmed", "times"),
     [

@@ -77,6 +77,7 @@ def judged(fresh: bool) -> Judged:
     return judge(problem, fitted, np.random.default_rng(0).normal(0.0, 1.0, 9))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fresh", [True, False])
 def test_a_program_evolved_just_now_gives_way_to_a_formula_of_its_input(fresh: bool) -> None:
     accepted = [h.candidate for h in judged(fresh).hypotheses if h.accepted]

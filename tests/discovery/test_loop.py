@@ -56,6 +56,7 @@ def test_what_is_undeclared_is_found_and_worth_an_oracle(case: str) -> None:
     assert rms(answer.steps[-1].heldout_error) < 0.5 * rms(answer.steps[1].heldout_error)
 
 
+@pytest.mark.long
 def test_a_named_effect_gets_its_name_and_its_size() -> None:
     answer = found("gear", 0)
     (finding,) = answer.findings
@@ -155,6 +156,7 @@ def test_what_is_evolved_and_never_chosen_does_not_keep_the_search_going(monkeyp
     assert answer.stopped == "no further effect is significant"
 
 
+@pytest.mark.long
 def test_limits_of_effects_and_time_are_kept_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
     truth, train, heldout = robot("gear", 0)
     arm = truth.model.mechanism

@@ -47,6 +47,7 @@ def curves(robot: str, poses: Poses) -> ErrorModel:
     return ErrorModel(mechanism, tuple(effects))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FILES)
 def test_every_row_is_imported_and_reached_by_the_nominal_robot(name: str) -> None:
     robot, _, count = FILES[name]
@@ -60,6 +61,7 @@ def test_every_row_is_imported_and_reached_by_the_nominal_robot(name: str) -> No
     assert fit.error.mean() < 1.2e-3
 
 
+@pytest.mark.long
 def test_ur5_random_poses_are_predicted_to_eight_hundredths_of_a_millimetre() -> None:
     grid, fresh = load("grid"), load("random")
     fit = calibrate(curves("ur5", grid), grid, condition_limit=50.0)

@@ -58,6 +58,7 @@ def test_all_are_taken_where_a_third_or_less_would_be_left_out(count: int, drawn
     assert len(evenly(poses_of(300), np.arange(count), SAMPLE)) == drawn
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stays", [np.arange(0), np.arange(3), np.arange(1)], ids=["none", "three", "one"])
 def test_what_is_found_of_a_sample_is_fitted_to_all_whatever_of_a_set_up_is_in_it(stays: np.ndarray) -> None:
     few, drawn = np.full(300, "first"), evenly(poses_of(300), np.arange(300), SAMPLE)

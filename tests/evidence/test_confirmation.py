@@ -23,6 +23,7 @@ from gpmodel.progress import Progress
 from gpmodel.table.dataset import Dataset
 
 
+@pytest.mark.long
 def test_what_is_confirmed_is_shipped() -> None:
     answer = quick()
     assert answer.confirmation is not None

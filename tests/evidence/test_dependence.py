@@ -26,6 +26,7 @@ def test_a_true_effect_in_independent_noise_pays_little(planted: str) -> None:
     assert max(inflation(seen(planted), own).values()) < 2.5
 
 
+@pytest.mark.long
 def test_where_nothing_depends_on_anything_no_candidate_pays_for_chance() -> None:
     """With ten stretches, one candidate in thirty is 2 to 3 times above independence by chance. The model's columns
     say by how much; they say nothing of slow candidates that read a clock.

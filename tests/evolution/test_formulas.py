@@ -66,6 +66,7 @@ def test_a_curve_gets_its_law(law: str, nodes: int) -> None:
     assert abs(np.corrcoef(shapes)[0, 1]) > 0.99
 
 
+@pytest.mark.long
 def test_two_inputs_that_a_third_is_multiplied_with_get_the_law_of_all() -> None:
     problem = curve("sin(2*J2)*'torque J2'*(row + 0.2)", 0.05)
     best = max(laws_of(problem, ("J2", "torque J2")), key=lambda one: one.gain)

@@ -29,6 +29,7 @@ def twin(operator: Operator, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         return operator.function(*(a, b)[: operator.arity])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("operator", ARITHMETIC, ids=lambda operator: operator.name)
 def test_operators_on_zeros_infinities_and_denormals(operator: Operator) -> None:
     a, b = np.repeat(SPECIAL, len(SPECIAL)), np.tile(SPECIAL, len(SPECIAL))

@@ -83,6 +83,7 @@ def test_the_compiled_code_does_what_the_typed_program_does(representation: Repr
         np.testing.assert_allclose(found[row][finite], expected[finite], rtol=1e-6, atol=1e-7)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("representation", [Linear(), Tree()], ids=["linear", "tree"])
 @pytest.mark.parametrize("law", ["sin(2*J4 + 0.7)", "temperature*sin(J1)", "tanh(3*J1)", "cos(J1)*max(order, 0)"])
 def test_a_search_finds_a_law_of_its_kinds_and_no_other(representation: Representation, law: str) -> None:

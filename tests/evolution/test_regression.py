@@ -56,6 +56,7 @@ def test_a_law_is_found_in_any_unit_of_the_response(unit: float) -> None:
     np.testing.assert_allclose(law.program.evaluate(COLUMNS)[0], response, rtol=1e-8)
 
 
+@pytest.mark.long
 def test_constants_of_a_noisy_law_are_those_that_fit_the_response_and_not_its_link() -> None:
     clean = values_of("1/(1/a + b/c)")
     noisy = clean + 0.05 * np.random.default_rng(5).normal(size=80)

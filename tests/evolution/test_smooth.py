@@ -112,6 +112,7 @@ def test_through_a_factor_the_problem_is_that_of_the_other() -> None:
     np.testing.assert_allclose(through(targets, u).gains(some), targets.gains(some * u), rtol=1e-12)
 
 
+@pytest.mark.long
 def test_nats_are_those_of_the_gaussian_process() -> None:
     """Against the marginal likelihood of the rows with a covariance of N x N, at the variance that was found."""
     u = np.random.default_rng(5).uniform(-1.0, 1.0, POSES)

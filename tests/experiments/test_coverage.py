@@ -12,6 +12,7 @@ from experiments.coverage.printed import covered
 from gpmodel.discovery.search import Search
 
 
+@pytest.mark.long
 def test_poses_measured_three_times_are_covered_as_poses_measured_once() -> None:
     rows = [known(FAMILIES["known"][f"ratio {how}"], 1) for how in ("single", "jitter")]
     assert all(row["within"] > 0.8 for row in rows)

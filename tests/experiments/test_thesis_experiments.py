@@ -171,6 +171,7 @@ def test_the_committed_conclusions_on_the_models_are_those_of_the_committed_robo
             assert held >= 0.9 * of, name
 
 
+@pytest.mark.long
 def test_one_round_of_the_framework_lowers_the_held_out_error(tmp_path):
     sizes = ["--rounds", "1", "--runs", "2", "--population", "128", "--generations", "10"]
     found = framework.main([*sizes, "--out", str(tmp_path)])
@@ -179,6 +180,7 @@ def test_one_round_of_the_framework_lowers_the_held_out_error(tmp_path):
     assert saved(tmp_path, "framework")
 
 
+@pytest.mark.long
 def test_a_look_back_takes_out_of_the_framework_what_stood_for_two_models():
     case = measured_robot(0)
     known = [c for c in catalogue.candidates(case.mechanism, case.poses.states) if not c.has_priors]

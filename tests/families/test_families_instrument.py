@@ -82,6 +82,7 @@ def test_without_its_walk_the_instrument_stands_where_it_stood_on_average() -> N
     assert (np.ptp(waves, axis=1) > 0.9).all()
 
 
+@pytest.mark.long
 def test_a_walk_and_a_smooth_field_are_the_instruments() -> None:
     rng = np.random.default_rng(3)
     walk = np.cumsum(rng.normal(size=(POSES, 3)), axis=0)

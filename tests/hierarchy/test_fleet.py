@@ -21,6 +21,8 @@ from gpmodel.report.charts_fleet import pictures
 from gpmodel.report.fleet import NOT_TESTED, band, html, spread, summary
 from gpmodel.texts import SEAL, seal
 
+pytestmark = pytest.mark.long
+
 COUNT = 9
 
 
@@ -78,7 +80,6 @@ def test_spread_and_its_interval_are_said_in_one_unit(found: FleetResult) -> Non
         assert band(part).endswith(unit)
 
 
-@pytest.mark.long
 def test_an_innocent_fleet_has_no_outlier() -> None:
     found = gp.fleet(MECHANISM, machines(1, 6), [BASE, JOINT], holdout=0.0)
     assert found.record.outliers() == []
@@ -86,7 +87,6 @@ def test_an_innocent_fleet_has_no_outlier() -> None:
     assert {m.own_mm for m in found.record.machines} == {None}
 
 
-@pytest.mark.long
 def test_effects_are_those_found_on_most_machines_wherever_these_are_searched(tmp_path: Path) -> None:
     folder = two_joint_arms(tmp_path / "arms", 2)
     found = gp.fleet(None, folder, holdout=0.3)
@@ -99,7 +99,6 @@ def test_effects_are_those_found_on_most_machines_wherever_these_are_searched(tm
     assert far.functions == {"found"}
 
 
-@pytest.mark.long
 def test_a_machine_keeps_what_it_alone_has_and_is_named_with_it(tmp_path: Path) -> None:
     """One of four arms has a gear error: it is no part of the type, and part of the model of that arm."""
     folder = two_joint_arms(tmp_path / "arms", 4, geared=(2,))

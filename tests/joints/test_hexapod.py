@@ -152,6 +152,7 @@ def test_forty_two_constants_less_the_places_of_base_and_platform_can_be_told_ap
     assert np.linalg.matrix_rank(scaled, tol=1e-6) == 42
 
 
+@pytest.mark.long
 def test_calibrated_on_an_outside_truth_it_predicts_to_the_noise() -> None:
     arm = gp.load_mechanism("hexapod")
     frame = pd.read_csv(io.StringIO(table(1, planted=False)[0]), dtype=str)
@@ -209,6 +210,7 @@ def test_effects_that_only_a_payload_brings_say_so() -> None:
     assert offered.loc["ball_lobes", "instances"] == 288
 
 
+@pytest.mark.long
 def test_what_an_effect_moves_is_told_where_the_loops_close_with_it_and_without_it() -> None:
     arm = gp.load_mechanism(Path(__file__).parents[2] / "experiments" / "twelve_balls" / "hexapod.toml")
     effects = standard_effects(arm, ("L1 Tz", "L2 Tz"))
@@ -225,6 +227,7 @@ def test_what_an_effect_moves_is_told_where_the_loops_close_with_it_and_without_
     assert 10e-3 < moved.mean() < 150e-3
 
 
+@pytest.mark.long
 def test_poses_that_are_proposed_close_and_steps_to_open_loops_are_not_taken() -> None:
     arm = gp.load_mechanism(Path(__file__).parents[2] / "experiments" / "twelve_balls" / "hexapod.toml")
     loops = closed(arm)

@@ -73,6 +73,7 @@ def outputs(tmp_path_factory: pytest.TempPathFactory) -> Outputs:
     return of
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", EACH)
 def test_a_command_prints_and_writes_numbers_and_figures(outputs: Outputs, name: str) -> None:
     out, printed = outputs(name)
@@ -95,6 +96,7 @@ def test_the_seed_decides_the_numbers(outputs: Outputs, tmp_path: Path, name: st
     assert (tmp_path / "other.json").read_bytes() != first
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", EACH)
 def test_printed_defaults_are_a_table_the_command_reads(outputs: Outputs, name: str, tmp_path: Path) -> None:
     table = tmp_path / "mine.toml"

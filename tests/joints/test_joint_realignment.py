@@ -57,6 +57,7 @@ def test_within_a_range_no_other_angles_strain_less(reach: float) -> None:
         assert energy(pose, angles[pose] - q[pose]) <= best.fun * (1 + 1e-6) + 1e-9
 
 
+@pytest.mark.long
 def test_a_budget_after_realignment_has_the_radial_part_alone() -> None:
     """A shift of the shaft along x leaves |x / lever|, to first order; a turn of the socket leaves nothing."""
     for index, share in ((25, abs(BALL[0]) / np.linalg.norm(BALL)), (5, 0.0)):

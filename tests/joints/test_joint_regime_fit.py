@@ -105,6 +105,7 @@ def test_data_of_another_formula_is_followed_and_its_slopes_are_named() -> None:
     np.testing.assert_allclose(c.force(far), smooth_contact_and_film(far), atol=2.0)
 
 
+@pytest.mark.long
 def test_the_magnets_coefficient_has_an_error_that_its_scatter_confirms() -> None:
     curve, x = CURVES[0], span(CURVES[0], 200)
     fits = [fit_regimes(x, curve.force(x) + np.random.default_rng(seed).normal(0, 1.0, x.size)) for seed in range(12)]

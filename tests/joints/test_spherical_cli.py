@@ -45,6 +45,7 @@ def test_a_table_that_determines_nothing_is_refused(tmp_path: Path, name: str, c
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_calibrate_and_predict_solve_the_angles_and_add_the_residual(tmp_path: Path) -> None:
     path = write(cmm(poses=60), tmp_path / "cmm.csv")
     made = run("calibrate", path, *OPTIONS, "--out", tmp_path / "out", "--quiet")

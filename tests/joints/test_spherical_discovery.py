@@ -64,6 +64,7 @@ def test_nothing_is_invented_and_what_free_angles_hide_is_said(case: Undeclared)
     assert not {"axis run out", "drift", "ball lobes", "J1 Tz"} & set(names)
 
 
+@pytest.mark.long
 def test_the_noise_floor_is_of_what_free_angles_leave() -> None:
     """Three angles absorb two of three coordinates."""
     made = gp.simulate("spherical-joint", poses=40, noise="0.03 mm", seed=1)

@@ -25,6 +25,7 @@ def test_what_is_chosen_fits_the_exact_chain_no_worse_than_the_model_without_it(
     assert np.abs(chosen.state.placement.tool[""][:3, 3]).max() < 0.05
 
 
+@pytest.mark.long
 def test_growth_is_found_where_its_fit_overflowed() -> None:
     poses = prepare(JOINT, rig_of(4, "growth", on_axis=True)[1])
     train, heldout = hold_out(poses.dataset, 0.3, np.random.default_rng(1))

@@ -69,5 +69,6 @@ def test_the_loop_names_a_weak_effect_at_sixty_poses_of_its_own(case: str, name:
     assert found < 1.1 * oracle
 
 
+@pytest.mark.long
 def test_of_weak_effects_that_are_not_there_none_is_named() -> None:
     assert weak.one_rig("nothing", 86, 0)["named"] == []

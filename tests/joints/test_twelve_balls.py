@@ -44,6 +44,7 @@ def described(folder: Path, changes: dict[str, str]) -> Path:
     return folder / "other.toml"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("changes", [{}, PUSHED], ids=["turned", "pushed"])
 def test_a_tau_robot_holds_to_the_contract_of_mechanisms_loops_included(tmp_path: Path, changes: dict) -> None:
     check_mechanism(tau(described(tmp_path, changes)), poses=6)
@@ -126,6 +127,7 @@ def joint_of(lobes: float, kind: str = "lobes", measured_angles: bool = False) -
     return gp.Model(saved_model(fit, poses))
 
 
+@pytest.mark.long
 def test_a_joints_result_is_the_prior_of_that_ball_of_a_machine(tmp_path: Path) -> None:
     """With it, a fit to 20 poses predicts further ones to the noise; a fit with the lobes alone does not."""
     joint_of(12e-6).save(tmp_path / "model.json")
@@ -153,6 +155,7 @@ def refused(joint: str, result: gp.Model, folder: Path, machine: str = "hexapod"
     return str(caught.value)
 
 
+@pytest.mark.long
 def test_a_result_of_another_joint_or_for_no_ball_is_refused_in_one_line(tmp_path: Path) -> None:
     plain = joint_of(0.0, kind="nothing")
     assert "expected a shift over the tilt of its ball" in refused("L3.fixed", plain, tmp_path)
@@ -199,6 +202,7 @@ def test_random_poses_of_a_fitted_machine_are_those_at_which_its_loops_close() -
     assert further_poses(fit, poses) is not None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("errors", [{"geometry_sigma": "3 mm"}, {"effects": ["L1.moving:Tz:1=20 mm"]}])
 def test_simulated_poses_whose_loops_stay_open_are_drawn_again(errors: dict) -> None:
     made = gp.simulate(WIDE, poses=60, **errors)

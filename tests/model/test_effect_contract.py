@@ -66,6 +66,7 @@ def pool(name: str) -> tuple[Effect, ...]:
     return (*geometric_effects(arm), *evolved, several, *known)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_columns_are_the_derivatives_of_position_rotation_and_distance(name: str) -> None:
     poses, placement = scene(name)

@@ -86,6 +86,7 @@ def test_a_tool_that_nothing_shows_has_no_number() -> None:
     assert [n.name for n in shown["tracker"]][:3] == ["tool x", "tool y", "tool z"]
 
 
+@pytest.mark.long
 def test_a_lens_that_nobody_knows_is_found_with_the_rest() -> None:
     made = simulated("camera", 60)
     known = made.table.described["cameras"]["camera"]["C"]
@@ -97,6 +98,7 @@ def test_a_lens_that_nobody_knows_is_found_with_the_rest() -> None:
     assert fit.status == "converged"
 
 
+@pytest.mark.long
 def test_wrong_corners_are_found_by_row() -> None:
     made = simulated("camera", 60)
     rng = np.random.default_rng(3)
@@ -110,6 +112,7 @@ def test_wrong_corners_are_found_by_row() -> None:
     assert len(fit.outliers) <= 1.2 * len(wrong)
 
 
+@pytest.mark.long
 def test_a_probe_that_slipped_is_found_by_row() -> None:
     made = simulated("planes", 160)
     q = made.table.q.copy()
@@ -118,6 +121,7 @@ def test_a_probe_that_slipped_is_found_by_row() -> None:
     assert 17 in gp.calibrate(ARM, data).calibrated.final.outliers
 
 
+@pytest.mark.long
 def test_one_table_holds_several_kinds() -> None:
     parts = []
     for name in ("tracker", "planes", "points", "inclinometer"):

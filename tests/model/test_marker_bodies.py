@@ -67,6 +67,7 @@ def test_a_camera_that_sees_a_few_markers_of_a_body_calibrates_the_arm() -> None
     assert np.linalg.norm(tool_error(made, fit)) < 0.4 * np.linalg.norm(tool_error(made, bare))
 
 
+@pytest.mark.long
 def test_pixels_beside_bars_weigh_by_their_own_noise() -> None:
     parts = [gp.simulate(ARM, poses=40, instrument=name, seed=3) for name in ("bar", "camera")]
     frame = pd.concat([made.to_dataframe() for made in parts], ignore_index=True)

@@ -120,6 +120,7 @@ def test_lines_calibrate_and_their_two_gaps_are_read() -> None:
     assert left(bare, poses) > 5 * left(fit, poses)
 
 
+@pytest.mark.long
 def test_two_cameras_see_one_board_and_both_are_placed() -> None:
     made = simulated("camera", 16)
     saved, mechanism = made.truth.saved, made.truth.mechanism

@@ -24,6 +24,7 @@ def test_what_is_drawn_is_as_wide_and_as_long_tailed_as_the_sample() -> None:
         assert np.percentile(np.abs(drawn), level) == pytest.approx(np.percentile(np.abs(wanted), level), rel=0.1)
 
 
+@pytest.mark.long
 def test_the_scale_of_a_small_sample_is_as_unsure_as_samples_differ() -> None:
     rng = np.random.default_rng(3)
     scales = [np.log(tails(rng.normal(size=40), 40).scale[-1]) for _ in range(300)]

@@ -24,6 +24,7 @@ from gpmodel.report.schema_search import CandidateRecord, RoundRecord
 ARMS = ["irb6400r", "ur5", "panda"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("criterion", BEFORE)
 @pytest.mark.parametrize("arm", ["irb6400r", "ur5"])
 def test_poses_are_within_the_limits(arm: str, criterion: str) -> None:
@@ -162,6 +163,7 @@ def test_the_next_poses_shrink_what_they_are_for_more_than_random_ones(tmp_path:
         assert said in line
 
 
+@pytest.mark.long
 def test_command_writes_a_table_that_is_read_again(tmp_path: Path) -> None:
     assert run("poses", "--mechanism", "ur5", "-n", 12, "--out", tmp_path).exit_code == 0
     data = dataset_of(tmp_path / "poses.csv", load_mechanism("ur5"), need_measurement=False)

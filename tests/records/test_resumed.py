@@ -18,6 +18,7 @@ class Interrupted(Exception):
 LONG = [pytest.param(moment, marks=pytest.mark.long) for moment in ("round 2", "round 2: evolving, 1 of")]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("moment", ["round 1: evolving, 1 of", *LONG])
 def test_an_interrupted_run_goes_on_to_the_same_numbers(moment: str, tmp_path: Path) -> None:
     truth, train, heldout = robot("gear", 0)

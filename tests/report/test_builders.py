@@ -72,6 +72,7 @@ def test_the_verdict_says_what_was_added_or_that_nothing_was() -> None:
     )
 
 
+@pytest.mark.long
 def test_the_same_run_gives_the_same_report() -> None:
     one, other = (built(quick()) for _ in range(2))
     assert to_json(one) == to_json(other)
@@ -160,6 +161,7 @@ def test_held_out_poses_confirm_what_was_planted() -> None:
     assert report("nothing").confirmation is None
 
 
+@pytest.mark.long
 def test_residuals_pose_by_pose_are_those_of_the_ladder() -> None:
     for made in (report("gear"), calibrated()):
         held = np.array(made.plots.heldout_mask)

@@ -36,6 +36,7 @@ def test_statistics_are_those_of_the_errors() -> None:
     assert [row[0] for row in statistics(np.column_stack([errors, errors]))] == list(found)
 
 
+@pytest.mark.long
 def test_before_is_registration_and_after_the_last_step_on_held_out_poses() -> None:
     for report in (discovered(), calibrated(), calibrated(0.0)):
         found = errors_before_and_after(report)

@@ -114,6 +114,7 @@ def test_an_effect_that_was_named_is_explained_too() -> None:
     assert found.chain.startswith("[base]")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("effect", "against"),
     [("base_compliance=-4e-8", True), ("base_compliance=4e-8", False), ("joint_compliance J2=-2e-7", True),

@@ -30,6 +30,7 @@ def drawn(report: Report, name: str) -> Any:
     return figure
 
 
+@pytest.mark.long
 def test_every_picture_the_numbers_allow_is_a_png_of_its_size(tmp_path: Path) -> None:
     report = discovered()
     drawings = figures.draw(report, tmp_path)
@@ -175,6 +176,7 @@ def test_parameters_are_drawn_with_one_deviation_to_each_side() -> None:
     assert np.allclose(bar, [1e6 * (first.value - first.stderr), 1e6 * (first.value + first.stderr)])
 
 
+@pytest.mark.long
 def test_the_pages_do_not_load_matplotlib() -> None:
     code = (
         "import sys, gpmodel.report.page, gpmodel.report.text, gpmodel.cli.results; print('matplotlib' in sys.modules)"

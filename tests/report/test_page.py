@@ -69,6 +69,7 @@ def page(report: Report) -> Page:
     return Page(html(report, {}))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", REPORTS)
 def test_opens_offline_and_is_accessible(case: str) -> None:
     report = REPORTS[case]()
@@ -195,6 +196,7 @@ def test_what_free_joints_absorb_is_named_and_counted() -> None:
     assert "effect 29 of the joint; and 10 more." in page(report).text
 
 
+@pytest.mark.long
 def test_text_from_the_table_is_never_markup() -> None:
     evil = "<script>alert(1)</script>"
     report = discovered()
@@ -228,6 +230,7 @@ def test_effects_and_candidates_may_be_bare() -> None:
     assert "length 1.00 – mm –" in text
 
 
+@pytest.mark.long
 def test_the_command_writes_every_file_from_the_saved_report(tmp_path: Path) -> None:
     (tmp_path / "report.json").write_text(to_json(discovered("nothing")), encoding="utf-8")
     result = CliRunner().invoke(report_command, [str(tmp_path)], catch_exceptions=False)

@@ -104,6 +104,7 @@ def test_points_that_both_arms_touch_calibrate_them_against_one_another(made) ->
     assert gaps(fit, fresh) < 0.5 * gaps(bare, fresh)
 
 
+@pytest.mark.long
 def test_where_the_second_arm_stands_is_fitted(file: Path) -> None:
     arms = gp.load_mechanism(str(file), frame=TIPS)
     made = gp.simulate(arms, ["right_0.fixed:Ty:1=2 mm"], poses=96, instrument="points", noise="0.02 mm")
@@ -210,6 +211,7 @@ def test_a_shared_joint_bears_both_arms_and_what_they_share_once(tmp_path: Path)
     assert {"joint compliance, torso", "base compliance"} <= offered
 
 
+@pytest.mark.long
 def test_two_arms_by_the_commands(file: Path, tmp_path: Path) -> None:
     table, arms = tmp_path / "t.csv", ("--mechanism", file, "--frame", TIPS)
     done = run("simulate", *arms, "--instrument", "points", "--poses", 48, "--geometry-sigma", "0.3mm", "--out", table)

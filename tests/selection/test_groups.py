@@ -119,6 +119,7 @@ def test_a_group_in_place_of_another_gains_what_the_density_says() -> None:
         assert gains[g] == pytest.approx(gained, abs=1e-3)
 
 
+@pytest.mark.long
 def test_four_effects_at_once_are_named_and_nothing_else() -> None:
     assert {k.group.name for k in found().kept} == set(PLANTED)
     assert found().state.sigma == pytest.approx(NOISE, rel=0.15)
@@ -180,6 +181,7 @@ def test_every_group_has_a_name_of_its_own_and_constants_in_it_their_unit(name: 
     assert f"warm-up of the zero within 11.9 rows, {arm.joints[0].name}" in names
 
 
+@pytest.mark.long
 def test_one_pose_far_out_is_an_outlier_and_no_law() -> None:
     truth = robot(PLANTED[:1])
     position = truth.poses.dataset.position.copy()
@@ -190,6 +192,7 @@ def test_one_pose_far_out_is_an_outlier_and_no_law() -> None:
     assert [k.group.name for k in selection.kept] == [PLANTED[0]]
 
 
+@pytest.mark.long
 def test_a_set_up_that_creeps_and_comes_back_in_part_drifts_along_a_parabola() -> None:
     """Half a sine along the rows is within 4 % of one; a wander of eighteen numbers would be said before."""
     data = bare(ARM, 90, 5, payload=False)
@@ -199,6 +202,7 @@ def test_a_set_up_that_creeps_and_comes_back_in_part_drifts_along_a_parabola() -
     assert [k.group.name for k in chosen(truth).kept] == ["drift of the set-up, bent"]
 
 
+@pytest.mark.long
 def test_poses_that_stand_out_of_the_standard_model_come_back_into_the_one_that_explains_them() -> None:
     """Few poses at the ends of a saturating wind-up show that it is no spring."""
     truth, train, _ = loop_cases.robot("windup", 2)

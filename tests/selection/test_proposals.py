@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 from effect_cases import bare, measure
 from group_cases import ARM, offering
 
@@ -55,6 +56,7 @@ def without_proposals() -> Selection:
     return selected()
 
 
+@pytest.mark.long
 def test_a_formula_takes_the_place_of_its_curve_and_the_rest_stays() -> None:
     before, after = without_proposals(), selected(LAW)
     assert before.names == {CURVE, *SPRINGS}
@@ -62,6 +64,7 @@ def test_a_formula_takes_the_place_of_its_curve_and_the_rest_stays() -> None:
     assert after.active.utility > before.active.utility
 
 
+@pytest.mark.long
 def test_a_useless_proposal_changes_nothing() -> None:
     idle = replace(LAW, name="sin(9*J1) on J3.moving Ry", effects=(on("J3", "Ry", "sin(9*J1)"),))
     before, after = without_proposals(), selected(idle)

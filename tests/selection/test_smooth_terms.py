@@ -67,6 +67,7 @@ def planted(law: str, place: tuple[str, str]) -> tuple[Calibration, Poses, Offer
     return calibrate(ErrorModel(arm, geometric_effects(arm)), poses), poses, offering(arm, poses)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("law", "place", "inputs"), [
     ("max(temperature - 25, 0)*J6", ("J3.moving", "Tz"), {"J6", "temperature"}),
     ("exp(J2)*tanh(3*(J5 - 0.4))", ("J3.moving", "Rx"), {"J2", "J5"}),
@@ -81,6 +82,7 @@ def test_a_law_of_two_inputs_that_nobody_named_is_found_at_its_place(
     assert sum(set(k.group.inputs) != inputs for k in kept) == 0
 
 
+@pytest.mark.long
 def test_a_curve_that_is_not_wanted_is_not_offered_elsewhere() -> None:
     standard, poses, offered = planted("exp(J2)*tanh(3*(J5 - 0.4))", ("J3.moving", "Rx"))
     said = replace(offered, wanted=lambda group: set(group.inputs) != {"J2", "J5"})

@@ -89,6 +89,7 @@ def test_a_camera_of_ros_or_opencv_is_a_cameras_file(tmp_path: Path) -> None:
     assert "no camera_matrix and no image_points" in one_line(run("import", source), 2)
 
 
+@pytest.mark.long
 def test_corners_of_opencv_calibrate_as_simulated_ones(tmp_path: Path) -> None:
     pytest.importorskip("yaml")
     made = simulated("camera", 20)
