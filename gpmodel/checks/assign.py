@@ -1,7 +1,8 @@
 """Assignments of columns to joints and points of a mechanism whose registration leaves little."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.checks.families import Columns, joint_families, lettered, windows
 from gpmodel.checks.misfit import Registered, flange, least_misfit, registered, spread_of
 from gpmodel.checks.mixed_up import FEWEST_ROWS, GOOD_SHARE, MOST_ROWS, POOR_LENGTH, typical
-from gpmodel.checks.readings import LENGTHS, OF_ANOTHER_SIZE, of_joints
+from gpmodel.checks.readings import LENGTHS, OF_ANOTHER_SIZE, Reading, of_joints, of_zeros_and_signs
 from gpmodel.mechanism.protocol import Mechanism, closed
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.outliers import OUTLIER_SHARE
@@ -27,6 +28,7 @@ ROUGH, ROUNDS = 0.25, 8
 points of other rows 0.6."""
 MOST_DEGREES = 370.0
 """Largest joint value in columns whose names do not identify them."""
+Readings = Callable[[Mechanism, Array, Array], Iterator[Reading]]
 SI_UNIT = {"revolute": "rad", "prismatic": "m"}
 WRITTEN_IN = {"revolute": ("deg", "rad"), "prismatic": ("mm", "m")}
 """Units in which joint values are written, by the kind of joint."""
@@ -45,8 +47,8 @@ class Fit:
     """Columns of the joints and of a point, with the units in which they fit.
 
     left: RMS, m, of what registration and tool leave. reading: how else the joints are to be read, "" as they stand;
-    turned: (n, n) what that makes of the joint columns. rows: (K,) those compared. q: (K, n), rad and m. found: the
-    registration.
+    turned: (n, n + 1) factors of the joint columns and constants that this makes, SI. rows: (K,) those compared.
+    q: (K, n), rad and m. found: the registration.
     """
 
     joints: Columns
@@ -73,6 +75,7 @@ class Assigner:
 
     def fits(self) -> list[Fit]:
         """All that fit of the first stage in which any does: columns that go by their names, then by their places."""
+        readings = (None, partial(of_joints, scaled=False))
         names, numeric = [axis.name for axis in self.axes], sorted(self.values)
         count, few = len(self.mechanism.joints), numeric[:MOST_COLUMNS]
         named = list(dict.fromkeys(joint_families(names, self.mechanism, numeric)))
@@ -87,17 +90,27 @@ class Assigner:
             list(windows(varied[:MOST_COLUMNS], 3, (1, 2, 4))),
         )
         for joints, triples in product((named, placed), (points, beside)):
-            if found := list(self._fits(joints, triples, otherwise=joints is named)):
+            if found := list(self._fits(joints, triples, readings if joints is named else (None,))):
                 return found
         return []
 
-    def _fits(self, joints: Iterable[Columns], triples: Sequence[Columns], *, otherwise: bool) -> Iterator[Fit]:
+    def turned(self) -> list[Fit]:
+        """The first that fits of columns that go by their names, with joints counted from other zeros, or with several
+        signs: a thousand readings."""
+        names = [axis.name for axis in self.axes]
+        joints = list(dict.fromkeys(joint_families(names, self.mechanism, sorted(self.values))))
+        points = list(dict.fromkeys(lettered(names, [i for i in sorted(self.values) if i in self.moving])))
+        return list(self._fits(joints[:1], points[:1], (of_zeros_and_signs,)))
+
+    def _fits(
+        self, joints: Iterable[Columns], triples: Sequence[Columns], readings: Sequence[Readings | None]
+    ) -> Iterator[Fit]:
         for columns in joints:
             rest = [t for t in triples if not set(t) & set(columns)]
-            for reread in (False, True)[: 1 + (otherwise and not closed(self.mechanism))]:
+            for reread in readings[: 1 if closed(self.mechanism) else None]:
                 found = [
                     fit for units in self._units(columns) for points in rest
-                    for fit in self._of(columns, units, points, reread=reread)
+                    for fit in self._of(columns, units, points, reread)
                 ]  # fmt: skip
                 yield from found
                 if found:
@@ -117,8 +130,8 @@ class Assigner:
                 seen.add(units)
                 yield units
 
-    def _of(self, columns: Columns, units: tuple[str, ...], points: Columns, *, reread: bool) -> Iterator[Fit]:
-        """The fit of these columns, as they stand or with joints coupled, swapped or counted the other way round."""
+    def _of(self, columns: Columns, units: tuple[str, ...], points: Columns, reread: Readings | None) -> Iterator[Fit]:
+        """The fit of these columns, as they stand or in the other readings of joint values."""
         rows = self.rows[np.isfinite([self.values[i][self.rows] for i in (*columns, *points)]).all(axis=0)]
         raw = np.column_stack([self.values[i][rows] for i in points])
         rows, raw = rows[np.ptp(raw, axis=1) > 0], raw[np.ptp(raw, axis=1) > 0]
@@ -128,14 +141,18 @@ class Assigner:
             return
         kinds = [joint.kind for joint in self.mechanism.joints]
         q = np.column_stack([si_of(u, k) * self.values[i][rows] for i, u, k in zip(columns, units, kinds, strict=True)])
-        if not reread:
+        if reread is None:
             if (best := self._registered(flange(self.mechanism, q), raw, points)) is not None:
                 yield Fit(columns, units, points, best[0], best[1], rows, q, best[2])
             return
-        for reading in of_joints(self.mechanism, q, raw, scaled=False):
+        for reading in reread(self.mechanism, q, raw):
             if (best := self._registered(flange(self.mechanism, reading.q), raw, points)) is not None:
-                turned = np.asarray(np.round(np.linalg.lstsq(q, reading.q)[0]), dtype=np.float64).T
-                yield Fit(columns, units, points, best[0], best[1], rows, reading.q, best[2], reading.meaning, turned)
+                yield Fit(
+                    columns, units, points, best[0], best[1], rows, reading.q, best[2], reading.meaning,
+                    _formulas(q, reading.q),
+                )  # fmt: skip
+                if reread is of_zeros_and_signs:
+                    return
 
     def _registered(self, frames: Array, raw: Array, points: Columns) -> tuple[str, float, Registered] | None:
         """Unit of points (K, 3), what registration leaves and the registration; None where none leaves little."""
@@ -165,6 +182,14 @@ def header_of(sheet: Sheet, column: int) -> Axis:
 def si_of(unit: str | None, kind: str) -> float:
     """SI units that one unit of a joint of that kind is, 0 where it is of another dimension."""
     return factor_like(unit or "", SI_UNIT[kind]) or 0.0
+
+
+def _formulas(q: Array, meant: Array) -> Array:
+    """Return the whole factors of the joint columns and the constant (n, n + 1) that make values (K, n) of others."""
+    change = meant - q
+    factors = np.round(np.linalg.lstsq(q - q.mean(axis=0), change - change.mean(axis=0))[0]).T
+    zeros = (change - q @ factors.T).mean(axis=0)
+    return np.column_stack([np.eye(q.shape[1]) + factors, np.where(np.abs(zeros) > np.radians(1.0), zeros, 0.0)])
 
 
 def _roughly(frames: Array, p: Array) -> float:

@@ -1,8 +1,9 @@
 """Columns of a foreign file: the assignment that fits the mechanism, and every doubt about it."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import chain, product
+from itertools import chain, islice, product
 from pathlib import Path
 
 import numpy as np
@@ -55,8 +56,7 @@ def guess_files(paths: Sequence[Path], mechanism: Mechanism, join: str | None) -
     sheets = sheets_of(paths)
     if len(sheets) == 1 or join:
         sheet = read_files(paths, join or "")
-        found = guess(sheet, mechanism)
-        return sheet, replace(found, map=replace(found.map, join=join or ""))
+        return sheet, _guess_as(sheet, mechanism, join or "")
     first, second = sheets
     alone = ("",) if len(paths) == 1 else ()
     refused: InputError | None = None
@@ -67,8 +67,26 @@ def guess_files(paths: Sequence[Path], mechanism: Mechanism, join: str | None) -
             return sheet, replace(found, map=replace(found.map, join=how))
         except InputError as error:
             refused = error
+    for how in islice(ways(first, second), 1):
+        sheet = joined(first, second, how)
+        with suppress(InputError):
+            return sheet, _guess_as(sheet, mechanism, how)
     said = f"{first.source} and {second.source}: no common column, no times, and not as many rows"
     raise refused or InputError(f"{said}; expected --join with a column of each")
+
+
+def _guess_as(sheet: Sheet, mechanism: Mechanism, join: str) -> Guess:
+    """Guess, if need be with joints counted otherwise; raises the InputError of the columns as they stand."""
+    try:
+        found = guess(sheet, mechanism)
+    except InputError:
+        turned: Guess | None = None
+        with suppress(InputError):
+            turned = guess(sheet, mechanism, turned=True)
+        if turned is None:
+            raise
+        found = turned
+    return replace(found, map=replace(found.map, join=join))
 
 
 def _by_pose(first: Sheet, second: Sheet, mechanism: Mechanism) -> Iterator[str]:
@@ -90,7 +108,7 @@ def _by_pose(first: Sheet, second: Sheet, mechanism: Mechanism) -> Iterator[str]
                     for i, u, j in zip(fit.joints, fit.units, mechanism.joints, strict=True)
                 ]
             )
-            q = q if fit.turned is None else q @ fit.turned.T
+            q = q if fit.turned is None else np.column_stack([q, np.ones(len(q))]) @ fit.turned.T
             p = si_of(fit.unit, "prismatic") * np.column_stack(
                 [numbers_of(other, i - len(one.names)) for i in fit.points]
             )
@@ -104,12 +122,13 @@ def _by_pose(first: Sheet, second: Sheet, mechanism: Mechanism) -> Iterator[str]
                 yield rows_side_by_side(pairs if one is first else pairs[:, ::-1])
 
 
-def guess(sheet: Sheet, mechanism: Mechanism) -> Guess:
+def guess(sheet: Sheet, mechanism: Mechanism, turned: bool = False) -> Guess:
     """Assign a sheet's columns by their names and by the registration that they leave little of.
 
+    turned: also with other zeros and several other signs of joints.
     Raises InputError where nothing fits the mechanism, or only positions that were computed.
     """
-    label, fits = _fits(sheet, mechanism)
+    label, fits = _fits(sheet, mechanism, turned)
     if not fits:
         raise InputError(_nothing(sheet, mechanism))
     doubts: list[str] = []
@@ -132,10 +151,12 @@ def guess(sheet: Sheet, mechanism: Mechanism) -> Guess:
     return Guess(ColumnMap(columns, orientation, "guess", several, any(sheet.names)), tuple(text), tuple(doubts))
 
 
-def _fits(sheet: Sheet, mechanism: Mechanism) -> tuple[tuple[int, tuple[str, ...]] | None, list[Fit]]:
+def _fits(sheet: Sheet, mechanism: Mechanism, turned: bool) -> tuple[tuple[int, tuple[str, ...]] | None, list[Fit]]:
     """Assignments that fit; where none does, those of the rows with one text or number in a column, and that column."""
     if fits := Assigner(sheet, mechanism).fits():
         return None, fits
+    if turned:
+        return None, Assigner(sheet, mechanism).turned()
     for column in sheet.columns:
         text = sheet.cells[column].fillna("")
         values = text.value_counts()
@@ -275,14 +296,17 @@ def _ref(sheet: Sheet, column: int, unit: str) -> str:
 def _joints(sheet: Sheet, mechanism: Mechanism, fit: Fit, doubts: list[str], lines: dict[int, str]) -> dict[str, str]:
     """Lines of the map for the joints."""
     out: dict[str, str] = {}
-    turned = np.eye(len(fit.joints)) if fit.turned is None else fit.turned
+    turned = np.eye(len(fit.joints), len(fit.joints) + 1) if fit.turned is None else fit.turned
     if "swapped" in fit.reading:
         doubts.append(f"{fit.reading}, against their names; expected the file's names corrected")
     for joint, row, unit, column in zip(mechanism.joints, turned, fit.units, fit.joints, strict=True):
         if row.tolist() == np.eye(len(row))[len(out)].tolist():
             out[joint.name] = _ref(sheet, column, unit)
         else:
-            text = " ".join(f"{'-' if c < 0 else '+'} c{fit.joints[k] + 1}" for k, c in enumerate(row.tolist()) if c)
+            terms = [(c, f"c{i + 1}") for i, c in zip(fit.joints, row.tolist(), strict=False) if c]
+            zero = float(row[-1]) / si_of(unit, joint.kind)
+            terms += [(zero, f"{abs(zero):.10g}")] * bool(zero)
+            text = " ".join(f"{'-' if c < 0 else '+'} {term}" for c, term in terms)
             out[joint.name] = f"{text.removeprefix('+ ').replace('- ', '0 - ', text.startswith('- '))} [{unit}]"
         _, own, sure = header_of(sheet, column)
         if sure and own != unit and si_of(own, joint.kind):

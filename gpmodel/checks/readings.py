@@ -72,6 +72,12 @@ def of_signs(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
             yield Reading(f"columns {_listed([names[i] for i in chosen])} look counted the other way round", flipped, p)
 
 
+def of_zeros_and_signs(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
+    """One joint or two read otherwise, then the signs of several."""
+    yield from of_two_joints(mechanism, q, p)
+    yield from of_signs(mechanism, q, p)
+
+
 def of_orders(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
     """The columns in another order: the reverse one, one that begins elsewhere, or any one of few joints."""
     names, count = [j.name for j in mechanism.joints], len(mechanism.joints)
@@ -97,8 +103,10 @@ def of_two_joints(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]
             changes += [] if (sign, zero) == (1.0, 0.0) else [(i, _row(count, {i: sign}, zero))]
         near = [k for k in (i - 1, i + 1) if k in turning]
         changes += [(i, _row(count, {i: 1.0, k: sign}, 0.0)) for k, sign in product(near, (1.0, -1.0))]
+    changes.sort(key=lambda change: bool(change[1][-1]))  # signs first: a wrist turned by 180 deg is a flipped joint
     for size in (1, 2):
-        for chosen in combinations(changes, size):
+        for some in combinations(changes, size):
+            chosen = sorted(some, key=lambda change: change[0])
             if len({i for i, _ in chosen}) == size:
                 turned = q.copy()
                 for i, row in chosen:

@@ -128,6 +128,29 @@ def test_the_coupling_of_a_pendant_is_undone(tmp_path: Path) -> None:
     assert "'J3' looks as if it were to be 'J3' + 'J2'" in found.lines[0]
 
 
+@pytest.mark.parametrize("unit", ["deg", "rad"])
+@pytest.mark.parametrize(
+    ("signs", "zeros", "said"),
+    [
+        ((1, 1, 1, 1, 1, 1), (0, 90, 0, 0, 0, 0), "another zero"),
+        ((1, 1, 1, 1, -1, 1), (0, -90, 0, 0, 0, 0), "another zero"),
+        ((1, 1, 1, 1, 1, 1), (0, 90, -90, 0, 0, 0), "another zero"),
+        ((1, -1, 1, 1, -1, 1), (0, 0, 0, 0, 0, 0), "to be -"),
+    ],
+)
+def test_zeros_and_signs_of_a_controller_are_undone(
+    unit: str, signs: tuple[int, ...], zeros: tuple[int, ...], said: str, tmp_path: Path
+) -> None:
+    _, q, p = measured()
+    shown = np.array(signs) * q + zeros
+    shown = np.round(shown if unit == "deg" else np.radians(shown), 7)
+    header = [",".join([f"A{i} [{unit}]" for i in range(1, 7)]) + ",X [mm],Y [mm],Z [mm]"]
+    data, found = read(write(tmp_path / "t.csv", header, shown, p))
+    same(data)
+    assert not found.doubts
+    assert any(said in line for line in found.lines)
+
+
 def test_several_reflectors_are_tools_and_equal_coordinates_no_point(tmp_path: Path) -> None:
     arm, q, p = measured()
     frames = flange(arm, np.radians(q))
