@@ -50,13 +50,22 @@ def _change(report: Report) -> str:
 
 
 def behind(report: Report) -> str:
-    """State the inputs of the found effects, their alternatives, and the number of undecided rejected candidates.
+    """State the inputs of the found effects, their alternatives, the number of undecided rejected candidates, and the
+    error of orientation.
 
     Empty without any.
     """
     inputs = list(inputs_in_words(report))
     followed = f"What was found follows {wording.listed(inputs)}." if report.kind == "discover" and inputs else ""
-    return " ".join(filter(None, (followed, *_undecided(report), _rejected(report))))
+    return " ".join(filter(None, (followed, *_undecided(report), _rejected(report), *_orientation(report))))
+
+
+def _orientation(report: Report) -> Iterator[str]:
+    """State the error of orientation before and after, where it was measured."""
+    for kind in report.readings:
+        if kind.unit == "mrad" and kind.before is not None and kind.after is not None:
+            sizes = " → ".join(wording.significant(value, 3) for value in (kind.before, kind.after))
+            yield f"Orientation: registration only {sizes} mrad RMS on {_where(report)}."
 
 
 def _rejected(report: Report) -> str:

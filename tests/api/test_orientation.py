@@ -11,6 +11,7 @@ import gpmodel as gp
 from gpmodel.model.error_model import observe, prepare
 from gpmodel.numerics.se3 import exp, rotation_vector
 from gpmodel.report.poses import csv
+from gpmodel.report.verdict import behind
 from gpmodel.table.write import frame_of
 
 NOISE = 2e-4
@@ -42,6 +43,7 @@ def test_the_report_has_the_error_of_orientation_before_and_after(fit: "gp.Calib
     assert found.before > 2.0 * found.after
     assert 0.8e3 * NOISE < found.after / np.sqrt(3.0) < 1.5e3 * NOISE
     assert f"{found.before:.3g} → {found.after:.3g} mrad" in fit.summary()
+    assert f"{found.before:.3g} → {found.after:.3g} mrad RMS on held-out poses" in behind(fit.record)
 
 
 def test_poses_csv_has_it_pose_by_pose(fit: "gp.CalibrateResult", tmp_path: Path) -> None:
