@@ -88,8 +88,9 @@ class Active:
         """L (K, K) with L Lᵀ = σ² I + AᵀA, the diagonal no smaller than the rounding of the products."""
         count = len(self.rhs)
         rounding = count * np.finfo(float).eps * float(np.max(np.diag(self.inner), initial=0.0))
-        regular = self.inner + (self.sigma2 + rounding) * np.eye(count)
-        return np.asarray(linalg.cholesky(regular, lower=True, check_finite=False))
+        regular = np.array(self.inner, order="F")
+        np.fill_diagonal(regular, np.diag(regular) + self.sigma2 + rounding)
+        return np.asarray(linalg.cholesky(regular, lower=True, overwrite_a=True, check_finite=False))
 
     @cached_property
     def inverse(self) -> Array:
