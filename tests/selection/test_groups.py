@@ -25,8 +25,9 @@ from gpmodel.selection.group import Price, Shapes
 from gpmodel.selection.offers import Offering
 from gpmodel.selection.posterior import Active
 from gpmodel.selection.result import Selection
-from gpmodel.selection.scan import Scan
+from gpmodel.selection.scan import FREE, Scan
 from gpmodel.selection.select import select
+from gpmodel.selection.sparse_bayes import reestimate
 
 PLANTED = ("base compliance", "joint compliance, J3", "gear error, 2 per turn, J4", "coupling, J4 to J5")
 
@@ -120,6 +121,37 @@ def test_a_group_in_place_of_another_gains_what_the_density_says() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(("removed", "freed"), [([5], []), ([5], [9]), ([], [5, 9])])
+def test_a_removal_changes_the_products_as_a_scan_without_it_has_them(removed: list[int], freed: list[int]) -> None:
+    active, _ = problem()
+    there = replace(active, variances={g: a * (FREE if g in freed else 1.0) for g, a in active.variances.items()})
+    for g in removed:
+        there = there.without(g)
+    there = scaled(there, there.mismatch / active.pool.rows.freedom)
+    updated = Scan(active).gains(removed=removed, freed=freed, scaled=True)
+    others = [g for g in range(len(updated[0])) if g not in active.variances]
+    for now, expected in zip(updated, Scan(there).gains(), strict=True):
+        np.testing.assert_allclose(now[others], expected[others], rtol=1e-5, atol=1e-5)
+
+
+def test_below_its_least_a_gain_is_bounded_from_above() -> None:
+    active, _ = problem()
+    exact, least = Scan(active).gains()[0], np.full(len(active.pool.groups), 8.0)
+    bounded = Scan(active).gains(least)[0]
+    np.testing.assert_allclose(bounded[exact >= least], exact[exact >= least])
+    assert (bounded >= exact - 1e-9).all()
+    assert (bounded != exact).any()
+
+
+def test_no_other_variance_has_more_evidence_than_a_reestimated_one() -> None:
+    active = reestimate(problem()[0])
+    for g, a in active.variances.items():
+        if a < 0.99 * active.pool.cap[g] ** 2:
+            for factor in (0.7, 1.4):
+                other = replace(active, variances={**active.variances, g: factor * a})
+                assert other.evidence < active.evidence + 0.05
+
+
 def test_four_effects_at_once_are_named_and_nothing_else() -> None:
     assert {k.group.name for k in found().kept} == set(PLANTED)
     assert found().state.sigma == pytest.approx(NOISE, rel=0.15)
