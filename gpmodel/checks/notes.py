@@ -7,6 +7,7 @@ import numpy as np
 from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.unobservable import held_at_description, unseen
 from gpmodel.checks.counting import measured_values
+from gpmodel.checks.warnings import orientation_left
 from gpmodel.mechanism.protocol import Described, Mechanism, bare_of, followers
 from gpmodel.mechanism.workspace import joint_range
 from gpmodel.model.error_model import Poses
@@ -34,6 +35,9 @@ def notes(
         f"registration and tool alone leave {1e3 * root_mean_square(bare.fitted_error):.4g} mm RMS, the standard model "
         f"{1e3 * root_mean_square(fit.fitted_error):.4g} mm, on the poses it is fitted to"
     )
+    if np.isfinite(turned := orientation_left(fit, poses)):
+        first = orientation_left(bare, poses)
+        yield f"of the orientations these leave {1e3 * first:.3g} and {1e3 * turned:.3g} mrad RMS"
     different, values = different_poses(data), measured_values(data)
     each = f"{values / fit.rank:.1f} each"
     yield f"{different} different poses and {values} measured values for {fit.rank} unknowns: {each}"

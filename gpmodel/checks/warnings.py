@@ -5,11 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.calibration.result import Calibration, problem_at
+from gpmodel.calibration.result import Calibration, problem_at, resolved
 from gpmodel.checks.digits import rounded
 from gpmodel.checks.order import order_matters
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.model.error_model import Poses
+from gpmodel.model.error_model import Poses, observe, turn_error
 from gpmodel.model.measured_torque import unused_torques
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.outliers import outlier_limit
@@ -23,6 +23,13 @@ SMALL_RANGE = np.radians(20.0)
 
 POOR = 2e-3
 """Metres that the standard model leaves of a table before it is called poor: of a robot 0.1 to 1 mm are left."""
+
+POOR_TURN = 1e-2
+"""Radians that the standard model leaves of the measured orientations before they are called poor: ten times what a
+calibrated machine leaves."""
+
+HOTTEST = 150.0
+"""degC; no machine is measured so hot, and a workshop in kelvin reads 290 to 310."""
 
 BUILT_WRONG = 1e-2
 """Metres or radians: links are machined and joints zeroed better than that; an arm described wrongly is farther off."""
@@ -46,6 +53,8 @@ def warnings_of(mechanism: Mechanism, poses: Poses, fit: Calibration) -> Iterato
     """
     data = poses.dataset
     yield from _unmeasured(data)
+    yield from _too_hot(data)
+    yield from _turned(fit, poses)
     yield from unused_torques(mechanism, data)
     yield from _small_ranges(mechanism, data)
     yield from _repeats(data)
@@ -78,6 +87,31 @@ def _unmeasured(data: Dataset) -> Iterator[str]:
             f"{' and '.join(missing)} {'is' if one else 'are'} not measured in any row: errors along "
             f"{'it' if one else 'them'} are fitted to nothing and proven by nothing"
         )
+
+
+def _too_hot(data: Dataset) -> Iterator[str]:
+    """Temperatures that look like kelvin."""
+    for name, unit in data.extra_units.items():
+        if unit == "degC" and (typical := float(np.nanmedian(data.extras[name]))) > HOTTEST:
+            yield f"column '{name}': {typical:.4g} degC looks like kelvin; expected degC, or the unit [K]"
+
+
+def _turned(fit: Calibration, poses: Poses) -> Iterator[str]:
+    """Orientations that the standard model leaves far more of than joints and instruments do."""
+    if (left := orientation_left(fit, poses)) > POOR_TURN:
+        yield (
+            f"the standard model leaves {1e3 * left:.3g} mrad RMS of the orientations; calibrated machines leave less "
+            f"than {1e3 * POOR_TURN:g} mrad: a tool that turned in its holder, or rotations of another convention"
+        )
+
+
+def orientation_left(fit: Calibration, poses: Poses) -> float:
+    """RMS angle, rad, that a fit leaves of the measured orientations, without its outliers; NaN where none was
+    measured."""
+    seen = resolved(fit, poses)
+    angles = np.delete(turn_error(observe(fit.model, seen, fit.theta, fit.placement), seen.dataset), fit.outliers)
+    measured = angles[np.isfinite(angles)]
+    return root_mean_square(measured) if len(measured) else np.nan
 
 
 def built_wrong(fit: Calibration, poses: Poses) -> Iterator[str]:

@@ -93,12 +93,26 @@ def slipped(made: Simulation) -> Dataset:
     return replace(made.dataset, position=made.dataset.position + 5e-4 * after * tip[:, :3, 2])
 
 
+def turned_tool(made: Simulation) -> Dataset:
+    """A tool turned by 3 deg in its holder from row 31 on, about an axis through the reflector."""
+    tip = observe(made.model, prepare(made.model.mechanism, made.dataset), made.theta, made.placement).tip
+    turn = exp(np.radians(3.0) * (np.arange(60) >= 30)[:, None] * np.eye(6)[3])[:, :3, :3]
+    return replace(made.dataset, rotation=rotation_vector(tip[:, :3, :3] @ turn))
+
+
+def in_kelvin(made: Simulation) -> Dataset:
+    warm = np.linspace(293.0, 297.0, 60)
+    return replace(made.dataset, extras={"temperature": warm}, extra_units={"temperature": "degC"})
+
+
 ODD: dict[str, tuple[Callable[[Simulation], Dataset], tuple[str, ...]]] = {
     "a copied row": (copied, ("rows 8 and 8 hold the same measurement twice",)),
     "a link described 49.6 mm too short": (stretched, ("J2 Tz comes out", "expected less than 10")),
     "neighbours alike": (wandering, ("residuals of neighbouring rows are alike", "order of the rows matters")),
     "outliers": (outlier, ("2 of 60 readings left out (rows 12, 40)", "5")),
     "the tool slipped": (slipped, ("change along the rows", "after row 30", "'tool'")),
+    "a tool that turned": (turned_tool, ("mrad RMS of the orientations", "turned in its holder")),
+    "kelvin": (in_kelvin, ("column 'temperature': 295 degC looks like kelvin",)),
     "the set-up moved": (moved, ("change along the rows", "after row 2", "'setup'")),
 }
 
