@@ -14,12 +14,16 @@ from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evidence.score import best
+from gpmodel.evidence.score import DECADES, best
 from gpmodel.selection.group import FEW
 from gpmodel.selection.pool import GroupPool
 
 LEAST_NOISE = 1e-8
 """Metres, of a component: a tenth of what instruments resolve; in an exact table what is below it is rounding."""
+
+
+LEAST = 10.0**-DECADES
+"""Smallest variance of a group over its largest: a group that explains nothing ends there, and is deleted."""
 
 
 @dataclass(frozen=True)
@@ -197,8 +201,9 @@ class Active:
         sizes, determined = self._sizes, 1.0 - self.sigma2 * np.sum(self.inverse**2, axis=0)
         starts = np.cumsum(sizes) - sizes
         known, squares = (np.add.reduceat(part, starts) for part in (determined, self.mean**2))
-        a, cap = np.array(list(self.variances.values())), self.pool.cap[list(self.variances)]
-        out = dict(zip(self.variances, np.minimum(a * squares / np.maximum(known, 1e-9), cap**2).tolist(), strict=True))
+        a, most = np.array(list(self.variances.values())), self.pool.cap[list(self.variances)] ** 2
+        a = np.clip(a * squares / np.maximum(known, 1e-9), LEAST * most, most)
+        out = dict(zip(self.variances, a.tolist(), strict=True))
         return out | {g: variance for g, (_, variance) in self._gains(np.flatnonzero(sizes <= FEW)).items()}
 
     @cached_property

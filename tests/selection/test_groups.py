@@ -23,7 +23,7 @@ from gpmodel.model.sites import geometric_effects
 from gpmodel.selection.causes import credible_set
 from gpmodel.selection.group import Price, Shapes
 from gpmodel.selection.offers import Offering
-from gpmodel.selection.posterior import Active
+from gpmodel.selection.posterior import LEAST, Active
 from gpmodel.selection.result import Selection
 from gpmodel.selection.scan import FREE, Scan
 from gpmodel.selection.select import select
@@ -150,6 +150,14 @@ def test_no_other_variance_has_more_evidence_than_a_reestimated_one() -> None:
             for factor in (0.7, 1.4):
                 other = replace(active, variances={**active.variances, g: factor * a})
                 assert other.evidence < active.evidence + 0.05
+
+
+def test_the_variance_of_a_group_that_explains_nothing_stays_above_its_least() -> None:
+    active, _ = problem()
+    g = next(g for g, index in enumerate(active.pool.index) if len(index) > 2 and g not in active.variances)
+    there = active.added(g, 1e-200)
+    assert there.reestimated[g] == pytest.approx(LEAST * active.pool.cap[g] ** 2, abs=0.0)
+    assert reestimate(there).evidence >= there.evidence
 
 
 def test_four_effects_at_once_are_named_and_nothing_else() -> None:
