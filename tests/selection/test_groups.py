@@ -120,7 +120,6 @@ def test_a_group_in_place_of_another_gains_what_the_density_says() -> None:
         assert gains[g] == pytest.approx(gained, abs=1e-3)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(("removed", "freed"), [([5], []), ([5], [9]), ([], [5, 9])])
 def test_a_removal_changes_the_products_as_a_scan_without_it_has_them(removed: list[int], freed: list[int]) -> None:
     active, _ = problem()
@@ -160,6 +159,7 @@ def test_the_variance_of_a_group_that_explains_nothing_stays_above_its_least() -
     assert reestimate(there).evidence >= there.evidence
 
 
+@pytest.mark.long
 def test_four_effects_at_once_are_named_and_nothing_else() -> None:
     assert {k.group.name for k in found().kept} == set(PLANTED)
     assert found().state.sigma == pytest.approx(NOISE, rel=0.15)
