@@ -153,6 +153,7 @@ def test_where_other_threads_run_threads_stand_in() -> None:
         with_one_more.set()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("workers", [Threads(1), Threads(3), Threads(), Processes(2)], ids=repr)
 def test_every_result_comes_with_its_place(workers: Workers) -> None:
     assert numbered(workers, 40) == [draw(n) for n in range(40)]
@@ -214,11 +215,13 @@ def test_no_more_is_held_than_the_workers_can_use() -> None:
     assert most < 12
 
 
+@pytest.mark.long
 def test_a_lost_process_is_replaced(tmp_path: Path) -> None:
     found = dict(Processes(2)(die_once, [(tmp_path / "mark", n) for n in range(8)]))
     assert found == {n: n for n in range(8)}
 
 
+@pytest.mark.long
 def test_a_task_that_loses_every_process_is_an_error() -> None:
     with pytest.raises(RuntimeError, match="terminated abruptly"):
         list(Processes(1)(die, [0]))

@@ -7,11 +7,14 @@ import sys
 import zipfile
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 INSTALLED = {"gpmodel": "gpmodel", "robots": "gpmodel_robots", "joints": "gpmodel_joints"}
 """Folder -> what it is called once installed; others have packages called robots and joints."""
 
 
+@pytest.mark.long
 def test_the_wheel_holds_every_file_of_the_packages_under_names_of_our_own(tmp_path: Path) -> None:
     source = tmp_path / "source"
     for package in INSTALLED:

@@ -173,6 +173,7 @@ def test_calibrate_says_what_the_command_says(tmp_path: Path) -> None:
     assert len(repr(fit).splitlines()) == 1
 
 
+@pytest.mark.long
 def test_an_effect_object_is_calibrated_like_a_named_one() -> None:
     arm = gp.load_mechanism("irb6400r")
     mine = gp.effect_at("mine", "J4.moving", "Rz", gp.Expression("sin(2*J4)"))
@@ -180,6 +181,7 @@ def test_an_effect_object_is_calibrated_like_a_named_one() -> None:
     assert "mine" in fit.to_dataframe()["name"].tolist()
 
 
+@pytest.mark.long
 def test_a_saved_model_predicts_and_compensates_frames(tmp_path: Path) -> None:
     arm = gp.load_mechanism("irb6400r")
     fit = gp.calibrate(arm, FRAME, ["base_compliance"])

@@ -62,6 +62,7 @@ def test_numbers_of_a_fit_are_at_hand(fit: gp.Model) -> None:
     assert 0.01 < fit.rms < 0.2
 
 
+@pytest.mark.long
 def test_results_draw_and_print_themselves(fit: gp.Model, found: gp.Model) -> None:
     for result in (fit, found):
         assert isinstance(result.plot(), Figure)

@@ -27,6 +27,7 @@ def test_a_law_is_found_exactly_and_holds_on_rows_it_never_saw() -> None:
     assert [str(law.program) for law in again.laws] == [str(law.program) for law in found.laws]
 
 
+@pytest.mark.long
 def test_the_front_goes_from_short_to_close_and_marks_the_law_of_least_description_length(tmp_path: Path) -> None:
     noisy = LAW + np.random.default_rng(0).normal(0, 0.02, len(LAW))
     found = gp.regress(FRAME, noisy, seconds=1.5)

@@ -36,6 +36,7 @@ def fitted(slot: str = "J2.moving", angle: str = "J2") -> CalibrationResult:
     return gp.calibrate(arm(), table, [drag], holdout=0.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("slot", "angle"), [("J2.moving", "J2"), ("elbow.moving", "elbow"), ("elbow.moving", "J2")])
 def test_a_slot_and_an_input_are_named_as_the_table_or_the_mechanism_does(slot: str, angle: str) -> None:
     effect = fitted(slot, angle).record.effects[0]
@@ -51,6 +52,7 @@ def test_written_out_effects_take_both_names_and_unknown_ones_are_refused() -> N
         gp.simulate(arm(), ["J3.moving:Ry:sin(elbow)=0.001 rad"], poses=5)
 
 
+@pytest.mark.long
 def test_next_poses_and_exports_are_in_the_names_of_the_table() -> None:
     model = fitted().model
     assert list(gp.choose_poses(count=2, after=model).to_dataframe()) == ["J1 [deg]", "J2 [deg]"]
@@ -62,6 +64,7 @@ def test_next_poses_and_exports_are_in_the_names_of_the_table() -> None:
     assert "elbow" not in latex_text(forward)
 
 
+@pytest.mark.long
 def test_a_search_tells_its_progress_in_the_names_of_the_table() -> None:
     table, told = fitted().model.saved.measured, []
     assert table is not None

@@ -128,6 +128,7 @@ def test_a_wrong_argument_of_a_model_is_one_line_that_names_it(method: str, fit:
         refused(lambda more=more: fit.model.compensate(TABLE, **more), next(iter(more)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("result", RESULTS)
 def test_a_result_goes_to_a_path_and_nowhere_else(result: str) -> None:
     made = RESULTS[result]()
@@ -179,6 +180,7 @@ def test_a_name_that_no_file_has_is_one_line(read: Callable[[str], object]) -> N
         read("a\0b")
 
 
+@pytest.mark.long
 def test_an_effect_that_cannot_be_here_is_refused_before_the_search() -> None:
     for wrong in (
         gp.effect_at("mine", "J9.moving", "Rz", gp.Expression("sin(J4)")),

@@ -61,6 +61,7 @@ def smallest_singular_value(saved: SavedModel, dataset: Dataset) -> Array:
     return np.linalg.svd(np.stack(columns, axis=2), compute_uv=False)[:, 5]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", EFFECTS)
 def test_the_real_tool_is_where_the_nominal_one_was_meant_to_be(name: str) -> None:
     saved, dataset = true_model(name)
@@ -163,6 +164,7 @@ def test_limits_are_respected(tmp_path: Path) -> None:
     assert out["corrected_J1 [deg]"].isna().all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("header", "row", "said"),
     [

@@ -90,6 +90,7 @@ def code(file: str, text: str) -> object:
 EACH = [pytest.param(text, id=kind, marks=pytest.mark.long) for kind, text in HOSTILE.items()]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("text", [pytest.param("".join(HOSTILE.values()), id="all"), *EACH])
 def test_no_text_leaves_its_place_and_none_is_run(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

@@ -22,6 +22,7 @@ from gpmodel.selection.offers import Offering
 from gpmodel.texts import SEAL
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["irb6400r", "panda", "spherical-joint"])
 def test_every_effect_that_can_be_found_can_be_kept(name: str) -> None:
     """The bounds of a file are wider than whatever the product offers to put in it."""
@@ -174,6 +175,7 @@ def test_a_model_that_was_changed_is_refused(content: dict[str, Any], tmp_path: 
     load_model(tmp_path / "model.json")
 
 
+@pytest.mark.long
 def test_a_model_of_before_with_its_whole_covariance_is_read(content: dict[str, Any], tmp_path: Path) -> None:
     whole = fitted("load")[0].covariance.values
     path = tmp_path / "model.json"

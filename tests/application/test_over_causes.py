@@ -22,6 +22,7 @@ FOUND, RIVAL = (f"{kind}, shoulder_lift_joint" for kind in ("eccentricity, 1 per
 OTHER = "base compliance"
 
 
+@pytest.mark.long
 def test_other_causes_move_the_other_findings_as_fits_with_them_say() -> None:
     """A wave at the shoulder in the place of its compliance leaves the tilt of the base to say what both would."""
     arm, data = mechanism(ARM), bare(ARM, 120, 3, payload=False)

@@ -96,6 +96,7 @@ def test_names_are_those_of_a_program(model: Model, targets: Path) -> None:
         assert model.program(corrected, language, "1 cell-ok").splitlines()[0] == first  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 def test_what_is_no_list_of_targets_is_refused(model: Model, targets: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="0 columns corrected_JOINT and 6 joints"):
         model.program(pd.read_csv(targets), "RAPID")

@@ -80,6 +80,7 @@ def test_a_law_ends_at_its_range_where_it_changes_much_beyond_it(text: str) -> N
     assert at_edge == beyond
 
 
+@pytest.mark.long
 def test_a_law_goes_on_as_far_as_it_changes_little() -> None:
     _, (low, high) = saved_law("J3")
     width = high - low
@@ -91,6 +92,7 @@ def test_a_law_goes_on_as_far_as_it_changes_little() -> None:
     assert there[3] == pytest.approx(there[2])
 
 
+@pytest.mark.long
 def test_within_its_ranges_nothing_changes() -> None:
     fitted = model(1, gp.effect_at("mine", "J4.moving", "Rz", gp.Expression("sin(2*J4)*J2")))
     frame = table(50, seed=1)
@@ -112,6 +114,7 @@ def test_of_a_law_in_two_places_one_may_follow_the_session_alone() -> None:
     np.testing.assert_allclose([basis(states)[0] for basis in ended], [3.0, 30.0])
 
 
+@pytest.mark.long
 def test_a_column_that_only_the_session_reads_is_not_asked_for() -> None:
     frame = table(60, effects=("J1.moving:Rz:clock=1e-6",), inputs={"clock": np.linspace(0.0, 600.0, 60)},
                   input_units={"clock": "s"})  # fmt: skip
@@ -125,6 +128,7 @@ def test_a_column_that_only_the_session_reads_is_not_asked_for() -> None:
     assert fitted.misses(frame, session=True).mean() < fitted.misses(frame).mean()
 
 
+@pytest.mark.long
 def test_of_another_session_the_end_is_kept_however_the_law_is_written() -> None:
     """A drift written from the first row or from the last leaves the same registration behind, that of the last."""
     frame = table(60, effects=("J1.moving:Rz:row=3e-5",))
@@ -134,6 +138,7 @@ def test_of_another_session_the_end_is_kept_however_the_law_is_written() -> None
     np.testing.assert_allclose(points[0], points[1], atol=1e-5)
 
 
+@pytest.mark.long
 def test_errors_of_the_instrument_are_predicted_where_nothing_was_measured() -> None:
     """They follow where the instrument would see the point, and say so beyond what it saw."""
     mechanism, truth = robot(80, seed=4, noise=0.0)
@@ -179,6 +184,7 @@ def test_of_a_tool_that_slipped_the_prediction_is_where_it_is_now() -> None:
     assert found.misses(made.table, session=True).max() < 0.15
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("point", POINTS)
 @pytest.mark.parametrize("effect", ["tool slipped after row 45, Tx", "set-up moved after row 45, Tz"])
 def test_what_slipped_or_moved_is_a_place_that_no_joint_is_to_undo(effect: str, point: Point) -> None:
@@ -205,6 +211,7 @@ def test_where_tool_and_robot_are_now_predicts_the_same(name: str, what: str) ->
     np.testing.assert_allclose(points[0], points[1], atol=1e-9)
 
 
+@pytest.mark.long
 def test_many_poses_are_predicted_in_parts_that_remember_those_before(monkeypatch: pytest.MonkeyPatch) -> None:
     arm, frame = gp.load_mechanism("irb6400r"), table(40, seed=1)
     fitted = gp.calibrate(arm, gp.read_table(frame, arm, in_order=True), ["play_last_move J2"], holdout=0.0).model

@@ -97,6 +97,7 @@ def test_a_zero_that_moved_is_named_with_its_size(fitted: Fitted) -> None:
         assert f"zero of J{joint + 1} moved by" in found.verdict
 
 
+@pytest.mark.long
 def test_a_tool_that_slipped_or_is_another_one_is_named(fitted: Fitted) -> None:
     model, made = fitted
     for slip in (2e-4, 0.05):
@@ -215,6 +216,7 @@ def test_the_table_of_the_fit_itself_verifies_nothing(fitted: Fitted, tmp_path: 
         model.verify(pd.read_csv(table))
 
 
+@pytest.mark.long
 def test_targets_that_were_compensated_are_judged_where_the_machine_went(fitted: Fitted, tmp_path: Path) -> None:
     """The table of `compensate` with what was measured: its corrected values are the joint values."""
     model, made = fitted

@@ -44,6 +44,7 @@ def rms(error: np.ndarray) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize(("moving", "span"), MOVING)
 def test_the_standard_model_of_a_few_joints_is_no_worse_than_registration(
@@ -147,6 +148,7 @@ def test_registration_and_tool_come_with_deviations_that_hold(see: tuple[str, ..
     assert np.std(scores) == pytest.approx(1.0, abs=0.2)
 
 
+@pytest.mark.long
 def test_the_rotation_vector_of_a_large_turn_comes_with_deviations_that_hold() -> None:
     """Across its axis a rotation vector of 3 rad changes 1.5 times as much as the frame turns."""
     wanted, scores = np.array([3.0, 0.1, -0.1]), []

@@ -89,6 +89,7 @@ def measured_arm(share: float, extra: np.ndarray | None = None) -> tuple[Calibra
     return calibrate(ErrorModel(arm, geometric_effects(arm)), poses), poses, arm
 
 
+@pytest.mark.long
 def test_every_rival_says_what_tells_it_apart_in_a_hall_that_stays_at_thirty_degrees() -> None:
     """All families except curves and effects of the rows: other poses, another temperature or instrument, or nothing
     separates them.
@@ -117,6 +118,7 @@ def test_every_rival_says_what_tells_it_apart_in_a_hall_that_stays_at_thirty_deg
     assert growth.amplitude * 30.0 * 1.175 == pytest.approx(abs(growth.value), rel=0.05)
 
 
+@pytest.mark.long
 def test_a_scale_of_the_instrument_could_be_a_length_where_it_is_small_enough_to_be_believed() -> None:
     """A scale does at all joint values what the length of one link does, the others' being fitted too."""
     fit, poses, arm = measured_arm(0.2)
@@ -168,6 +170,7 @@ def test_over_part_of_its_ranges_an_arm_could_have_eccentric_joints_until_it_is_
     assert (rival.constant, rival.candidate.name) not in {(r.constant, r.candidate.name) for r in left}
 
 
+@pytest.mark.long
 def test_a_model_that_remembers_the_last_move_by_a_clock_alone_has_rivals() -> None:
     """Poses tried for what tells two causes apart have no clock of their own."""
     fit, poses, arm = measured_arm(0.2)

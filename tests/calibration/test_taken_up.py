@@ -46,6 +46,7 @@ def moved(saved: SavedModel, poses: Poses) -> Array:
     return without - beside
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "table"),
     [

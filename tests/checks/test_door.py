@@ -42,6 +42,7 @@ WARNED: dict[str, tuple[Callable[[], pd.DataFrame], str]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", WARNED)
 def test_what_can_be_fitted_but_proves_little_is_warned_of(case: str) -> None:
     make, said = WARNED[case]
@@ -63,6 +64,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.long
 def test_touches_of_one_plane_that_the_points_are_not_on_are_refused(tmp_path: Path) -> None:
     path = write(GOOD.assign(on_plane="P"), tmp_path / "t.csv")
     for command in ("check", "calibrate"):

@@ -34,6 +34,7 @@ VERDICTS: dict[str, tuple[Callable[[Simulation], Dataset], tuple[str, ...]]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", VERDICTS)
 def test_the_verdict_says_why_a_table_is_not_fit_to_calibrate_with(case: str) -> None:
     make, why = VERDICTS[case]

@@ -162,6 +162,7 @@ def test_same_seed_gives_the_same_numbers(tmp_path: Path) -> None:
     assert reports[0] == reports[1]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("brief")
 def test_nothing_is_held_out_with_a_holdout_of_zero(tmp_path: Path) -> None:
     path = write(table(), tmp_path / "measured.csv")

@@ -167,6 +167,7 @@ def test_bad_folders_are_one_line_and_leave_nothing(spoil: Callable[[Path], None
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_other_bad_input_is_one_line(tables: Path, tmp_path: Path) -> None:
     assert "no such folder" in one_line(run("fleet", tmp_path / "nowhere", *SAID[2:]), 2)
     assert "--mechanism" in one_line(run("fleet", tables, "--effect", "none"), 2)

@@ -69,6 +69,7 @@ def test_pixels_that_no_camera_saw_are_refused(tmp_path: Path) -> None:
             assert said in one_line(run(command, path, "--mechanism", ARM, *options), 2)
 
 
+@pytest.mark.long
 def test_touches_that_say_too_little_are_refused(tmp_path: Path) -> None:
     table, _ = simulated("points", tmp_path)
     frame = pd.read_csv(table, dtype=str)

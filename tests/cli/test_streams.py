@@ -179,6 +179,7 @@ def test_without_what_draws_pages_the_model_is_saved_and_the_extra_named(given: 
     assert run("predict", tmp_path / "out" / "model.json", given / "table.csv").exit_code == 0
 
 
+@pytest.mark.long
 def test_a_model_is_saved_where_no_page_can_be_made(
     given: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -33,6 +33,7 @@ def strongest(planted: str, null: np.ndarray = LOW, criteria: Criteria = RULE) -
     return acceptance.tested(there, candidate, score, chance(score.nats, null), cross_validated(there, ()))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("planted", [NAMES[0], NAMES[1], NAMES[2]])
 def test_a_planted_effect_is_accepted(planted: str) -> None:
     found = strongest(planted)
@@ -40,6 +41,7 @@ def test_a_planted_effect_is_accepted(planted: str) -> None:
     assert found.cv_rms < found.cv_before
 
 
+@pytest.mark.long
 def test_nothing_is_accepted_where_permuted_residuals_do_as_well() -> None:
     best = max(s.nats for s in scores(seen(NAMES[1]), pool()))
     found = strongest(NAMES[1], null=best + np.random.default_rng(0).normal(0.0, 1.0, 99))

@@ -156,6 +156,7 @@ def test_each_curve_is_asked_for_formulas_once(monkeypatch: pytest.MonkeyPatch) 
     assert searched.count("sin(J4)") == searched.count("sin(J5)") == 1
 
 
+@pytest.mark.long
 def test_the_formula_of_a_curve_is_searched_where_the_curve_has_its_largest_gain() -> None:
     """The two axes are parallel; large errors had been cut short where the curve was evolved."""
     (curve,) = evolved("max(J5, -0.4)", slot="J2.moving")

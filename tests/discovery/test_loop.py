@@ -212,6 +212,7 @@ def test_settings_are_never_edited(settings: Search | Criteria, field: str) -> N
     assert settings == type(settings)()
 
 
+@pytest.mark.long
 def test_several_setups_and_tools_go_through_the_loop() -> None:
     truth = measure(ARM, CASES["gear"].effects, (1e-3, 1e-3), 4, setups=2, tools=2)
     train, heldout = hold_out(truth.poses.dataset, 0.3, np.random.default_rng(0))

@@ -62,6 +62,7 @@ LAWS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("beginning", "true"), LAWS.items())
 def test_constants_go_from_those_offered_to_the_true_ones(beginning: str, true: tuple[float, ...]) -> None:
     near = min(offered(beginning), key=lambda c: abs(np.log(c.inner.values[-1] / true[-1])) if c.inner else np.inf)
@@ -77,6 +78,7 @@ def test_constants_go_from_those_offered_to_the_true_ones(beginning: str, true: 
     assert [e.name for e in found.effects] == [e.name for e in found.inner.effects]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("beginning", ["warm-up of the zero within", "settling of the zero after time"])
 def test_a_clock_that_began_long_before_the_session_changes_no_basis(beginning: str) -> None:
     """Seconds since 1970, where the session's last digits are the ninth."""
@@ -114,6 +116,7 @@ def at_lag(minutes: float) -> Candidate:
     return lag.at(lag.inner.at([minutes]))
 
 
+@pytest.mark.long
 def test_constants_of_two_offered_values_at_one_site_move_to_the_one_between() -> None:
     true, tilt = at_lag(44.0), offered("tilt of J1 (temperature")[0]
     assert true.inner is not None
@@ -125,6 +128,7 @@ def test_constants_of_two_offered_values_at_one_site_move_to_the_one_between() -
     assert np.allclose(values, 44.0, rtol=0.1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("millimetres", "widest"), [(1.0, 0), (0.05, 20)])
 def test_the_row_of_an_event_is_known_as_well_as_its_step_is_large(millimetres: float, widest: int) -> None:
     step = next(c.inner for c in offered("set-up moved after row 40, Tx") if c.inner)

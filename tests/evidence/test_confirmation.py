@@ -49,6 +49,7 @@ def test_what_is_not_confirmed_is_kept_to_be_read_and_the_standard_model_is_ship
     assert len(answer.found.model.effects) > len(answer.standard_model)
 
 
+@pytest.mark.long
 def test_a_model_that_predicts_worse_is_never_confirmed_nor_is_one_against_itself() -> None:
     answer = quick()
     truth, _, heldout = robot("gear", 0)

@@ -20,6 +20,7 @@ from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("planted", NAMES)
 def test_a_true_effect_in_independent_noise_pays_little(planted: str) -> None:
     own = next(c for c in pool() if c.name == planted)
@@ -40,6 +41,7 @@ def test_where_nothing_depends_on_anything_no_candidate_pays_for_chance() -> Non
     assert max(slow) > 2.0
 
 
+@pytest.mark.long
 def test_both_ends_of_a_bar_are_one_length_and_no_dependence() -> None:
     _, poses, fit = bars()
     residual = residual_of(fit, poses, Criteria(), 0)

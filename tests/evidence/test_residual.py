@@ -27,6 +27,7 @@ from gpmodel.numerics.rank import orthonormal
 from gpmodel.table.split import folds
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("planted", NAMES)
 def test_the_planted_effect_scores_best_or_its_column_is_that_of_the_best(planted: str) -> None:
     there, candidates = seen(planted), pool()
@@ -36,6 +37,7 @@ def test_the_planted_effect_scores_best_or_its_column_is_that_of_the_best(plante
     assert np.linalg.norm(spans[0].T @ spans[1], 2) > 0.95
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("planted", NAMES)
 def test_the_planted_effect_stands_out_of_shuffled_residuals(planted: str) -> None:
     there, candidates = seen(planted), pool()
@@ -43,6 +45,7 @@ def test_the_planted_effect_stands_out_of_shuffled_residuals(planted: str) -> No
     assert chance(max(s.nats for s in scores(there, candidates)), null).p < 0.01
 
 
+@pytest.mark.long
 def test_nothing_stands_out_of_an_innocent_robot() -> None:
     there = seen("nothing")
     null = best_nats(there, pool(), there.shuffled(np.random.default_rng(0), 60))

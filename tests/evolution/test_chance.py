@@ -33,6 +33,7 @@ def test_few_shuffles_cost_certainty() -> None:
     assert far[0] > 10 * far[1] > 10 * far[2]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("shuffles", "level", "most"), [(19, 0.05, 0.065), (19, 0.01, 0.017), (8, 0.01, 0.02)])
 def test_a_score_of_chance_is_called_significant_about_as_often_as_said(
     shuffles: int, level: float, most: float

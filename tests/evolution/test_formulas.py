@@ -76,6 +76,7 @@ def test_two_inputs_that_a_third_is_multiplied_with_get_the_law_of_all() -> None
     assert all(set(law.program.inputs) <= {"J2", "torque J2"} for law in alone)
 
 
+@pytest.mark.long
 def test_of_more_inputs_a_law_takes_the_three_that_it_is_made_of() -> None:
     problem = curve("abs(J2 + 0.4)*'torque J2'*row", 0.05)
     best = max(laws_of(problem, NAMES), key=lambda one: one.gain)
@@ -118,6 +119,7 @@ def test_of_noise_no_law_saves_much() -> None:
     assert max((float(problem.nats(law.gain, law.complexity + 1)) for law in found), default=0.0) < 5.0
 
 
+@pytest.mark.long
 def test_the_arguments_alone_decide_and_unknown_inputs_are_named() -> None:
     problem = curve("tanh(3*J5)", 0.1)
     first, again = (laws_of(problem, ("J5",)) for _ in range(2))

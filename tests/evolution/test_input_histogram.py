@@ -60,6 +60,7 @@ def test_an_input_that_shuffled_runs_refer_to_as_often_is_not_significant_howeve
     assert found.significant == ()
 
 
+@pytest.mark.long
 def test_chance_alone_is_called_significant_no_more_often_than_said() -> None:
     rng = np.random.default_rng(2)
     hits = 0

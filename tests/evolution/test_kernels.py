@@ -163,6 +163,7 @@ def slot_targets(rng: np.random.Generator, sites: int, poses: int, enabled: int)
     )
 
 
+@pytest.mark.long
 def test_chosen_outputs_are_those_of_stepwise_least_squares() -> None:
     rng = np.random.default_rng(2)
     layout = LAYOUTS["slot"]

@@ -66,6 +66,7 @@ def test_constants_of_a_noisy_law_are_those_that_fit_the_response_and_not_its_li
     assert law.left < 0.1
 
 
+@pytest.mark.long
 def test_where_nothing_is_worth_its_price_a_law_is_short() -> None:
     noise = np.random.default_rng(11).normal(size=80)
     law = regress(noise, 0, 60)

@@ -53,6 +53,7 @@ def numbers(problem: Problem, workers: Workers, kept: KeptRuns | None = None) ->
     return [asdict(replace(run, seconds=0.0, history=h)) for run, h in zip(runs, histories, strict=True)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", PROBLEMS)
 def test_no_bit_depends_on_workers_order_or_losses(kind: str) -> None:
     alone = numbers(PROBLEMS[kind], Threads(1))

@@ -128,6 +128,7 @@ def test_rows_of_a_description_are_those_it_was_written_from(tmp_path):
         assert {k + 1 for k, s in enumerate(slides) if s} == arm.prismatic
 
 
+@pytest.mark.long
 def test_a_regression_is_of_what_the_standard_model_leaves(tmp_path):
     files = write(make(0, 1, 4), tmp_path)
 

@@ -50,6 +50,7 @@ def test_beyond_its_range_a_law_stays_at_the_edge():
     np.testing.assert_allclose(law({"J1": np.array([-9.0, -1.0, 3.0, 9.0])}) ** 2, [2.01, 2.01, 0.01, 0.01])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("factors", "index"), [(1, 4), (2, 18)])
 def test_a_told_oracle_is_near_the_noise_where_geometry_is_not(factors, index, tmp_path):
     row = judge(0, factors, index, geometry, tmp_path)

@@ -61,6 +61,7 @@ def test_every_machine_of_the_thesis_lowers_the_largest_error(tmp_path):
     assert saved(tmp_path, "fitness")
 
 
+@pytest.mark.long
 def test_islands_keep_their_size_and_pass_their_best_on():
     problem = cartesian(fit(measured_robot(0)), measured_robot(0).poses)
     share = fitness.thesis_settings(fitness.Linear.thesis(), 64, 1)
@@ -72,6 +73,7 @@ def test_islands_keep_their_size_and_pass_their_best_on():
         assert scores.score.min() == min(before[k][1].score.min(), before[k - 1][1].score.min())
 
 
+@pytest.mark.long
 def test_slot_programs_hold_on_poses_not_seen_where_a_cartesian_one_does_not(tmp_path):
     sizes = ["--seeds", "1", "--population", "1024", "--generations", "20", "--slot_population", "128"]
     errors = extrapolation.main([*sizes, "--slot_generations", "15", "--rounds", "2", "--out", str(tmp_path)])

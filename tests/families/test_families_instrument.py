@@ -51,6 +51,7 @@ def leading(there: Residual, pool: tuple[Candidate, ...]) -> Candidate:
     return pool[int(np.argmax([s.nats for s in scores(there, pool)]))]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SHAPES)
 def test_an_error_written_out_in_polar_coordinates_is_the_instruments(name: str) -> None:
     """Errors of an instrument that sees the robot within a quarter of a turn are indistinguishable."""
@@ -92,6 +93,7 @@ def test_a_walk_and_a_smooth_field_are_the_instruments() -> None:
     assert leading(*off_by(1.5e-4 * field)).family == "instrument_field"
 
 
+@pytest.mark.long
 def test_a_sound_instrument_gets_no_error() -> None:
     there, pool = off_by(np.zeros((POSES, 3)))
     mine = [c for c in pool if c.family.startswith("instrument")]

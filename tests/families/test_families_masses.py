@@ -55,6 +55,7 @@ def found(arm: Mechanism, poses: Poses) -> tuple[Candidate, float]:
 RIGHT, NONE, WRONG = {"joint_compliance"}, {"unknown_masses"}, {"unknown_masses", "wrong_masses"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "joint", "masses", "families"),
     [
@@ -72,6 +73,7 @@ def test_a_weak_joint_is_found_whatever_is_known_of_the_masses(
     assert rms < 1.15 * np.sqrt(3) * NOISE
 
 
+@pytest.mark.long
 def test_a_measured_torque_speaks_for_an_arm_without_masses() -> None:
     poses = measured("irb6400r", 2)
     torque = -poses.states["torque_J3"] + np.random.default_rng(0).normal(0, 3.0, POSES)
@@ -92,6 +94,7 @@ def test_an_innocent_robot_yields_to_no_unknown_mass(masses: str) -> None:
     assert max(s.nats for s in scores(there, mine)) < 5.0
 
 
+@pytest.mark.long
 def test_only_mechanisms_that_weigh_their_parts_are_offered_unknown_masses() -> None:
     free = spherical_joint()
     assert not isinstance(free, Weighed)

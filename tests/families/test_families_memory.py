@@ -62,6 +62,7 @@ PLANTED = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "kind"), PLANTED.items())
 def test_of_the_whole_catalogue_the_planted_one_saves_most(name: str, kind: str) -> None:
     offered = {c.name: c for c in pool(table(kind))}
@@ -81,6 +82,7 @@ def test_an_innocent_robot_has_no_memory(kind: str) -> None:
     assert np.mean(best_nats(there, mine, rng.normal(size=(len(there.values), 40))) < FLOOR) > 0.9
 
 
+@pytest.mark.long
 def test_a_drifting_instrument_is_called_a_drift() -> None:
     data = table()
     creep = 4e-4 * np.linspace(0.0, 1.0, 120)[:, None] * np.array([0.6, -0.5, 0.62])

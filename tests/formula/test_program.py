@@ -133,6 +133,7 @@ def test_algebra_on_a_long_program_ends_and_keeps_its_values(levels: int) -> Non
     assert ("v_{2} = " in written) == (levels > 1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "text",
     [

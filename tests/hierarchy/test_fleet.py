@@ -127,6 +127,7 @@ def test_joints_are_said_as_the_tables_call_them(found: FleetResult) -> None:
     assert prior_model(record, gp.load_mechanism(MECHANISM)).effects
 
 
+@pytest.mark.long
 def test_further_machines_with_few_poses_are_known_better(found: FleetResult) -> None:
     """Ten poses of a machine by themselves, and with what the others say of the type."""
     errors = []
@@ -147,6 +148,7 @@ def test_poses_that_do_not_determine_the_model_by_themselves_are_said(found: Fle
     assert "do not determine the model" in gp.calibrate(MECHANISM, few, fleet=found.record, holdout=0.0).verdict
 
 
+@pytest.mark.long
 def test_a_further_machine_unlike_its_type_is_said_so(found: FleetResult) -> None:
     odd = machines(4, 1, outlier=0)["R-01"]
     told = gp.calibrate(MECHANISM, odd, fleet=found.record)
@@ -182,6 +184,7 @@ def test_a_machine_of_the_type_is_known_whatever_it_is_called(found: FleetResult
     assert prior_model(found.record, renamed).effects
 
 
+@pytest.mark.long
 def test_the_same_numbers_from_a_folder(found: FleetResult, tmp_path: Path) -> None:
     folder = written(tmp_path / "tables", dict(list(machines(0, COUNT, outlier=3).items())[:2]))
     (folder / "fleet.toml").write_text(f'mechanism = "{MECHANISM}"\n[serials]\n"R-01.csv" = "first"\n')
@@ -195,6 +198,7 @@ def test_every_cell_of_the_page_says_on_a_phone_what_it_is() -> None:
     assert [cell for cell in re.findall(r"<td[^>]*>", template) if "data-label=" not in cell] == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [3, 4])
 def test_what_was_not_tested_has_no_column(count: int) -> None:
     record = gp.fleet(MECHANISM, dict(list(machines(0, COUNT, outlier=3).items())[:count]), [BASE], holdout=0.0).record

@@ -10,6 +10,7 @@ from gpmodel.application.joint_posterior import of_the_ball
 LOBES = "out-of-round ball, 3 lobes over J2, lift along the lever"
 
 
+@pytest.mark.long
 def test_a_rig_whose_tool_is_off_the_axis_can_be_handed_over(tmp_path: Path) -> None:
     made = gp.simulate("spherical-joint", [f"{LOBES}=12 um"], poses=80, noise="1 um", seed=5)
     gp.calibrate("spherical-joint", made.table, [LOBES], holdout=0).model.save(tmp_path / "model.json")

@@ -51,6 +51,7 @@ def machine(folder: Path, text: str = HEAVY) -> Hexapod:
     return hexapod(folder / "press.toml")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("which", ["built-in", "heavy"])
 def test_it_holds_to_the_contract_of_mechanisms_loops_included(which: str, tmp_path: Path) -> None:
     check_mechanism(hexapod() if which == "built-in" else machine(tmp_path), poses=6)
@@ -241,6 +242,7 @@ def test_poses_that_are_proposed_close_and_steps_to_open_loops_are_not_taken() -
 TARGET = ["x [mm]", "y [mm]", "z [mm]", "rx [rad]", "ry [rad]", "rz [rad]"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("columns", [TARGET, TARGET[:3]])
 def test_a_target_out_of_reach_has_no_numbers_and_the_other_rows_keep_theirs(columns: list[str]) -> None:
     arm = gp.load_mechanism(Path(__file__).parents[2] / "experiments" / "twelve_balls" / "hexapod.toml")

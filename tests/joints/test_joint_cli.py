@@ -87,6 +87,7 @@ def test_a_command_prints_and_writes_numbers_and_figures(outputs: Outputs, name:
     assert not list(out.rglob(".*"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["stiffness", "dynamics"])
 def test_the_seed_decides_the_numbers(outputs: Outputs, tmp_path: Path, name: str) -> None:
     first = (outputs(name)[0] / "mine.json").read_bytes()
@@ -129,6 +130,7 @@ def test_measured_force_displacement_is_read_beside_the_table(tmp_path: Path) ->
     assert fit["values"]["film_stiffness"]["value"] == pytest.approx(4.5, rel=1e-3)
 
 
+@pytest.mark.long
 def test_measured_response_is_read_beside_the_table(tmp_path: Path) -> None:
     f = np.geomspace(10, 1000, 30)
     air = squeeze_impedance(FilmGeometry(25.4e-3, np.radians(75.95), np.radians(20), 10.01e-6), 50e-6, f)
@@ -229,6 +231,7 @@ def test_an_unwritable_place_is_named(tmp_path: Path) -> None:
         run("thermal", "--out", str(tmp_path / "file"))
 
 
+@pytest.mark.long
 def test_what_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
     out = tmp_path / "out"
     full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -84,6 +84,7 @@ def test_one_file_is_the_joint_and_its_design(tmp_path: Path) -> None:
     assert pressure == pytest.approx(float(guide.inlet_pressure), rel=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("contact", ["point", "rolling", "sliding", "fluid"])
 def test_every_contact_has_its_page(tmp_path: Path, contact: str) -> None:
     file = tmp_path / "mine.toml"

@@ -76,6 +76,7 @@ def integrated(orifice: Orifice, pocket: float, cells: int = 60) -> complex:
     return complex(growth, 2 * np.pi * (len(top) - 1) / (tau[top[-1]] - tau[top[0]]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("pocket", [0.0, 15e-9, 60e-9])
 def test_a_vibration_grows_and_dies_as_integrated_in_time(pocket: float) -> None:
     least = film().least_damped(MASS, MAGNETS, pocket)

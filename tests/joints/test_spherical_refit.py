@@ -16,6 +16,7 @@ from gpmodel.selection.select import select
 from gpmodel.table.split import hold_out
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "number"), [("lobes", 1), ("lobes", 2), ("growth", 4)])
 def test_what_is_chosen_fits_the_exact_chain_no_worse_than_the_model_without_it(kind: str, number: int) -> None:
     poses = prepare(JOINT, rig_of(number, kind, on_axis=True)[1])

@@ -125,6 +125,7 @@ def test_a_calibration_is_variable_projection_from_its_own_orientation(model: Er
     np.testing.assert_allclose(solution.error, fit.error, atol=1e-9)
 
 
+@pytest.mark.long
 def test_leap_frog_meets_variable_projection_and_the_sphere_after_many_more_alternations() -> None:
     _, data = published_table(0)
     poses = prepare(JOINT, data)

@@ -179,7 +179,7 @@ def test_bad_descriptions_and_poses_are_refused_in_one_line(tmp_path: Path) -> N
     ]:
         with pytest.raises(InputError, match=said):
             tau(described(tmp_path, changes))
-    with pytest.raises(InputError, match=r"do not meet in one platform \(pose 2\)"):
+    with pytest.raises(InputError, match=r"pose 2: legs of .* do not meet in one platform"):
         tau().transforms(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 3.0]]))
     frame = pd.read_csv(io.StringIO(table("tau", 0, False, 5)[0]), dtype=str)
     with pytest.raises(InputError, match="A3"):

@@ -23,6 +23,7 @@ STEP = 2e-6
 SIZELESS = ("planes", "spheres", "points")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("instrument", OTHERS)
 def test_columns_are_the_derivatives_of_the_readings(instrument: str) -> None:
     """Bars follow their touches: both are compared less what a bar's own place takes up."""
@@ -62,6 +63,7 @@ def test_it_calibrates_from_a_start_of_its_own(instrument: str) -> None:
         assert after < (1.0e-3 if instrument in SIZELESS else 0.15e-3)
 
 
+@pytest.mark.long
 def test_size_that_nothing_shows_stays_as_described_and_is_named() -> None:
     made = simulated("points", 160)
     fit = calibrate(ErrorModel(made.truth.mechanism, geometric_effects(made.truth.mechanism)), ready(made))
@@ -71,6 +73,7 @@ def test_size_that_nothing_shows_stays_as_described_and_is_named() -> None:
     assert "larger" not in " ".join(unseen(simulated("bar", 160).table.observations))
 
 
+@pytest.mark.long
 def test_one_length_that_is_off_does_not_say_how_large_a_machine_is() -> None:
     made = gp.simulate(ARM, ["J3.moving:Tx:1=1 mm"], poses=120, instrument="points", noise="0.01 mm")
     fit = calibrate(ErrorModel(made.truth.mechanism, geometric_effects(made.truth.mechanism)), ready(made))
@@ -152,6 +155,7 @@ def lonely(data: Dataset) -> Dataset:
     return replace(data, labels={"same_point": names})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("instrument", "spoil", "said"),
     [

@@ -22,6 +22,7 @@ SIDEWAYS = np.cos(np.radians(70.0))
 """Markers turned farther from the camera are not found."""
 
 
+@pytest.mark.long
 def test_a_body_is_placed_by_the_markers_that_are_seen_and_a_wrong_one_does_no_harm() -> None:
     rng = np.random.default_rng(1)
     for k in range(20):

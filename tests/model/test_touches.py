@@ -41,6 +41,7 @@ def described(made: SimulationResult, surfaces: dict[str, object]) -> Dataset:
     return with_observations(made.table, made.truth.mechanism, {"surfaces": surfaces})
 
 
+@pytest.mark.long
 def test_planes_of_one_artefact_have_one_pose() -> None:
     made = simulated("planes", 90)
     data = described(made, CORNER)
@@ -63,6 +64,7 @@ def test_a_probe_of_known_diameter_moves_the_faces_out() -> None:
     assert np.linalg.norm(corners[0] - corners[1]) == pytest.approx(5e-3 * np.sqrt(3), rel=0.05)
 
 
+@pytest.mark.long
 def test_spheres_of_known_diameter_lose_their_radius_as_an_unknown() -> None:
     made = simulated("spheres", 90)
     sizes = {name: {"diameter_mm": 2e3 * BALL} for name in "ABC"}

@@ -54,6 +54,7 @@ def test_fit_rotation_finds_the_motion_and_never_a_mirror_image(points: int) -> 
     assert np.linalg.det(mirrored) == pytest.approx(1.0)
 
 
+@pytest.mark.long
 @given(twists, st.sampled_from([0.3, 1e-2, 1e-4, 1e-8, 0.0]))
 def test_right_jacobian_is_the_whole_series_however_few_of_its_terms_are_summed(twist: np.ndarray, size: float) -> None:
     twist = size * twist

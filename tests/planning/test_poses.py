@@ -37,6 +37,7 @@ def test_poses_are_within_the_limits(arm: str, criterion: str) -> None:
         assert (values <= joint.upper).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("arm", ARMS)
 def test_each_goal_is_best_served_by_its_own_design(arm: str) -> None:
     mechanism = load_mechanism(arm)
@@ -77,6 +78,7 @@ def test_a_deviation_is_that_of_the_fit() -> None:
     assert found[-1] == pytest.approx(wanted, rel=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("arm", ARMS)
 def test_no_choice_goes_below_the_limit_and_the_best_nearly_reaches_it(arm: str) -> None:
     mechanism, rng = load_mechanism(arm), np.random.default_rng(4)
@@ -96,6 +98,7 @@ def test_the_limit_of_unknowns_that_are_measured_one_by_one_is_exact() -> None:
     assert least_deviation((question,), 30) == pytest.approx(15.0 / np.sqrt(30.0), rel=0.005)
 
 
+@pytest.mark.long
 def test_the_tool_stays_in_its_box_and_in_sight() -> None:
     mechanism, point = load_mechanism("ur5"), np.array([0.05, 0.0, 0.1])
     box = np.array([[-0.5, -0.8, 0.1], [0.6, 0.8, 0.9]])

@@ -23,6 +23,7 @@ PLANTED = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", PLANTED)
 def test_calibration_finds_what_was_planted(case: str) -> None:
     mechanism, made = robot(120, effects=(PLANTED[case],))

@@ -56,6 +56,7 @@ def test_candidates_read_back_to_the_bit(case: str, tmp_path: Path) -> None:
     assert unfinished(tmp_path) == {"request": REQUEST, "identity": IDENTITY}
 
 
+@pytest.mark.long
 def test_a_kept_run_gives_a_round_what_the_run_gave(tmp_path: Path) -> None:
     done, notes = evolution(), RunFiles(files(tmp_path))
     notes.keep_run((1, 7), done)

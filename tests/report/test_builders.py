@@ -27,6 +27,7 @@ def built(discovery: Discovery) -> Report:
     return from_discovery(discovery, Origin("gpmodel discover", 0))
 
 
+@pytest.mark.long
 def test_figures_are_those_of_the_steps_in_millimetres() -> None:
     for step, rung in zip(found("gear", 0).steps, report("gear").ladder, strict=True):
         assert rung.heldout.rms_mm == pytest.approx(1e3 * rms(step.heldout_error))
@@ -54,6 +55,7 @@ def test_the_verdict_on_many_findings_says_their_number() -> None:
     assert said.startswith("Four effects were missing and are confirmed: ")
 
 
+@pytest.mark.long
 def test_a_finding_that_matches_no_family_says_so() -> None:
     first = report("windup").effects[0]
     assert first.catalogue is None
@@ -85,6 +87,7 @@ def test_the_number_of_workers_is_not_in_the_report() -> None:
     assert texts[0] == texts[1]
 
 
+@pytest.mark.long
 def test_outliers_are_rows_of_the_file_and_names_are_the_tables() -> None:
     truth, train, heldout = robot("nothing", 0)
     position = truth.poses.dataset.position.copy()

@@ -42,6 +42,7 @@ def test_a_pair_is_an_amplitude_and_a_phase(phase: float) -> None:
     np.testing.assert_allclose(written, shape(fit, candidate, truth.poses.states), atol=1e-3 * found.value)
 
 
+@pytest.mark.long
 def test_the_deviation_of_an_amplitude_is_that_of_repeated_fits() -> None:
     candidate = Candidate("gear", PAIR, "gear_harmonic", 4.0)
     found = []

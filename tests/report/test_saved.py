@@ -64,6 +64,7 @@ def test_a_wrong_value_is_refused_by_its_place(change: dict[str, Any], said: str
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.long
 @given(st.one_of(st.text(max_size=40), st.recursive(st.none() | st.floats() | st.text(), st.lists).map(json.dumps)))
 def test_text_that_is_no_report_is_one_line(text: str) -> None:
     with pytest.raises(InputError) as refused:

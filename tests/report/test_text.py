@@ -119,6 +119,7 @@ def test_causes_stand_before_a_value_that_holds_for_one_of_them() -> None:
     assert "if it is the cause (50 % likely; allowing for the others, ± " in text[text.index(value) :]
 
 
+@pytest.mark.long
 def test_a_finding_may_have_fewer_effects_in_the_fit_to_all_poses() -> None:
     """A hysteresis of three radii is an example: it is one of two if all poses have them."""
     whole = found("gear", 0)

@@ -132,6 +132,7 @@ def two_arms_at_once(file: Path, count: int) -> SimulationResult:
     return gp.simulate(arms, poses=poses.astype(str), geometry_sigma="0.3 mm", noise="0.03 mm")
 
 
+@pytest.mark.long
 def test_bars_between_two_arms_are_no_copies_and_cost_one_unknown_each(file: Path) -> None:
     frame = pairs_of(two_arms_at_once(file, 80))
     arms = gp.load_mechanism(str(file), frame=TIPS)

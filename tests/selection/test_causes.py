@@ -78,6 +78,7 @@ def test_causes_that_no_measurement_distinguishes_are_one_line() -> None:
     assert all(", J2" in name for name in line)
 
 
+@pytest.mark.long
 def test_an_effect_that_no_family_describes_is_none_of_these() -> None:
     """A product of two angles, for which the compliance of the joint is selected by force."""
     data, arm = bare(ARM, 60, 4, payload=False), mechanism(ARM)

@@ -212,6 +212,7 @@ def test_repeats_of_an_innocent_robot_add_nothing(jitter: float) -> None:
     assert np.sqrt(selection.state.fitting.ratio) * selection.state.sigma == pytest.approx(4e-5, rel=0.3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_every_group_has_a_name_of_its_own_and_constants_in_it_their_unit(name: str) -> None:
     arm = mechanism(name)
@@ -275,6 +276,7 @@ def test_a_problem_without_repeats_has_one_level_of_noise() -> None:
     assert found().state.fitting.ratio == 0.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_everything_a_search_is_offered_is_of_a_family_that_says_what_it_is_and_who_says_so(name: str) -> None:
     arm = mechanism(name)

@@ -42,6 +42,7 @@ def at_one_place() -> tuple[Active, dict[str, int]]:
     return started(truth, [*there, true, joined("error curve of the angle, several joints", [curve], 5.0)])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("joints", ["J3", "several joints"])
 def test_one_group_takes_the_place_of_several_at_its_place_where_it_explains_what_they_do(joints: str) -> None:
     active, number = at_one_place()
@@ -64,6 +65,7 @@ def hinge(cost: float) -> Candidate:
     return Candidate(" and ".join(bases) + " on J3.moving Ry", effects, "", cost, "sequence")
 
 
+@pytest.mark.long
 def test_terms_evolved_together_are_offered_one_by_one_where_one_has_a_name() -> None:
     active, _ = at_one_place()
     arm, shapes = mechanism(ARM), active.pool.rows.shapes
@@ -97,6 +99,7 @@ def test_terms_that_share_no_input_are_laws_of_their_own() -> None:
     assert laws(bridged, nats) == (bridged,)
 
 
+@pytest.mark.long
 def test_a_curve_gives_way_to_a_formula_with_what_grows_with_it() -> None:
     """A hinge by two that say it together, neither of them alone."""
     arm = mechanism(ARM)
@@ -115,6 +118,7 @@ def test_a_curve_gives_way_to_a_formula_with_what_grows_with_it() -> None:
     assert spelled.objective > curved.objective
 
 
+@pytest.mark.long
 def test_a_group_without_a_name_costs_the_head_start_of_named_ones() -> None:
     active, number = at_one_place()
     pool = active.pool
@@ -172,6 +176,7 @@ def test_what_explains_it_takes_the_place_of_what_explains_it_with_less_beside_i
     assert number[CROSS] not in chosen.variances
 
 
+@pytest.mark.long
 def test_an_input_that_programs_refer_to_makes_what_reads_it_cheaper() -> None:
     active, number = at_one_place()
     dear = Price(of_input={"torque_J3": 2.0, "J3": -1.0})

@@ -59,6 +59,7 @@ def tables(draw: st.DrawFn) -> tuple[str, np.ndarray, np.ndarray, list[str], flo
     )
 
 
+@pytest.mark.long
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(made=tables())
 def test_any_spelling_of_a_table_gives_its_numbers(made: tuple, tmp_path: Path) -> None:
@@ -186,6 +187,7 @@ def test_a_table_of_a_gigabyte_is_refused_unread(tmp_path: Path) -> None:
         read_frame(tmp_path / "large.csv")
 
 
+@pytest.mark.long
 def test_an_excel_table_that_is_larger_than_it_looks_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "bomb.xlsx"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
