@@ -4,6 +4,7 @@ Field names are the keys of the file. Lengths that end in `_mm` are millimetres,
 beside it; names of joints and inputs are those of the table. None stands where a number does not exist.
 """
 
+import math
 from dataclasses import dataclass, field
 from statistics import median
 from typing import Literal
@@ -236,6 +237,18 @@ class Report:
         if rung.effect is not None and rung.effect < len(self.effects):
             return f"+ {self.effects[rung.effect].name}"
         return {REGISTRATION: "registration only", STANDARD: "standard model"}.get(rung.step, rung.step)
+
+    def turn_mrad(self, rung: StepRecord) -> float | None:
+        """RMS angle, mrad, between measured and modelled orientation after a step, over the poses of its errors.
+
+        None where none was measured, and for steps between the standard model and the last.
+        """
+        last = self.ladder and rung.step == self.ladder[-1].step
+        angles = self.plots.turn_mrad.get("final" if last else rung.step, ())
+        held = any(self.plots.heldout_mask)
+        each = zip(angles, self.plots.heldout_mask, self.plots.rows, strict=True) if angles else ()
+        known = [a for a, out, row in each if a is not None and out >= held and row not in self.data.outliers]
+        return math.sqrt(sum(a**2 for a in known) / len(known)) if known else None
 
     def before_and_after(self) -> tuple[str, str]:
         """Names of the steps before and after: the standard model and the last, or registration only and the standard

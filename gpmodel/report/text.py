@@ -39,18 +39,20 @@ def _ladder(report: Report) -> Iterator[str]:
     rows = [
         [v for e in ((r.heldout, r.train) if report.held else (r.train,)) for v in _cells(e)] for r in report.ladder
     ]
+    turns = [report.turn_mrad(rung) for rung in report.ladder]
     width = max(7, 2 + max(len(cell) for row in rows for cell in row))
-    name = min(NAME, WIDTH - 4 - 10 - len(rows[0]) * width)
+    name = min(NAME, WIDTH - 4 - 10 - 8 * any(turns) - len(rows[0]) * width)
     yield " " * (name + 4) + "".join(f"{side:>{3 * width - 1}} " for side in sides).rstrip()
     heads = "".join(f"{head:>{width}}" for _ in sides for head in ("mean", "RMS", "max"))
-    yield f"{' ' * (name + 4)}{heads}  unknowns"
-    for rung, row in zip(report.ladder, rows, strict=True):
+    yield f"{' ' * (name + 4)}{heads}  unknowns{'    mrad' * any(turns)}"
+    for rung, row, turn in zip(report.ladder, rows, turns, strict=True):
         title = report.title(rung)
         if len(title) > name:
             yield wrapped(title)
             title = ""
         cells = "".join(f"{cell:>{width}}" for cell in row)
-        yield f"    {title:<{name}}{cells}{'' if rung.rank is None else rung.rank:>10}"
+        angle = "" if turn is None else f"{wording.significant(turn, 3):>8}"
+        yield f"    {title:<{name}}{cells}{'' if rung.rank is None else rung.rank:>10}{angle}"
 
 
 def _cells(errors: ErrorsMm) -> tuple[str, ...]:

@@ -1,6 +1,8 @@
 """The one sentence of a report, and what stands behind it."""
 
+import math
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -65,7 +67,18 @@ def _orientation(report: Report) -> Iterator[str]:
     for kind in report.readings:
         if kind.unit == "mrad" and kind.before is not None and kind.after is not None:
             sizes = " → ".join(wording.significant(value, 3) for value in (kind.before, kind.after))
-            yield f"Orientation: registration only {sizes} mrad RMS on {_where(report)}."
+            lever = _farthest_tool_point(report)
+            there = f": {wording.length(lever * kind.after)} at {1e3 * lever:.0f} mm from the flange" if lever else ""
+            yield f"Orientation: registration only {sizes} mrad RMS on {_where(report)}{there}."
+
+
+def _farthest_tool_point(report: Report) -> float:
+    """Distance of the farthest tool point from the flange, m; 0 where no tool is known."""
+    squares: dict[str, float] = defaultdict(float)
+    for one in report.placement:
+        if one.name.startswith("tool") and one.name[-2:] in (" x", " y", " z") and one.unit == "m":
+            squares[one.name[:-1]] += (one.value or 0.0) ** 2
+    return math.sqrt(max(squares.values(), default=0.0))
 
 
 def _rejected(report: Report) -> str:

@@ -46,6 +46,26 @@ def test_the_report_has_the_error_of_orientation_before_and_after(fit: "gp.Calib
     assert f"{found.before:.3g} → {found.after:.3g} mrad RMS on held-out poses" in behind(fit.record)
 
 
+def test_it_is_told_as_a_length_at_the_tool_point(fit: "gp.CalibrateResult") -> None:
+    found = next(kind for kind in fit.record.readings if kind.unit == "mrad")
+    tool = {p.name: p.value for p in fit.record.placement}
+    lever = np.linalg.norm([tool[f"tool {axis}"] for axis in "xyz"])
+    assert found.after is not None
+    said = f"{found.after * lever:.3f} mm at {1e3 * lever:.0f} mm from the flange"
+    assert said in behind(fit.record)
+
+
+def test_the_ladder_has_it_step_by_step(fit: "gp.CalibrateResult") -> None:
+    found = next(kind for kind in fit.record.readings if kind.unit == "mrad")
+    first, last = (fit.record.turn_mrad(fit.record.ladder[k]) for k in (0, -1))
+    assert (first, last) == pytest.approx((found.before, found.after), rel=1e-6)
+    lines = fit.summary().splitlines()
+    head = next(line for line in lines if line.endswith("mrad"))
+    below = [line.split()[-1] for line in lines[lines.index(head) + 1 :] if line.strip() and line[-1].isdigit()]
+    assert [float(text) for text in below[:2]] == pytest.approx([found.before, found.after], rel=1e-2)
+    assert max(map(len, lines)) <= 80
+
+
 def test_poses_csv_has_it_pose_by_pose(fit: "gp.CalibrateResult", tmp_path: Path) -> None:
     (tmp_path / "poses.csv").write_text(csv(fit.record))
     poses = pd.read_csv(tmp_path / "poses.csv")
