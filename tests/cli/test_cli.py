@@ -74,6 +74,7 @@ def test_usage_errors_are_one_line(name: str) -> None:
 
 def test_unknown_command_is_one_line() -> None:
     assert "No such command 'colour'" in one_line(run("colour"), 2)
+    assert "did you mean discover?" in one_line(run("discove"), 2)
 
 
 def test_one_blas_thread_is_the_default() -> None:
