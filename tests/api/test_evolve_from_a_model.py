@@ -65,7 +65,8 @@ def test_what_is_no_model_or_effect_is_refused(asked: dict[str, object], message
 
 @pytest.mark.long
 def test_the_page_has_fitness_operators_and_the_best_program_over_its_inputs() -> None:
-    result = gp.evolve(ARM, table(), strategies=(gp.Linear.thesis(),), runs=1, population=200, generations=3, workers=1)
+    asked = {"strategies": (gp.Linear.thesis(),), "runs": 1, "workers": 1}
+    result = gp.evolve(ARM, table(), **asked, population=4000, generations=60, seed=2)
     best, report = result.best, result.record
     assert {"fitness", "operators", "compensation"} <= {p.name for p in pictures(report)}
     used = {name for counts in report.histograms[0].operators.values() for name in counts}
@@ -75,6 +76,9 @@ def test_the_page_has_fitness_operators_and_the_best_program_over_its_inputs() -
     assert 1.0 - np.linalg.norm(error - shift, axis=0).max() / np.linalg.norm(error, axis=0).max() == pytest.approx(
         gain, abs=1e-4
     )
+    nothing = gp.evolve(ARM, table(), **asked, population=200, generations=3)
+    assert max(run.gain for run in nothing.runs) == 0.0
+    assert {"operators", "compensation"}.isdisjoint(p.name for p in pictures(nothing.record))
 
 
 def _errors(result: EvolutionResult) -> np.ndarray:
