@@ -98,7 +98,7 @@ def _moved_picture(number: int, name: str, moved: MovedRecord) -> Picture:
 
 
 def _magnification(points: Array, moves: Array) -> float:
-    """How many times arrows are enlarged: a typical one is SHARE_OF_SPAN of the workspace."""
+    """Compute the magnification at which the 90th percentile of the arrows is SHARE_OF_SPAN of the workspace."""
     typical = float(np.percentile(np.linalg.norm(moves, axis=1), 90))
     return SHARE_OF_SPAN * (float(np.ptp(points, axis=0).max()) or 1.0) / (typical or 1.0)
 

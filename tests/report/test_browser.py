@@ -24,7 +24,7 @@ pytestmark = [
 ]
 SCREENS = ((1366, 768), (390, 844))
 SCHEMES = {"dark": 0, "light": 1}
-"""What Chromium calls the colour schemes that a page may prefer."""
+"""Values of Chromium's setting for the preferred colour scheme."""
 MOST_SIDES = {"report": 4, "certificate": 2, "verify": 2}
 """Sides of A4 that a page prints on, by its name."""
 LOOK = r"""
