@@ -1,6 +1,6 @@
 """Builder of every report from a sequence of fits and the final model."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -136,7 +136,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
         hidden=tuple(translate(rival.words(kinds), names) for rival in rivals),
         readings=(
             *reading_records(poses, [[_judged(step.calibration, ladder)] for step in (steps[0], steps[-1])]),
-            *orientation_record(plots, ladder.outliers),
+            *orientation_record(plots, poses.dataset.row[ladder.outliers].tolist()),
         ),
         unseen=(*held_at_description(final, poses, searched=kind == "discover"), *unseen(observations(data))),
         mimics=tuple(MimicRecord(translate(r.constant, names), translate(r.candidate.name, names)) for r in rivals),
@@ -168,17 +168,16 @@ def _judged(fit: Calibration, ladder: Ladder) -> Judged:
     return fit, ladder.poses.subset(held if len(held) else ladder.train)
 
 
-def orientation_record(plots: PlotRecord, outliers: IntArray) -> tuple[ReadingRecord, ...]:
+def orientation_record(plots: PlotRecord, outliers: Collection[int]) -> tuple[ReadingRecord, ...]:
     """RMS angle, mrad, between measured and modelled orientation, of registration and of the last step, over the
-    held-out poses, or all where there are none; nothing where no orientation was measured."""
+    held-out poses, or all where there are none; nothing where no orientation was measured.
+
+    outliers: rows of the file.
+    """
     if not plots.turn_mrad:
         return ()
-    held = np.array(plots.heldout_mask)
-    counts = np.where(held.any(), held, True) & ~np.isin(np.arange(len(held)), outliers)
-    before, after = (np.array(plots.turn_mrad[name], dtype=float)[counts] for name in (REGISTRATION, "final"))
-    rows = int(np.isfinite(after).sum())
-    sizes = (root_mean_square(v[np.isfinite(v)]) if np.isfinite(v).any() else None for v in (before, after))
-    return (ReadingRecord("orientation", "mrad", rows, *sizes),)
+    (_, before), (rows, after) = (plots.turned(name, outliers) for name in (REGISTRATION, "final"))
+    return (ReadingRecord("orientation", "mrad", rows, before, after),)
 
 
 def reading_records(poses: Poses, steps: Sequence[Sequence[Judged]]) -> tuple[ReadingRecord, ...]:

@@ -190,10 +190,9 @@ def _further(report: Report) -> tuple[tuple[str, str, str], ...]:
 
 def _orientation(report: Report) -> Iterator[Line]:
     """The error of orientation of the same poses, where it was measured."""
-    for kind in report.readings:
-        if kind.unit == "mrad" and kind.before is not None and kind.after is not None:
-            sizes = [wording.significant(v, 3) for v in (kind.before, kind.after)]
-            yield "orientation, RMS", f"{sizes[0]} mrad with registration only, {sizes[1]} after"
+    if report.orientation:
+        before, after = (wording.significant(value, 3) for value in report.orientation)
+        yield "orientation, RMS", f"{before} mrad with registration only, {after} after"
 
 
 def _repeatability(report: Report) -> tuple[Line, ...]:

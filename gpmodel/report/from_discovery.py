@@ -73,7 +73,7 @@ def _by_folds(report: Report, discovery: Discovery) -> Report:
         report,
         readings=(
             *reading_records(discovery.poses, steps[::2]),
-            *orientation_record(plots, np.flatnonzero(np.isin(discovery.poses.dataset.row, report.data.outliers))),
+            *orientation_record(plots, report.data.outliers),
         ),
         data=replace(report.data, heldout=count, folds=discovery.folds),
         plots=plots,

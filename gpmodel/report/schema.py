@@ -4,7 +4,6 @@ Field names are the keys of the file. Lengths that end in `_mm` are millimetres,
 beside it; names of joints and inputs are those of the table. None stands where a number does not exist.
 """
 
-import math
 from dataclasses import dataclass, field
 from statistics import median
 from typing import Literal
@@ -244,11 +243,13 @@ class Report:
         None where none was measured, and for steps between the standard model and the last.
         """
         last = self.ladder and rung.step == self.ladder[-1].step
-        angles = self.plots.turn_mrad.get("final" if last else rung.step, ())
-        held = any(self.plots.heldout_mask)
-        each = zip(angles, self.plots.heldout_mask, self.plots.rows, strict=True) if angles else ()
-        known = [a for a, out, row in each if a is not None and out >= held and row not in self.data.outliers]
-        return math.sqrt(sum(a**2 for a in known) / len(known)) if known else None
+        return self.plots.turned("final" if last else rung.step, self.data.outliers)[1]
+
+    @property
+    def orientation(self) -> tuple[float, float] | None:
+        """RMS error of orientation, mrad, before and after; None where none was measured."""
+        kinds = (kind for kind in self.readings if kind.unit == "mrad")
+        return next(((k.before, k.after) for k in kinds if k.before is not None and k.after is not None), None)
 
     def before_and_after(self) -> tuple[str, str]:
         """Names of the steps before and after: the standard model and the last, or registration only and the standard

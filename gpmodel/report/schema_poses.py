@@ -1,5 +1,7 @@
 """Numbers pose by pose, from which the pictures and the table of poses are made, and the accuracy they add up to."""
 
+import math
+from collections.abc import Collection
 from dataclasses import dataclass, field
 
 from gpmodel.arrays import Count, NotNegative
@@ -52,6 +54,16 @@ class PlotRecord:
     slots: tuple[str, ...] = ()
     chain_poses: tuple[Count, ...] = ()
     chain_mm: tuple[Vectors, ...] = ()
+
+    def turned(self, name: str, outliers: Collection[int]) -> tuple[int, float | None]:
+        """Number of held-out poses, or of all where none are, with an angle of that name, and its RMS, mrad.
+
+        outliers: rows of the file that do not count.
+        """
+        held, angles = any(self.heldout_mask), self.turn_mrad.get(name, ())
+        each = zip(angles, self.heldout_mask, self.rows, strict=True) if angles else ()
+        known = [a for a, out, row in each if a is not None and out >= held and row not in outliers]
+        return len(known), math.sqrt(sum(a**2 for a in known) / len(known)) if known else None
 
 
 @dataclass(frozen=True)

@@ -64,12 +64,15 @@ def behind(report: Report) -> str:
 
 def _orientation(report: Report) -> Iterator[str]:
     """State the error of orientation before and after, where it was measured."""
-    for kind in report.readings:
-        if kind.unit == "mrad" and kind.before is not None and kind.after is not None:
-            sizes = " → ".join(wording.significant(value, 3) for value in (kind.before, kind.after))
-            lever = _farthest_tool_point(report)
-            there = f": {wording.length(lever * kind.after)} at {1e3 * lever:.0f} mm from the flange" if lever else ""
-            yield f"Orientation: registration only {sizes} mrad RMS on {_where(report)}{there}."
+    if report.orientation:
+        sizes = " → ".join(wording.significant(value, 3) for value in report.orientation)
+        lever = _farthest_tool_point(report)
+        there = (
+            f": {wording.length(lever * report.orientation[1])} at {1e3 * lever:.0f} mm from the flange"
+            if lever
+            else ""
+        )
+        yield f"Orientation: registration only {sizes} mrad RMS on {_where(report)}{there}."
 
 
 def _farthest_tool_point(report: Report) -> float:
