@@ -129,10 +129,10 @@ class SizeClass:
 class GroupPool:
     """Groups over distinct effects (groups may share them); every column is scaled by its group's spread.
 
-    cost, price, reading: (G,) nats to describe each group, to let it enter, and to read it. block: (G,) number of the
-    kind at several joints that it is a part of, -1 for none. wholes: (B,) number of the group of each such kind.
-    shared: (B,) nats that further parts need not say again: all but which of n joints it is. rhs: (E,) products of the
-    distinct unit columns with the target, whitened and cleaned.
+    sizes: (G,) effects of each group. cost, price, reading: (G,) nats to describe each group, to let it enter, and to
+    read it. block: (G,) number of the kind at several joints that it is a part of, -1 for none. wholes: (B,) number of
+    the group of each such kind. shared: (B,) nats that further parts need not say again: all but which of n joints it
+    is. rhs: (E,) products of the distinct unit columns with the target, whitened and cleaned.
     """
 
     def __init__(self, rows: Rows, groups: Sequence[Group], prices: Price) -> None:
@@ -148,6 +148,7 @@ class GroupPool:
                     self.effects.append(effect)
                 places.append(number[effect.terms])
             self.index.append(np.array(places, dtype=np.int64))
+        self.sizes = np.array([len(index) for index in self.index], dtype=np.int64)
         self.spreads = [np.array(g.spreads) for g in self.groups]
         self.cost = np.array([prices.to_describe(g) for g in self.groups])
         self.price = np.array([prices.to_enter(g) for g in self.groups])
@@ -167,10 +168,9 @@ class GroupPool:
         self.classes = tuple(self._classes())
 
     def _classes(self) -> list[SizeClass]:
-        sizes = np.array([len(i) for i in self.index])
         out = []
-        for size in np.unique(sizes):
-            ids = np.flatnonzero(sizes == size)
+        for size in np.unique(self.sizes):
+            ids = np.flatnonzero(self.sizes == size)
             index = np.array([self.index[g] for g in ids])
             spreads = np.array([self.spreads[g] for g in ids])
             inner = np.concatenate([self._inner(part) for part in np.array_split(index, self._parts(index))])

@@ -20,8 +20,6 @@ from gpmodel.selection.pool import GroupPool
 
 LEAST_NOISE = 1e-8
 """Metres, of a component: a tenth of what instruments resolve; in an exact table what is below it is rounding."""
-
-
 LEAST = 10.0**-DECADES
 """Smallest variance of a group over its largest: a group that explains nothing ends there, and is deleted."""
 
@@ -176,8 +174,8 @@ class Active:
 
         Groups of few columns are scored beside those of many: a column of zeros gains nothing.
         """
-        groups, sizes = np.array(list(self.variances), dtype=np.int64), self._sizes
-        a, first = np.array(list(self.variances.values())), np.cumsum(sizes) - sizes
+        groups, a = np.array(list(self.variances), dtype=np.int64), np.array(list(self.variances.values()))
+        first, sizes = self._columns
         s, q = np.zeros((2, len(groups), sizes[of].max(initial=0)))
         for size in np.unique(sizes[of]):
             of_it = of[sizes[of] == size]
@@ -187,9 +185,10 @@ class Active:
         return dict(zip(groups[of].tolist(), zip(gains.tolist(), at.tolist(), strict=True), strict=True))
 
     @cached_property
-    def _sizes(self) -> IntArray:
-        """Columns of each group."""
-        return np.array([len(self.chosen[g]) for g in self.variances], dtype=np.int64)
+    def _columns(self) -> tuple[IntArray, IntArray]:
+        """First column of each group, and their number."""
+        first = np.array([own.start for own in self.blocks.values()], dtype=np.int64)
+        return first, np.diff(first, append=len(self.rhs))
 
     @cached_property
     def reestimated(self) -> dict[int, float]:
@@ -198,9 +197,8 @@ class Active:
         γ = K - σ² tr H_gg of the K unknowns are determined; it needs no eigenvalues, and where the evidence is largest
         it changes nothing.
         """
-        sizes, determined = self._sizes, 1.0 - self.sigma2 * np.sum(self.inverse**2, axis=0)
-        starts = np.cumsum(sizes) - sizes
-        known, squares = (np.add.reduceat(part, starts) for part in (determined, self.mean**2))
+        (first, sizes), determined = self._columns, 1.0 - self.sigma2 * np.sum(self.inverse**2, axis=0)
+        known, squares = (np.add.reduceat(part, first) for part in (determined, self.mean**2))
         a, most = np.array(list(self.variances.values())), self.pool.cap[list(self.variances)] ** 2
         a = np.clip(a * squares / np.maximum(known, 1e-9), LEAST * most, most)
         out = dict(zip(self.variances, a.tolist(), strict=True))

@@ -16,35 +16,11 @@ FREE = 1e4
 """Factor on the variance of a group of few unknowns, at which its prior holds it no more."""
 
 
-def whitened_cross(active: Active, rows: IntArray | None = None) -> tuple[Array, Array]:
-    """Form the whitened cross products T = XᵀA L⁻ᵀ (E, K) of the model's columns with the distinct columns, and
-    t = L⁻¹Aᵀy (K,)."""
-    parts = []
-    for g, a in active.variances.items():
-        crossed = active.pool.crossed(g) if rows is None else active.pool.crossed(g)[rows]
-        whole = len(active.chosen[g]) == crossed.shape[1]
-        parts.append(np.sqrt(a) * (crossed if whole else crossed[:, active.chosen[g]]))
-    table = linalg.blas.dtrmm(1.0, active.inverse, np.hstack(parts).T, lower=1, overwrite_b=1).T
-    return table, active.inverse @ active.rhs
-
-
-def conditional_gram(active: Active, c: SizeClass, table: Array, right: Array, place: IntArray) -> tuple[Array, Array]:
-    """Compute S (G, K, K) and XᵀC⁻¹y (G, K) of the groups of one size given the model.
-
-    place: row of the table of each distinct effect.
-    """
-    inner, rhs = c.inner / active.sigma2, c.rhs / active.sigma2
-    for part in _chunks(c, table.shape[1]):
-        t = table[place[c.index[part]]] * c.spreads[part][:, :, None]
-        inner[part] -= (t @ np.swapaxes(t, 1, 2)) / active.sigma2
-        rhs[part] -= (t @ right) / active.sigma2
-    return inner, rhs
-
-
 class Scan:
-    """Products of groups given a model, and their gains beside it or in the place of some of its groups.
+    """Score groups given a model: what each gains when it is added, or when it replaces selected groups.
 
-    among: groups to score; the gain of others is -∞.
+    table, right: whitened products T = XᵀA L⁻ᵀ (E, K) of the distinct columns with those of the model, and t = L⁻¹Aᵀy.
+    classes: S (G, K, K) and XᵀC⁻¹y (G, K) of the groups of each size. among: groups to score; the gain of others is -∞.
     """
 
     def __init__(self, active: Active, among: IntArray | None = None) -> None:
@@ -55,16 +31,37 @@ class Scan:
             self.place[rows] = np.arange(len(rows))
             listed = np.isin(np.arange(len(pool.groups)), among)
             classes = tuple(c.part(np.flatnonzero(listed[c.ids])) for c in classes if listed[c.ids].any())
-        self.table, right = whitened_cross(active, rows)
-        self.classes = [(c, *conditional_gram(active, c, self.table, right, self.place)) for c in classes]
+        self.table, self.right = self._whitened(rows), active.inverse @ active.rhs
+        self.classes = [(c, *self._given_model(c)) for c in classes]
+
+    def _whitened(self, rows: IntArray | None) -> Array:
+        parts = []
+        for g, a in self.active.variances.items():
+            crossed = self.active.pool.crossed(g) if rows is None else self.active.pool.crossed(g)[rows]
+            whole = len(self.active.chosen[g]) == crossed.shape[1]
+            parts.append(np.sqrt(a) * (crossed if whole else crossed[:, self.active.chosen[g]]))
+        table = linalg.blas.dtrmm(1.0, self.active.inverse, np.hstack(parts).T, lower=1, overwrite_b=1)
+        return np.asarray(table.T)
+
+    def _given_model(self, c: SizeClass) -> tuple[Array, Array]:
+        inner, rhs = c.inner / self.active.sigma2, c.rhs / self.active.sigma2
+        for part in _chunks(c, self.table.shape[1]):
+            t = self._scaled(self.table, c, part)
+            inner[part] -= (t @ np.swapaxes(t, 1, 2)) / self.active.sigma2
+            rhs[part] -= (t @ self.right) / self.active.sigma2
+        return inner, rhs
+
+    def _scaled(self, table: Array, c: SizeClass, part: IntArray) -> Array:
+        """Rows (G, K, ...) of a table for some groups of a class, times their spreads."""
+        return np.asarray(table[self.place[c.index[part]]] * c.spreads[part][:, :, None])
 
     def gains(
         self, least: Array | None = None, removed: Iterable[int] = (), freed: Iterable[int] = (), scaled: bool = False
     ) -> tuple[Array, Array, Array]:
         """Compute gain (G,), best variance (G,) and decrease of yᵀC⁻¹y (G,) of every group without the removed ones.
 
-        Variances of `freed` groups are multiplied by `FREE`; the others stay. scaled: the noise and all variances are
-        in proportion to what is left. Below `least` (G,) an upper bound of the gain will do.
+        least: (G,) gain below which an upper bound is returned. freed: groups whose variances are multiplied by `FREE`.
+        scaled: the noise and all variances are multiplied by what makes yᵀC⁻¹y the degrees of freedom.
         With columns A_D whose variances become 1 + δ times what they were (0: removed):
         S' = S - W M⁻¹ Wᵀ,  W = XᵀA H_D,  M = 1/δ + I - σ² H_DD; XᵀC⁻¹y and yᵀC⁻¹y likewise.
         """
@@ -82,7 +79,7 @@ class Scan:
         variances, fit = np.ones(len(pool.groups)), np.zeros(len(pool.groups))
         for c, inner, rhs in self.classes:
             for part in _chunks(c, table.shape[1]):
-                t = table[self.place[c.index[part]]] * c.spreads[part][:, :, None]
+                t = self._scaled(table, c, part)
                 s = (inner[part] - (t / m) @ np.swapaxes(t, 1, 2)) / scale
                 q = (rhs[part] - t @ (right / m)) / scale
                 ids = c.ids[part]

@@ -115,7 +115,8 @@ def _exchanged(beside: Scan, removed: frozenset[int], first: Mask) -> Iterator[A
     lost = model.utility - fewer.utility
     if lost < 0.0:
         yield fewer
-    small = {g for g in fewer.found if len(pool.groups[g].effects) <= FEW}
+    small = {g for g in fewer.found if pool.sizes[g] <= FEW}
+    free = replace(fewer, variances={g: a * FREE if g in small else a for g, a in fewer.variances.items()})
     price = fewer.prices + pool.reading
     gains, variances, fit = beside.gains(price, removed, small, scaled=True)
     net = with_own_noise(gains - price, fit, pool.rows.freedom)
@@ -126,7 +127,6 @@ def _exchanged(beside: Scan, removed: frozenset[int], first: Mask) -> Iterator[A
         if not (begin[best] > 0.0 and float(np.sort(begin)[-3:].clip(0.0).sum()) > PLAUSIBLE * lost):
             return None
         listed = np.argsort(-net)[:SHORT_LIST]
-        free = replace(fewer, variances={g: a * FREE if g in small else a for g, a in fewer.variances.items()})
         return named_by_site(grow(free.added(best, float(variances[best])), listed[net[listed] > -np.inf], True))
 
     begin = np.where(first, net, -np.inf)
@@ -139,9 +139,9 @@ def _exchanged(beside: Scan, removed: frozenset[int], first: Mask) -> Iterator[A
         again[_forbidden(pool, came)] = -np.inf
         if (other := regrown(again, again, 0.0)) is not None:
             yield other
-    if any(len(pool.groups[g].effects) > FEW for g in removed):
-        few = np.array([0.0 if len(group.effects) <= FEW else np.inf for group in pool.groups])
-        if (plain := regrown(net - few, begin - few, lost)) is not None:
+    if (pool.sizes[list(removed)] > FEW).any():
+        many = np.where(pool.sizes > FEW, np.inf, 0.0)
+        if (plain := regrown(net - many, begin - many, lost)) is not None:
             yield plain
 
 
