@@ -51,7 +51,7 @@ def exchange(model: Active, new: frozenset[str] | None = None) -> Active:
         tried[removed] = len(tried)
         better = next((t for t in _exchanged(beside, removed, first) if t.utility > model.utility + TOLERANCE), None)
         if better is not None:
-            model = named_by_site(grow(better, reading=True))
+            model = max(named_by_site(grow(better, reading=True)), better, key=lambda one: one.utility)
             waiting, beside = sorted(_removals(model), key=lambda those: tried.get(those, -1)), Scan(model)
     return model
 
