@@ -61,6 +61,7 @@ _BRACKETS = re.compile(r"[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]")
 _BEHIND = re.compile(rf"(?i)^(.*?\w)\s*(?:[ _/,.-]|\bin\b)\s*({'|'.join(BEHIND)})$")
 _ROBTARGET = re.compile(r"\brobtarget\b|\[\[[^][]*\],\s*\[(?:[^][,]*,){3}[^][,]*\],\s*\[(?:[^][,]*,){3}[^][,]*\]")
 _POSE, _AXES = re.compile(r"\bX Y Z (?:A B C|W P R)\b"), re.compile(r"\b[AJ]1\b")
+_POSTYPE = re.compile(r"(?m)^///POSTYPE[ \t]+(\w+)")
 _BETWEEN_WORDS = re.compile(
     r"(?:(?<!\w)([A-Za-z]\w{0,30})\s{0,9}[=:]?\s{0,9})?"
     r"(?<![\w.])([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\w.])(?:\s*(deg|rad|mm)\b)?"
@@ -228,6 +229,9 @@ def _of_the_controller(line: str, names: Sequence[str]) -> bool:
 
 def _between_words(text: str, path: Path) -> Sheet:
     """Numbers of the lines that are alike but for them, as `A1 -12.5,A2 30` or `[[1.5,2,3],[1,0,0,0]]`."""
+    if kind := _POSTYPE.search(text):
+        what = "pulses of the encoders" if kind[1] == "PULSE" else "positions that the controller computed"
+        raise InputError(f"{path.name}: a job with {what}; expected joint values in degrees")
     whole = re.sub(r"\{[^{}]*\}", lambda found: " ".join(found[0].split()), text)
     alike: dict[tuple[str, ...], list[list[str]]] = {}
     own = 0

@@ -222,3 +222,12 @@ def test_joint_values_of_a_program_are_read_and_positions_of_its_controller_are_
         InputError, match="8 positions that the controller computed, and no joint values; expected joint"
     ):
         read_sheet(file)
+
+
+@pytest.mark.parametrize(("kind", "what"), [("PULSE", "pulses of the encoders"), ("USER", "positions that the contr")])
+def test_a_job_of_yaskawa_is_refused_by_the_kind_of_its_positions(kind: str, what: str, tmp_path: Path) -> None:
+    file = tmp_path / "cal.jbi"
+    points = "\n".join(f"C{k:05d}={k},15170,-34133,0,-36409,0" for k in range(8))
+    file.write_text(f"/JOB\n//POS\n///NPOS 8,0,0,0,0,0\n///POSTYPE {kind}\n{points}\n//INST\nNOP\nEND\n")
+    with pytest.raises(InputError, match=f"{what}.*expected joint values in degrees"):
+        read_sheet(file)
