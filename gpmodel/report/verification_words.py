@@ -39,32 +39,31 @@ def size(record: Verification, mm: float | None, bare: bool = False) -> str:
 
 
 def verdict(record: Verification) -> str:
-    """The answer in one sentence, and the tolerance in another."""
+    """Join the sentences of the answer, of what changed and of the tolerance."""
+    return " ".join(sentences(record))
+
+
+def sentences(record: Verification) -> Iterator[str]:
+    """Yield the answer, the errors to compare with, the changes and the tolerance, a line each."""
     after, promised, without = (
         size(record, mm) for mm in (record.after.rms_mm, record.promised_mm, record.without.rms_mm)
     )
-    if record.verdict == "holds":
-        said = (
-            f"The model holds: {after} RMS on {record.data.counted} measured afterwards, {promised} expected, "
-            f"{without} with nominal geometry at the driven joint values."
-        )
-        if record.changes:
-            said += f" Not the machine but its set-up or the instrument: {'; '.join(map(change, record.changes))}."
-    elif record.verdict == "drifted":
-        said = f"The machine has drifted: {after} RMS, {promised} expected"
-        named = "; ".join(change(c) for c in record.changes)
-        said += f"; what changed: {named}." if named else "; no single change explains it."
-    else:
-        said = (
-            f"This is another machine, or much of it was changed: {after} RMS with the model, "
-            f"{without} with nominal geometry at the driven joint values, {promised} expected."
-        )
-        if (record.without.rms_mm or 0.0) > LOST:
-            said += " Not even the nominal geometry fits: other units, another order of joints, or another type?"
-    return " ".join(filter(None, (*_before(record), said, tolerance(record))))
+    answer, cause = {
+        "holds": ("The model holds", "Set-up or instrument changed"),
+        "drifted": ("The machine has drifted", "Changed"),
+    }.get(record.verdict, ("This is another machine, or much of it was changed", ""))
+    yield " ".join([*_rows_apart(record), f"{answer}: {after} RMS on {record.data.counted} measured afterwards."])
+    yield f"Expected: {promised}. Nominal geometry at the driven joint values: {without}."
+    if cause:
+        yield from (f"{cause}: {change(found)}." for found in record.changes)
+    if record.verdict == "drifted" and not record.changes:
+        yield "No single change explains it."
+    if not cause and (record.without.rms_mm or 0.0) > LOST:
+        yield "Not even the nominal geometry fits: other units, another order of joints, or another type?"
+    yield from filter(None, [tolerance(record)])
 
 
-def _before(record: Verification) -> Iterator[str]:
+def _rows_apart(record: Verification) -> Iterator[str]:
     """Yield remarks on rows excluded from the verdict, and on readings that are too good."""
     if record.fitted:
         several = "s are" if len(record.fitted) > 1 else " is"
@@ -86,11 +85,11 @@ def tolerance(record: Verification) -> str:
     (row, worst), (unit, of_one) = record.worst, record.shown
     limit = f"{record.tolerance_mm / of_one:.4g} {unit}"
     if not record.beyond:
-        return f"Every {record.data.unit.rstrip('s')} is within {limit}, the worst has {size(record, worst)}."
+        return f"Every {record.data.unit.rstrip('s')} is within {limit}. The worst has {size(record, worst)}."
     count = len(record.poses) + (len(record.others.rows) if record.others else 0)
     return (
-        f"{record.beyond} of {count} {record.data.unit} are beyond {limit}, "
-        f"the worst, row {row}, has {size(record, worst)}."
+        f"{record.beyond} of {count} {record.data.unit} are beyond {limit}. "
+        f"The worst, row {row}, has {size(record, worst)}."
     )
 
 
@@ -161,7 +160,7 @@ def text(record: Verification) -> str:
     )  # fmt: skip
     heads = f"    {'row':>6}{'nominal':>10}{'model':>9}{'expected':>10}{'chance':>12}   {record.shown[0]}"
     blocks = (
-        ("Verdict", [wording.wrapped(verdict(record))]),
+        ("Verdict", [wording.wrapped(said) for said in sentences(record)]),
         ("Errors", [f"    {title:<19}{said}" for title, said in errors]),
         ("Why", [wording.wrapped(f"{name}: {value}", 6, "    ") for name, value in facts(record)]),
         ("Worst rows", [heads, *(_row(record, p) for p in record.worst_first[:MOST_PRINTED])]),
@@ -218,8 +217,9 @@ def html(record: Verification) -> str:
     from gpmodel.report.figures import drawn
 
     shown = picture(record)
+    answer, *rest = sentences(record)
     return render(
-        "verify.html.j2", record=record, verdict=verdict(record), facts=list(facts(record)), picture=shown,
+        "verify.html.j2", record=record, answer=answer, rest=rest, facts=list(facts(record)), picture=shown,
         drawing=drawn([shown])[shown.name], rows=record.worst_first[:MOST_ROWS], unlikely=UNLIKELY,
         size=partial(size, record),
     )  # fmt: skip
