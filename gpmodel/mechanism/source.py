@@ -1,6 +1,5 @@
 """Description from which a mechanism is loaded: a name or file, its measured frame, and its payload."""
 
-import atexit
 import shutil
 import sys
 import tempfile
@@ -8,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import entry_points
+from multiprocessing.util import Finalize
 from pathlib import Path
 
 from gpmodel.arrays import Array
@@ -100,7 +100,7 @@ def _unpacked(name: str, description: str) -> Path:
     if Path(name).suffix.lower() not in FILES or len(description) > LARGEST_FILE:
         raise InputError(f"mechanism '{name}': expected a name that ends in {' or '.join(FILES)}, of a smaller file")
     folder = Path(tempfile.mkdtemp(prefix="gpmodel-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    Finalize(None, shutil.rmtree, (folder, True), exitpriority=0)  # atexit is not run in copies of a process
     path = folder / Path(name).name
     try:
         path.write_text(description, encoding="utf-8")

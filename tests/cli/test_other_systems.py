@@ -1,5 +1,6 @@
 """Windows and macOS: process start without fork, code pages, folders with blanks and umlauts, several drives."""
 
+import multiprocessing
 import os
 import shlex
 import subprocess
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 from cli_cases import table, write
 
+import robots
 from gpmodel import files, forks
 from gpmodel.characters import PLAIN, plain
 from gpmodel.cli import request
@@ -20,6 +22,8 @@ from gpmodel.cli.main import main
 main(sys.argv[1:])
 """
 FOLDER = "Ordner mit Lücke"
+DESCRIPTION = Path(robots.__file__).with_name("data") / "irb6400r.toml"
+TEMPORARY = ("TMPDIR", "TEMP", "TMP")
 
 
 def spawned(folder: Path, *words: str) -> str:
@@ -30,6 +34,23 @@ def spawned(folder: Path, *words: str) -> str:
     assert done.returncode == 0, done.stderr
     assert "?" not in done.stdout
     return done.stdout
+
+
+@pytest.mark.parametrize("method", [m for m in ("fork", "spawn") if m in multiprocessing.get_all_start_methods()])
+def test_an_unpacked_mechanism_goes_with_its_process(method: str, tmp_path: Path) -> None:
+    unpack = f"""
+import multiprocessing, os
+from gpmodel.mechanism.source import MechanismChoice
+arm = MechanismChoice("read.toml", description={DESCRIPTION.read_text()!r})
+other = multiprocessing.get_context({method!r}).Process(target=arm.load)
+other.start(), other.join()
+arm.load()
+print(other.exitcode, len(os.listdir({str(tmp_path)!r})))
+"""
+    done = subprocess.run([sys.executable, "-c", unpack], env=os.environ | dict.fromkeys(TEMPORARY, str(tmp_path)),
+                          capture_output=True, text=True, check=False)  # fmt: skip
+    assert done.stdout.split() == ["0", "1"], done.stderr
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.fixture
