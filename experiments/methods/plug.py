@@ -9,9 +9,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
@@ -20,7 +22,9 @@ import gpmodel as gp
 from experiments.blind.oracle import rms_mm
 from experiments.blind.simulator import Array
 from experiments.methods.rows import Row, explained
+from gpmodel.discovery import formulas
 from gpmodel.errors import GpModelError
+from gpmodel.evolution.formulas import formulas_at
 from gpmodel.report.schema_search import EffectRecord
 
 POSITION = ["x [mm]", "y [mm]", "z [mm]"]
@@ -50,15 +54,28 @@ def geometry(table: Path, urdf: Path, poses: Path) -> Array:
     return predicted(gp.calibrate(urdf, table, holdout=0.0).model, poses)
 
 
-def discover(table: Path, urdf: Path, poses: Path) -> Answer:
-    """The whole loop as it is shipped."""
-    result = gp.discover(urdf, table)
+def discover(table: Path, urdf: Path, poses: Path, search: gp.Search | None = None) -> Answer:
+    """The whole loop as it is shipped, or searched otherwise."""
+    result = gp.discover(urdf, table, search=search)
     return Answer(predicted(result.model, poses), result.findings)
+
+
+def without_runs(table: Path, urdf: Path, poses: Path) -> Answer:
+    """The loop without programs evolved at all sites: formulas are bred where smooth terms are selected."""
+    return discover(table, urdf, poses, gp.Search(runs=0, workers=1))
+
+
+def founders(table: Path, urdf: Path, poses: Path) -> Answer:
+    """The loop without programs and without generations: formulas are the founders, shortened."""
+    with patch.object(formulas, "formulas_at", partial(formulas_at, generations=0)):
+        return without_runs(table, urdf, poses)
 
 
 METHODS = {
     "geometry": ("experiments.methods.plug:geometry", ()),
     "discover": ("experiments.methods.plug:discover", ()),
+    "without runs": ("experiments.methods.plug:without_runs", ()),
+    "founders": ("experiments.methods.plug:founders", ()),
     "pybotics": ("experiments.methods.geometries:pybotics", ("pybotics",)),
     "figaroh": ("experiments.methods.geometries:figaroh", ("figaroh",)),
     "gaussian process": ("experiments.methods.regressions:gaussian_process", ("sklearn",)),

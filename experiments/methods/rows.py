@@ -75,6 +75,9 @@ def summary(rows: Iterable[Row]) -> Row:
             "without a name": len(unnamed),
             "of these short": sum(f["inputs"] <= SHORT_INPUTS and f["nodes"] <= SHORT_NODES for f in unnamed),
         }
+        if short := [row for row in done if 0 < row.get("law_nodes", 0) <= SHORT_NODES]:
+            nodes = [sum(f["nodes"] for f in row["found"] if not f["named"]) for row in short]
+            out |= {"short as drawn": len(short), "of these short as found": sum(n <= SHORT_NODES for n in nodes)}
     if all("inputs_right" in row for row in done):
         out |= {name.replace("_", " "): sum(row[name] for row in done) for name in ("inputs_right", "place_right")}
         out["with needless inputs"] = sum(row["inputs_needless"] > 0 for row in done)

@@ -55,7 +55,7 @@ def drawn(robot: Robot) -> Row:
     }  # fmt: skip
 
 
-def judge(seed: int, factors: int, index: int, method: Method, folder: Path) -> Row:
+def judge(seed: int, factors: int | str, index: int, method: Method, folder: Path) -> Row:
     """Errors are 3-D rms in mm at the fresh poses against exact positions.
 
     of_surface: the share explained with a Gaussian process that is told inputs and place in the oracle's stead.

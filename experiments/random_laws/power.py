@@ -42,7 +42,7 @@ def told_nats(robot: Robot, files: tuple[Path, Path, Path]) -> float:
     return float(0.5 * robot.train.measured.size * np.log(errors[0] / errors[1]))
 
 
-def judged(seed: int, factors: int, index: int, size: float, runs: int, folder: Path) -> Row:
+def judged(seed: int, factors: int | str, index: int, size: float, runs: int, folder: Path) -> Row:
     """One robot at one size."""
     noise = np.sqrt(3.0) * make(seed, factors, index).machine.case.noise_mm
     robot = make(seed, factors, index, size * noise)

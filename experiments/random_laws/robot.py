@@ -19,14 +19,13 @@ from experiments.blind.shapes import Motion, Shape, World
 from experiments.blind.simulator import Array
 from experiments.random_laws.law import Law, Place, drawn_law, places
 from experiments.random_laws.readings import RANGES, readings
-from experiments.random_laws.shapes import LAWS
+from experiments.random_laws.shapes import GRAMMARS
 
 FRESH, PROBE = 400, 300
 MINIMUM_LEFT = 0.3
 """Share of its motion of the tool that a law has to leave after the geometric fit: of less nobody could tell."""
 MINIMUM_SPREAD = 0.1
 """(mean x^2)^2 / mean x^4 of what is left, pose by pose: less would rest on a tenth of the poses."""
-FEWEST_POSES, MOST_POSES = 40, 400
 LARGEST = 5e-3
 """m or rad: no part of a machine moves by more without being noticed."""
 DRIVES = 0.5
@@ -39,7 +38,7 @@ INNOCENT: dict[str, dict[str, Any]] = {
     "labelled repeats": {"repeats": 3, "labelled": True, "shared_mm": 0.04},
     "unlabelled repeats": {"repeats": 3, "shared_mm": 0.04},
     "walking tracker": {"walk_mm": 0.08},
-    "few poses": {"poses": FEWEST_POSES},
+    "few poses": {"poses": 40},
     "narrow": {"narrow": 0.2},
     "clusters": {"order": "clusters", "shared_mm": 0.02},
     "outliers": {"outliers": 0.02},
@@ -67,22 +66,24 @@ def is_aside(seed: int) -> bool:
     return seed % 2 == 1
 
 
-def factors_of(text: str) -> list[int]:
-    """Numbers of inputs of laws, written with commas. Raises ArgumentTypeError for one that no law has."""
-    known = {"0", *map(str, LAWS)}
-    if not known.issuperset(text.split(",")):
-        raise ArgumentTypeError(f"{text}, expected numbers from 0 to {max(LAWS)}, with commas")
-    return [int(word) for word in text.split(",")]
+def factors_of(text: str) -> list[int | str]:
+    """Names of grammars, written with commas. Raises ArgumentTypeError for one that is not there."""
+    named = {str(name): name for name in GRAMMARS}
+    if unknown := [word for word in text.split(",") if word not in named]:
+        raise ArgumentTypeError(f"{unknown[0]!r}, expected some of {','.join(named)}")
+    return [named[word] for word in text.split(",")]
 
 
-def make(seed: int, factors: int, index: int, size_mm: float | None = None) -> Robot:
-    """The robot of a seed, a number of inputs of its law (0 to 3) and an index; always the same one.
+def make(seed: int, factors: int | str, index: int, size_mm: float | None = None) -> Robot:
+    """The robot of a seed, a grammar of its law and an index; always the same one.
 
     size_mm: that its law leaves after a geometric fit, None for what was drawn.
     """
-    rng = np.random.default_rng([zlib.crc32(b"random laws"), seed, factors, index])
-    arm = list(ARMS)[(5 * index + 3 * seed + factors) % len(ARMS)]
-    poses = round(float(np.exp(rng.uniform(np.log(FEWEST_POSES), np.log(MOST_POSES)))))
+    number = factors if isinstance(factors, int) else zlib.crc32(factors.encode())
+    rng = np.random.default_rng([zlib.crc32(b"random laws"), seed, number, index])
+    arm = list(ARMS)[(5 * index + 3 * seed + number) % len(ARMS)]
+    fewest, most = GRAMMARS[factors].poses
+    poses = round(float(np.exp(rng.uniform(np.log(fewest), np.log(most)))))
     case = Case(f"law_{factors}_{seed}_{index}", arm, poses, round(float(rng.uniform(0.02, 0.06)), 4))
     kind = "law"
     if not factors:
@@ -106,7 +107,7 @@ def make(seed: int, factors: int, index: int, size_mm: float | None = None) -> R
 
 
 def _findable(
-    machine: Machine, factors: int, size_mm: float, names: list[str], rng: np.random.Generator
+    machine: Machine, factors: int | str, size_mm: float, names: list[str], rng: np.random.Generator
 ) -> tuple[Law, Place, str, float]:
     """A law, its place, its shape, and the amount with which it leaves `size_mm` after the geometric fit.
 
@@ -114,12 +115,14 @@ def _findable(
     """
     _, world = _world(machine, PROBE, names, rng)
     ranges = _ranges(machine, world)
+    grammar = GRAMMARS[factors]
     drives = [p for p in places(machine.arm) if p.slot.endswith("moving") and p.axis == _drive(machine, p)]
     while True:
         pool = drives if rng.random() < DRIVES else places(machine.arm)
         place = pool[rng.integers(len(pool))]
-        inputs = _inputs(ranges, factors, rng)
-        kind, text = LAWS[factors](rng)
+        count = int(rng.choice(grammar.inputs)) if len(grammar.inputs) > 1 else grammar.inputs[0]
+        inputs = _inputs(ranges, count, rng)
+        kind, text = grammar.draw(rng, count)
         law = drawn_law(text, inputs, ranges)
         motion = _shape(law, place).true(world)
         largest = float(np.abs(law(columns_of(world))).max())

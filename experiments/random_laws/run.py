@@ -1,7 +1,7 @@
 """Robots with a law that nobody listed, given to a method and judged against exact positions.
 
 From the root of the repository:
-python -m experiments.random_laws.run --factors 1,2,0 --seeds 0 --robots 10 --results FILE.jsonl
+python -m experiments.random_laws.run --factors one,two,weighted,product,sum,waves --seeds 0,1 --results FILE.jsonl
 A line is added to FILE after every robot and the leaderboard of all its methods written beside it; the same command
 again goes on with what is left.  Odd seeds are aside: of their robots only counts are shown and saved, unless --show is
 given.
@@ -20,6 +20,7 @@ from experiments.methods.plug import METHODS, folder_name, method_named
 from experiments.methods.rows import Row, append, rounded, saved
 from experiments.random_laws.judge import judge
 from experiments.random_laws.robot import factors_of, is_aside
+from experiments.random_laws.shapes import GRAMMARS
 
 SHORT = (
     "method", "seed", "factors", "index", "arm", "poses", "law", "place", "geometry_mm", "oracle_mm", "error_mm",
@@ -31,10 +32,12 @@ TELLING = ("law", "inputs", "place", "arm", "kind")
 def parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--method", default="discover", help=f"{', '.join(METHODS)}, or package.module:function")
-    parser.add_argument("--factors", type=factors_of, default="1,2", help="inputs of a law, with commas; 0: none")
+    parser.add_argument(
+        "--factors", type=factors_of, default="1,2", help=f"laws, with commas: {', '.join(map(str, GRAMMARS))}"
+    )
     parser.add_argument("--seeds", default="0", help="with commas; odd ones are for a last look")
     parser.add_argument("--first", type=int, default=0, help="index of the first robot of every seed")
-    parser.add_argument("--robots", type=int, default=10, help="of every seed and number of factors")
+    parser.add_argument("--robots", type=int, default=10, help="of every seed and law")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="no robot is begun later")
     parser.add_argument("--results", type=Path, help="JSON lines; the leaderboard goes into the same name with .md")
     parser.add_argument("--work", type=Path, default=Path(tempfile.gettempdir()) / "random_laws")
@@ -52,7 +55,7 @@ def shown(row: Row, show: bool) -> Row:
 
 def group(row: Row) -> str:
     """The board on which a robot counts."""
-    return ("No law", "Laws of one input", "Laws of two inputs", "Laws of three inputs")[row["factors"]]
+    return GRAMMARS[row["factors"]].title
 
 
 def main() -> None:

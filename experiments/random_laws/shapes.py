@@ -1,13 +1,15 @@
-"""A grammar of laws in one to three variables that run over [-1, 1], written as numpy would evaluate them.
+"""Grammars of laws in one to three variables that run over [-1, 1], written as numpy would evaluate them.
 
 Nineteen shapes f(x; constants drawn); a law of two variables is a product of two shapes, a shape of a sum or of a
 distance, a shape that grows with the other variable, or a sum of two shapes; a law of three is one or two shapes that
-grow with the other variables, or a shape that grows with another, and a shape of the third.
+grow with the other variables, or a shape that grows with another, and a shape of the third. Each of six kinds of laws
+has a name and a table of its own, at 100 to 200 poses.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -97,5 +99,55 @@ def three_variables(rng: np.random.Generator) -> tuple[str, str]:
     return f"{first} growing + {third}", f"({text})*{_from('v', rng)} + ({other})"
 
 
-LAWS = {1: one_variable, 2: two_variables, 3: three_variables}
-"""By the number of variables."""
+def weighted_sum(rng: np.random.Generator, count: int) -> tuple[str, str]:
+    """Draw a shape of a weighted sum of ``count`` variables, and its formula."""
+    terms = ["u", *(f"{_either(rng, 0.5, 1.0)}*{x}" for x in "vw"[: count - 1])]
+    name, text = _shape(f"(({' + '.join(terms)})/{count})", rng)
+    return f"{name} of {count}", text
+
+
+def product_of_three(rng: np.random.Generator) -> tuple[str, str]:
+    """Draw three shapes and the formula of their product."""
+    names, texts = zip(*(_shape(x, rng) for x in "uvw"), strict=True)
+    return " * ".join(names), "*".join(f"({text})" for text in texts)
+
+
+def sum_of_formulas(rng: np.random.Generator, count: int) -> tuple[str, str]:
+    """Draw two formulas, of three variables the first a product, and the formula of their sum."""
+    first, text = _shape("u", rng)
+    if count == 3:
+        second, other = _shape("v", rng)
+        first, text = f"{first} * {second}", f"({text})*({other})"
+    last, summand = _shape("uvw"[count - 1], rng)
+    return f"{first} + {last}", f"({text}) + ({summand})"
+
+
+def two_waves(rng: np.random.Generator) -> tuple[str, str]:
+    """Draw the product of two sines that both run through a full period or more."""
+    waves = (f"sin({_within(rng, 3.2, 7.0)}*{x} + {_within(rng, 0, 6.28)})" for x in "uv")
+    return "sine * sine", "*".join(waves)
+
+
+@dataclass(frozen=True)
+class Grammar:
+    """title: of the table; inputs: numbers of variables; draw: components and formula; poses: fewest and most."""
+
+    title: str
+    inputs: tuple[int, ...]
+    draw: Callable[[np.random.Generator, int], tuple[str, str]]
+    poses: tuple[int, int] = (100, 200)
+
+
+GRAMMARS: dict[int | str, Grammar] = {
+    0: Grammar("No law", (0,), lambda g, n: ("", ""), (40, 400)),
+    1: Grammar("Laws of one input", (1,), lambda g, n: one_variable(g), (40, 400)),
+    2: Grammar("Laws of two inputs", (2,), lambda g, n: two_variables(g), (40, 400)),
+    3: Grammar("Laws of three inputs", (3,), lambda g, n: three_variables(g), (40, 400)),
+    "one": Grammar("One input", (1,), lambda g, n: one_variable(g)),
+    "two": Grammar("Two inputs", (2,), lambda g, n: two_variables(g)),
+    "weighted": Grammar("A shape of a weighted sum of two or three inputs", (2, 3), weighted_sum),
+    "product": Grammar("Products of three", (3,), lambda g, n: product_of_three(g)),
+    "sum": Grammar("Sums of two formulas at one site", (2, 3), sum_of_formulas),
+    "waves": Grammar("Two oscillating factors", (2,), lambda g, n: two_waves(g)),
+}
+"""Grammars by name, or by the number of variables at 40 to 400 poses."""

@@ -11,17 +11,18 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from experiments.blind.oracle import fit, register, rms_mm
 from experiments.blind.robot import world_of
 from experiments.methods.plug import geometry
+from experiments.random_laws import told
 from experiments.random_laws.findings import alike, graded
 from experiments.random_laws.judge import judge, oracle, write
 from experiments.random_laws.law import Law, Place, places
 from experiments.random_laws.robot import INNOCENT, columns_of, make
 from experiments.random_laws.run import shown
-from experiments.random_laws.shapes import LAWS, SHAPES
+from experiments.random_laws.shapes import GRAMMARS, SHAPES
 from experiments.random_laws.surface import problem_of, rows_of, surface
 from gpmodel.report.schema_search import EffectRecord
 
 
-@pytest.mark.parametrize("factors", [0, 1, 2, 3])
+@pytest.mark.parametrize("factors", [0, 1, 2, 3, "sum"])
 def test_the_same_numbers_draw_the_same_robot_and_others_another(factors):
     first, again, other = make(4, factors, 3), make(4, factors, 3), make(6, factors, 3)
     assert (str(first.law), first.place, first.amount) == (str(again.law), again.place, again.amount)
@@ -38,16 +39,31 @@ def test_every_shape_is_finite_and_varies():
             values = Law(shape("u", rng), ("J1",), (0.0,), (1.0,))({"J1": line})
             assert np.isfinite(values).all()
             assert np.ptp(values) > 0.01
-    for count, draw in LAWS.items():
-        names = ("J1", "J2", "J3")[:count]
-        law = Law(draw(rng)[1], names, (0.0,) * count, (1.0,) * count)
-        assert np.isfinite(law({"J1": line, "J2": line[::-1], "J3": line**2})).all()
-        assert all(name in str(law) for name in names)
+    for grammar in list(GRAMMARS.values())[1:]:
+        for count in grammar.inputs:
+            names = ("J1", "J2", "J3")[:count]
+            law = Law(grammar.draw(rng, count)[1], names, (0.0,) * count, (1.0,) * count)
+            assert np.isfinite(law({"J1": line, "J2": line[::-1], "J3": line**2})).all()
+            assert all(letter in law.text for letter, _ in zip("uvw", names, strict=False))
 
 
 def test_beyond_its_range_a_law_stays_at_the_edge():
     law = Law("sqrt(1.01 - u)", ("J1",), (1.0,), (2.0,))
     np.testing.assert_allclose(law({"J1": np.array([-9.0, -1.0, 3.0, 9.0])}) ** 2, [2.01, 2.01, 0.01, 0.01])
+
+
+def test_robots_of_the_named_grammars_have_100_to_200_poses_and_as_many_inputs_as_their_laws():
+    for name in ("one", "two", "weighted", "product", "sum", "waves"):
+        robot = make(4, name, 1)
+        assert 100 <= len(robot.train.q) <= 200
+        assert len(robot.law.inputs) in GRAMMARS[name].inputs
+
+
+@pytest.mark.long
+def test_the_law_told_site_and_inputs_is_bred(tmp_path):
+    row = told.judged(40, "waves", 0, "bred", tmp_path)
+    assert row["explained"] > 0.99
+    assert row["found"][0]["nodes"] == row["law_nodes"]
 
 
 @pytest.mark.long
