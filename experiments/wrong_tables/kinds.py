@@ -17,26 +17,31 @@ from gpmodel.model.error_model import observe, prepare
 from gpmodel.planning.simulate import simulate
 
 ARMS = ("ur10", "irb6400r", "ur5", "panda", "kinova", "irb6400r-2.8", "xarm7", "ur3", "tiago_no_hand", "talos_arm")
+SI = {"deg": np.pi / 180, "rad": 1.0, "mm": 1e-3, "um": 1e-6, "m": 1.0, "in": 0.0254}
+"""Radians or metres of a unit."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """q (N, n), rad or m; position (N, 3), m; rotation (N, 3), rotation vectors. mechanism: that describes the arm."""
+    """q (N, n), rad or m; position (N, 3), m; rotation (N, 3), rotation vectors. mechanism: that describes the arm.
+    angle, length: the units that the table is written in."""
 
     mechanism: Mechanism
     q: Array
     position: Array
     rotation: Array
     with_rotation: bool = False
+    angle: str = "deg"
+    length: str = "mm"
 
     def frame(self) -> pd.DataFrame:
         """The table with headers."""
-        turns = [j.kind == "revolute" for j in self.mechanism.joints]
-        names = [f"{j.name} [{'deg' if t else 'mm'}]" for j, t in zip(self.mechanism.joints, turns, strict=True)]
-        q = self.q * np.where(turns, 180 / np.pi, 1e3)
-        columns = [q, 1e3 * self.position, *([np.degrees(self.rotation)] if self.with_rotation else [])]
-        points = ["x [mm]", "y [mm]", "z [mm]", "rx [deg]", "ry [deg]", "rz [deg]"]
-        return pd.DataFrame(np.hstack(columns), columns=[*names, *points[: 6 if self.with_rotation else 3]])
+        units = [self.angle if j.kind == "revolute" else self.length for j in self.mechanism.joints]
+        units += 3 * [self.length] + 3 * [self.angle] * self.with_rotation
+        names = [j.name for j in self.mechanism.joints] + ["x", "y", "z"] + ["rx", "ry", "rz"] * self.with_rotation
+        values = [self.q, self.position, *[self.rotation] * self.with_rotation]
+        headers = [f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)]
+        return pd.DataFrame(np.hstack(values) / [SI[unit] for unit in units], columns=headers)
 
 
 def measured(arm: str, seed: int, *, poses: int = 60, narrow: float = 1.0, offset: float = 0.1, noise: float = 3e-5,

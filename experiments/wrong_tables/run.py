@@ -2,6 +2,7 @@
 
 Silent: neither refused nor warned of. `calibrate` and `discover` refuse what `check` calls an error.
 From the root of the repository: python -m experiments.wrong_tables.run [--robots 10] [--sound 200] [--out FOLDER]
+With --robots 0 the wrong tables of the last run are kept.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections import Counter
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -18,6 +20,7 @@ import numpy as np
 import gpmodel as gp
 from experiments.wrong_tables.kinds import ARMS, KINDS, Table, measured
 from gpmodel.files import to_json, write_text
+from gpmodel.texts import parse_json
 
 HERE = Path(__file__).parent
 OFFSETS = (0.1, 1.5e-3)
@@ -29,6 +32,11 @@ SOUND = [
     )
 ]
 """Wide and narrow poses, good and bad geometry, instruments, few and many poses, a soft base, the reflector's place."""
+WRITTEN = [
+    {"angle": angle, "length": length, "with_rotation": turned}
+    for angle, length, turned in product(("deg", "rad"), ("mm", "m", "in", "um"), (False, True))
+]
+"""Units of a sound table, without and with orientations."""
 
 
 def judged(table: Table) -> tuple[str, list[str]]:
@@ -61,10 +69,11 @@ def sound(count: int) -> tuple[dict[str, int], list[dict[str, Any]]]:
     refused = []
     for seed in range(count):
         arm, how = ARMS[seed % len(ARMS)], SOUND[(7 * seed) % len(SOUND)]
-        verdict, said = judged(measured(arm, 1000 + seed, **how))
+        written = WRITTEN[seed // len(ARMS) % len(WRITTEN)]
+        verdict, said = judged(replace(measured(arm, 1000 + seed, **how), **written))
         counts[verdict] += 1
         if verdict in ("refused", "unfit"):
-            refused.append({"arm": arm, **how, "said": said})
+            refused.append({"arm": arm, **how, **written, "said": said})
             print(refused[-1], flush=True)
     return dict(counts), refused
 
@@ -75,10 +84,12 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     parser.add_argument("--sound", type=int, default=200)
     parser.add_argument("--out", type=Path, default=HERE)
     given = parser.parse_args(arguments)
-    kinds, (good, refused) = wrong(given.robots), sound(given.sound)
+    kinds = wrong(given.robots) if given.robots else parse_json((HERE / "results.json").read_text())["kinds"]
+    good, refused = sound(given.sound)
     tables = sum(n for counts in kinds.values() for n in counts.values() if isinstance(n, int))
     silent = sum(counts.get("silent", 0) for counts in kinds.values())
-    results = {"command": f"python -m experiments.wrong_tables.run --robots {given.robots} --sound {given.sound}",
+    robots = given.robots or len(ARMS)
+    results = {"command": f"python -m experiments.wrong_tables.run --robots {robots} --sound {given.sound}",
                "wrong tables": tables, "silent": silent, "kinds": kinds, "sound": good, "refused": refused}  # fmt: skip
     write_text(given.out / "results.json", to_json(results))
     print(f"{silent} of {tables} wrong tables silent; sound tables: {good}; {time.process_time():.0f} s CPU")

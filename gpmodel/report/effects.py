@@ -18,6 +18,7 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, prepare
 from gpmodel.model.naming import translate
 from gpmodel.model.states import States
+from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.report import fitted
 from gpmodel.report.fitted import statistics_mm, tool_displacements
 from gpmodel.report.origin import ranges
@@ -32,7 +33,7 @@ POSES = 400
 SHOWN = 120
 """Arrows in the picture of an effect: neighbours can still be told from one another."""
 Moved = tuple[Array, Array]
-"""Points (K, 3) and by how much an effect moves each (K, 3), m, in the root frame."""
+"""Points (K, 3), m, and by how much an effect moves each, m, and turns the tool, rad (K, 6), in the root frame."""
 
 
 def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]) -> list[Moved | None]:
@@ -59,12 +60,12 @@ def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequen
 
 
 def _sizes(moved: Moved | None) -> ErrorsMm:
-    return ErrorsMm() if moved is None else statistics_mm(np.linalg.norm(moved[1], axis=1))
+    return ErrorsMm() if moved is None else statistics_mm(np.linalg.norm(moved[1][:, :3], axis=1))
 
 
 def _picture(moved: Moved, anywhere: bool) -> MovedRecord:
     """Every so many of the points, such that at most SHOWN are kept."""
-    points, moves = (1e3 * values[:: max(1, -(-len(values) // SHOWN))] for values in moved)
+    points, moves = (1e3 * values[:, :3][:: max(1, -(-len(values) // SHOWN))] for values in moved)
     return MovedRecord(anywhere, fitted.vectors(np.round(points, 1)), fitted.vectors(moves))
 
 
@@ -120,6 +121,7 @@ def effect_records(
                 tool_rms_mm=at_poses.rms_mm,
                 alone_rms_mm=own,
                 tool_max_mm=at_poses.max_mm,
+                tool_turn_mrad=1e3 * root_mean_square(np.linalg.norm(move[:, 3:], axis=1)),
                 workspace_rms_mm=there.rms_mm,
                 workspace_max_mm=there.max_mm,
                 of_specification=fitted.of_specification(candidate.effects, at_poses, poses.dataset),

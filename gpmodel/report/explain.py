@@ -93,6 +93,8 @@ def _size(effect: EffectRecord) -> str:
     if effect.tool_rms_mm is None:
         return "Not known: the report is of an earlier version; make it again."
     measured = _moves(effect.tool_rms_mm, effect.tool_max_mm)
+    if effect.tool_turn_mrad is not None:
+        measured += f", and turns it by {wording.significant(effect.tool_turn_mrad, 3)} mrad RMS"
     if effect.workspace_rms_mm is None:
         return f"Moves the measured point by {measured} over the measured poses."
     anywhere = _moves(effect.workspace_rms_mm, effect.workspace_max_mm)

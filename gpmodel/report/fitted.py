@@ -14,7 +14,7 @@ from gpmodel.model.error_model import Placement, Poses, closing, measured_minus,
 from gpmodel.model.naming import translate
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.rank import orthonormal, remove, triangle
-from gpmodel.numerics.se3 import chain
+from gpmodel.numerics.se3 import chain, rotation_vector
 from gpmodel.report.schema import REGISTRATION, STANDARD, ErrorsMm, ParameterRecord
 from gpmodel.report.schema_poses import PlotRecord, SideErrors, Vectors
 from gpmodel.report.schema_search import Correlation
@@ -82,7 +82,8 @@ def placement(final: Calibration) -> tuple[ParameterRecord, ...]:
 def tool_displacements(
     calibration: Calibration | SavedModel, poses: Poses, groups: Sequence[Sequence[Effect]]
 ) -> tuple[Array, list[Array]]:
-    """Return the measured points (K, 3) and by how much each group of effects of a fitted model moves them (K, 3), m.
+    """Return the measured points (K, 3), m, and by how much each group of effects of a fitted model moves them, m, and
+    turns the tool, rad (K, 6).
 
     In the mechanism's root frame, at the K of N poses at which the loops of a mechanism close with all effects and
     without any one group.
@@ -94,10 +95,14 @@ def tool_displacements(
             poses = prepare(model.mechanism, poses.dataset.subset(closing(model, poses.dataset, theta)))
     roots = root_in_instrument(calibration.placement, poses.dataset)
     whole, *less = (
-        (np.linalg.inv(roots) @ observe(model, poses, theta, calibration.placement).tip)[:, :3, 3]
+        np.linalg.inv(roots) @ observe(model, poses, theta, calibration.placement).tip
         for theta in (calibration.theta, *without)
     )
-    return whole, [whole - points for points in less]
+    points, turned = whole[:, :3, 3], whole[:, :3, :3]
+    return points, [
+        np.hstack([points - tips[:, :3, 3], rotation_vector(turned @ tips[:, :3, :3].transpose(0, 2, 1))])
+        for tips in less
+    ]
 
 
 def root_in_instrument(placement: Placement, data: Dataset) -> Array:

@@ -98,7 +98,8 @@ class EffectRecord:
     set that the cause has no name. rivals: the other candidates in the set, with their cross-validated error. p_value:
     chance of it among `shuffles` of what was `shuffled`. gain: share of the residual energy that it removes where
     everything else is in the model.
-    tool_rms_mm, tool_max_mm: how far it moves the measured point over the measured poses; alone_rms_mm: of that what
+    tool_rms_mm, tool_max_mm, tool_turn_mrad: how far it moves the measured point over the measured poses, and by what
+    angle it turns the tool, RMS; alone_rms_mm: of that what
     nothing else in the model, registration and tool included, takes up; workspace_*: at joint values
     anywhere within the limits. of_specification: of an error of the instrument, how many times its specification it
     moves the readings by, RMS. ranges: of its inputs, as trained. constants: inside its law. moved: displacements
@@ -137,6 +138,7 @@ class EffectRecord:
     tool_rms_mm: NotNegative | None = None
     alone_rms_mm: NotNegative | None = None
     tool_max_mm: NotNegative | None = None
+    tool_turn_mrad: NotNegative | None = None
     workspace_rms_mm: NotNegative | None = None
     workspace_max_mm: NotNegative | None = None
     of_specification: NotNegative | None = None

@@ -1,4 +1,4 @@
-"""The first hour: the commands of the README as they stand, from an empty folder."""
+"""The first hour: from an empty folder by the commands of the README, and from an export to the report."""
 
 import re
 import shlex
@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from gpmodel.cli.demo import example_files
 from gpmodel.cli.main import main
 
 README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
@@ -36,3 +37,23 @@ def test_the_six_commands_run_as_they_stand_in_an_empty_folder(tmp_path: Path, m
     assert "joint compliance, J2" in said["discover"]
     assert "The model holds" in said["verify"]
     assert "ok" in said["compensate"]
+
+
+@pytest.mark.long
+def test_an_export_and_a_description_lead_to_the_report_by_two_commands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    example_files(tmp_path, 0)
+    head, *rows = Path("table.csv").read_text(encoding="utf-8").splitlines()
+    bare = re.sub(r" \[[^]]+\]", "", head)
+    export = [line.replace(",", ";").replace(".", ",") for line in (bare, *rows)]
+    Path("export.txt").write_text("\n".join(["Job;cell 7", "", *export]), encoding="cp1252")
+    for words in (
+        "import export.txt --mechanism arm.urdf --guess --out mine.csv",
+        "discover mine.csv --mechanism arm.urdf --runs 0 --out result",
+    ):
+        done = CliRunner().invoke(main, words.split(), catch_exceptions=False)
+        assert done.exit_code == 0, (words, done.output)
+    assert "joint compliance, J2" in done.output
+    assert Path("result/report.html").exists()

@@ -1,6 +1,7 @@
 """`gpmodel discover --resume DIR`: what it finds again, what it refuses, and what it says."""
 
 import json
+import shlex
 import shutil
 from pathlib import Path
 from unittest import mock
@@ -34,7 +35,7 @@ def interrupted(cell: Path) -> Path:
     assert stopped.exit_code == 130
     last = stopped.stderr.splitlines()[-1]
     assert "interrupted" in last
-    assert f"gpmodel discover --resume {out}" in last
+    assert f"gpmodel discover --resume {shlex.quote(str(out))}" in last
     assert {p.name for p in out.iterdir()} == {FOLDER}
     return out
 

@@ -222,7 +222,7 @@ def test_what_an_effect_moves_is_told_where_the_loops_close_with_it_and_without_
     assert whole & less
     data = drawn.subset(np.array(sorted(whole)))
     saved = replace(gp.simulate(arm, poses=12).truth.saved, model=model, theta=theta)
-    _, (moves,) = tool_displacements(saved, prepare(arm, data), [effects[1:]])
+    moves = tool_displacements(saved, prepare(arm, data), [effects[1:]])[1][0][:, :3]
     moved = np.linalg.norm(moves, axis=1)
     assert len(moved) == len(whole & less)
     assert 10e-3 < moved.mean() < 150e-3

@@ -150,6 +150,7 @@ def test_what_an_effect_moves_at_the_tool_is_what_was_planted() -> None:
     (effect,) = report("gear").effects
     assert effect.tool_rms_mm == pytest.approx(0.2, rel=0.1)
     assert effect.tool_max_mm > effect.tool_rms_mm
+    assert effect.tool_turn_mrad == pytest.approx(1e3 * effect.value / np.sqrt(2.0), rel=0.1)
     (trained,) = effect.ranges
     assert (trained.input, trained.unit) == ("J4", "deg")
     assert -360 < trained.low < trained.high < 360

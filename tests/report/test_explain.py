@@ -38,6 +38,7 @@ def test_it_says_where_how_large_and_why() -> None:
     assert found.chain == "base ─ J1 ─ J2 ─ J3 ─ [J4] ─ J5 ─ J6 ─ tool"
     assert found.where == "Turn about x of the frame just after the motion of J4."
     assert wording.length(effect.tool_rms_mm) in found.size
+    assert f"turns it by {effect.tool_turn_mrad:.3g} mrad RMS" in found.size
     assert effect.explanation[1:] in found.cause
     assert str(wording.measured(effect.value, effect.stderr, effect.unit)) in found.value
     said = text(found)
@@ -147,7 +148,8 @@ def test_the_size_over_the_workspace_is_that_of_the_true_effect_where_nobody_mea
     truth = 1e3 * np.linalg.norm(tips[0] - tips[1], axis=1)
     found = over_the_workspace(fit, poses, [asked])[0]
     assert found is not None
-    moved, near = (1e3 * np.linalg.norm(m, axis=1) for m in (found[1], tool_displacements(fit, poses, [asked])[1][0]))
+    both = found[1], tool_displacements(fit, poses, [asked])[1][0]
+    moved, near = (1e3 * np.linalg.norm(m[:, :3], axis=1) for m in both)
     assert root_mean_square(moved) == pytest.approx(root_mean_square(truth), rel=0.1)
     assert 0.8 * truth.max() < moved.max() < 1.1 * truth.max()
     assert root_mean_square(moved) > 1.2 * root_mean_square(near)
