@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.linearise import Linearised, effect_columns
@@ -121,7 +122,7 @@ def spread(columns: Array, target: Array, placed: Array, most: float) -> tuple[f
     """
     taken = ident.orthonormal(placed)
     left, values = ident.remove(taken, columns), ident.remove(taken, target)
-    u, s, _ = np.linalg.svd(left, full_matrices=False)
+    u, s, _ = linalg.svd(left, full_matrices=False, lapack_driver="gesvd")  # gesdd does not always converge
     along = (u.T @ values) ** 2
     rest = max(float(values @ values - along.sum()), 0.0)
     count = max(len(values) - taken.shape[1] - len(s), 0)

@@ -13,6 +13,7 @@ from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
 from gpmodel.calibration.weigh import weighed
 from gpmodel.checks.counting import measured_values, unknowns
 from gpmodel.checks.digits import computed, written_to_a_digit
+from gpmodel.checks.factors import scaled
 from gpmodel.checks.lenses import another_centre
 from gpmodel.checks.misfit import spread_of
 from gpmodel.checks.mixed_up import mixed_up, of_the_rows
@@ -89,10 +90,12 @@ def check_dataset(
     wrong = [Remark("warning", text, another) for text in built_wrong(fit, poses)]
     wrong += [Remark("warning", text, "too few poses") for text in _too_few_held(mechanism, poses.dataset, standard)]
     wrong += [Remark("warning", *said) for said in _poor(fit, poses)]
+    sizes = [Remark(*said) for said in scaled(fit, poses)]
     warnings = [Remark("warning", text) for text in warnings_of(mechanism, poses, fit)]
     said = notes(mechanism, poses, (bare, fit), noise_floor(data))
     sampled = (f"judged on {len(rows)} of {len(data)} rows, in even stretches",) if many else ()
-    return [*wrong, *warnings, *(Remark("note", text) for text in (*sampled, *said))]
+    remarks = [*wrong, *sizes, *warnings, *(Remark("note", text) for text in (*sampled, *said))]
+    return sorted(remarks, key=lambda remark: remark.severity == "note")
 
 
 def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
