@@ -118,7 +118,7 @@ def script_hash(name: str) -> str:
 
 
 def _tiles(report: Report) -> Iterator[dict[str, str]]:
-    """The numbers to remember: title, RMS, where it is from and its kind, of the steps that matter."""
+    """The numbers to remember: title, RMS, largest error and kind, of the steps that matter."""
     first, standard = report.step(REGISTRATION), report.step(STANDARD)
     last = report.ladder[-1] if report.ladder and report.ladder[-1].beyond_standard else None
     if first is not None:
@@ -134,5 +134,6 @@ def _tiles(report: Report) -> Iterator[dict[str, str]]:
 
 
 def _tile(title: str, rung: StepRecord, kind: str) -> dict[str, str]:
-    where = "RMS held out" if rung.heldout.known else "RMS training"
-    return {"title": title, "value": wording.millimetres(rung.errors.rms_mm), "note": where, "kind": kind}
+    rms, largest = (wording.millimetres(mm) for mm in (rung.errors.rms_mm, rung.errors.max_mm))
+    note = f"RMS {'held out' if rung.heldout.known else 'training'}, max {largest}"
+    return {"title": title, "value": rms, "note": note, "kind": kind}
