@@ -89,3 +89,10 @@ def test_the_tour_runs_as_a_notebook(tmp_path: Path) -> None:
     notebook = copy.deepcopy(TOUR)
     NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_every_fault_that_cannot_come_back_has_its_test() -> None:
+    rows = re.findall(r"`(\S+\.py)::(test_\w+)`", (ROOT / "docs/reference/safety.md").read_text(encoding="utf-8"))
+    lost = [name for file, name in rows if f"def {name}(" not in (ROOT / "tests" / file).read_text(encoding="utf-8")]
+    assert len(rows) > 40
+    assert lost == []
