@@ -42,10 +42,11 @@ BREEDING = {"founders": 0, "bred": GENERATIONS}
 """Generations of each method."""
 
 
-def searched(robot: Robot, files: Files, place: Place, generations: int) -> tuple[Expression, float]:
-    """The formula of least description length at the law's site in the law's inputs, and seconds of its search."""
+def searched(robot: Robot, files: Files, place: Place, generations: int) -> tuple[Expression | None, float]:
+    """The formula of least description length at the law's site in the law's inputs, None without, and seconds of its
+    search. Large errors are as they are measured."""
     ladder = gp.calibrate(files[1], files[0], holdout=0.0).calibrated
-    residual = residual_of(ladder.final, ladder.poses, Criteria(), 0)
+    residual = residual_of(ladder.final, ladder.poses, Criteria(), 0, np.ones(len(ladder.poses), bool))
     rows = np.arange(len(residual.poses))
     inputs, written = readable_inputs(residual.poses.states, rows)
     there = targets(residual, (Site(((place.slot, place.axis, 1.0),)),), rows)
@@ -55,6 +56,8 @@ def searched(robot: Robot, files: Files, place: Place, generations: int) -> tupl
     started = time.process_time()
     found = formulas_at(problem, 0, read, generations)
     seconds = time.process_time() - started
+    if not found:
+        return None, seconds
     best = max(found, key=lambda one: float(problem.nats(one.gain, description_size(one.program) + 1)))
     return Expression(expression_text(best.program, written)), seconds
 
@@ -65,15 +68,19 @@ def judged(seed: int, factors: int | str, index: int, method: str, folder: Path)
     files, place = write(robot, folder), robot.place
     assert place
     formula, seconds = searched(robot, files, place, BREEDING[method])
-    effect = gp.effect_at("found", place.slot, place.axis, formula, family="found")
-    models = (gp.calibrate(files[1], files[0], effects, holdout=0.0).model for effects in ([], [effect]))
+    effects = [gp.effect_at("found", place.slot, place.axis, formula, family="found")] if formula else []
+    models = (gp.calibrate(files[1], files[0], some, holdout=0.0).model for some in ([], effects))
     positions = *(predicted(model, files[2]) for model in models), oracle(robot, files)[0]
     errors = [rms_mm(found - robot.fresh.clean) for found in positions]
-    found = {"law": str(formula), "inputs": len(formula.inputs), "nodes": nodes(str(formula)), "named": False}
+    found = (
+        [{"law": str(formula), "inputs": len(formula.inputs), "nodes": nodes(str(formula)), "named": False}]
+        if formula
+        else []
+    )
     return {
         "method": method, "seed": seed, "factors": factors, "index": index, **drawn(robot), "geometry_mm": errors[0],
         "error_mm": errors[1], "oracle_mm": errors[2], "ratio": errors[1] / errors[2], "explained": explained(*errors),
-        "seconds": round(seconds, 2), "found": [found], "false": 0,
+        "seconds": round(seconds, 2), "found": found, "false": 0,
     }  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 import copy
 import doctest
 import re
+import shlex
 import shutil
 from importlib.resources import files
 from pathlib import Path
@@ -10,10 +11,12 @@ from pathlib import Path
 import nbformat
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 from nbclient import NotebookClient
 
 import gpmodel as gp
 from gpmodel.api import discover
+from gpmodel.cli.main import main
 from gpmodel.discovery.search import Search
 
 ROOT = Path(__file__).parents[2]
@@ -42,6 +45,28 @@ def test_the_lines_that_a_document_shows_run(name: str, tmp_path: Path, monkeypa
     assert result.attempted > 7
     assert result.failed == 0
     assert name != "README.md" or (tmp_path / "result" / "report.html").exists()
+
+
+@pytest.mark.long
+def test_the_six_steps_typed_end_at_the_three_causes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The commands of the tutorial, one process each time."""
+    monkeypatch.chdir(tmp_path)
+    text = (ROOT / "docs" / "tutorials" / "six_steps.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```sh\n(.*?)```", text, re.DOTALL)
+    said = []
+    for line in (line for block in blocks for line in block.replace("\\\n", "").splitlines()):
+        _, command, *options = shlex.split(line)
+        alone = ["--workers", "1"] if command == "evolve" else []
+        done = CliRunner().invoke(main, [command, *options, *alone], catch_exceptions=False)
+        assert done.exit_code == 0, done.output
+        said += [told for told in done.output.splitlines() if "of chance" in told]
+    inputs = ("J2, torque_J3", "torque_J5", "torque_J4")
+    assert said == [*(f"stands out of chance: {name}" for name in inputs), "no input stands out of chance"]
+    assert all(line in text for line in (said[0], said[-1]))
+    table = re.findall(r"\| ([\d.]+ ± [\d.]+) ", text)
+    effects = gp.load_result("base_J5_J4").findings
+    sizes = [f"{1e9 * e.value:.1f} ± {1e9 * e.stderr:.1f}" for e in effects[:1]]
+    assert [*sizes, *(f"{1e6 * e.value:.2f} ± {1e6 * e.stderr:.2f}" for e in effects[1:])] == table
 
 
 def test_no_document_with_lines_of_python_is_left_out() -> None:
