@@ -1,6 +1,6 @@
 """Results read back from the folders that they were written to, and what is said of them."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +15,8 @@ from gpmodel.api.results import save_record, write_results
 from gpmodel.errors import InputError
 from gpmodel.extras import extra_for
 from gpmodel.files import to_json, write_text
+from gpmodel.formula.expression import Expression
+from gpmodel.model.effect import Effect
 from gpmodel.report.saved import NAME, read_report
 from gpmodel.report.schema import Report
 
@@ -36,6 +38,31 @@ class SavedResult(RecordedResult):
         """Its model.json. Raises InputError where there is none."""
         return load_model(self.folder)
 
+    def effects(self, formula: int | None = None, finding: int | None = None) -> tuple[Effect, ...]:
+        """The effects that were found, to calibrate with; number `formula` of a front, from 1, in its finding's place.
+
+        finding: whose front, from 1; without, that of the only finding that has one. Raises InputError where the model
+        has no findings, or there is no such finding or formula.
+        """
+        saved = self.model.saved
+        values = zip(saved.model.effects, saved.theta, strict=True)  # changes of constants inside formulas are zero
+        effects = tuple(effect for effect, value in values if not effect.constant and value)
+        if not effects:
+            raise InputError(f"{self.folder}: the model has no findings, expected a result with some", "findings")
+        if formula is None:
+            return effects
+        able = [k for k, record in enumerate(self.findings, 1) if record.front]
+        wanted = able if finding is None else [k for k in able if k == finding]
+        if len(wanted) != 1:
+            asked = f"finding {finding}: no formula" if finding is not None else f"{len(able)} findings have formulas"
+            listed = ", ".join(map(str, able)) or "none"
+            raise InputError(f"{asked}, expected the number of one that has: {listed}", "finding")
+        record = self.findings[wanted[0] - 1]
+        if not 1 <= whole(formula, "formula") <= len(record.front):
+            raise InputError(f"{formula}, expected 1 to {len(record.front)}", "formula")
+        basis = Expression(record.front[formula - 1].basis)
+        return tuple(_of_another_basis(e, basis) if e.name == record.name else e for e in effects)
+
     def report(self, folder: str | Path) -> None:
         """Write the pages, poses.csv and the figures again; nothing is fitted. Raises InputError: not writable."""
         write_results(self.record, folder)
@@ -46,6 +73,12 @@ class SavedResult(RecordedResult):
 
     def __repr__(self) -> str:
         return f"<{self.record.kind} of {self.record.mechanism.name} in {self.folder}: {self.verdict}>"
+
+
+def _of_another_basis(effect: Effect, basis: Expression) -> Effect:
+    """An effect at its sites with another basis."""
+    terms = tuple(replace(term, basis=basis) for term in effect.terms)
+    return replace(effect, name=f"{basis} on {effect.terms[0].slot} {effect.terms[0].axis}", terms=terms)
 
 
 def load_result(folder: str | Path) -> SavedResult:

@@ -8,6 +8,7 @@ import click
 from gpmodel.api.calibrate import CalibrationResult
 from gpmodel.api.calibrate import calibrate as fit
 from gpmodel.api.results import check_writable, write_numbers
+from gpmodel.api.saved import load_result
 from gpmodel.api.table import read_table
 from gpmodel.characters import shell_quoted
 from gpmodel.cli import options as shared
@@ -16,12 +17,15 @@ from gpmodel.cli.terminal import echo
 from gpmodel.errors import InputError
 from gpmodel.files import alone_in
 from gpmodel.mechanism.source import LoadedMechanism
+from gpmodel.model.effect import Effect
 
 
 @click.command()
 @shared.table_argument
 @shared.mechanism_options()
 @click.option("--effect", "effects", multiple=True, metavar="NAME", help="'gear_harmonic J4', 'J4.moving:Rz:sin(J4)'.")
+@click.option("--findings", type=shared.PATH, metavar="RESULT", help="Folder of discover whose effects are calibrated.")
+@click.option("--formula", metavar="[N=]K", help="Formula K of the front of finding N of --findings, in its place.")
 @click.option("--fleet", type=shared.PATH, metavar="FLEET", help="fleet.json with the prior of its type.")
 @shared.joints_option
 @shared.sights_options
@@ -34,7 +38,8 @@ from gpmodel.mechanism.source import LoadedMechanism
 @shared.out_folder_option
 @shared.quiet_option
 def calibrate(
-    table: Path, mechanism: LoadedMechanism, effects: tuple[str, ...], fleet: Path | None,
+    table: Path, mechanism: LoadedMechanism, effects: tuple[str, ...], findings: Path | None, formula: str | None,
+    fleet: Path | None,
     joints: tuple[str, ...], standard: tuple[str, ...],
     condition_limit: float | None, holdout: float, instrument: str | None, in_order: bool, seed: int,
     folder: Path | None, quiet: bool, **sights: str | None,
@@ -47,8 +52,9 @@ def calibrate(
     missing = ""
     with nullcontext() if folder is None else alone_in(folder):
         dataset = read_table(table, mechanism, in_order=in_order, **sights)
+        every: list[str | Effect] = [*effects, *found_in(findings, formula)]
         result = fit(
-            mechanism, dataset, effects, standard=standard, condition_limit=condition_limit, holdout=holdout,
+            mechanism, dataset, every, standard=standard, condition_limit=condition_limit, holdout=holdout,
             instrument=instrument, seed=seed, fleet=fleet, joints=joints, command=command_line(),
         )  # fmt: skip
         if folder is not None:
@@ -59,6 +65,20 @@ def calibrate(
             echo(what_next(folder, result.record))
     if folder is not None and missing:
         echo(f"{folder} holds the model without pages: {missing}, then gpmodel report {shell_quoted(folder)}", err=True)
+
+
+def found_in(folder: Path | None, formula: str | None) -> tuple[Effect, ...]:
+    """The effects of a result, with the formula K of a front where K or N=K asks for it."""
+    if folder is None:
+        if formula is not None:
+            raise InputError("takes a formula of a result, expected --findings as well", "formula")
+        return ()
+    finding, _, number = (formula or "").rpartition("=")
+    if formula is None:
+        return load_result(folder).effects()
+    if not (number.isdecimal() and (finding.isdecimal() or not finding)):
+        raise InputError(f"{formula!r}, expected K or N=K: 2, or 1=2", "formula")
+    return load_result(folder).effects(int(number), int(finding) if finding else None)
 
 
 def save(result: CalibrationResult, folder: Path) -> str:

@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, combinations, count
+from itertools import chain, combinations, count, repeat
 
 import numpy as np
 
@@ -128,7 +128,8 @@ def formulas(left: Residual, curves: Sequence[Candidate], search: Search) -> Ite
     numbers = count()
     for curve, tasks, out, (residual, *sharp) in zip(curves, posed, doubted, views, strict=True):
         ways = [partial(_as_laws, residual, curve, task, search) for task in tasks]
-        searched = [list(as_laws(law.program for law in found[next(numbers)])) for as_laws in ways]
+        makers = partial(formula_of, [curve.found_by])
+        searched = [list(f((law.program, makers(law.generation)) for law in found[next(numbers)])) for f in ways]
         laws = list(chain.from_iterable(searched))
         yield from laws
         if laws and sharp:
@@ -188,21 +189,21 @@ def _columns(names: Iterable[str]) -> set[str]:
 
 
 def _as_laws(
-    residual: Residual, curve: Candidate, task: LawTask, search: Search, programs: Iterable[Program]
+    residual: Residual, curve: Candidate, task: LawTask, search: Search, programs: Iterable[tuple[Program, str]]
 ) -> Iterator[ShortLaw]:
-    """Programs as effects at the curve's place, without those that pass a pole."""
+    """Programs, and who made each, as effects at the curve's place, without those that pass a pole."""
     states = residual.poses.states
     between = states.between()
     places = len(sites_of(residual.calibration.model.mechanism))
-    for program in programs:
+    for program, maker in programs:
         cost = search.cost(description_size(program), 1 if curve.family else places) + curve.cost * bool(curve.family)
-        candidate = as_candidate(program, task.site, task.written, cost, formula_of([curve.found_by]))
+        candidate = as_candidate(program, task.site, task.written, cost, maker)
         if candidate and without_poles(residual.criteria, candidate, states, between):
             yield ShortLaw(program, task, candidate)
 
 
 def _shortened(
-    laws: Sequence[ShortLaw], residual: Residual, as_laws: Callable[[Iterable[Program]], Iterator[ShortLaw]]
+    laws: Sequence[ShortLaw], residual: Residual, as_laws: Callable[[Iterable[tuple[Program, str]]], Iterator[ShortLaw]]
 ) -> list[ShortLaw]:
     """The law that saves most less a node at a time, the least missed, for as long as it saves more.
 
@@ -210,7 +211,7 @@ def _shortened(
     """
     steps: list[ShortLaw] = []
     most, best = _best(residual, laws)
-    while fewer := list(as_laws(shorter(best.program, best.task.problem))):
+    while fewer := list(as_laws(zip(shorter(best.program, best.task.problem), repeat(best.candidate.found_by)))):
         saved, best = _best(residual, fewer)
         if saved <= most:
             break

@@ -192,7 +192,8 @@ def one_round(state: State, standard_fit: Calibration, calibration: Calibration)
     found = judge(problem, fitted, null, state.errors_alone)
     dropped = _taken(state, [h for h in found.hypotheses if h.accepted], number)
     laws = tuple(fitted.candidates[name] for name in proposals.laws if name in fitted.candidates)
-    state.rounds.append(Round(number, found.hypotheses, exploration, (*new, *laws), dropped))
+    every = tuple(law.candidate for law in proposals.laws.values())
+    state.rounds.append(Round(number, found.hypotheses, exploration, (*new, *laws), dropped, every))
     return found.calibration
 
 

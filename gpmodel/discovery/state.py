@@ -47,7 +47,8 @@ class Finding:
 class Round:
     """A round: evolved programs, tested groups of the joint selection, and findings that were dropped.
 
-    hypotheses: all tested groups. evolved: programs that are offered as groups from this round on.
+    hypotheses: all tested groups. evolved: programs that are offered as groups from this round on. formulas: all that
+    were proposed for curves.
     """
 
     number: int
@@ -55,6 +56,7 @@ class Round:
     exploration: Exploration
     evolved: tuple[Candidate, ...]
     dropped: tuple[str, ...] = ()
+    formulas: tuple[Candidate, ...] = ()
 
     @property
     def stands_out(self) -> bool:

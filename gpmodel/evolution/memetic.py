@@ -53,6 +53,7 @@ class Formulas:
         self.problem, self.allows = problem, allows
         self.columns = problem.inputs.mapping()
         self.found: list[Solution] = []
+        self.generation = 0
         self._begun: set[tuple[bytes, int]] = set()
         self._places: dict[bytes, int] = {}
         targets = problem.targets
@@ -85,8 +86,9 @@ class Formulas:
         if not column or (place < len(self.found) and self.found[place].complexity <= description_size(program)):
             return
         gain, coefficients = self.problem.targets.set_gain(values, 0)
-        name = self.problem.targets.names[0]
-        self.found[place : place + 1] = [Solution(program, 0, name, gain, coefficients, description_size(program))]
+        name, size = self.problem.targets.names[0], description_size(program)
+        one = Solution(program, 0, name, gain, coefficients, size, generation=self.generation)
+        self.found[place : place + 1] = [one]
 
     def best(self, count: int) -> list[Solution]:
         """The shortest descriptions, one of those that differ in constants alone."""
@@ -138,7 +140,7 @@ def _centred(program: Program) -> Program:
 def bred(population: Formulas, names: Sequence[str], generations: int = GENERATIONS) -> None:
     """Breed a population for as long as a generation improves it; inputs of these names join its formulas."""
     before = population.nats()
-    for _ in range(generations):
+    for population.generation in range(1, generations + 1):
         parents = [one.program for one in population.best(PARENTS)]
         population.add(_offspring(population, parents, names))
         shortened(population)

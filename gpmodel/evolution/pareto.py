@@ -22,7 +22,7 @@ class Solution:
 
     ``gain`` is the share of residual energy (slot) or of the norm (compensator) it removes, ``coefficients``
     multiply its outputs (ones for a compensator), ``validation`` is the gain of the same coefficients on the
-    validation poses, where there are any.
+    validation poses, where there are any. ``generation`` is that in which a formula was bred, 0 of a founder.
     """
 
     program: Program
@@ -32,6 +32,7 @@ class Solution:
     coefficients: Array
     complexity: int
     validation: float | None = None
+    generation: int = 0
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,14 @@ Kind = Literal["single", "harmonic", "vector", "curve"]
 
 CATALOGUE, NAMED, SMOOTH_TERM = "catalogue", "named", "smooth term"
 FORMULA, FORMULA_OF_PROGRAM = "formula", "formula of a program"
+BRED = tuple(f"formula of generation {g}" for g in range(1, 10))
 SEQUENCE, TREE = "sequence", "tree"
-"""Makers of a candidate: the catalogue; the user; a smooth term without a formula; the enumeration of short formulas,
-applied to a smooth term or an effect, or to an evolved program; genetic programming, by its representation."""
+"""Makers of a candidate: the catalogue; the user; a smooth term without a formula; a short formula, a founder, for a
+smooth term or an effect, or for an evolved program; one that is bred from founders, by its generation; genetic
+programming, by its representation."""
+
+
+FORMULAS = FORMULA, FORMULA_OF_PROGRAM, *BRED
 
 
 def maker_of(representation: str) -> str:
@@ -36,12 +41,14 @@ def maker_of(representation: str) -> str:
 
 def is_program(found_by: str) -> bool:
     """Return whether a maker is genetic programming in any representation."""
-    return found_by not in {CATALOGUE, NAMED, SMOOTH_TERM, FORMULA, FORMULA_OF_PROGRAM}
+    return found_by not in {CATALOGUE, NAMED, SMOOTH_TERM, *FORMULAS}
 
 
-def formula_of(makers: Iterable[str]) -> str:
-    """Maker of a formula that replaces candidates of some makers."""
-    unevolved = {CATALOGUE, NAMED, SMOOTH_TERM, FORMULA}
+def formula_of(makers: Iterable[str], generation: int = 0) -> str:
+    """Maker of a formula of a generation that replaces candidates of some makers."""
+    if generation:
+        return BRED[generation - 1]
+    unevolved = {CATALOGUE, NAMED, SMOOTH_TERM, FORMULA, *BRED}
     return FORMULA if unevolved.issuperset(makers) else FORMULA_OF_PROGRAM
 
 

@@ -126,6 +126,12 @@ def _facts(report: Report, effect: EffectRecord) -> Iterator[str]:
         yield f"{wording.percent(effect.unique_share)} of its signature is explained by nothing else in the model"
     for said in filter(None, (beside_specification(effect), words.causes(effect))):
         yield said
+    if len(effect.front) > 1:
+        taken = next(k for k, formula in enumerate(effect.front, 1) if formula.taken)
+        yield (
+            f"its formula is number {taken} of {len(effect.front)} on the page, none of which a shorter one equals in "
+            "gain; calibrate takes another by --findings and --formula"
+        )
     if said := words.confirmed(report):
         yield f"all findings together are {said}"
 

@@ -19,6 +19,7 @@ from gpmodel.report import fitted, verdict
 from gpmodel.report.build import Ladder, build, orientation_record, reading_records
 from gpmodel.report.effects import effect_records
 from gpmodel.report.from_evolution import in_the_table
+from gpmodel.report.front import front
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import REGISTRATION, STANDARD, ParameterRecord, Report
 from gpmodel.report.schema_poses import ShapeRecord
@@ -114,6 +115,7 @@ def _effects(
             round=finding.round,
             heldout_rms_mm=None if step is None else fitted.statistics_mm(step.heldout_error).rms_mm,
             constants=discovery.fitted.constants[i],
+            front=front(discovery, i),
         )
 
 

@@ -78,6 +78,19 @@ class MovedRecord:
 
 
 @dataclass(frozen=True)
+class FormulaRecord:
+    """A formula of the Pareto front at a finding's site: that no shorter one equals in gain.
+
+    nodes: its length. nats: gain in log likelihood with everything else in the model. taken: it is the finding.
+    """
+
+    basis: str
+    nodes: Count
+    nats: float
+    taken: bool = False
+
+
+@dataclass(frozen=True)
 class TestRecord:
     """One test of the acceptance rule: what was measured, the limit it was held against, whether it passed."""
 
@@ -102,7 +115,8 @@ class EffectRecord:
     angle it turns the tool, RMS; alone_rms_mm: of that what
     nothing else in the model, registration and tool included, takes up; workspace_*: at joint values
     anywhere within the limits. of_specification: of an error of the instrument, how many times its specification it
-    moves the readings by, RMS. ranges: of its inputs, as trained. constants: inside its law. moved: displacements
+    moves the readings by, RMS. ranges: of its inputs, as trained. constants: inside its law. front: formulas to choose
+    among, the shortest first. moved: displacements
     pose by pose.
     """
 
@@ -144,6 +158,7 @@ class EffectRecord:
     of_specification: NotNegative | None = None
     ranges: tuple[Range, ...] = ()
     constants: tuple[FittedConstant, ...] = ()
+    front: tuple[FormulaRecord, ...] = ()
     moved: MovedRecord | None = None
 
     def __repr__(self) -> str:

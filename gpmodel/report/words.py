@@ -7,7 +7,16 @@ import numpy as np
 
 from gpmodel import wording
 from gpmodel.evolution.input_histogram import Histogram
-from gpmodel.families.candidate import CATALOGUE, FORMULA, FORMULA_OF_PROGRAM, NAMED, SEQUENCE, SMOOTH_TERM, TREE
+from gpmodel.families.candidate import (
+    BRED,
+    CATALOGUE,
+    FORMULA,
+    FORMULA_OF_PROGRAM,
+    NAMED,
+    SEQUENCE,
+    SMOOTH_TERM,
+    TREE,
+)
 from gpmodel.mechanism.protocol import INSTRUMENT
 from gpmodel.numerics.interval import COVERAGE, coverage_factor
 from gpmodel.report.schema import Report
@@ -23,6 +32,7 @@ _FOUND_BY = {
     FORMULA: "enumeration of short formulas for a smooth term or an effect; nothing was evolved for it",
     FORMULA_OF_PROGRAM: "enumeration of short formulas for a program of genetic programming",
     SEQUENCE: "genetic programming (sequence of instructions)", TREE: "genetic programming (tree)",
+    **{maker: f"genetic programming, generation {g} bred from short formulas" for g, maker in enumerate(BRED, 1)},
 }  # fmt: skip
 _SOURCES = {
     "repeats": "from the repeats in the table", "instrument": "from the instrument's figure",

@@ -10,6 +10,7 @@ from report_runs import calibrated, discovered, evolved, quickly
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.state import Discovery
+from gpmodel.families.candidate import BRED
 from gpmodel.model.error_model import prepare
 from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.iso9283 import repeatability
@@ -60,7 +61,11 @@ def test_a_finding_that_matches_no_family_says_so() -> None:
     first = report("windup").effects[0]
     assert first.catalogue is None
     assert first.explanation == "matches no named effect"
-    assert first.found_by in ("formula", "formula of a program", "sequence")
+    assert first.found_by in ("formula", "formula of a program", *BRED, "sequence")
+    others = [one for one in first.front if not one.taken]
+    assert len(others) == len(first.front) - 1
+    assert [one.nats for one in others] == sorted(one.nats for one in others)
+    assert [one.nodes for one in first.front] == sorted(one.nodes for one in first.front)
 
 
 def test_the_verdict_says_what_was_added_or_that_nothing_was() -> None:

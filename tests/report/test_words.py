@@ -6,7 +6,7 @@ import pytest
 
 from gpmodel import wording
 from gpmodel.evolution.input_histogram import Histogram
-from gpmodel.families.candidate import CATALOGUE, FORMULA, NAMED, SEQUENCE, SMOOTH_TERM, TREE
+from gpmodel.families.candidate import BRED, CATALOGUE, FORMULA, NAMED, SEQUENCE, SMOOTH_TERM, TREE
 from gpmodel.report.instrument_words import beside_specification, instrument
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_poses import InstrumentRecord
@@ -108,7 +108,7 @@ def test_a_share_of_squares_is_stated_as_a_share_of_the_rms() -> None:
     assert rms_removed(1.1) == 1.0
 
 
-@pytest.mark.parametrize("maker", [CATALOGUE, NAMED, SMOOTH_TERM, FORMULA, SEQUENCE, TREE])
+@pytest.mark.parametrize("maker", [CATALOGUE, NAMED, SMOOTH_TERM, FORMULA, *BRED[:2], SEQUENCE, TREE])
 def test_genetic_programming_is_named_only_where_a_program_was_evolved(maker: str) -> None:
     said = found(Report(), EffectRecord("a", found_by=maker, round=1))
-    assert ("genetic programming" in said) == (maker in {SEQUENCE, TREE})
+    assert ("genetic programming" in said) == (maker in {SEQUENCE, TREE, *BRED})
