@@ -1,5 +1,6 @@
 """Commands on a model.json: what it predicts, corrects, hands on, and whether it still holds."""
 
+from math import isfinite
 from pathlib import Path
 
 import click
@@ -110,6 +111,8 @@ def compensate(
         counts = ", ".join(f"{count} {status}" for status, count in corrected["status"].value_counts().items())
         largest = corrected["correction [mm]"].max()
         moved = f"corrections of the {point} {WHICH[point]} up to {largest:.4f} mm"
+        if isfinite(turn := corrected["residual_turn [mrad]"].max()):
+            moved += f", up to {turn:.4f} mrad of the orientation not reached"
         echo(f"{len(corrected)} targets in {path}: {counts}; {moved}")
 
 

@@ -63,3 +63,11 @@ def test_a_stale_result_among_targets_is_no_result(
         assert done.exit_code == 0, done.stderr
         outputs.append(done.stdout)
     assert outputs[0] == outputs[1]
+
+
+def test_compensate_states_the_error_of_orientation_that_remains(models: tuple[Path, Path], tmp_path: Path) -> None:
+    write(measured().filter(like="J").assign(**{"J5 [deg]": 0.02}), tmp_path / "targets.csv")
+    done = run("compensate", models[0], tmp_path / "targets.csv", "--out", tmp_path / "corrected.csv")
+    remains = pd.read_csv(tmp_path / "corrected.csv")["residual_turn [mrad]"].max()
+    assert remains > 1e-2
+    assert f"up to {remains:.4f} mrad of the orientation not reached" in " ".join(done.output.split())
