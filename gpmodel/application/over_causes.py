@@ -3,12 +3,15 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import linalg
 
 from gpmodel.arrays import Array
+from gpmodel.calibration.rivals import ROW, UNKNOWNS
 from gpmodel.discovery.state import Discovery
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, residual_of
+from gpmodel.evidence.score import scores
+from gpmodel.families import catalogue
+from gpmodel.families.candidate import Candidate
 from gpmodel.model.effect import Effect
 from gpmodel.numerics.least_squares import solve
 from gpmodel.selection.causes import Cause
@@ -16,6 +19,10 @@ from gpmodel.table.split import JUDGED
 
 UNLIKELY = 0.01
 """Probability below which a cause moves nothing that anybody would notice."""
+
+RARE = 1e-3
+"""Probability below which a candidate of the catalogue is passed over: what moves a number by ten of its standard
+errors adds a hundredth to its variance ten times as often."""
 
 
 def spreads(discovery: Discovery) -> list[dict[str, float]]:
@@ -32,35 +39,73 @@ def spreads(discovery: Discovery) -> list[dict[str, float]]:
     ]
 
 
-def spread_over(residual: Residual, effects: Sequence[Effect], others: Sequence[Cause]) -> dict[str, float]:
-    """Standard deviation of every number of placement and model over the causes of a finding, about its value with the
-    finding: √Σ p (value - value with the finding)².
-
-    residual: of the model without the finding. others: causes in its place. Source: Hoeting et al. (1999), the variance
-    between models.
+def tool_spreads(discovery: Discovery) -> list[dict[str, float]]:
+    """Deviation of every number of the placement over the catalogue: with each candidate in the place of each finding,
+    or added to a model without findings. The candidates' probabilities are those of the fit that states the numbers,
+    p(h | y) ∝ exp(nats of h). A constant of the model may take up an effect too weak to be a finding.
     """
+    poses = discovery.poses.subset(discovery.train)
+    shipped = discovery.steps[-1 if discovery.confirmed else 1].calibration
+    residual = residual_of(shipped, poses, Criteria(), JUDGED)
+    known = {effect.name for effect in residual.calibration.model.effects}
+    offered = catalogue.candidates(discovery.mechanism, poses.states)
+    pool = [c for c in offered if len(c.effects) <= UNKNOWNS and ROW not in c.inputs]
+    pool = [c for c in pool if known.isdisjoint(e.name for e in c.effects)]
+    found = [finding.candidate for finding in discovery.findings if discovery.confirmed]
+    return [_over_pool(residual.without(own.effects), own, pool) for own in found] or [_over_pool(residual, None, pool)]
+
+
+def _over_pool(residual: Residual, own: Candidate | None, pool: Sequence[Candidate]) -> dict[str, float]:
+    """Deviation of every number over candidates in the place of `own`, None for nothing. residual: without it."""
+    asked = [*pool, *([own] if own else [])]
+    nats = np.append([score.nats for score in scores(residual, asked)], 0.0)
+    likely = np.exp(nats - nats.max()) / np.exp(nats - nats.max()).sum()
+    others = [(pool[k].effects, float(likely[k])) for k in np.flatnonzero(likely[: len(pool)] > RARE).tolist()]
+    return _spread(residual, own.effects if own else (), [*others, ((), float(likely[-1]) * (own is not None))])
+
+
+def spread_over(residual: Residual, effects: Sequence[Effect], others: Sequence[Cause]) -> dict[str, float]:
+    """Deviation of every number over the causes of a finding; see `_spread`."""
     able = [cause for cause in others if cause.probability > UNLIKELY]
-    if not able:
+    return _spread(residual, effects, [(cause.groups[0].effects, cause.probability) for cause in able])
+
+
+def _spread(
+    residual: Residual, effects: Sequence[Effect], others: Sequence[tuple[Sequence[Effect], float]]
+) -> dict[str, float]:
+    """Deviation of every number of placement and model over other effects, with their probabilities p, in the place of
+    effects: √Σ p ((value - value with the effects)² + variance beyond that with the effects).
+
+    residual: of the model without the effects. Source: Hoeting et al. (1999), the variance between and within models.
+    """
+    if not others:
         return {}
-    own = _explained(residual, effects)
-    apart = np.column_stack([own - _explained(residual, cause.groups[0].effects) for cause in able])
-    moved, names = solve(residual.system, apart), (*residual.problem.placement_names, *residual.names)
+    own, own_variance = _moved(residual, effects)
+    squares = np.zeros(len(own))
+    for other, probability in others:
+        moved, variance = _moved(residual, other)
+        squares += probability * ((moved - own) ** 2 + np.maximum(variance - own_variance, 0.0))
+    names = (*residual.problem.placement_names, *residual.names)
     at = {e.name: i for i, e in enumerate(residual.calibration.model.effects, residual.problem.placement)}
     columns = residual.problem.columns[:, [*range(residual.problem.placement), *(at[name] for name in residual.names)]]
     unit = residual.system[: residual.measured]
     scale = np.linalg.norm(unit, axis=0) / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
-    spread = scale * np.sqrt(moved**2 @ np.array([cause.probability for cause in able]))
-    return dict(zip(names, spread.tolist(), strict=True))
+    return dict(zip(names, (scale * np.sqrt(squares)).tolist(), strict=True))
 
 
-def _explained(residual: Residual, effects: Sequence[Effect]) -> Array:
-    """Return the contribution (M + B,) of effects fitted in addition to the model, their own columns only."""
+def _moved(residual: Residual, effects: Sequence[Effect]) -> tuple[Array, Array]:
+    """Return by how much effects fitted in addition to the model move its unit unknowns (K,), and add to their
+    variance (K,)."""
+    if not effects:
+        return np.zeros(residual.system.shape[1]), np.zeros(residual.system.shape[1])
     columns = residual.columns(effects)
     norms = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
     left, _ = residual.projected(effects)
     belief = np.array([residual.sigma / e.prior for e in effects]) / norms
-    gram = left.T @ left + np.diag(belief**2)
-    fitted = linalg.lstsq(gram, left.T @ residual.values, lapack_driver="gelsy", check_finite=False)[0]
-    out = np.zeros(len(residual.values))
-    out[: residual.measured] = columns @ (fitted / norms)
-    return out
+    spread = np.linalg.pinv(left.T @ left + np.diag(belief**2), rcond=1e-12, hermitian=True)
+    fitted = spread @ (left.T @ residual.values)
+    padded = np.zeros((len(residual.values), len(norms)))
+    padded[: residual.measured] = columns / norms
+    towards = solve(residual.system, padded)
+    sigma2 = float(np.sum((residual.values - left @ fitted) ** 2)) / residual.freedom
+    return towards @ fitted, sigma2 * np.einsum("ki,ij,kj->k", towards, spread, towards)

@@ -8,7 +8,7 @@ import numpy as np
 
 from gpmodel.application.heldout import shipped, unseen_of
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.over_causes import spreads
+from gpmodel.application.over_causes import spreads, tool_spreads
 from gpmodel.arrays import Array
 from gpmodel.calibration.unobservable import unobservable_families
 from gpmodel.discovery.acceptance import Hypothesis
@@ -48,7 +48,7 @@ def from_discovery(discovery: Discovery, origin: Origin, saved: SavedModel | Non
         common,
         effects=tuple(_effects(discovery, names, moved)),
         histograms=_histograms(discovery, names),
-        placement=tuple(_widened(common.placement, moved)),
+        placement=tuple(_widened(common.placement, tool_spreads(discovery))),
         rounds=tuple(_round(r, _as_fitted(discovery), names) for r in discovery.rounds),
         rank_curve=common.rank_curve or discovery.steps[1].calibration.rank_curve,
         stopped=discovery.stopped,
@@ -128,7 +128,7 @@ def _causes(hypothesis: Hypothesis, name: str, names: Mapping[str, str]) -> Iter
 
 
 def _widened(placement: Sequence[ParameterRecord], moved: Sequence[Mapping[str, float]]) -> Iterator[ParameterRecord]:
-    """Widen the standard errors of tool points by how far the other causes of the findings would move them.
+    """Widen the standard errors of tool points by how far other candidates of the catalogue would move them.
 
     Steps of a tool point are along the axes of the flange, as its numbers are.
     """

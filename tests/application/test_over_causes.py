@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from effect_cases import bare, measure, mechanism, sized
 
-from gpmodel.application.over_causes import spread_over
+from experiments.spherical_joint.rigs import JOINT, rig_of
+from gpmodel.application.over_causes import spread_over, tool_spreads
 from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.discovery.loop import discover
+from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import residual_of
 from gpmodel.families import catalogue
@@ -50,3 +53,21 @@ def test_other_causes_move_the_other_findings_as_fits_with_them_say() -> None:
     largest = int(np.argmax(tool))
     assert spread[f"tool T{'xyz'[largest]}"] == pytest.approx(tool[largest], rel=0.25)
     assert spread_over(without, pool[FOUND].effects, [replace(other[0], probability=0.005)]) == {}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [92, 94])
+def test_the_radius_of_a_ball_allows_for_lobes_of_any_number_and_for_those_that_are_not_found(seed: int) -> None:
+    """Three lobes and an axis offset look like other lobes, or like another radius: 6 and 22 standard errors off."""
+    off, wider = [], []
+    for kind in ("lobes", "nothing"):
+        rig, data = rig_of(seed, kind, True)
+        nothing = np.zeros(0, dtype=np.int64)
+        found = discover(JOINT, prepare(JOINT, data), np.arange(60), nothing, search=Search(runs=0, workers=1))
+        (radius,) = [p for p in found.final.placed if p.name == "tool z"]
+        stderr = np.hypot(radius.stderr, [spread["tool Tz"] for spread in tool_spreads(found)]).max()
+        off.append(abs(radius.value - rig.joint.tooling_ball[2] + JOINT.tooling_ball[2]) / stderr)
+        wider.append(stderr / radius.stderr)
+    assert max(off) < 3.0
+    assert wider[0] > 2.0
+    assert wider[1] < 1.05
