@@ -8,9 +8,11 @@ whether the residual at a site depends on these inputs, whatever the form.
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.evidence.score import best, fitted, rotated, with_own_noise
@@ -171,6 +173,11 @@ class SiteProducts:
     inner: Array
     rhs: Array
 
+    @cached_property
+    def single(self) -> NDArray[np.float32]:
+        """The products with each other in single precision, for the screening."""
+        return self.inner.astype(np.float32)
+
     @staticmethod
     def of(active: Active, sites: Sequence[Site]) -> "SiteProducts":
         """Project the rows of a model; of many poses, use a subset spread evenly along the rows."""
@@ -185,9 +192,9 @@ class SiteProducts:
         taken, left, reach = by_pose[:, :, :count], by_pose[:, :, [count]], by_pose[:, :, count + 1 :]
         sums = np.swapaxes(np.swapaxes(reach, 1, 2) @ taken, 0, 1)
         energy, rhs = (np.sum(reach * value, axis=1).T for value in (reach, left))
-        return SiteProducts(
-            rows.present[at], energy[:, :, None] * np.eye(len(at)) - sums @ np.swapaxes(sums, 1, 2), rhs
-        )
+        inner = -(sums @ np.swapaxes(sums, 1, 2))
+        inner[:, np.arange(len(at)), np.arange(len(at))] += energy
+        return SiteProducts(rows.present[at], np.ascontiguousarray(inner), rhs)
 
     def products(self, values: Array, sigma2: float, some: slice = slice(None)) -> tuple[Array, Array]:
         """S (S, m, m) and XᵀC⁻¹y (S, m) of functions with values (P, m) at some of the sites."""
@@ -200,8 +207,10 @@ class SiteProducts:
 
         The last pivot of the Cholesky factor of M bordered by √a b and c is √(c - a bᵀM⁻¹b).
         """
-        inner, rhs = self.products(values, sigma2)
-        size = values.shape[1]
+        sites, poses, size = *self.rhs.shape, values.shape[1]
+        single = values.astype(np.float32)  # its rounding, 1e-7 of S, moves no rank
+        there = (self.single.reshape(-1, poses) @ single).reshape(sites, poses, -1)
+        inner, rhs = (single.T @ there).astype(float) / sigma2, self.rhs @ values / sigma2
         variance = TYPICAL * size / np.maximum(np.trace(inner, axis1=1, axis2=2), 1e-300)
         border = np.sqrt(variance)[:, None] * rhs
         corner = 1.0 + np.sum(border**2, axis=1)

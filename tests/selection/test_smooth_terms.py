@@ -21,7 +21,7 @@ from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.posterior import Active
 from gpmodel.selection.scan import Scan
 from gpmodel.selection.select import select
-from gpmodel.selection.smooth_terms import Sines, SiteProducts, SmoothTerm
+from gpmodel.selection.smooth_terms import TYPICAL, Sines, SiteProducts, SmoothTerm, multiplied, principal
 
 
 @pytest.mark.parametrize("length", [0.35, 0.6, 0.9, 1.5])
@@ -89,3 +89,16 @@ def test_a_curve_that_is_not_wanted_is_not_offered_elsewhere() -> None:
     kept = select(standard, poses, said, prices=Price(Criteria(shuffles=9))).kept
     assert kept
     assert all(set(k.group.inputs) != {"J2", "J5"} for k in kept)
+
+
+def test_the_screening_in_single_precision_ranks_as_in_double() -> None:
+    active, _ = problem(2)
+    sites, states = sites_of(mechanism(ARM)), active.pool.rows.shapes.states
+    places = SiteProducts.of(active, sites)
+    values = multiplied([principal(states[name][places.poses]) for name in ("J2", "J3")])
+    inner, rhs = places.products(values, active.sigma2)
+    variance = TYPICAL * values.shape[1] / np.trace(inner, axis1=1, axis2=2)
+    m = np.eye(values.shape[1]) + variance[:, None, None] * inner
+    solved = np.linalg.solve(m, rhs[:, :, None])[:, :, 0]
+    wanted = 0.5 * variance * np.sum(rhs * solved, axis=1) - 0.5 * np.linalg.slogdet(m)[1]
+    np.testing.assert_allclose(places.screened(values, active.sigma2), wanted, rtol=1e-4, atol=1e-3)
