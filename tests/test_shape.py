@@ -17,7 +17,7 @@ PRODUCT = [p for package in ("gpmodel", "robots", "joints") for p in sorted((ROO
 TESTS = sorted((ROOT / "tests").rglob("*.py"))
 KERNELS = ROOT / "gpmodel" / "evolution" / "kernels"
 LONGEST_FILE, LONGEST_FUNCTION, MOST_PARAMETERS = 400, 60, 6
-HEART, HEART_LINES, HEART_FILES = ("discovery", "evidence", "selection"), 5160, 34
+HEART, HEART_LINES, HEART_FILES = ("discovery", "evidence", "selection"), 5100, 33
 """Folders that decide what is found, and their budget. A change may lower it; a rise has to be seen in a commit."""
 PASSED_THROUGH = {"discovery/loop.py discover", "planning/simulate.py simulate"}
 """Functions that receive the keyword arguments of the public functions of these names."""

@@ -1,6 +1,7 @@
 """Final fit of the found model to all poses, including the constants inside formulas."""
 
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -8,12 +9,12 @@ import numpy as np
 
 from gpmodel.arrays import Mask
 from gpmodel.calibration.result import Calibration, without_outlier_marks
-from gpmodel.discovery.in_words import constants_in_words, in_words
-from gpmodel.discovery.refinement import WINDOW, InnerChange, inner_changes, moved, profile, refined_fit
+from gpmodel.discovery.refinement import STEP, WINDOW, InnerChange, inner_changes, moved, profile, refined_fit
 from gpmodel.discovery.state import FinalFit, State
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import Constant, FittedConstant
+from gpmodel.families.outline import PRINTED, Outline, in_words, outline_of
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.table.split import JUDGED
 
@@ -104,3 +105,37 @@ def _events(candidate: Candidate) -> Iterator[FittedConstant]:
     for constant in candidate.inner.constants if candidate.inner else ():
         if constant.rows:
             yield FittedConstant(constant.name, constant.unit, constant.value, None, *constant.rows)
+
+
+def constants_in_words(
+    candidate: Candidate, changes: Sequence[InnerChange], fit: Calibration, units: Mapping[str, str]
+) -> Iterator[FittedConstant]:
+    """The constants inside a candidate with their deviations; of a law with an outline, where that is and how wide.
+
+    fit: to all poses, with the changes of the constants among its unknowns. units: of the inputs.
+    """
+    at = [e.name for e in fit.model.effects]
+    own = [at.index(change.effect.name) for change in changes]
+    constants, deviations = [change.constant for change in changes], np.where(fit.kept[own], fit.stderr[own], np.inf)
+    drawn = outline_of(candidate)
+    if drawn is None:
+        for constant, deviation in zip(constants, deviations.tolist(), strict=True):
+            yield FittedConstant(
+                constant.name, constant.unit, constant.value, deviation if deviation < np.inf else None
+            )
+        return
+    factor, unit = PRINTED.get(units[drawn.of], (1.0, units[drawn.of]))
+    slopes = np.array([_slope(candidate, constant) for constant in constants]).reshape(-1, 2)
+    known = bool(changes) and bool(np.isfinite(deviations).all())
+    covariance = fit.correlation[np.ix_(own, own)] * np.outer(deviations, deviations) if known else np.zeros((0, 0))
+    spread = factor * np.sqrt(np.diag(slopes.T @ covariance @ slopes)) if known else (None, None)
+    for name, value, deviation in zip(("position", "width"), (drawn.at, drawn.width), spread, strict=True):
+        yield FittedConstant(name, unit, factor * value, None if deviation is None else float(deviation))
+
+
+def _slope(candidate: Candidate, constant: Constant) -> tuple[float, float]:
+    """Change of the position and of the width of an outline per change of a constant."""
+    beside = [outline_of(moved(candidate, {constant: constant.value * (1.0 + s)})) for s in (-STEP, STEP)]
+    below, above = (o or Outline("", "", math.nan, math.nan) for o in beside)
+    step = 2.0 * STEP * constant.value
+    return (above.at - below.at) / step, (above.width - below.width) / step

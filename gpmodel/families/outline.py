@@ -1,17 +1,13 @@
 """Laws of one input as a person says them: a bump or a step, where it is and how wide."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
 import sympy
 
 from gpmodel import wording
-from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.refinement import STEP, InnerChange, moved
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.inner import Constant, FittedConstant
 from gpmodel.formula.algebra import to_sympy
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect
@@ -81,37 +77,3 @@ def _named(candidate: Candidate, units: Mapping[str, str]) -> Candidate:
     name = f"{found.what} of {found.of} at {at}{said}, width {factor * found.width:.3g}{said}"
     effects: tuple[Effect, ...] = tuple(replace(effect, name=name) for effect in candidate.effects)
     return replace(candidate, name=name, effects=effects)
-
-
-def constants_in_words(
-    candidate: Candidate, changes: Sequence[InnerChange], fit: Calibration, units: Mapping[str, str]
-) -> Iterator[FittedConstant]:
-    """The constants inside a candidate with their deviations; of a law with an outline, where that is and how wide.
-
-    fit: to all poses, with the changes of the constants among its unknowns. units: of the inputs.
-    """
-    at = [e.name for e in fit.model.effects]
-    own = [at.index(change.effect.name) for change in changes]
-    constants, deviations = [change.constant for change in changes], np.where(fit.kept[own], fit.stderr[own], np.inf)
-    drawn = outline_of(candidate)
-    if drawn is None:
-        for constant, deviation in zip(constants, deviations.tolist(), strict=True):
-            yield FittedConstant(
-                constant.name, constant.unit, constant.value, deviation if deviation < np.inf else None
-            )
-        return
-    factor, unit = PRINTED.get(units[drawn.of], (1.0, units[drawn.of]))
-    slopes = np.array([_slope(candidate, constant) for constant in constants]).reshape(-1, 2)
-    known = bool(changes) and bool(np.isfinite(deviations).all())
-    covariance = fit.correlation[np.ix_(own, own)] * np.outer(deviations, deviations) if known else np.zeros((0, 0))
-    spread = factor * np.sqrt(np.diag(slopes.T @ covariance @ slopes)) if known else (None, None)
-    for name, value, deviation in zip(("position", "width"), (drawn.at, drawn.width), spread, strict=True):
-        yield FittedConstant(name, unit, factor * value, None if deviation is None else float(deviation))
-
-
-def _slope(candidate: Candidate, constant: Constant) -> tuple[float, float]:
-    """Change of the position and of the width of an outline per change of a constant."""
-    beside = [outline_of(moved(candidate, {constant: constant.value * (1.0 + s)})) for s in (-STEP, STEP)]
-    below, above = (o or Outline("", "", math.nan, math.nan) for o in beside)
-    step = 2.0 * STEP * constant.value
-    return (above.at - below.at) / step, (above.width - below.width) / step

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gpmodel.discovery.in_words import in_words, outline
+from gpmodel.families.outline import in_words, outline
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
