@@ -100,6 +100,8 @@ def _scaled(node: ast.expr) -> bool:
     if isinstance(node, ast.UnaryOp):
         return _scaled(node.operand)
     if isinstance(node, ast.BinOp):
+        if isinstance(node.op, ast.Pow):
+            return False
         left, right = _constant(node.left), _constant(node.right)
         return (right and _scaled(node.left)) or (left and _scaled(node.right) and not isinstance(node.op, ast.Div))
     return isinstance(node, ast.Name)

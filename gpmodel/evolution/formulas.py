@@ -26,6 +26,7 @@ from gpmodel.evolution.smooth import (
     factors,
     noise_left,
     others,
+    product_and_summand,
     summands,
     through,
     weighted_sum,
@@ -50,7 +51,7 @@ def formulas_at(
 ) -> tuple[Solution, ...]:
     """Formulas of one term at one site, shortest first: those that none of as few nodes equals in gain, unless they are
     shorter to read. In one input or two, in two and a third of the problem where it saves much more, or of more in the
-    three whose product or weighted sum leaves least noise.
+    three of whose structures one leaves least noise.
 
     ``problem.nats(formula.gain, formula.complexity + 1)`` is what each saves; its coefficient is solved. generations:
     at most; of none the founders are shortened. Depends on the arguments only. Raises InputError for an unknown input.
@@ -117,9 +118,10 @@ def _nats(problem: SlotProblem, noise: float, less: float) -> float:
 
 
 def _of_more(problem: SlotProblem) -> list[_Structure]:
-    """Structures of the three inputs whose product or weighted sum leaves least noise, and of two of these."""
+    """Structures of the three inputs of which one leaves least noise, and of two of these."""
     some = [problem.only(0, names) for names in itertools.combinations(problem.inputs.names, 3)]
     found = [(structure(only), only) for only in some for structure in (_products, _of_weighted_sum)]
+    found += [(_product_and_summand(only, last), only) for only in some for last in only.inputs.names]
     three = min(found, key=lambda pair: pair[0].noise)[1]
     pairs = (three.only(0, names) for names in itertools.combinations(three.inputs.names, 2))
     of_two = itertools.chain.from_iterable(map(_structures_of_two, pairs))
@@ -158,14 +160,37 @@ def _sums(problem: SlotProblem) -> _Structure:
     seen = without(problem.targets, second), without(problem.targets, first)
 
     def programs() -> list[Program]:
-        found, columns = [], problem.inputs.mapping()
-        for f, s in itertools.product(*_of_each(problem, *seen)):
-            one, other = problem.targets.set_gain(np.vstack([f.evaluate(columns), s.evaluate(columns)]), 0)[1].tolist()
-            weighted = parse(f"first + ({other / (one or 1.0):.6g})*second")
-            found.append(weighted.with_inputs({"first": f, "second": s}))
-        return found
+        return _added(problem, *_of_each(problem, *seen))
 
     return _Structure(noise_left(seen[0], problem.inputs.values[0]), programs)
+
+
+def _product_and_summand(problem: SlotProblem, last: str) -> _Structure:
+    """Sums of a product of formulas of each input but one and a formula of that, each searched without the other."""
+    factor_names = [name for name in problem.inputs.names if name != last]
+    columns = np.array([problem.inputs[name] for name in (*factor_names, last)])
+    noise, product, summand = product_and_summand(problem.targets, columns)
+
+    def programs() -> list[Program]:
+        rest = problem.only(0, factor_names)
+        rest = replace(rest, targets=without(problem.targets, summand))
+        population = Formulas(rest)
+        population.add(_products(rest).programs())
+        firsts = [one.program for one in population.best(PIECES)]
+        seen = without(problem.targets, product)
+        return _added(problem, firsts, _of_column(last, columns[-1], seen, problem.parsimony))
+
+    return _Structure(noise, programs)
+
+
+def _added(problem: SlotProblem, firsts: Sequence[Program], seconds: Sequence[Program]) -> list[Program]:
+    """Sums of two programs of each kind, the ratio of their amounts solved."""
+    found, columns = [], problem.inputs.mapping()
+    for f, s in itertools.product(firsts, seconds):
+        one, other = problem.targets.set_gain(np.vstack([f.evaluate(columns), s.evaluate(columns)]), 0)[1].tolist()
+        weighted = parse(f"first + ({other / (one or 1.0):.6g})*second")
+        found.append(weighted.with_inputs({"first": f, "second": s}))
+    return found
 
 
 def _of_each(problem: SlotProblem, *targets: Targets) -> list[list[Program]]:

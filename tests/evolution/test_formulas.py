@@ -77,6 +77,26 @@ def test_two_inputs_that_a_third_is_multiplied_with_get_the_law_of_all() -> None
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("last", ["0.8*abs('torque J2' - 0.3)", "0.7*sin(3*row)"])
+def test_a_product_and_a_third_input_beside_it_are_founders(last: str) -> None:
+    wanted = parse(f"sin(2*J2)*exp(0.8*J5) + {last}")
+    problem = curve(str(wanted), 0.05)
+    best = max(formulas_at(problem, 1, wanted.inputs, 0), key=lambda one: float(problem.nats(one.gain, one.complexity)))
+    assert set(best.program.inputs) == set(wanted.inputs)
+    assert best.gain > 0.99
+    assert best.generation == 0
+
+
+def test_a_formula_that_is_bred_has_its_generation() -> None:
+    problem = curve("sin(2*J2)*exp(0.8*J5)", 0.05).only(1, ("J2", "J5"))
+    population = Formulas(problem)
+    population.add([parse("sin(2*J2)")])
+    bred(population, ("J2", "J5"), 1)
+    assert {one.generation for one in population.found} == {0, 1}
+    assert max(population.found, key=lambda one: one.gain).generation == 1
+
+
+@pytest.mark.long
 def test_of_more_inputs_a_law_takes_the_three_that_it_is_made_of() -> None:
     problem = curve("abs(J2 + 0.4)*'torque J2'*row", 0.05)
     best = max(laws_of(problem, NAMES), key=lambda one: one.gain)

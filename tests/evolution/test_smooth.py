@@ -12,6 +12,7 @@ from gpmodel.evolution.smooth import (
     distance,
     factors,
     others,
+    product_and_summand,
     smooth,
     summands,
     through,
@@ -65,6 +66,16 @@ def test_the_weights_of_a_sum_are_found(weights: tuple[float, ...]) -> None:
     targets, _, _ = planted(np.sin(2.0 * (scaled @ columns) - 0.5), NOISE, 1)
     found = weighted_sum(targets, columns)
     assert found[1:] / found[0] == pytest.approx(scaled[1:] / scaled[0], rel=0.05, abs=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_product_and_what_is_added_to_it_are_found(seed: int) -> None:
+    u, v, w = columns = np.random.default_rng(300 + seed).uniform(-2.0, 2.0, (3, POSES))
+    product, summand = np.tanh(3.0 * u) * np.exp(0.7 * v), np.sin(2.0 * w)
+    noise, *found = product_and_summand(planted(product + summand, NOISE, seed)[0], columns)
+    assert 0.5 < noise / (NOISE * (product + summand).std()) ** 2 < 2.0
+    for one, other in zip(found, (product, summand), strict=True):
+        assert alike(one - one.mean(), other - other.mean()) > 0.98
 
 
 @pytest.mark.parametrize("seed", range(3))
