@@ -20,12 +20,17 @@ PAGE = "fleet.html"
 NAME = 25
 MOST_SAID = 3
 WELL_KNOWN = 3.0
-NOT_TESTED = f"which machine stands out is not tested: that needs {FEWEST} machines"
+NOT_TESTED = f"Which machine stands out is not tested: that needs {FEWEST} machines"
 """Characters of a name in a table of 80 columns; outliers and effects that the verdict names; standard deviations from
 zero from where a mean is one that spreads are shares of."""
 
 
 def verdict(fleet: FleetPart) -> str:
+    """Join the sentences of the answer."""
+    return " ".join(sentences(fleet))
+
+
+def sentences(fleet: FleetPart) -> list[str]:
     """State the common effects of the machines, the gain of the prior on held-out poses, and the outliers."""
     effects: list[Part] = [*(p for p in fleet.effects if not p.constant), *fleet.blocks]
     named = "; ".join(
@@ -48,8 +53,8 @@ def verdict(fleet: FleetPart) -> str:
     if len(fleet.machines) < FEWEST:
         parts.append(NOT_TESTED)
     else:
-        parts.append(f"stands out{among}: {told}{rest}" if found else f"no machine stands out{among}")
-    return "; ".join(parts) + "."
+        parts.append(f"Stands out{among}: {told}{rest}" if found else f"No machine stands out{among}")
+    return [f"{part}." for part in parts]
 
 
 def deviation(part: Part, machine: int) -> str:
@@ -95,7 +100,7 @@ def _size(part: SharedPart) -> float | None:
 def summary(fleet: FleetPart) -> str:
     """The verdict, the machines with the worst first, the effects, the geometry, what to distrust."""
     blocks = (
-        ("Verdict", [wording.wrapped(verdict(fleet))]),
+        ("Verdict", [wording.wrapped(text) for text in sentences(fleet)]),
         (machines_title(fleet), list(_machines(fleet))),
         ("Effects", list(_parameters([p for p in fleet.parameters if not p.constant]))),
         ("Effects with priors of their own", list(_blocks(fleet))),
@@ -158,8 +163,8 @@ def _blocks(fleet: FleetPart) -> Iterator[str]:
 def html(fleet: FleetPart, drawings: dict[str, str]) -> str:
     """The page's text. drawings: inline SVG of the pictures by name."""
     return render(
-        "fleet.html.j2", fleet=fleet, verdict=verdict(fleet), said=said, spread=spread, band=band, deviation=deviation,
-        page=f"{MACHINES}/{{}}/{REPORT}",
+        "fleet.html.j2", fleet=fleet, verdict=sentences(fleet), said=said, spread=spread, band=band,
+        deviation=deviation, page=f"{MACHINES}/{{}}/{REPORT}",
         record=list(record_of(fleet)), enough=len(fleet.machines) >= FEWEST, drawings=drawings,
         pictures=list(pictures(fleet)),
     )  # fmt: skip
