@@ -2,8 +2,8 @@
 
 import pytest
 
-from gpmodel.families.outline import in_words, outline
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.outline import in_words, outline
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
 
