@@ -148,6 +148,7 @@ class QuotientProblem(SlotProblem):
                 below = 1.0 - parts[:, half:].sum(axis=1) / self.response
                 rest = np.square(self.response - parts[:, :half].sum(axis=1) / below).sum(axis=1)
                 weight = np.nan_to_num(1.0 / np.square(below), posinf=0.0)
+                weight /= np.maximum(weight.max(axis=1, keepdims=True), 1e-300)  # beside ``idle``, which is relative
                 left = np.fmin(left, rest / self.energy)
         return left
 

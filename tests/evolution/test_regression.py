@@ -1,5 +1,6 @@
 """Laws of a response: what a link makes a sum of, how coefficients are solved, and what is found."""
 
+import time
 from itertools import count
 
 import numpy as np
@@ -153,3 +154,13 @@ def test_a_response_without_anything_to_explain_is_one_clear_line(response: np.n
     with pytest.raises(InputError, match="response") as caught:
         regression_front(INPUTS, response, np.random.default_rng(0), 1.0)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.long
+def test_a_response_near_its_pole_at_one_point_has_its_law() -> None:
+    """The weights of the second solution of a quotient differ by 1e20 there."""
+    x = np.random.default_rng(0).uniform(1.0, 2.0, 50)
+    away = x - x.mean()
+    response = 1.0 / (1.0 - (1.0 - 1e-10) / away.max() * away)
+    found = regression_front(Inputs(("x",), x[None]), response, np.random.default_rng(1), 1.0, time.process_time)
+    assert found[-1].left < 1e-20
