@@ -219,4 +219,7 @@ KINDS: dict[str, Change] = {
     "J2 shuffled": shuffled(1),
     "ten rows copied": lambda t, _: rows(t, *(2 * [np.r_[np.arange(len(t.q)), np.arange(10)]])),
     "z of another measurement": of_another_run,
+    "points 1 % too large": points(lambda p, _: 1.01 * p),
+    "z 0.1 % too large": points(lambda p, _: part(p, (slice(None), 2), lambda z: 1.001 * z)),
+    "J4 0.1 % too large": column(3, lambda q: 1.001 * q),
 }
