@@ -65,7 +65,7 @@ def decode(value: Any) -> Any:
 
 FOLDER = "unfinished"
 REQUEST = "request.json"
-SCHEMA = 7
+SCHEMA = 8
 _DIGITS = 64
 _BROKEN = (ValueError, KeyError, TypeError, AttributeError, RecursionError)
 
