@@ -20,6 +20,9 @@ NO_LOAD, NEXT_TO_NONE = 1e-6, 1e-4
 none: no joint is so soft beside the others that it would show, and at other poses the load may be a hundred times as
 large."""
 
+STANDARD_TEMPERATURE = {"degC": 20.0, "K": 293.15, "degF": 68.0}
+"""Temperature at which dimensions are stated (ISO 1), by the unit of a column."""
+
 Kind = Literal["single", "harmonic", "vector", "curve"]
 
 CATALOGUE, NAMED, SMOOTH_TERM = "catalogue", "named", "smooth term"
@@ -176,6 +179,18 @@ def share_of_rows(states: States) -> str:
     """The row from 0 at the first to 1 at the last, as text."""
     rows = states["row"]
     return f"((row - {np.min(rows):g})/{float(np.ptp(rows)) or 1.0:g})"
+
+
+def relative(states: States, column: str, unit: str) -> str:
+    """Write a column relative to a reference, as text; constants of a model describe the mechanism at the reference.
+
+    The reference is 20 °C for temperatures (ISO 1). For other columns it is the measured value nearest to zero: zero
+    itself, or the start of a clock.
+    """
+    if (reference := STANDARD_TEMPERATURE.get(unit)) is None:
+        values = states[column]
+        reference = float(np.clip(0.0, np.min(values, initial=np.inf), np.max(values, initial=-np.inf)))
+    return f"{column} - {reference:.12g}" if reference > 0 else f"{column} + {-reference:.12g}" if reference else column
 
 
 def revolute(mechanism: Mechanism) -> list[Joint]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from gpmodel.families.angle import SMOOTH, harmonics, spectrum, wave
-from gpmodel.families.candidate import Candidate, loaded, one, revolute, share_of_rows
+from gpmodel.families.candidate import Candidate, loaded, one, relative, revolute, share_of_rows
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import AXES, Joint, Mechanism
 from gpmodel.model.effect import Effect, effect_at
@@ -95,9 +95,10 @@ def session(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 def _following_columns(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     known = {j.name for j in mechanism.joints} | {"x", "y", "z", "row", "payload"} | states.loads
     for column in (c for c in states.columns if c not in known and np.ptp(states[c]) > 0):
+        basis = Expression(relative(states, column, states.units[column]))
         for site in sites_of(mechanism):
             name = f"{site.name} following {column}"
-            effect = site.effect(name, Expression(column), f"1/{states.units[column]}", "following")
+            effect = site.effect(name, basis, f"1/{states.units[column]}", "following")
             yield one(name, effect, 6.5)
 
 

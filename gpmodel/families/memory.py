@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gpmodel.families.candidate import Candidate, across, inside, loaded, one, revolute
+from gpmodel.families.candidate import Candidate, across, inside, loaded, one, relative, revolute
 from gpmodel.families.inner import Constant, NonlinearParameters, geometric, symbol
 from gpmodel.families.thermal import EXPANSION, TILT, ZERO, arm_growth, link_growth
 from gpmodel.formula.expression import Expression
@@ -92,19 +92,21 @@ def lagged_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
         if read_by(column) or not session * np.ptp(states.past.columns[column]) > 0:
             continue
         lags = tuple(geometric("lag", unit, (max(session / 100, 2 * session / len(times)), session), LAGS))
+        kelvin = states.units[column]
+        basis = Expression(relative(states, f"lag_{column}_{symbol()}", kelvin))
         where = f"({column}, lag of {symbol()} {unit})"
-        for name, effects, cost in _following(mechanism, f"lag_{column}_{symbol()}", where, states.units[column]):
+        for name, effects, cost in _following(mechanism, basis, where, kelvin):
             for lag in lags:
                 yield inside(NonlinearParameters(name, effects, (lag,)), "lagged_growth", cost)
 
 
 def _following(
-    mechanism: Mechanism, column: str, where: str, kelvin: str
+    mechanism: Mechanism, basis: Expression, where: str, kelvin: str
 ) -> Iterator[tuple[str, tuple[Effect, ...], float]]:
     """Yield the effects that may follow a temperature, with their cost: all links, each link, the tilt of the base
     and of each axis, each zero.
     """
-    family, basis, cost = "lagged_growth", Expression(column), 4.0 + float(np.log(LAGS))
+    family, cost = "lagged_growth", 4.0 + float(np.log(LAGS))
     name = f"growth of the arm {where}"
     yield name, (arm_growth(name, mechanism, basis, f"1/{kelvin}", family, EXPANSION),), cost
     name = f"growth of the link before {{slot}} {where}"

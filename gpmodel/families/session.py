@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gpmodel.families.candidate import Candidate, inside, one, revolute, share_of_rows
+from gpmodel.families.candidate import Candidate, inside, one, relative, revolute, share_of_rows
 from gpmodel.families.inner import Constant, NonlinearParameters, symbol
 from gpmodel.families.thermal import arm_growth, link_growth
 from gpmodel.formula.expression import Expression
@@ -47,21 +47,21 @@ def _moved_once(what: str, slot: str, axes: tuple[str, ...], family: str, states
 def thermal_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """The whole arm grows in proportion to a measured temperature."""
     for column in _measured_temperatures(states):
-        unit, basis = f"1/{states.units[column]}", Expression(column)
+        unit = states.units[column]
+        basis = Expression(relative(states, column, unit))
         name = f"thermal growth of the arm ({column})"
-        yield one(name, arm_growth(name, mechanism, basis, unit, "thermal_growth"), 4.0)
+        yield one(name, arm_growth(name, mechanism, basis, f"1/{unit}", "thermal_growth"), 4.0)
         name = f"thermal growth of the link before {{slot}} ({column})"
-        for effect in link_growth(name, mechanism, basis, unit, "thermal_growth"):
+        for effect in link_growth(name, mechanism, basis, f"1/{unit}", "thermal_growth"):
             yield one(effect.name, effect, 5.0)
 
 
 def thermal_zero(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """A joint's zero moves in proportion to a measured temperature."""
     for column in _measured_temperatures(states):
+        basis = Expression(relative(states, column, states.units[column]))
         for j in mechanism.joints:
-            effect = drive_effect(
-                f"thermal drift of the zero, {j.name} ({column})", j, Expression(column), family="thermal_zero"
-            )
+            effect = drive_effect(f"thermal drift of the zero, {j.name} ({column})", j, basis, family="thermal_zero")
             yield one(effect.name, effect, 5.0)
 
 

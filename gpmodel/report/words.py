@@ -15,6 +15,7 @@ from gpmodel.families.candidate import (
     NAMED,
     SEQUENCE,
     SMOOTH_TERM,
+    STANDARD_TEMPERATURE,
     TREE,
 )
 from gpmodel.mechanism.protocol import INSTRUMENT
@@ -64,11 +65,19 @@ def predicted(report: Report) -> str:
 
 
 def interval(report: Report) -> str:
-    """State the meaning of ± σ, and the coverage factor of the 95 % interval."""
+    """State the meaning of ± σ, the coverage factor of the 95 % interval, and the temperature of the constants."""
     factor = coverage_factor(np.inf if report.freedom is None else report.freedom)
     of = "" if report.freedom is None else f", Student's t of {report.freedom:.0f} degrees of freedom"
     sure = wording.percent(COVERAGE)
-    return f"σ: standard uncertainty (k = 1); ± {factor:.2f} σ is the {sure} interval (k = {factor:.2f}{of})"
+    said = f"σ: standard uncertainty (k = 1); ± {factor:.2f} σ is the {sure} interval (k = {factor:.2f}{of})"
+    return said + _reference(report)
+
+
+def _reference(report: Report) -> str:
+    """State the temperature that the constants hold at, where an effect follows a temperature."""
+    warm = [(e, STANDARD_TEMPERATURE.get(r.unit)) for e in report.effects for r in e.ranges]
+    counted = any(at is not None and f" - {at:g}" in t.basis for e, at in warm for t in e.terms)
+    return "; tool, registration and parameters hold at 20 °C (ISO 1)" if counted else ""
 
 
 def confirmed(report: Report) -> str:

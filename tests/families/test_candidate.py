@@ -1,15 +1,16 @@
 """A candidate knows what its unknowns are together, and their size."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from effect_cases import measure, mechanism
+from effect_cases import bare, measure, mechanism
 
-from gpmodel.families.candidate import Candidate
+from gpmodel.families.candidate import Candidate, relative
 from gpmodel.families.inner import remembered
 from gpmodel.formula.expression import Columns, Expression
 from gpmodel.model.effect import drive_effect, effect_at
+from gpmodel.model.error_model import prepare
 
 JOINT = mechanism("ur5").joints[3]
 J = JOINT.name
@@ -21,6 +22,24 @@ def of(*bases: str) -> Candidate:
 
 
 STEP = Candidate("moved", tuple(effect_at(a, "base", a, Expression("row")) for a in ("Tx", "Ty", "Rz")), "", 4.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "unit", "text"),
+    [
+        ((31.0, 38.0), "degC", "c - 20"),
+        ((300.0, 310.0), "K", "c - 293.15"),
+        ((1.7e9, 1.7e9 + 3600), "s", "c - 1700000000"),
+        ((990.0, 1030.0), "hPa", "c - 990"),
+        ((-3.0, -2.0), "1", "c + 2"),
+        ((-1.0, 1.0), "1", "c"),
+        ((0.0, 50.0), "kg", "c"),
+    ],
+)
+def test_a_column_counts_from_where_the_constants_hold(values: tuple[float, ...], unit: str, text: str) -> None:
+    arm = mechanism("ur5")
+    states = prepare(arm, replace(bare("ur5", 2), extras={"c": np.array(values)}, extra_units={"c": unit})).states
+    assert relative(states, "c", unit) == text
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,11 @@
 """A tooling ball on the yaw axis, which the poses hardly show: no fit explodes, and what is there is named."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+import gpmodel as gp
 from experiments.spherical_joint.rigs import JOINT, misses, rig_of
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.loop import discover
@@ -32,6 +35,20 @@ def test_growth_is_found_where_its_fit_overflowed() -> None:
     train, heldout = hold_out(poses.dataset, 0.3, np.random.default_rng(1))
     found = discover(JOINT, poses, train, heldout, search=Search(runs=0, workers=1))
     assert [f.candidate.name for f in found.findings] == ["thermal growth of the arm (temperature)"]
+
+
+@pytest.mark.parametrize(
+    ("number", "unit", "offset"), [(0, "degC", 0.0), (1, "degC", 0.0), (2, "K", 273.15), (3, "K", 273.15)]
+)
+def test_the_tool_of_a_rig_that_grows_is_the_one_at_twenty_degrees(number: int, unit: str, offset: float) -> None:
+    """Its z is off by 8 standard errors and more where temperatures count from zero."""
+    rig, table = rig_of(number, "growth", on_axis=True)
+    warm = {"temperature": table.extras["temperature"] + offset}
+    result = gp.calibrate(JOINT, replace(table, extras=warm, extra_units={"temperature": unit}), ["thermal_growth"])
+    (tool,) = (p for p in result.record.placement if p.name == "tool z")
+    assert tool.stderr is not None
+    assert abs(tool.value - (rig.joint.tooling_ball[2] - JOINT.tooling_ball[2])) < 3 * tool.stderr
+    assert "tool, registration and parameters hold at 20 °C (ISO 1)" in " ".join(result.summary().split())
 
 
 @pytest.mark.long
