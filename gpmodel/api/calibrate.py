@@ -28,7 +28,7 @@ from gpmodel.checks.warnings import poor_fit
 from gpmodel.errors import InputError
 from gpmodel.families.by_name import check_defined, effects_named
 from gpmodel.hierarchy.further import further_machine
-from gpmodel.hierarchy.record import FleetPart, read_fleet
+from gpmodel.hierarchy.record import FleetPart, fleet_file, read_fleet
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, prepare
@@ -145,7 +145,12 @@ def _fleet_of(fleet: object, effects: tuple[object, ...]) -> FleetPart:
     """The machines whose prior is asked for. Raises InputError for what is none, or effects beside its own."""
     if effects:
         raise InputError("a fleet says which effects its machines have, expected none beside them", "effects")
-    return fleet if isinstance(fleet, FleetPart) else read_fleet(file_path(fleet, "fleet"))
+    return fleet_at(fleet, "fleet")
+
+
+def fleet_at(fleet: object, argument: str) -> FleetPart:
+    """The record of a fleet, in memory, in its file, or in the folder of that. Raises InputError as `read_fleet`."""
+    return fleet if isinstance(fleet, FleetPart) else read_fleet(fleet_file(file_path(fleet, argument)))
 
 
 def checked_poses(

@@ -4,13 +4,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from itertools import chain
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from gpmodel import wording
 from gpmodel.api.arguments import NOISIEST, called, limit, listed, naming, number, share, shown, texts, whole
-from gpmodel.api.calibrate import checked_poses, measured_joints
+from gpmodel.api.calibrate import checked_poses, fleet_at, measured_joints
 from gpmodel.api.evolve_settings import evolved, selecting
 from gpmodel.api.fitted import FittedResult
 from gpmodel.api.mechanism import MechanismLike, mechanism_of
@@ -18,8 +20,9 @@ from gpmodel.api.model import Model
 from gpmodel.api.table import TableLike, in_metres, read_table, specified
 from gpmodel.application.heldout import unseen_of, with_discrepancy
 from gpmodel.application.model_file import check_kept, saved_model
+from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration
-from gpmodel.discovery.folds import discover_by_folds
+from gpmodel.discovery.folds import Loop, discover_by_folds
 from gpmodel.discovery.loop import discover as run_loop
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.state import Discovery
@@ -31,6 +34,9 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import catalogue
 from gpmodel.families.family import Family
 from gpmodel.families.offer import Offer, distinct, instances
+from gpmodel.hierarchy.block import blocks
+from gpmodel.hierarchy.further import ALONE, alone_steps, from_the_type, further_machine
+from gpmodel.hierarchy.record import FleetPart, prior_model
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
@@ -39,10 +45,12 @@ from gpmodel.model.sites import standard_effects
 from gpmodel.model.states import States
 from gpmodel.progress import Say, silent
 from gpmodel.report import words
+from gpmodel.report.build import Ladder
 from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.origin import Origin
-from gpmodel.report.schema import Report
+from gpmodel.report.schema import Report, StepRecord
 from gpmodel.report.schema_search import CandidateRecord
+from gpmodel.report.verdict import of_discovery
 from gpmodel.table.bundles import bundles, different_poses
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.split import JUDGED, USUAL, hold_out
@@ -52,16 +60,27 @@ COMMAND = "gpmodel.discover"
 
 @dataclass(frozen=True, repr=False)
 class DiscoveryResult(FittedResult):
-    """Effects missing from the standard model. found: everything the loop did; record: content of report.json."""
+    """Effects missing from the standard model.
+
+    found: everything the loop did. record: content of report.json. note: further sentences of the verdict.
+    alone: fit of a further machine of a type without the prior, () where its poses are too few.
+    """
 
     found: Discovery
     origin: Origin
+    note: str = ""
+    alone: tuple[Step, ...] | None = None
 
     @cached_property
     def record(self) -> Report:
         """Everything the report says, as one value; the errors of the exports are made when it is written."""
         record = from_discovery(self.found, self.origin, self.model.saved)
-        return replace(record, model_sha256=self.model.sha256)
+        if self.alone is not None:
+            steps = Ladder(self.found.poses, self.found.train, self.alone, self.found.final)
+            first, *others = record.ladder
+            record = replace(record, ladder=(first, *(steps.records() if self.alone else [StepRecord(ALONE)]), *others))
+        verdict = f"{of_discovery(record)} {self.note}".strip()
+        return replace(record, model_sha256=self.model.sha256, verdict=verdict)
 
     @cached_property
     def model(self) -> Model:
@@ -111,6 +130,7 @@ def discover(
     noise: str | float | None = None,
     instrument: str | None = None,
     joints: Sequence[str] = (),
+    like: str | Path | FleetPart | None = None,
     progress: Say = silent,
     kept: KeptRuns | None = None,
     command: str = COMMAND,
@@ -126,35 +146,70 @@ def discover(
     the geometric parameters. condition_limit: of the standard model, None for cross-validated. noise: standard
     deviation of one reading, "0.03 mm" or "0.1 px", without repeats. instrument: its specification, "15um + 6um/m", the
     largest error of a coordinate: no error of it is expected to be larger, and the noise half of it. joints:
-    "BALL=RESULT" as of `calibrate`, in the standard model. progress: called with one Progress at a time, which prints
-    as a line: `print` will do. kept: finished runs of an interrupted search, which goes on to the same numbers.
-    command: what the report says made it.
+    "BALL=RESULT" as of `calibrate`, in the standard model. like: folder, file or record of a `fleet`
+    of the type, whose effects with mean and spread are then the standard model. progress: called with one Progress at a
+    time; `print` will do. kept: finished runs of an interrupted search. command: what the report says made it.
     Raises InputError for an argument out of range, or a table that is not sound.
     """
     search, criteria = _sensible(Search() if search is None else search, Criteria() if criteria is None else criteria)
     seed = whole(seed, "seed")
-    condition_limit = limit(condition_limit, "condition_limit", 1.0)
     offers = distinct(listed(candidates, "candidates", "(*gp.catalogue, mine)"))
     called(progress, "progress")
     arm = mechanism_of(mechanism)
     geometry = _geometry(arm, standard)
-    arm, poses = checked_poses(arm, specified(read_table(table, arm), instrument), geometry)
-    with naming("candidates"):
-        offers = tuple(_in_mechanism_names(offer, arm, poses.states) for offer in offers)
-        _check_offers(offers, arm, poses.states)
+    table = specified(read_table(table, arm), instrument)
+    arm, poses, known, note = _placed(arm, table, geometry, None if like is None else fleet_at(like, "like"))
+    offers = _checked_offers(offers, arm, poses.states)
     floor = None if noise is None else in_metres(noise, poses.dataset, "noise", NOISIEST)
     handed = tuple(effect for _, effects in measured_joints(joints, arm) for effect in effects)
     run = partial(run_loop, arm, criteria=criteria, candidates=offers, standard=(*geometry, *handed),
-                  condition_limit=condition_limit, seed=seed)  # fmt: skip
-    whole_run = partial(run, search=search, progress=_in_table_names(progress, poses.dataset), kept=kept)
+                  condition_limit=limit(condition_limit, "condition_limit", 1.0), seed=seed)  # fmt: skip
+    started = _Started(known, arm)
+    whole_run = started(partial(run, search=search, progress=_in_table_names(progress, poses.dataset), kept=kept))
     fraction, parts = _split(holdout, folds, poses.dataset)
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: further threads only wait
         if parts:
-            repeats = [partial(run, search=way, errors_alone=True) for way in _repeating(search, bool(offers))]
-            found = discover_by_folds(whole_run, repeats, poses, parts, criteria, search.here)
+            ways = (partial(run, search=way, errors_alone=True) for way in _repeating(search, bool(offers)))
+            found = discover_by_folds(whole_run, [started(way) for way in ways], poses, parts, criteria, search.here)
         else:
             found = whole_run(poses, *hold_out(poses.dataset, fraction, np.random.default_rng(JUDGED)))
-    return DiscoveryResult(found, Origin(command, seed, found.seconds, floor))
+    alone = alone_steps(known, found) if known else None
+    return DiscoveryResult(found, Origin(command, seed, found.seconds, floor), note, alone)
+
+
+@dataclass(frozen=True)
+class _Started:
+    """The start of a loop: the standard model, or what is believed of the type where it is known."""
+
+    known: FleetPart | None
+    arm: Mechanism
+
+    def __call__(self, loop: "partial[Discovery]") -> Loop:
+        return loop if self.known is None else partial(from_the_type, self.known, self.arm, loop)
+
+
+def _placed(
+    arm: Mechanism, table: Dataset, geometry: tuple[Effect, ...], like: FleetPart | None
+) -> tuple[Mechanism, Poses, FleetPart | None, str]:
+    """The mechanism, the table's poses, the type where the machine is one of it, and what is said of the two."""
+    if like is None:
+        return *checked_poses(arm, table, geometry), None, ""
+    try:
+        prior_model(like, arm)
+    except InputError as error:
+        raise InputError(error.said, "like") from None
+    placed, poses = checked_poses(arm, table, ())
+    machine = further_machine(like, placed, poses, poses.subset(np.zeros(0, dtype=np.int64)))
+    names = [name for name, _ in blocks([e for e in machine.final.model.effects if not e.constant])]
+    has = f", which has {wording.listed(names)}" if names else ""
+    if not machine.no_brother:
+        said = f"Prior of {len(like.machines)} machines of the type{has}. {machine.in_words(poses)}"
+        return placed, poses, like, translate(said, names_of(table))
+    said = f"This machine {machine.no_brother}; their prior is left out."
+    try:
+        return *checked_poses(arm, table, geometry), None, said
+    except InputError as error:
+        raise InputError(f"{said} Without it {error.said}", "like") from None
 
 
 def _geometry(arm: Mechanism, standard: Sequence[str]) -> tuple[Effect, ...]:
@@ -184,13 +239,19 @@ def _in_table_names(progress: Say, dataset: Dataset) -> Say:
     return lambda line: progress(replace(line, text=translate(line.text, names)))
 
 
-def _check_offers(offers: Sequence[Offer], arm: Mechanism, states: States) -> None:
-    """Raises InputError for an effect that no model could keep, or that is not defined at a pose."""
-    for offer in offers:
-        for effect in chain.from_iterable(c.effects for c in instances(offer, arm, states)):
-            check_kept(effect)
-            if not isinstance(offer, Family):
-                check_defined(effect, arm, states)
+def _checked_offers(offers: Sequence[Offer], arm: Mechanism, states: States) -> tuple[Offer, ...]:
+    """Offers in the mechanism's names.
+
+    Raises InputError for an effect that no model could keep, or that is not defined at a pose.
+    """
+    with naming("candidates"):
+        offers = tuple(_in_mechanism_names(offer, arm, states) for offer in offers)
+        for offer in offers:
+            for effect in chain.from_iterable(c.effects for c in instances(offer, arm, states)):
+                check_kept(effect)
+                if not isinstance(offer, Family):
+                    check_defined(effect, arm, states)
+    return offers
 
 
 ENOUGH_HELD, FOLDS = 45, 5

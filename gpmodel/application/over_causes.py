@@ -99,7 +99,8 @@ def _moved(residual: Residual, effects: Sequence[Effect]) -> tuple[Array, Array]
     if not effects:
         return np.zeros(residual.system.shape[1]), np.zeros(residual.system.shape[1])
     columns = residual.columns(effects)
-    norms = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    norms = np.linalg.norm(columns, axis=0)
+    norms[norms == 0.0] = 1.0
     left, _ = residual.projected(effects)
     belief = np.array([residual.sigma / e.prior for e in effects]) / norms
     spread = np.linalg.pinv(left.T @ left + np.diag(belief**2), rcond=1e-12, hermitian=True)

@@ -21,6 +21,7 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.executor import Workers
 from gpmodel.families.catalogue import catalogue
 from gpmodel.files import folder_for
+from gpmodel.hierarchy.record import fleet_file
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Progress, Say
 from gpmodel.records.run_files import RunFiles
@@ -47,6 +48,7 @@ FEW = math.ceil(ENOUGH_HELD / USUAL)
 @click.option("--noise", metavar="SIZE", help="Standard deviation of one reading: 0.03mm, 0.1px.")
 @shared.instrument_option
 @shared.joints_option
+@click.option("--like", metavar="DIR", help="Result of fleet: prior of a further machine of its type.")
 @shared.condition_limit_option
 @click.option("--no-catalogue", is_flag=True, help="Search without the families of the catalogue.")
 @shared.seed_option
@@ -61,6 +63,7 @@ def discover(
 ) -> None:  # fmt: skip
     """Find what the model of MECHANISM is missing on the poses of TABLE."""
     check_split(asked["holdout"], asked["folds"])
+    asked["like"] = asked["like"] and str(fleet_file(Path(asked["like"])))
     request = Typed(table, mechanism, folder, resume, asked).request(settings())
     if request is None:
         return
@@ -106,6 +109,7 @@ def looked(request: Request, say: Say, executor: Workers, kept: RunFiles | None)
         candidates=() if options["no_catalogue"] else catalogue,
         condition_limit=options["condition_limit"],
         joints=options.get("joints", ()),
+        like=options.get("like"),
         noise=options["noise"],
         instrument=options["instrument"],
         progress=say,

@@ -29,7 +29,7 @@ from gpmodel.texts import parse_json, read_limited, seal
 Journal = TypeVar("Journal")
 NO_NUMBERS = ("resume", "folder", "quiet", "workers", "scheduler", "minutes")
 """Options that a search which is finished may be asked again with: none of its numbers would be another."""
-FILES = (*SIGHTS, "model")
+FILES = (*SIGHTS, "model", "like")
 """Options that name a file or the folder of a result."""
 CALLED = {"effects": "effect", "joints": "joint"}
 """Options by another name than their values."""

@@ -15,7 +15,6 @@ from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import Constant, FittedConstant
 from gpmodel.families.outline import PRINTED, Outline, in_words, outline_of
-from gpmodel.model.error_model import ErrorModel
 from gpmodel.table.split import JUDGED
 
 STEPS = 6
@@ -64,7 +63,7 @@ def _settled(
         named = in_words(moving, state.poses.states.units)
         changes = [inner_changes(c, own, state.poses.states) for c, own in zip(named, theta, strict=True)]
         further = tuple(change.effect for own in changes for change in own)
-        here = state.to_all(ErrorModel(state.mechanism, (*state.model(named).effects, *further)), here)
+        here = state.to_all(state.model(named, further), here)
         count = len(here.theta) - len(further)
         steps, deviations = (values[count:][here.kept[count:]] for values in (here.theta, here.stderr))
         if np.all(np.abs(steps) <= SETTLED * deviations):

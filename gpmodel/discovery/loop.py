@@ -49,6 +49,7 @@ def discover(
     candidates: Iterable[Offer] = catalogue,
     standard: tuple[Effect, ...] | None = None,
     known: tuple[Candidate, ...] = (),
+    noise: float | None = None,
     condition_limit: float | None = None,
     seed: int = 0,
     errors_alone: bool = False,
@@ -58,14 +59,12 @@ def discover(
     """Run the whole loop. Held-out poses only measure errors; no effect is selected by them.
 
     They decide one thing at the end: whether the findings are shipped, or the standard model.
-    train, heldout: rows of `poses`; heldout may be empty.
-    candidates: effects that may be missing, in addition to evolved ones.
+    train, heldout: rows of `poses`; heldout may be empty. candidates: effects that may be missing.
     standard: effects of the standard model; None for the complete geometric set.
-    known: effects enabled from the start.
+    known: effects enabled from the start. noise: σ that finite priors are weighed by, m; None for the residual's.
     condition_limit: of the standard model; None for the cross-validated one.
     errors_alone: only the errors of each step are needed: no fit to all poses, no simplified formulas.
-    progress: called with one line on the current task.
-    kept: finished runs of an interrupted search; the numbers are those of an uninterrupted one.
+    progress: called with one line on the current task. kept: finished runs of an interrupted search.
     Raises InputError if no held-out pose belongs to a set-up and tool of the training poses, and for two different
     candidates of one name.
     """
@@ -75,10 +74,11 @@ def discover(
     offers = distinct(candidates)
     if not errors_alone:
         instances_of(mechanism, poses.states, offers)  # bad offers are refused before anything is searched
+    base_model = ErrorModel(mechanism, geometric_effects(mechanism) if standard is None else standard, noise=noise)
+    ends = math.inf if search.stop_after is None else started + search.stop_after
     state = State(
-        mechanism, poses, train, heldout, geometric_effects(mechanism) if standard is None else standard, known,
-        offers, search, criteria or Criteria(), condition_limit, seed, say, kept or KeptRuns(),
-        math.inf if search.stop_after is None else started + search.stop_after, errors_alone,
+        mechanism, poses, train, heldout, base_model, known, offers, search, criteria or Criteria(), condition_limit,
+        seed, say, kept or KeptRuns(), ends, errors_alone,
     )  # fmt: skip
     state.say("standard model")
     base = state.fit(ErrorModel(mechanism, ()))
@@ -96,7 +96,7 @@ def discover(
     give_back()
     return Discovery(
         mechanism, poses, train, heldout, tuple(state.steps), tuple(state.findings), tuple(state.rounds), last, final,
-        doubt, state.standard, time.monotonic() - started, stopped,
+        doubt, state.standard.effects, time.monotonic() - started, stopped,
     )  # fmt: skip
 
 

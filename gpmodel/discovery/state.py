@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -174,14 +174,15 @@ def _only(poses: Poses, train: IntArray, heldout: IntArray) -> Division:
 class State:
     """State of the loop: findings, rounds, and steps of the model.
 
-    seed: of evolution. ends: end of the time, on the clock of time.monotonic. errors_alone: see `loop.discover`.
+    standard: model without the known effects and the findings. seed: of evolution. ends: end of the time, on the clock
+    of time.monotonic. errors_alone: see `loop.discover`.
     """
 
     mechanism: Mechanism
     poses: Poses
     train: IntArray
     heldout: IntArray
-    standard: tuple[Effect, ...]
+    standard: ErrorModel
     known_effects: tuple[Candidate, ...]
     offers: tuple[Offer, ...]
     search: Search
@@ -232,10 +233,10 @@ class State:
         """Return whether a round is the first one, with a small search in addition to the catalogue."""
         return bool(self.offers) and number == 1
 
-    def model(self, found: Sequence[Candidate]) -> ErrorModel:
-        """Return the standard model with the known effects and the findings."""
+    def model(self, found: Sequence[Candidate], further: tuple[Effect, ...] = ()) -> ErrorModel:
+        """Return the standard model with the known effects, the findings, and further effects."""
         effects = [e for c in (*self.known_effects, *found) for e in c.effects]
-        return ErrorModel(self.mechanism, (*self.standard, *effects))
+        return replace(self.standard, effects=(*self.standard.effects, *effects, *further))
 
     def fit(self, model: ErrorModel, start: Calibration | None = None) -> Calibration:
         """Fit a model to the training poses; start: a fit to start from, its outliers judged again."""

@@ -254,7 +254,7 @@ def residual_of(
         calibration, problem.poses, problem, system, target, span, span.remove(target), names, fold,
         independent_units(poses.dataset, criteria), criteria, gram, sizing,
     )  # fmt: skip
-    return replace(found, noise=found.sigma)
+    return replace(found, noise=calibration.model.noise or found.sigma)
 
 
 def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tuple[Array, Array, tuple[str, ...], int]:

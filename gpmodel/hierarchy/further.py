@@ -1,18 +1,23 @@
 """A further machine of a known type: its poses, and what is believed of it before they are measured."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from gpmodel import wording
 from gpmodel.application.model_file import saved_model
 from gpmodel.application.uncertainty import point_deviation
+from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import Step, climb, growing, step_of
 from gpmodel.calibration.gauge import LARGEST_LIMIT
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
+from gpmodel.discovery.state import Discovery
 from gpmodel.errors import InputError
 from gpmodel.hierarchy.between import residual
 from gpmodel.hierarchy.block import further_distance
+from gpmodel.hierarchy.brother import Likeness, likeness
 from gpmodel.hierarchy.record import FleetPart, Part, prior_model
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
@@ -20,23 +25,38 @@ from gpmodel.model.error_model import ErrorModel, Poses, observe
 from gpmodel.numerics.interval import SIGNIFICANCE, holm
 from gpmodel.wording import length
 
-PRIOR = "the prior of the fleet"
-"""Name of the last step of a further machine."""
+PRIOR, ALONE = "the prior of the fleet", "its own poses alone"
+"""Names of the last step of a further machine, and of the step before it."""
+
+LOUDER = 1.1
+"""Noise over that of the type from where the last fit is repeated."""
 
 
 @dataclass(frozen=True)
 class Further:
     """steps: registration, its own poses alone where they are enough, and with the prior of its type. final: the last
-    of them; alone: the one before it, where it tells every effect. outlying: effects in which it is unlike its type."""
+    of them; alone: the one before it, where it tells every effect. outlying: effects in which it is unlike its type.
+    likeness: to the machines of the type, in the other effects where these are fewer than half."""
 
     steps: tuple[Step, ...]
     final: Calibration
     alone: Calibration | None
     outlying: tuple[str, ...]
+    likeness: Likeness
+
+    @property
+    def no_brother(self) -> str:
+        """State how far the machine is from its type; empty for a brother."""
+        if self.likeness.brother:
+            return ""
+        times, chance = wording.significant(self.likeness.times, 2), wording.chance(self.likeness.chance)
+        return f"is no brother of its type: {times} times as far from the mean as its machines, p {chance}"
 
     def in_words(self, poses: Poses) -> str:
         """State the value of the prior in poses, and the effects in which the machine differs from its type."""
         found = f" It is unlike its type in {', '.join(self.outlying)}." if self.outlying else ""
+        if self.no_brother:
+            return f"This machine {self.no_brother}.{found}"
         if self.alone is None:
             return f"These {len(poses)} poses alone do not determine the model.{found}"
         both = _known(self.final, poses)
@@ -55,17 +75,61 @@ def further_machine(fleet: FleetPart, mechanism: Mechanism, seen: Poses, unseen:
     InputError where the fleet is of another mechanism.
     """
     prior = prior_model(fleet, mechanism)
-    own = effects_alone(fleet, prior)
-    bare = tuple(own.values())
-    try:
-        steps = climb(mechanism, growing(bare, ()), seen, unseen, seed=seed)
-    except InputError:
-        steps = climb(mechanism, growing((), ()), seen, unseen, seed=seed)
+    steps = _own_poses(fleet, prior, seen, unseen, seed)
     last = steps[-1].calibration
     alone = last if len(steps) > 1 and last.kept.all() else None
     outlying = () if alone is None else _outlying(fleet, alone, prior, seen)
     fit = fitted_with_prior(fleet, prior, seen, alone, outlying)
-    return Further((*steps, step_of(PRIOR, fit, seen, unseen)), fit, alone, outlying)
+    most = 2 * len(outlying) >= len(fleet.effects) + len(fleet.blocks)
+    judged = fitted_with_prior(fleet, prior, seen, alone) if most else fit
+    return Further((*steps, step_of(PRIOR, fit, seen, unseen)), fit, alone, outlying, likeness(judged, seen))
+
+
+def _own_poses(fleet: FleetPart, prior: ErrorModel, seen: Poses, unseen: Poses, seed: int) -> tuple[Step, ...]:
+    """Registration and, where its own poses are enough, the machine by itself."""
+    bare = tuple(effects_alone(fleet, prior).values())
+    try:
+        return climb(prior.mechanism, growing(bare, ()), seen, unseen, seed=seed)
+    except InputError:
+        return climb(prior.mechanism, growing((), ()), seen, unseen, seed=seed)
+
+
+def from_the_type(
+    fleet: FleetPart, mechanism: Mechanism, loop: "partial[Discovery]", poses: Poses, train: IntArray, heldout: IntArray
+) -> Discovery:
+    """Run the loop with what is believed of the type as its standard model.
+
+    Findings are beside the type's effects. The fit to all poses is repeated at the noise that the poses show, where
+    that is larger than the type's.
+    """
+    machine = further_machine(fleet, mechanism, poses.subset(train), poses.subset(heldout))
+    believed = replace(machine.final.model, noise=fleet.noise)
+    found = loop(
+        poses, train, heldout, standard=believed.effects, noise=believed.noise, condition_limit=LARGEST_LIMIT
+    )  # fmt: skip
+    final = found.final
+    noise = likeness(final, found.poses).noise
+    if noise < LOUDER * fleet.noise:
+        return found
+    final = calibrate(replace(final.model, noise=noise), found.poses, condition_limit=LARGEST_LIMIT, start=final)
+    return replace(
+        found, final=final, fitted=replace(found.fitted, calibration=final) if found.confirmed else found.fitted
+    )
+
+
+def alone_steps(fleet: FleetPart, found: Discovery) -> tuple[Step, ...]:
+    """The machine's own poses without the prior, with the errors on those that `found` held out; none where they are
+    too few."""
+    prior, rows = prior_model(fleet, found.mechanism), found.poses.dataset.row
+    held = np.full(len(rows), np.nan)
+    for part in found.parts or (found,):
+        unseen = part.poses.subset(part.heldout)
+        _, *last = _own_poses(fleet, prior, part.poses.subset(part.train), unseen, 0)
+        for step in last:
+            held[np.isin(rows, unseen.dataset.row)] = step.heldout_error
+    seen = found.poses.subset(found.train)
+    _, *last = _own_poses(fleet, prior, seen, seen.subset(np.zeros(0, dtype=np.int64)), 0)
+    return tuple(replace(step, name=ALONE, heldout_error=held[found.heldout]) for step in last)
 
 
 def effects_alone(fleet: FleetPart, prior: ErrorModel) -> dict[str, Effect]:

@@ -235,6 +235,11 @@ def fleet_text(fleet: FleetPart) -> str:
     return to_json(content | {SEAL: seal(content)})
 
 
+def fleet_file(path: Path) -> Path:
+    """The fleet.json of a folder, or the file itself."""
+    return path / NAME if path.is_dir() else path
+
+
 def read_fleet(path: Path) -> FleetPart:
     """The content of a fleet.json. Raises InputError as `read_sealed`."""
     return read_sealed(path, FILE)[0]

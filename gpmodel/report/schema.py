@@ -13,6 +13,7 @@ from gpmodel.arrays import Count, NotNegative, Share
 from gpmodel.evidence.cross_validation import Confirmation
 from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.evolution.runs import Run
+from gpmodel.hierarchy.further import ALONE, PRIOR
 from gpmodel.numerics.rank import RankChoice
 from gpmodel.report.schema_poses import InstrumentRecord, PlotRecord, Positioning, ReadingRecord, Repeatability
 from gpmodel.report.schema_search import (
@@ -235,7 +236,8 @@ class Report:
         """A rung of the ladder in words."""
         if rung.effect is not None and rung.effect < len(self.effects):
             return f"+ {self.effects[rung.effect].name}"
-        return {REGISTRATION: "registration only", STANDARD: "standard model"}.get(rung.step, rung.step)
+        standard = "standard model" if self.step(ALONE) is None else PRIOR
+        return {REGISTRATION: "registration only", STANDARD: standard}.get(rung.step, rung.step)
 
     def turn_mrad(self, rung: StepRecord) -> float | None:
         """RMS angle, mrad, between measured and modelled orientation after a step, over the poses of its errors.

@@ -110,23 +110,22 @@ def group_of(candidate: Candidate, shapes: Shapes) -> Group | None:
 
 
 def geometry_groups(effects: Iterable[Effect]) -> tuple[Group, ...]:
-    """Constant errors as two groups that are always in, lengths and angles; declared effects as one each.
+    """Group constant errors as lengths, angles, and those with priors, which keep their ratios; other effects one each.
 
-    All together stay within what is believed of a description: along a direction that the poses hardly show, a wrist
-    29 cm away would say in the linear problem what the curves of two joints do.
+    All are always in. Together they stay within what is believed of a description: along a direction that the poses
+    hardly show, a wrist 29 cm away would say in the linear problem what the curves of two joints do.
     """
-    constant = [e for e in effects if e.constant]
-    declared = [e for e in effects if not e.constant]
+    kinds: dict[str, list[Effect]] = {"geometry, lengths": [], "geometry, angles": [], "geometry, with priors": []}
+    for e in effects:
+        kind = "with priors" if np.isfinite(e.prior) else "lengths" if e.unit == "m" else "angles"
+        kinds.setdefault(f"geometry, {kind}" if e.constant else e.name, []).append(e)
     out = []
-    for name, unit in (("geometry, lengths", "m"), ("geometry, angles", "rad")):
-        chosen = tuple(e for e in constant if (e.unit == "m") == (unit == "m"))
-        if chosen:
-            spread = (1.0 / math.sqrt(len(chosen)),) * len(chosen)
-            group = Group(name, chosen, "geometric", 0.0, spreads=spread, cap=GEOMETRY_REACH, always_included=True)
-            out.append(group)
-    for e in declared:
-        cap = min(DECLARED_CAP, e.prior)
-        out.append(Group(e.name, (e,), e.family, 0.0, spreads=(1.0,), cap=cap, always_included=True))
+    for name, (first, *others) in ((name, chosen) for name, chosen in kinds.items() if chosen):
+        sizes = np.array([e.prior if np.isfinite(e.prior) else 1.0 for e in (first, *others)])
+        spreads = tuple((sizes / np.linalg.norm(sizes)).tolist())
+        reach = GEOMETRY_REACH if first.constant and first.prior == np.inf else DECLARED_CAP
+        family, cap = "geometric" if first.constant else first.family, min(reach, first.prior / spreads[0])
+        out.append(Group(name, (first, *others), family, 0.0, spreads=spreads, cap=cap, always_included=True))
     return tuple(out)
 
 

@@ -1,0 +1,75 @@
+"""Discovery on a further machine with the result of a fleet as prior."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_cases import one_line, run
+from fleet_cases import GEOMETRY, NOISE, two_joint_arms
+
+import gpmodel as gp
+from gpmodel.api.discover import DiscoveryResult
+from gpmodel.mechanism.source import MechanismChoice
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.planning.simulate import simulate
+from gpmodel.table.dataset import Dataset
+
+GEAR = "gear_harmonic J2=200 arcsec"
+QUICK = gp.Search(runs=0, workers=1)
+
+
+@pytest.fixture(scope="module")
+def arms(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six arms with a gear error each, and the result of their fleet."""
+    folder = two_joint_arms(tmp_path_factory.mktemp("like") / "arms", 6)
+    gp.fleet(None, folder, ["gear_harmonic J2"]).save(folder / "fleet.json")
+    return folder
+
+
+def further(arms: Path, poses: int, *effects: str, geometry: float = GEOMETRY, seed: int = 5) -> Dataset:
+    """A further arm."""
+    mechanism, rng = MechanismChoice(str(arms / "arm.toml")).load(), np.random.default_rng(seed)
+    q = random_poses(mechanism, poses, rng)
+    return simulate(mechanism, q, effects, rng, noise=NOISE, geometry_sigma=geometry).dataset
+
+
+def like(arms: Path, table: Dataset) -> DiscoveryResult:
+    """Search a further arm, given its type."""
+    return gp.discover(arms / "arm.toml", table, like=arms, search=QUICK)
+
+
+def test_ten_poses_of_a_brother_are_enough(arms: Path) -> None:
+    table = further(arms, 210, GEAR)
+    few, later = table.subset(np.arange(10)), table.subset(np.arange(10, 210))
+    found = like(arms, few)
+    alone = gp.calibrate(arms / "arm.toml", few, ["gear_harmonic J2"], holdout=0.0)
+    errors = [np.mean(fit.model.misses(later) ** 2) for fit in (found, alone)]
+    assert errors[0] < errors[1]
+    assert np.sqrt(errors[0]) < 3.0 * np.sqrt(3.0) * 1e3 * NOISE
+    assert found.findings == ()
+    assert "Prior of 6 machines of the type, which has gear error, 2 per turn, J2." in found.verdict
+    titles = [found.record.title(rung) for rung in found.record.ladder]
+    assert titles == ["registration only", "its own poses alone", "the prior of the fleet"]
+
+
+def test_what_a_machine_alone_has_is_found_beside_its_type(arms: Path) -> None:
+    found = like(arms, further(arms, 40, GEAR, "gear_harmonic J1=300 arcsec"))
+    assert [f.name for f in found.findings] == ["gear error, 2 per turn, J1"]
+    assert "the prior of the fleet" in found.verdict
+    assert {e.name for e in found.model.saved.model.effects} > {"gear error, 2 per turn, J2, sin"}
+
+
+def test_a_machine_that_is_no_brother_is_searched_without_the_prior(arms: Path) -> None:
+    found = like(arms, further(arms, 40, geometry=30.0 * GEOMETRY))
+    assert "is no brother of its type" in found.verdict
+    assert [rung.step for rung in found.record.ladder] == ["registration", "standard"]
+    with pytest.raises(gp.InputError, match=r"like: .* is no brother .* Without it .* 4 distinct poses"):
+        like(arms, further(arms, 4, geometry=30.0 * GEOMETRY))
+
+
+def test_bad_input_is_one_line(arms: Path, tmp_path: Path) -> None:
+    gp.simulate("ur5", poses=12).save(tmp_path / "other.csv")
+    said = "--mechanism", "ur5", "--out", tmp_path / "out", "--like"
+    assert "--like: is of machines of another type" in one_line(run("discover", tmp_path / "other.csv", *said, arms), 2)
+    assert "cannot be read" in one_line(run("discover", tmp_path / "other.csv", *said, tmp_path / "none"), 2)
+    assert not (tmp_path / "out").exists()
