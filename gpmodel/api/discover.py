@@ -206,10 +206,9 @@ def _placed(
         said = f"Prior of {len(like.machines)} machines of the type{has}. {machine.in_words(poses)}"
         return placed, poses, like, translate(said, names_of(table))
     said = f"This machine {machine.no_brother}; their prior is left out."
-    try:
-        return *checked_poses(arm, table, geometry), None, said
-    except InputError as error:
-        raise InputError(f"{said} Without it {error.said}", "like") from None
+    if machine.too_few:
+        raise InputError(f"{said} Without it these {len(poses)} poses are too few", "like")
+    return *checked_poses(arm, table, geometry), None, said
 
 
 def _geometry(arm: Mechanism, standard: Sequence[str]) -> tuple[Effect, ...]:

@@ -45,6 +45,11 @@ class Further:
     likeness: Likeness
 
     @property
+    def too_few(self) -> bool:
+        """True if its own poses do not give as many values as the model has unknowns."""
+        return [step.name for step in self.steps] == ["registration", PRIOR]
+
+    @property
     def no_brother(self) -> str:
         """State how far the machine is from its type; empty for a brother."""
         if self.likeness.brother:
