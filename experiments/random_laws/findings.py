@@ -70,4 +70,5 @@ def said(finding: EffectRecord) -> dict[str, Any]:
     return {
         "name": finding.name, "place": f"{finding.slot} {finding.axis}", "law": finding.basis,
         "inputs": len(finding.inputs), "nodes": nodes(finding.basis), "named": bool(finding.catalogue),
+        "found_by": finding.found_by,
     }  # fmt: skip

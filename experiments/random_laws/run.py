@@ -49,7 +49,7 @@ def shown(row: Row, show: bool) -> Row:
     """A row as it may be kept: of a robot for a last look nothing that tells which it is."""
     if show or not is_aside(row["seed"]):
         return row
-    hidden = [{k: f[k] for k in ("inputs", "nodes", "named")} for f in row.get("found", [])]
+    hidden = [{k: f[k] for k in ("inputs", "nodes", "named", "found_by")} for f in row.get("found", [])]
     return {k: v for k, v in row.items() if k not in TELLING} | ({"found": hidden} if "found" in row else {})
 
 

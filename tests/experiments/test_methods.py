@@ -1,5 +1,6 @@
 """The plug for any method: what it may give, how a row is scored, and the leaderboard of those that are entered."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from experiments.blind.description import urdf
 from experiments.methods import plug
 from experiments.methods.geometries import denavit_hartenberg
 from experiments.methods.leaderboard import board, leaderboard
+from experiments.methods.makers import makers_in, table
 from experiments.methods.plug import Answer, asked, geometry, method_named
 from experiments.methods.regressions import of_the_rest
 from experiments.methods.rows import append, saved, summary
@@ -139,3 +141,18 @@ def test_a_regression_is_of_what_the_standard_model_leaves(tmp_path):
 
     moved = of_the_rest(constant, *files) - geometry(*files)
     np.testing.assert_allclose(moved, 2e-3, atol=1e-9)
+
+
+def test_findings_are_counted_by_their_makers_in_rows_and_reports(tmp_path):
+    rows, report = tmp_path / "rows.jsonl", tmp_path / "report.json"
+    found = [{"found_by": maker} for maker in ("smooth term", "formula", "formula of generation 2", "sequence")]
+    append(row(0, 1.0, found=found), rows)
+    append(row(1, 1.0, found=[{"name": "without a maker"}]), rows)
+    append(row(2, 1.0), rows)
+    effects = [{"found_by": "catalogue", "kept": True}, {"found_by": "tree", "kept": False}]
+    report.write_text(json.dumps({"effects": effects}))
+    lines = table([*makers_in(rows), *makers_in(report)]).splitlines()
+    cells = {line.split(" | ")[0].strip("| "): line.strip("| ").split(" | ")[1:] for line in lines[2:]}
+    assert cells["m: 1"] == ["5", "", *["1 (20%)"] * 3, "", "1 (20%)", "1 (20%)"]
+    assert cells["reports"][:2] == ["1", "1 (100%)"]
+    assert cells["total"][0] == "6"
