@@ -38,12 +38,13 @@ EFFECTS = (
 
 @dataclass(frozen=True)
 class Planted:
-    """The problem, the true shape on training poses, and the truth's gain there and on the held-out poses."""
+    """The problem, the true shape on training poses, the truth's gain there and on held-out poses, and these poses."""
 
     problem: SlotProblem
     shape: Array
     gain: float
     heldout: float
+    unseen: tuple[Inputs, Targets]
 
 
 def planted(effect: Effect, seed: int) -> Planted:
@@ -64,9 +65,10 @@ def planted(effect: Effect, seed: int) -> Planted:
     train, held = np.arange(POSES), np.arange(POSES, poses)
     parts = [_targets(sensitivity[:, rows], enabled[rows], error[rows]) for rows in (train, held)]
     inputs = [Inputs(names, values[:, rows], KINDS) for rows in (train, held)]
-    problem = SlotProblem(inputs[0], parts[0], parts[1], inputs[1], parsimony=2.0)
+    problem = SlotProblem(inputs[0], parts[0], parsimony=2.0)
     gain, coefficients = parts[0].set_gain(shape[None, train], TRUE_SITE)
-    return Planted(problem, shape[train], gain, parts[1].gain_of(shape[None, held], coefficients, TRUE_SITE))
+    told = parts[1].gain_of(shape[None, held], coefficients, TRUE_SITE)
+    return Planted(problem, shape[train], gain, told, (inputs[1], parts[1]))
 
 
 def _targets(sensitivity: Array, enabled: Array, error: Array) -> Targets:

@@ -39,7 +39,9 @@ def ours(representation: Representation, population: int) -> Callable[[Planted, 
     def solve(case: Planted, seconds: float, seed: int) -> tuple[float, bool]:
         budget = Budget(population, seconds=seconds, threads=1, target=0.99 * case.gain)
         best = evolve(case.problem, Settings(representation, budget=budget), np.random.default_rng(seed)).best
-        return float(best.validation or 0.0), best.site == TRUE_SITE
+        inputs, targets = case.unseen
+        held = best.program.evaluate(inputs.mapping())
+        return targets.gain_of(held, best.coefficients, best.site), best.site == TRUE_SITE
 
     return solve
 
@@ -49,16 +51,15 @@ def told_the_place(regress: Callable[..., Any], eased: bool) -> Callable[[Plante
 
     def solve(case: Planted, seconds: float, seed: int) -> tuple[float, bool]:
         problem = case.problem
-        assert problem.validation is not None
-        assert problem.validation_inputs is not None
+        inputs, targets = case.unseen
         target = problem.targets.pull[TRUE_SITE] / problem.targets.weight[TRUE_SITE]
         if eased:
             noise = NOISE * case.shape.std() * np.random.default_rng([seed, 1]).normal(size=len(case.shape))
             target = case.shape + noise
         predict: Predict = regress(problem.inputs.mapping(), target, seconds, seed).predict
-        train, held = (predict(i.mapping())[None] for i in (problem.inputs, problem.validation_inputs))
+        train, held = (predict(i.mapping())[None] for i in (problem.inputs, inputs))
         _, coefficients = problem.targets.set_gain(train, TRUE_SITE)
-        return problem.validation.gain_of(held, coefficients, TRUE_SITE), True
+        return targets.gain_of(held, coefficients, TRUE_SITE), True
 
     return solve
 

@@ -21,8 +21,7 @@ class Solution:
     """A program, where it acts, and what it explains.
 
     ``gain`` is the share of residual energy (slot) or of the norm (compensator) it removes, ``coefficients``
-    multiply its outputs (ones for a compensator), ``validation`` is the gain of the same coefficients on the
-    validation poses, where there are any. ``generation`` is that in which a formula was bred, 0 of a founder.
+    multiply its outputs (ones for a compensator). ``generation`` is that in which a formula was bred, 0 of a founder.
     """
 
     program: Program
@@ -31,7 +30,6 @@ class Solution:
     gain: float
     coefficients: Array
     complexity: int
-    validation: float | None = None
     generation: int = 0
 
 
@@ -107,9 +105,8 @@ def program_at(population: Population, row: int, chosen: int, layout: Layout) ->
 def scored(program: Program, problem: Problem, site: int = 0) -> Solution:
     """A program as a solution of a problem at a site: its gain and coefficients.
 
-    Slot: all outputs are solved together (``Targets.set_gain``); where the problem has validation poses, the same
-    coefficients are judged there. Compensator: the norm of the outputs' distances, coefficients of one. Raises
-    InputError where the program reads an input that is not there.
+    Slot: all outputs are solved together (``Targets.set_gain``). Compensator: the norm of the outputs' distances,
+    coefficients of one. Raises InputError where the program reads an input that is not there.
     """
     values = program.evaluate(problem.inputs.mapping())
     if isinstance(problem, CartesianProblem):
@@ -118,8 +115,4 @@ def scored(program: Program, problem: Problem, site: int = 0) -> Solution:
         return Solution(program, 0, "tip", gain, np.ones(len(values)), program.complexity)
     targets = problem.targets
     gain, coefficients = targets.set_gain(values, site)
-    validation = None
-    if problem.validation is not None and problem.validation_inputs is not None and len(values):
-        held_out = program.evaluate(problem.validation_inputs.mapping())
-        validation = problem.validation.gain_of(held_out, coefficients, site)
-    return Solution(program, site, targets.names[site], gain, coefficients, program.complexity, validation)
+    return Solution(program, site, targets.names[site], gain, coefficients, program.complexity)

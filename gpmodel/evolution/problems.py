@@ -136,14 +136,11 @@ class CartesianProblem:
 class SlotProblem:
     """The shape of an effect and the site where it acts; coefficients are solved by projection.
 
-    ``validation`` holds the same sites on other poses, with ``validation_inputs`` to evaluate there; ``parsimony`` is
-    the cost of a node or a coefficient in nats.
+    parsimony: cost of a node or a coefficient, nats.
     """
 
     inputs: Inputs
     targets: Targets
-    validation: Targets | None = None
-    validation_inputs: Inputs | None = None
     parsimony: float = 1.0
     slice: ClassVar[int] = 512
     start: ClassVar[tuple[str, ...]] = ()
@@ -152,8 +149,6 @@ class SlotProblem:
     def __post_init__(self) -> None:
         if self.targets.poses != self.inputs.values.shape[1]:
             raise InputError(f"targets: {self.targets.poses} poses, inputs have {self.inputs.values.shape[1]}")
-        if (self.validation is None) != (self.validation_inputs is None):
-            raise InputError("validation: targets and inputs are needed together")
 
     @property
     def sites(self) -> tuple[str, ...]:
@@ -162,10 +157,7 @@ class SlotProblem:
 
     def only(self, site: int, names: Sequence[str]) -> "SlotProblem":
         """The problem at one site with some of the inputs."""
-        validation = None if self.validation is None else self.validation.only(site)
-        validation_inputs = None if self.validation_inputs is None else self.validation_inputs.select(names)
-        inputs, targets = self.inputs.select(names), self.targets.only(site)
-        return SlotProblem(inputs, targets, validation, validation_inputs, self.parsimony)
+        return SlotProblem(self.inputs.select(names), self.targets.only(site), self.parsimony)
 
     def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
         """Description length and gain of decoded programs at their best site."""
@@ -181,7 +173,7 @@ class SlotProblem:
 
     def shuffled(self, rng: np.random.Generator) -> "SlotProblem":
         """The problem with the residual permuted over the poses."""
-        return replace(self, targets=self.targets.shuffled(rng), validation=None, validation_inputs=None)
+        return replace(self, targets=self.targets.shuffled(rng))
 
 
 class Scored(Protocol):

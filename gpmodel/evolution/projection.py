@@ -182,7 +182,7 @@ class Targets:
         return gains / self.energy
 
     def gain_of(self, values: Array, coefficients: Array, site: int) -> float:
-        """Share of the residual energy removed by fixed coefficients, for instance on validation poses.
+        """Share of the residual energy removed by fixed coefficients, for instance on other poses.
 
         Negative where they make the residual larger.
         """

@@ -111,7 +111,7 @@ class Plan:
         best, shuffled = found.best, bool(number[1] % 2)
         return Run(
             tuple(self.settings)[number[0]], number[1] // 2, shuffled, str(best.program), best.site_name, best.gain,
-            known(heldout(best.program) if heldout and not shuffled else best.validation), best.complexity,
+            known(heldout(best.program) if heldout and not shuffled else None), best.complexity,
             strength_of(found, problem), found.evaluations, found.seconds,
             {quantity: [known(v) for v in column.tolist()] for quantity, column in found.history.items()},
             tuple((s.complexity, s.gain, str(s.program)) for s in found.front),
