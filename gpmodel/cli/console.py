@@ -14,7 +14,7 @@ import pandas as pd
 from gpmodel import wording
 from gpmodel.api.model import MODEL
 from gpmodel.api.table import with_numbers
-from gpmodel.characters import shell_quoted
+from gpmodel.characters import printable, shell_quoted
 from gpmodel.cli import terminal
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
@@ -75,13 +75,22 @@ def write_frame(frame: pd.DataFrame, out: Path | None, default_name: str, source
         cells = read_frame(source)[0]
         same = [name for name, given in with_numbers(cells).items() if name in frame and given.equals(frame[name])]
         frame = frame.assign(**{str(name): cells[name] for name in same})
-    text = table_text(frame)
     if out is None:
-        terminal.echo(text, nl=False)
+        terminal.echo(table_text(_in_lines(frame)), nl=False)
         return None
     path = path_for(out, default_name)
-    write_text(path, text)
+    write_text(path, table_text(frame))
     return path
+
+
+def _in_lines(frame: pd.DataFrame) -> pd.DataFrame:
+    """Escape what ends a line within a header or a cell, so that each row of a printed table is one line."""
+    texts = {
+        name: column.map(lambda cell: printable(cell, "") if isinstance(cell, str) else cell)
+        for name, column in frame.items()
+        if not pd.api.types.is_numeric_dtype(column)
+    }
+    return frame.assign(**texts).rename(columns=lambda name: printable(str(name), ""))
 
 
 def command_line() -> str:

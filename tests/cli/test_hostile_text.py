@@ -35,7 +35,7 @@ HOSTILE = {
     "html": '<script src="http://a"></script><img onerror=x>"\'&',
     "placeholder": "*@TERMS@/ @NOTE@ {0} %s ${a}",
     "terminal": "a\x1b[31mRED\x1b]0;title\x07\x9b2J\u202eb",
-    "line": f"a\n{FORGED}\r\nb\u2028c",
+    "line": f"a\n{FORGED}\nb\r\nc\u2028d",
     "long": "a" * 5000,
 }
 SOURCE = ("python", "c", "placeholder")
