@@ -86,7 +86,7 @@ def write_frame(frame: pd.DataFrame, out: Path | None, default_name: str, source
 def _in_lines(frame: pd.DataFrame) -> pd.DataFrame:
     """Escape what ends a line within a header or a cell, so that each row of a printed table is one line."""
     texts = {
-        name: column.map(lambda cell: printable(cell, "") if isinstance(cell, str) else cell)
+        str(name): column.map(lambda cell: printable(cell, "") if isinstance(cell, str) else cell)
         for name, column in frame.items()
         if not pd.api.types.is_numeric_dtype(column)
     }
