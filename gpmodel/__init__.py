@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from gpmodel.api.saved import compare, explain, export, load_result
     from gpmodel.api.simulate import simulate
     from gpmodel.api.table import read_table
-    from gpmodel.api.verify import verify
+    from gpmodel.api.verify import verify, verify_next
     from gpmodel.discovery.search import Search
     from gpmodel.errors import InputError
     from gpmodel.evidence.criteria import Criteria
@@ -82,6 +82,7 @@ _HOME = {
     "regress": "api.regress",
     "simulate": "api.simulate",
     "verify": "api.verify",
+    "verify_next": "api.verify",
 }
 
 __all__ = [
@@ -121,6 +122,7 @@ __all__ = [
     "regress",
     "simulate",
     "verify",
+    "verify_next",
 ]
 
 if not TYPE_CHECKING:

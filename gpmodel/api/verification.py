@@ -10,9 +10,10 @@ import pandas as pd
 from gpmodel.api.arguments import file_path
 from gpmodel.api.display import Shown
 from gpmodel.api.table import Described, TableLike, cells_of, check_told_of, dataset_of, described, in_metres
+from gpmodel.application.changes import SIGNIFICANCE
 from gpmodel.application.later import Session, errors_at
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.verify import afterwards, misses_of, verified
+from gpmodel.application.verify import Verified, afterwards, misses_of, verified
 from gpmodel.arrays import IntArray
 from gpmodel.checks.judge import evenly
 from gpmodel.extras import extra_for
@@ -98,19 +99,34 @@ def verify_saved(
 ) -> VerifyResult:  # fmt: skip
     """A saved model judged by a table. sights: what cameras, boards and surfaces are, where not as in the fit. Raises
     InputError as `gpmodel.verify`."""
+    return judged_by(saved, later_table(saved, table, sights), asked, tolerance, in_order)[0]
+
+
+def later_table(saved: SavedModel, table: TableLike, sights: Mapping[str, Described]) -> tuple[Dataset, Dataset | None]:
+    """Where the machine went, and where its nominal arm would have been sent, where the table says both. Raises
+    InputError as `gpmodel.verify`."""
     told = described(**sights)
     dataset, targets = _driven(saved, table, told)
     check_told_of(dataset, told)
+    return dataset, targets
+
+
+def judged_by(
+    saved: SavedModel, later: tuple[Dataset, Dataset | None], asked: VerifyRequest, tolerance: str | None,
+    in_order: bool, significance: float = SIGNIFICANCE,
+) -> tuple[VerifyResult, Verified]:  # fmt: skip
+    """A saved model judged by a table measured later. significance: of each of the two tests."""
+    dataset, targets = later
     fresh = afterwards(saved, dataset)
     old = np.setdiff1d(np.arange(len(dataset)), fresh)
     rows = fresh[evenly(len(fresh))]
-    found = verified(saved, replace(dataset.subset(rows), in_order=in_order or dataset.in_order))
+    found = verified(saved, replace(dataset.subset(rows), in_order=in_order or dataset.in_order), significance)
     limit = None if tolerance is None else in_metres(tolerance, found.session.poses.dataset, "tolerance")
     missed = None if targets is None else misses_of(found.session, targets.subset(rows))
     asked = replace(asked, tolerance=limit, missed=missed, rows=len(fresh), fitted=tuple(dataset.row[old].tolist()))
     if len(rows) < len(fresh) and not dataset.observations:
         asked = replace(asked, others=_others(found.session, dataset, np.union1d(rows, old)))
-    return VerifyResult(verification(found, asked))
+    return VerifyResult(verification(found, asked)), found
 
 
 def _others(session: Session, dataset: Dataset, judged: IntArray) -> Others:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from gpmodel.api.arguments import called
 from gpmodel.api.model import Model
+from gpmodel.api.next_check import NextCheck, next_check
 from gpmodel.api.saved import model_of
 from gpmodel.api.table import Described, TableLike, told_of_reading
 from gpmodel.api.verification import VerifyResult, verify_saved
@@ -42,3 +43,28 @@ def verify(
     asked = VerifyRequest(command, name, judged.sha256)
     sights = {"cameras": cameras, "board": board, "surfaces": surfaces}
     return verify_saved(judged.saved, table, asked, tolerance, in_order, sights)
+
+
+def verify_next(
+    model: Model | str | Path, table: TableLike | None = None, *, tolerance: str | None = None, in_order: bool = False,
+    cameras: Described = None, board: Described = None, surfaces: Described = None,
+) -> NextCheck:  # fmt: skip
+    """Check a model pose by pose: what the poses say so far, and which one to measure next, until it is decided.
+
+    Measure the pose of `next`, add it to the table, call it again. A look at n poses has the significance
+    0.05 · 6 / (π² (n - 5)²), so that of machines that did not change at most one check in twenty ends with a change,
+    however long it goes on. It ends where a change is seen and named, or where a change of any joint's zero that moves
+    the tool by more than the tolerance would be with the chance 0.9; without a tolerance twice the error that the model
+    expects. Poses are chosen among those of the fit, where the arm is known to go: the one that shows most of the zero
+    that is seen worst.
+
+    model, table, tolerance, in_order, cameras, board, surfaces: as of `verify`; no table, or fewer than six poses:
+    the next of the first poses, far from the others. Raises InputError as `verify`, and where the model does not hold
+    the table of its fit. Source: Robbins (1970), statistical methods related to the law of the iterated logarithm.
+    """
+    judged = model_of(model, "model")
+    name = Path(model).name if isinstance(model, str | Path) else "model"
+    sights = {"cameras": cameras, "board": board, "surfaces": surfaces}
+    return next_check(
+        judged.saved, table, VerifyRequest(COMMAND, name, judged.sha256), tolerance, in_order, sights
+    )  # fmt: skip

@@ -51,7 +51,9 @@ class Visible:
     size: NotNegative | None
 
 
-def changes(found: Recheck, tried: Sequence[PossibleChange]) -> tuple[tuple[NamedChange, ...], Recheck]:
+def changes(
+    found: Recheck, tried: Sequence[PossibleChange], significance: float = SIGNIFICANCE
+) -> tuple[tuple[NamedChange, ...], Recheck]:
     """Select the significant changes, the least probable first, each given the earlier ones; return the residual
     after them.
 
@@ -66,11 +68,11 @@ def changes(found: Recheck, tried: Sequence[PossibleChange]) -> tuple[tuple[Name
         scores = [h.explained(left.z) for h in here]
         chances = [_chance(found, *score) / h.share for h, score in zip(here, scores, strict=True)]
         best = min(range(len(here)), key=lambda k: (chances[k], -scores[k][0]))
-        if chances[best] >= SIGNIFICANCE:
+        if chances[best] >= significance:
             break
         own, numbers = scores[best]
         alike = [k for k, (score, n) in enumerate(scores) if n <= numbers and score > own - AS_LIKELY]
-        best = next((k for k in alike if here[k].kind == SET_UP and chances[k] < SIGNIFICANCE), best)
+        best = next((k for k in alike if here[k].kind == SET_UP and chances[k] < significance), best)
         chosen, rivals = here[best], tuple(here[k].name for k in alike if k != best)
         size = chosen.fitted(left.z)
         out.append(NamedChange(chosen.name, chosen.kind, *size, chosen.unit, chances[best], rivals[:4]))
@@ -82,14 +84,14 @@ def _chance(found: Recheck, score: float, numbers: int) -> float:
     return chance_of_ratio(score / numbers, numbers, found.freedom) if numbers else 1.0
 
 
-def visible(found: Recheck, tried: Sequence[PossibleChange]) -> tuple[Visible, ...]:
+def visible(found: Recheck, tried: Sequence[PossibleChange], significance: float = SIGNIFICANCE) -> tuple[Visible, ...]:
     """Return the smallest change of each joint zero that these poses detect with the chance POWER."""
     zeros = {h.name: h for h in tried if h.kind == "zero"}
     out = []
     for joint in found.session.saved.mechanism.joints:
         zero, size = zeros.get(zero_of(joint.name)), None
         if zero is not None:
-            needed = special.ndtri(POWER) - special.ndtri(0.5 * SIGNIFICANCE * zero.share)
+            needed = special.ndtri(POWER) - special.ndtri(0.5 * significance * zero.share)
             least = float(needed / np.linalg.norm(zero.columns))
             size = least if least < LARGEST else None
         out.append(Visible(joint.name, "rad" if joint.kind == "revolute" else "m", size))

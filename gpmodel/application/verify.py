@@ -89,8 +89,8 @@ def afterwards(saved: SavedModel, dataset: Dataset) -> IntArray:
     return fresh
 
 
-def verified(saved: SavedModel, dataset: Dataset) -> Verified:
-    """The model against the poses of `dataset`, measured afterwards.
+def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFICANCE) -> Verified:
+    """The model against the poses of `dataset`, measured afterwards. significance: of each of the two tests.
 
     It holds while neither what it leaves nor any one thing that could have changed is beyond chance; see
     `application.recheck` and `application.changes`. Raises InputError where the poses do not fit the model, are too
@@ -110,11 +110,11 @@ def verified(saved: SavedModel, dataset: Dataset) -> Verified:
     found = found if other_tool is None else other_tool
     tried = possible_changes(found)
     moved = () if other_tool is None else _moved_tools(saved, found)
-    named, left = changes(found, tried)
+    named, left = changes(found, tried, significance)
     session = found.session
     verdict: Verdict = "holds"
     of_the_machine = tuple(c for c in named if c.kind != SET_UP)
-    if moved or of_the_machine or left.chance < SIGNIFICANCE:
+    if moved or of_the_machine or left.chance < significance:
         residual, unknowns = found.problem.residual, found.basis.shape[1]
         useless = np.linalg.norm(residual) / np.sqrt(len(residual) - unknowns) > HALF * alone.sigma
         few = left.chi_square < UNEXPLAINED * found.chi_square
@@ -128,7 +128,7 @@ def verified(saved: SavedModel, dataset: Dataset) -> Verified:
         alone_turn=turn_error(nominal, session.poses.dataset),
         outside=outside(session.saved, session.poses.states.seen_at(points)),
         changes=() if verdict == "another machine" else (*moved, *named),
-        visible=visible(found, tried),
+        visible=visible(found, tried, significance),
         instrument=instrument,
     )
 

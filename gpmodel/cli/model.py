@@ -7,6 +7,7 @@ import click
 
 from gpmodel.api.model import Point, load_model, model_file
 from gpmodel.api.verify import verify as judge
+from gpmodel.api.verify import verify_next
 from gpmodel.application.compensate import not_reached
 from gpmodel.application.exports.grid import NODES
 from gpmodel.application.exports.programs import Language
@@ -14,6 +15,7 @@ from gpmodel.characters import shell_quoted
 from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, place_for, progress_line, session_note, write_frame
 from gpmodel.cli.terminal import echo
+from gpmodel.errors import InputError
 from gpmodel.files import write_text
 
 
@@ -149,21 +151,22 @@ def export(
         echo(exports.summary())
 
 
-CHANGED = 3
-"""Status of a model that does not hold, or not within the tolerance."""
+CHANGED, UNDECIDED = 3, 4
+"""Status of a model that does not hold, or not within the tolerance; of a check that needs a further pose."""
 
 
 @click.command()
 @shared.model_argument
-@shared.table_argument
+@click.argument("table", type=shared.PATH, required=False)
 @click.option("--tolerance", metavar="LENGTH", help="Largest admissible error of a row: 0.1mm, 0.5px.")
+@click.option("--next", "pose_by_pose", is_flag=True, help="Say which pose to measure next, until it is decided.")
 @shared.in_order_option
 @shared.sights_options
 @shared.out_folder_option
 @shared.quiet_option
 def verify(
-    model: Path, table: Path, tolerance: str | None, in_order: bool, folder: Path | None, quiet: bool,
-    **sights: str | None,
+    model: Path, table: Path | None, tolerance: str | None, pose_by_pose: bool, in_order: bool, folder: Path | None,
+    quiet: bool, **sights: str | None,
 ) -> int:  # fmt: skip
     """Judge MODEL by a TABLE measured afterwards: it holds, the machine has drifted, or it is another machine.
 
@@ -172,8 +175,20 @@ def verify(
     Says the error of every pose with and without the model beside what the model promises, and what changed: a zero, a
     tool point, an effect. Where TABLE has the corrected_J1, ... of compensate, the machine went there.
     Ends with status 0 where the model holds, 3 where it does not or a pose is beyond the tolerance.
+    --next: pose by pose. TABLE is what was measured so far, left away before the first pose; status 4 while a further
+    pose is needed, which is printed. All looks together call one machine in twenty changed that is not.
     With --out: verify.html, verify.csv, and verify.json, of which `certificate` makes a certificate.
     """
+    if pose_by_pose:
+        so_far = verify_next(model, table, tolerance=tolerance, in_order=in_order, **sights)
+        if folder is not None and so_far.judged is not None:
+            so_far.judged.report(folder)
+        if not quiet:
+            echo(so_far.summary())
+        passed = so_far.judged is not None and so_far.judged.passed
+        return UNDECIDED if not so_far.decided else 0 if passed else CHANGED
+    if table is None:
+        raise InputError("missing, expected a table of poses measured after the fit; or --next", "table")
     with progress_line(quiet) as say:
         found = judge(
             model, table, tolerance=tolerance, in_order=in_order, progress=say, command=command_line(), **sights

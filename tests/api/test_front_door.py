@@ -128,7 +128,7 @@ def test_the_public_names_are_those_a_user_writes() -> None:
     choices = {"choose_poses", "catalogue", "Search", "Criteria", "Linear", "Tree", "InputError", "Model", "Dataset"}
     choices |= {"Truncation", "Tournament"}
     own = {"fleet", "Effect", "Term", "Expression", "effect_at", "Candidate", "Family", "Mechanism", "Joint", "States"}
-    results = {"regress", "verify", "certificate", "compare", "explain", "export", "load_result"}
+    results = {"regress", "verify", "verify_next", "certificate", "compare", "explain", "export", "load_result"}
     assert set(gp.__all__) == ten_lines | choices | own | results
     assert gp.__version__
 
