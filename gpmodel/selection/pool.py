@@ -163,7 +163,8 @@ class GroupPool:
         self.rhs = self.atoms.cross(rows.target[:, None])[:, 0]
         self._columns: dict[int, Array] = {}
         self._crossed: dict[int, Array] = {}
-        self._between: dict[tuple[int, int], Array] = {}
+        self._start: dict[int, int] = {}
+        self._effects, self._spreads, self._products = np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 0))
         self._gram: tuple[object, Array] = (None, np.zeros((0, 0)))
         self.classes = tuple(self._classes())
 
@@ -204,23 +205,26 @@ class GroupPool:
             self._columns[g] = rows.clean(rows.whitening.whiten(own))
         return self._columns[g]
 
-    def between(self, g: int, h: int) -> Array:
-        """Products (K, K') of the scaled columns of two groups."""
-        if (g, h) not in self._between:
-            self._between[g, h] = self.spreads[g][:, None] * self.crossed(h)[self.index[g]]
-        return self._between[g, h]
-
     def gram(self, chosen: Mapping[int, IntArray]) -> Array:
-        """Products (K, K) of the scaled columns of some groups, of those effects that are chosen; the last is kept."""
+        """Products (K, K) of the scaled columns of some groups, of those effects that are chosen.
+
+        Those of all groups that were ever asked for are kept side by side; the last answer too.
+        """
         key = tuple((g, c.tobytes()) for g, c in chosen.items())
         if self._gram[0] != key:
-            ends = np.cumsum([0, *(len(c) for c in chosen.values())])
-            out = np.empty((ends[-1], ends[-1]))
-            for i, (g, own) in enumerate(chosen.items()):
-                for j, (h, others) in enumerate(list(chosen.items())[: i + 1]):
-                    block = self.between(g, h)
-                    block = block if block.shape == (len(own), len(others)) else block[np.ix_(own, others)]
-                    out[ends[i] : ends[i + 1], ends[j] : ends[j + 1]] = block
-                    out[ends[j] : ends[j + 1], ends[i] : ends[i + 1]] = block.T
-            self._gram = key, out
+            for g in chosen:
+                if g not in self._start:
+                    self._beside(g)
+            at = np.concatenate([self._start[g] + own for g, own in chosen.items()])
+            self._gram = key, self._products[at[:, None], at]
         return self._gram[1]
+
+    def _beside(self, g: int) -> None:
+        """Put the products of the scaled columns of a group beside those that are there."""
+        effects = np.concatenate([self._effects, self.index[g]])
+        spreads = np.concatenate([self._spreads, self.spreads[g]])
+        new = spreads[:, None] * self.crossed(g)[effects]
+        old = len(self._effects)
+        products = np.empty((len(effects), len(effects)))
+        products[:old, :old], products[:, old:], products[old:, :old] = self._products, new, new[:old].T
+        self._start[g], self._effects, self._spreads, self._products = old, effects, spreads, products

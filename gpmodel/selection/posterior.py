@@ -209,7 +209,7 @@ class Active:
         """Selected groups: those in the model that are not always included."""
         return tuple(g for g in self.variances if not self.pool.groups[g].always_included)
 
-    @property
+    @cached_property
     def objective(self) -> float:
         """L: log marginal likelihood of the cleaned target less the price of every selected group, nats."""
         paid = sum(float(self.pool.price[g]) + self._further_sites(g) for g in self.found)
@@ -242,6 +242,8 @@ class Active:
         return float(self.prices[g]) + self._further_sites(g)
 
     def _further_sites(self, g: int) -> float:
+        if not self.pool.groups[g].parts:
+            return 0.0
         return max(len(np.unique(self.part_of_column(g))) - 1, 0) * self.price_of_site(g)
 
     def price_of_site(self, g: int) -> float:

@@ -48,8 +48,7 @@ def exchange(model: Active, new: frozenset[str] | None = None) -> Active:
     first = np.array([new is None or group.name in new for group in model.pool.groups])
     waiting, beside = _removals(model), Scan(model)
     while waiting:
-        removed = waiting.pop(0)
-        tried[removed] = len(tried)
+        tried[removed := waiting.pop(0)] = len(tried)
         better = next((t for t in _exchanged(beside, removed, first) if t.utility > model.utility + TOLERANCE), None)
         if better is not None:
             model = max(named_by_site(grow(better, reading=True)), better, key=lambda one: one.utility)
@@ -110,8 +109,8 @@ def _exchanged(beside: Scan, removed: frozenset[int], first: Mask) -> Iterator[A
 
     Growth begins with the group of largest net gain among the first (G,), where the remaining groups may take any size:
     a group held to its size keeps out what would change it. It goes on among a short list. Two effects may hide behind
-    their best approximation: what grew first is forbidden once, and in the place of a group of many unknowns groups of
-    few are grown alone.
+    their best approximation: what regained more than it lacks is forbidden once. In the place of a group of many
+    unknowns groups of few are grown alone.
     """
     model, pool = beside.active, beside.active.pool
     fewer = reestimate(reduce(Active.without, removed, model), 4)
@@ -138,7 +137,8 @@ def _exchanged(beside: Scan, removed: frozenset[int], first: Mask) -> Iterator[A
     if grown is None:
         return
     yield grown
-    if came := frozenset(grown.variances) - frozenset(model.variances):
+    came = frozenset(grown.variances) - frozenset(model.variances)
+    if came and grown.utility - fewer.utility > model.utility - grown.utility:
         again = net.copy()
         again[_forbidden(pool, came)] = -np.inf
         if (other := regrown(again, again)) is not None:
