@@ -131,6 +131,11 @@ def listed(names: Sequence[str]) -> str:
     return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
+def turned(mrad: float, lever: float) -> str:
+    """What an angle moves a tool point by that is so far from the flange, m; empty where it lies in it."""
+    return f": {length(lever * mrad)} at {1e3 * lever:.0f} mm from the flange" if lever else ""
+
+
 def some(items: Sequence[object], most: int = 8) -> str:
     """The first items, and how many more there are."""
     more = f" and {len(items) - most} more" if len(items) > most else ""

@@ -56,6 +56,11 @@ class SavedModel:
     discrepancy: float = 0.0
 
     @property
+    def lever(self) -> float:
+        """Distance of the farthest tool point from the flange, m."""
+        return max((float(np.linalg.norm(frame[:3, 3])) for frame in self.placement.tool.values()), default=0.0)
+
+    @property
     def spread(self) -> float:
         """Standard deviation, m, of one coordinate of a reading about the model with its true parameters."""
         return max(self.sigma, float(np.hypot(self.noise or 0.0, self.discrepancy)))

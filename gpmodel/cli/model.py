@@ -17,6 +17,7 @@ from gpmodel.cli.console import command_line, place_for, progress_line, session_
 from gpmodel.cli.terminal import echo
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
+from gpmodel.wording import turned
 
 
 @click.command()
@@ -114,7 +115,7 @@ def compensate(
         largest = corrected["correction [mm]"].max()
         moved = f"corrections of the {point} {WHICH[point]} up to {largest:.4f} mm"
         if isfinite(turn := corrected["residual_turn [mrad]"].max()):
-            moved += f", up to {turn:.4f} mrad of the orientation not reached"
+            moved += f", up to {turn:.4f} mrad of the orientation not reached{turned(turn, fitted.saved.lever)}"
         echo(f"{len(corrected)} targets in {path}: {counts}; {moved}")
 
 

@@ -20,6 +20,7 @@ from gpmodel.report.poses import pose_errors
 from gpmodel.report.schema import STANDARD, ParameterRecord, Report
 from gpmodel.report.schema_poses import Repeatability
 from gpmodel.report.schema_search import EffectRecord
+from gpmodel.report.verdict import farthest_tool_point
 from gpmodel.wording import millimetres
 
 STATISTICS: tuple[tuple[str, Callable[[Array], float]], ...] = (
@@ -192,7 +193,8 @@ def _orientation(report: Report) -> Iterator[Line]:
     """The error of orientation of the same poses, where it was measured."""
     if report.orientation:
         before, after = (wording.significant(value, 3) for value in report.orientation)
-        yield "orientation, RMS", f"{before} mrad with registration only, {after} after"
+        there = wording.turned(report.orientation[1], farthest_tool_point(report))
+        yield "orientation, RMS", f"{before} mrad with registration only, {after} after{there}"
 
 
 def _repeatability(report: Report) -> tuple[Line, ...]:

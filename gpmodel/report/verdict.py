@@ -66,16 +66,11 @@ def _orientation(report: Report) -> Iterator[str]:
     """State the error of orientation before and after, where it was measured."""
     if report.orientation:
         sizes = " → ".join(wording.significant(value, 3) for value in report.orientation)
-        lever = _farthest_tool_point(report)
-        there = (
-            f": {wording.length(lever * report.orientation[1])} at {1e3 * lever:.0f} mm from the flange"
-            if lever
-            else ""
-        )
+        there = wording.turned(report.orientation[1], farthest_tool_point(report))
         yield f"Orientation: registration only {sizes} mrad RMS on {_where(report)}{there}."
 
 
-def _farthest_tool_point(report: Report) -> float:
+def farthest_tool_point(report: Report) -> float:
     """Distance of the farthest tool point from the flange, m; 0 where no tool is known."""
     squares: dict[str, float] = defaultdict(float)
     for one in report.placement:

@@ -81,7 +81,7 @@ class Verification:
     of what the model leaves; noise_degrees: of sigma, None where it is known beforehand. instrument: whether the
     errors of the instrument that the model has are in these readings. tolerance_mm: what no row may exceed, as asked.
     kinds: of readings that are no points; their rows count in mm. rows: of the table, of which `poses` are judged;
-    orientation: RMS angle, mrad, by nominal geometry and with the model.
+    orientation: RMS angle, mrad, by nominal geometry and with the model. lever_m: of the farthest tool point.
     others: the rest, which the tolerance is of as well. fitted: rows of the fit, left out. chance_of_less: of so small
     a chi-square.
     """
@@ -109,6 +109,7 @@ class Verification:
     tolerance_mm: NotNegative | None = None
     kinds: tuple[KindRecord, ...] = ()
     orientation: ReadingRecord | None = None
+    lever_m: NotNegative = 0.0
     rows: int = 0
     others: Others | None = None
     fitted: tuple[int, ...] = ()
@@ -219,6 +220,7 @@ def verification(found: Verified, asked: VerifyRequest) -> Verification:
         tolerance_mm=None if asked.tolerance is None else 1e3 * asked.tolerance,
         kinds=tuple(_kinds(found, promised)),
         orientation=_orientation(found),
+        lever_m=session.saved.lever,
         rows=asked.rows,
         others=asked.others,
         fitted=asked.fitted,

@@ -122,7 +122,11 @@ def facts(record: Verification) -> Iterator[tuple[str, str]]:
         )
     if (turns := record.orientation) is not None:
         sizes = [wording.significant(v, 3) for v in (turns.after or 0.0, turns.before or 0.0)]
-        yield f"orientation, {turns.rows} rows", f"{sizes[0]} mrad RMS, {sizes[1]} by nominal geometry"
+        there = wording.turned(turns.after or 0.0, record.lever_m)
+        yield (
+            f"orientation, {turns.rows} rows",
+            f"{sizes[1]} mrad RMS by nominal geometry, {sizes[0]} by the model{there}",
+        )
     for found in record.changes:
         rivals = f"; explains it as well: {', '.join(found.rivals)}" if found.rivals else ""
         yield "changed", f"{change(found)}, chance {wording.chance(found.chance)}{rivals}"
