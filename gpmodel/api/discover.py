@@ -155,6 +155,8 @@ def discover(
     seed = whole(seed, "seed")
     offers = distinct(listed(candidates, "candidates", "(*gp.catalogue, mine)"))
     called(progress, "progress")
+    if like is not None and joints:
+        raise InputError("has all that a machine of the type has; expected it or joints, not both", "like")
     arm = mechanism_of(mechanism)
     geometry = _geometry(arm, standard)
     table = specified(read_table(table, arm), instrument)

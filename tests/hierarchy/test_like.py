@@ -70,4 +70,6 @@ def test_bad_input_is_one_line(arms: Path, tmp_path: Path) -> None:
     said = "--mechanism", "ur5", "--out", tmp_path / "out", "--like"
     assert "--like: is of machines of another type" in one_line(run("discover", tmp_path / "other.csv", *said, arms), 2)
     assert "cannot be read" in one_line(run("discover", tmp_path / "other.csv", *said, tmp_path / "none"), 2)
+    both = run("discover", tmp_path / "other.csv", *said, arms, "--joint", "J1=somewhere")
+    assert "expected it or joints, not both" in one_line(both, 2)
     assert not (tmp_path / "out").exists()
