@@ -155,18 +155,16 @@ def discover(
     seed = whole(seed, "seed")
     offers = distinct(listed(candidates, "candidates", "(*gp.catalogue, mine)"))
     called(progress, "progress")
-    if like is not None and joints:
-        raise InputError("has all that a machine of the type has; expected it or joints, not both", "like")
     arm = mechanism_of(mechanism)
     geometry = _geometry(arm, standard)
     table = specified(read_table(table, arm), instrument)
-    arm, poses, known, note = _placed(arm, table, geometry, None if like is None else fleet_at(like, "like"))
+    arm, poses, known, note = _placed(arm, table, geometry, _type_of(like, joints))
     offers = _checked_offers(offers, arm, poses.states)
     floor = None if noise is None else in_metres(noise, poses.dataset, "noise", NOISIEST)
     handed = tuple(effect for _, effects in measured_joints(joints, arm) for effect in effects)
     run = partial(run_loop, arm, criteria=criteria, candidates=offers, standard=(*geometry, *handed),
                   condition_limit=limit(condition_limit, "condition_limit", 1.0), seed=seed)  # fmt: skip
-    started = _Started(known, arm)
+    started = partial(_started, known, arm)
     whole_run = started(partial(run, search=search, progress=_in_table_names(progress, poses.dataset), kept=kept))
     fraction, parts = _split(holdout, folds, poses.dataset)
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: further threads only wait
@@ -179,15 +177,16 @@ def discover(
     return DiscoveryResult(found, Origin(command, seed, found.seconds, floor), note, alone)
 
 
-@dataclass(frozen=True)
-class _Started:
-    """The start of a loop: the standard model, or what is believed of the type where it is known."""
+def _started(known: FleetPart | None, arm: Mechanism, loop: "partial[Discovery]") -> Loop:
+    """A loop that starts from the standard model, or from what is believed of the type where it is known."""
+    return loop if known is None else partial(from_the_type, known, arm, loop)
 
-    known: FleetPart | None
-    arm: Mechanism
 
-    def __call__(self, loop: "partial[Discovery]") -> Loop:
-        return loop if self.known is None else partial(from_the_type, self.known, self.arm, loop)
+def _type_of(like: object, joints: Sequence[str]) -> FleetPart | None:
+    """The record of the machine's type, if there is one. Raises InputError for one beside joints, and as `fleet_at`."""
+    if like is not None and joints:
+        raise InputError("has all that a machine of the type has; expected it or joints, not both", "like")
+    return None if like is None else fleet_at(like, "like")
 
 
 def _placed(
