@@ -11,19 +11,17 @@ from gpmodel.api.display import Shown
 from gpmodel.api.table import Described, TableLike
 from gpmodel.api.verification import VerifyResult, judged_by, later_table
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.next_check import FIRST, HiddenChange, next_pose, significance, unseen
+from gpmodel.application.next_check import FIRST, HiddenChange, Pool, significance
 from gpmodel.application.verify import afterwards
+from gpmodel.arrays import Array
 from gpmodel.report.verification import VerifyRequest
 from gpmodel.table.bundles import different_poses
-from gpmodel.table.units import joint_column
-from gpmodel.table.write import table_text
+from gpmodel.table.write import CONTROLLER_DECIMALS, joint_table, table_text
 
 NAMED_BY = 12
 """Poses by which a change is named; where it is not, no single one explains it."""
 TWICE = 2.0
 """Times the expected error of the model, by which the tool may move unseen where no tolerance is given."""
-DECIMALS = 4
-"""Decimals of a degree or a millimetre that a controller takes."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -74,7 +72,7 @@ class NextCheck(Shown):
         else:
             lines.append(f"What changed is not decided after {self.poses} poses.")
         if self.next is not None:
-            lines += ["Measure next, and add it to the table:", table_text(self.next, DECIMALS).rstrip("\n")]
+            lines += ["Measure next, and add it to the table:", table_text(self.next, CONTROLLER_DECIMALS).rstrip("\n")]
         return "\n".join(lines)
 
 
@@ -84,23 +82,21 @@ def next_check(
 ) -> NextCheck:  # fmt: skip
     """The check by the poses of a table, or its first pose. Raises InputError as `gpmodel.verify_next`."""
     if table is None:
-        return NextCheck(None, 0, np.nan, (), _as_row(saved, next_pose(saved, None, np.zeros((0, 0)))))
+        return NextCheck(None, 0, np.nan, (), _row(saved, Pool.of(saved).next(np.zeros((0, 0)))))
     later = later_table(saved, table, sights)
-    dataset = later[0]
-    fresh = dataset.subset(afterwards(saved, dataset))
+    fresh = later[0].subset(afterwards(saved, later[0]))
     count = different_poses(fresh)
     if count < FIRST:
-        return NextCheck(None, count, np.nan, (), _as_row(saved, next_pose(saved, None, fresh.q)))
+        return NextCheck(None, count, np.nan, (), _row(saved, Pool.of(saved).next(fresh.q)))
     result, found = judged_by(saved, later, asked, tolerance, in_order, significance(count))
-    record = result.record
+    record, pool = result.record, Pool.of(saved, found.session)
     limit = record.tolerance_mm if record.tolerance_mm is not None else TWICE * record.promised_mm
-    lacking = unseen(found, 1e-3 * limit) if result.holds else ()
+    lacking = pool.unseen(found.visible, 1e-3 * limit) if result.holds else ()
     unnamed = not (result.holds or record.changes) and count < NAMED_BY
-    further = _as_row(saved, next_pose(saved, found.session, fresh.q)) if lacking or unnamed else None
+    further = _row(saved, pool.next(fresh.q)) if lacking or unnamed else None
     return NextCheck(result, count, limit, lacking, further)
 
 
-def _as_row(saved: SavedModel, q: np.ndarray) -> pd.DataFrame:
-    """One row with the headers of the table of the fit."""
-    joints = zip(saved.columns, saved.mechanism.joints, q, strict=True)
-    return pd.DataFrame(dict(joint_column(name, j.kind, np.array([value])) for name, j, value in joints))
+def _row(saved: SavedModel, q: Array) -> pd.DataFrame:
+    """One pose with the headers of the table of the fit."""
+    return joint_table(saved.mechanism, q[None], saved.columns)

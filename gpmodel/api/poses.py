@@ -23,8 +23,7 @@ from gpmodel.planning.limit import least_deviation
 from gpmodel.planning.poses import GOALS, geometric_question, pool_of, spacing, spread_among
 from gpmodel.planning.reach import Reach, Sight, knows_its_shape
 from gpmodel.progress import Say, Teller, silent
-from gpmodel.table.units import joint_column
-from gpmodel.table.write import table_text
+from gpmodel.table.write import CONTROLLER_DECIMALS, joint_table, table_text
 from gpmodel.wording import wrapped
 
 Criterion = Literal["spread", "d-optimal", "e-optimal", "i-optimal", "effect", "rivals", "observability"]
@@ -37,8 +36,6 @@ DRAWS = 5
 """Random choices from the same pool whose mean the curve is held against."""
 MOST = 10_000
 """Poses that may be asked for: twice as many as are chosen in a minute."""
-DECIMALS = 4
-"""Decimals of a degree or a millimetre that a controller takes."""
 ROWS = 9
 """Rows of the printed curve."""
 
@@ -60,12 +57,11 @@ class PosesResult(Shown):
 
     def to_dataframe(self) -> pd.DataFrame:
         """One row a pose, headers with units as measured tables have them."""
-        joints = zip(self.columns, self.mechanism.joints, self.q.T, strict=True)
-        return pd.DataFrame(dict(joint_column(name, j.kind, values) for name, j, values in joints))
+        return joint_table(self.mechanism, self.q, self.columns)
 
     def to_csv(self) -> str:
         """Return the table as text, with as many decimals as a controller takes."""
-        return table_text(self.to_dataframe(), DECIMALS)
+        return table_text(self.to_dataframe(), CONTROLLER_DECIMALS)
 
     def summary(self) -> str:
         """Summarise the number of poses, their purpose, and the precision as a function of their number."""

@@ -23,8 +23,8 @@ from gpmodel.planning.scenes import INSTRUMENTS, NOISE, POOL, scene_of
 from gpmodel.planning.simulate import Simulation, random_tool_point
 from gpmodel.planning.simulate import simulate as measure
 from gpmodel.table.dataset import LABELS, Dataset
-from gpmodel.table.units import convert, joint_column, known_unit, split_header
-from gpmodel.table.write import frame_of, table_text
+from gpmodel.table.units import convert, known_unit, split_header
+from gpmodel.table.write import frame_of, joint_table, table_text
 from gpmodel.texts import toml_text
 
 Values = str | Sequence[float] | Array
@@ -127,11 +127,10 @@ def simulate(
 
 def _check_columns(columns: Sequence[tuple[str, str, Array]], q: Array, arm: Mechanism) -> None:
     """Raises InputError for columns that could not be read again as inputs."""
-    joints = dict(joint_column(j.name, j.kind, values) for j, values in zip(arm.joints, q.T, strict=True))
     inputs = pd.DataFrame(dict(enumerate(values for *_, values in columns)), index=range(len(q)))
     inputs.columns = pd.Index([f"{name} [{unit}]" for name, unit, _ in columns])
     with naming("inputs"):
-        read = dataset_of(pd.concat([pd.DataFrame(joints), inputs], axis=1), arm, need_measurement=False)
+        read = dataset_of(pd.concat([joint_table(arm, q), inputs], axis=1), arm, need_measurement=False)
         measured = [name for name, *_ in columns if name not in (*read.extra_units, *LABELS, "payload")]
         if measured:
             raise InputError(f"'{measured[0]}' is what an instrument reads, expected another name")

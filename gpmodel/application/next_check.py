@@ -6,16 +6,17 @@ is seen, or where a change of any joint's zero that moves the tool by more than 
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gpmodel.application.changes import Visible
 from gpmodel.application.exports.sample import measured_table
 from gpmodel.application.later import Session
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.possible_changes import zero_of
-from gpmodel.application.verify import Verified
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.linearise import effect_columns
 from gpmodel.formula.expression import ONE
 from gpmodel.model.effect import drive_effect
@@ -44,38 +45,6 @@ def significance(poses: int) -> float:
     """Significance of each of the two tests of a look at so many poses."""
     look = max(poses - FIRST + 1, 1)
     return 0.5 * FALSE_ALARM * 6.0 / (math.pi * look) ** 2
-
-
-def unseen(found: Verified, limit: float) -> tuple[HiddenChange, ...]:
-    """Joints whose zero may move the tool by more than a limit, m, unseen; not those that the registration stands for
-    at every pose. Raises InputError where the model does not hold the table of its fit."""
-    session = found.session
-    _, pool = _pool(session.saved, session)
-    ever, levers = pool.information > SEEN * pool.alone, np.sqrt(pool.alone / len(pool.zeros))
-    moves = [(math.inf if v.size is None else v.size) * lever for v, lever in zip(found.visible, levers, strict=True)]
-    return tuple(
-        HiddenChange(v.joint, float(m))
-        for v, m, able in zip(found.visible, moves, ever, strict=True)
-        if able and m > limit
-    )
-
-
-def next_pose(saved: SavedModel, session: Session | None, taken: Array) -> Array:
-    """Joint values (n,), among the poses of the fit, where the arm is known to go, and not among those `taken` (M, n).
-
-    After it the zero that is seen worst, in what it moves the tool by, is seen best; without a session, of fewer poses
-    than anything is judged by, the one farthest from those taken. Raises InputError as `unseen`.
-    """
-    poses, pool = _pool(saved, session)
-    q = poses.dataset.q
-    there = np.array([len(taken) > 0 and (np.abs(taken - one) < SAME).all(axis=1).any() for one in q])
-    left = np.flatnonzero(~there) if not there.all() else np.arange(len(q))
-    if session is None:
-        return np.asarray(q[left[spread_among(saved.mechanism, q[left], 1, taken if len(taken) else None)[0]]])
-    have = _Columns.of(session.saved, session.poses.subset(np.flatnonzero(session.use)))
-    able = pool.information > SEEN * pool.alone
-    seen = np.array([have.beside(pool.part(int(k))).information[able] for k in left]) / pool.alone[able]
-    return np.asarray(q[left[int(np.argmax(seen.min(axis=1, initial=np.inf)))]])
 
 
 @dataclass(frozen=True)
@@ -115,11 +84,52 @@ class _Columns:
         return np.asarray(np.sum((zeros - basis @ (basis.T @ zeros)) ** 2, axis=0))
 
 
-def _pool(saved: SavedModel, session: Session | None) -> tuple[Poses, _Columns]:
-    """The poses of the fit, as a later session has them."""
-    data = measured_table(saved)
-    if session is not None:
-        now = {name: np.full(len(data), session.poses.dataset.label(name)[0]) for name in ("setup", "tool")}
-        data, saved = replace(data, labels={**data.labels, **now}), session.saved
-    poses = prepare(saved.mechanism, data)
-    return poses, _Columns.of(saved, poses)
+@dataclass(frozen=True)
+class Pool:
+    """The poses of the fit, where the arm is known to go. q: (P, n). columns: as the session has them, if there is one.
+
+    session: the check so far; None of fewer poses than anything is judged by.
+    """
+
+    saved: SavedModel
+    session: Session | None
+    q: Array
+    columns: _Columns
+
+    @staticmethod
+    def of(saved: SavedModel, session: Session | None = None) -> "Pool":
+        """Raises InputError where the model does not hold the table of its fit."""
+        data, now = measured_table(saved), saved if session is None else session.saved
+        if session is not None:
+            here = {name: np.full(len(data), session.poses.dataset.label(name)[0]) for name in ("setup", "tool")}
+            data = replace(data, labels={**data.labels, **here})
+        poses = prepare(saved.mechanism, data)
+        return Pool(saved, session, poses.dataset.q, _Columns.of(now, poses))
+
+    @property
+    def able(self) -> Mask:
+        """Joints (n,) whose zero these poses show: the registration does not stand for it at every pose."""
+        return np.asarray(self.columns.information > SEEN * self.columns.alone)
+
+    def unseen(self, visible: Sequence[Visible], limit: float) -> tuple[HiddenChange, ...]:
+        """Joints whose zero may move the tool by more than a limit, m, unseen; not those that no pose shows."""
+        levers = np.sqrt(self.columns.alone / len(self.q))
+        moves = [(math.inf if v.size is None else v.size) * lever for v, lever in zip(visible, levers, strict=True)]
+        hidden = zip(visible, moves, self.able, strict=True)
+        return tuple(HiddenChange(v.joint, float(m)) for v, m, able in hidden if able and m > limit)
+
+    def next(self, taken: Array) -> Array:
+        """Joint values (n,) of a pose that is not among those `taken` (M, n).
+
+        After it the zero that is seen worst, in what it moves the tool by, is seen best; without a session it is the
+        pose farthest from those taken.
+        """
+        there = np.array([len(taken) > 0 and (np.abs(taken - one) < SAME).all(axis=1).any() for one in self.q])
+        left = np.flatnonzero(~there) if not there.all() else np.arange(len(self.q))
+        if self.session is None:
+            others = taken if len(taken) else None
+            return np.asarray(self.q[left[spread_among(self.saved.mechanism, self.q[left], 1, others)[0]]])
+        have = _Columns.of(self.session.saved, self.session.poses.subset(np.flatnonzero(self.session.use)))
+        able, alone = self.able, self.columns.alone
+        seen = np.array([have.beside(self.columns.part(int(k))).information[able] for k in left]) / alone[able]
+        return np.asarray(self.q[left[int(np.argmax(seen.min(axis=1, initial=np.inf)))]])

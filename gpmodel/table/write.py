@@ -1,6 +1,6 @@
 """Datasets written back as tables."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +9,12 @@ import pandas as pd
 from gpmodel.arrays import Array
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.units import split_header
+from gpmodel.table.units import joint_column, split_header
 
 _DIGITS = {"deg": 9, "rad": 11}
 """Decimals of an angle: a nanoradian or less."""
+CONTROLLER_DECIMALS = 4
+"""Decimals of a degree or a millimetre that a controller takes."""
 
 
 def frame_of(dataset: Dataset, mechanism: Mechanism) -> pd.DataFrame:
@@ -39,6 +41,13 @@ def with_results(
     names = {split_header(header)[0] for header in results}
     old = [c for c in frame.columns if (name := split_header(str(c))[0]) in names or name.startswith(prefixes)]
     return frame.drop(columns=old).assign(**results)
+
+
+def joint_table(mechanism: Mechanism, q: Array, names: Sequence[str] = ()) -> pd.DataFrame:
+    """Joint values (N, n), rad and m, a row for each pose, with units in the headers; names: of the columns, by default
+    those of the joints."""
+    columns = zip(names or [joint.name for joint in mechanism.joints], mechanism.joints, q.T, strict=True)
+    return pd.DataFrame(dict(joint_column(name, joint.kind, values) for name, joint, values in columns))
 
 
 def table_text(frame: pd.DataFrame, decimals: int | None = None) -> str:
