@@ -19,7 +19,7 @@ from gpmodel.report import fitted, verdict
 from gpmodel.report.build import Ladder, build, orientation_record, reading_records
 from gpmodel.report.effects import effect_records
 from gpmodel.report.from_evolution import in_the_table
-from gpmodel.report.front import front
+from gpmodel.report.front import fronts
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import REGISTRATION, STANDARD, ParameterRecord, Report
 from gpmodel.report.schema_poses import ShapeRecord
@@ -95,6 +95,7 @@ def _effects(
     records = effect_records(
         discovery.found, poses, discovery.fitted.candidates, names, poses.states, tuple(_moved(discovery, moved))
     )
+    formulas = fronts(discovery)
     for i, record in enumerate(records):
         finding, hypothesis, step = discovery.findings[i], discovery.findings[i].hypothesis, steps.get(i)
         unnamed = "" if record.catalogue else "matches no named effect"
@@ -115,7 +116,7 @@ def _effects(
             round=finding.round,
             heldout_rms_mm=None if step is None else fitted.statistics_mm(step.heldout_error).rms_mm,
             constants=discovery.fitted.constants[i],
-            front=front(discovery, i),
+            front=formulas[i],
         )
 
 

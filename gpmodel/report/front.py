@@ -2,7 +2,7 @@
 
 from gpmodel.discovery.state import Discovery
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evidence.residual import residual_of
+from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import scores
 from gpmodel.evolution.description_length import fit_nats
 from gpmodel.families.candidate import FORMULAS, Candidate
@@ -13,16 +13,21 @@ from gpmodel.report.schema_search import FormulaRecord
 from gpmodel.table.split import JUDGED
 
 
-def front(discovery: Discovery, number: int) -> tuple[FormulaRecord, ...]:
-    """Formulas in inputs of a finding that was made as a formula, at its site, shortest first; none of other findings.
+def fronts(discovery: Discovery) -> list[tuple[FormulaRecord, ...]]:
+    """Formulas in inputs of each finding that was made as a formula, at its site, shortest first; none of others.
 
     nats = dof/2 · -ln(1 - gain), given everything else in the model fitted to all poses.
     """
-    found = discovery.fitted.candidates[number]
-    if found.found_by not in FORMULAS or len(found.effects) > 1:
-        return ()
-    rest = [c for r in discovery.rounds for c in r.formulas if _replaces(c, found)]
+    found = discovery.fitted.candidates
+    able = [one.found_by in FORMULAS and len(one.effects) == 1 for one in found]
+    if not any(able):
+        return [()] * len(found)
     residual = residual_of(discovery.found, discovery.poses, Criteria(), JUDGED)
+    return [_front(discovery, one, residual) if can else () for one, can in zip(found, able, strict=True)]
+
+
+def _front(discovery: Discovery, found: Candidate, residual: Residual) -> tuple[FormulaRecord, ...]:
+    rest = [c for r in discovery.rounds for c in r.formulas if _replaces(c, found)]
     names, pool = names_of(discovery.poses.dataset), [found, *rest]
     records = [
         FormulaRecord(
