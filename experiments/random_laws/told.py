@@ -1,10 +1,10 @@
-"""Formulas where site and inputs are told: founders alone beside the formulas that are bred from them.
+"""Compare founders with the formulas that are bred from them, at a known site and with known inputs.
 
 From the root of the repository:
 python -m experiments.random_laws.told --factors one,two,weighted,product,sum,waves --seeds 40,41 --results FILE.jsonl
 The robots of random laws; the formula of least description length is calibrated with the geometry and judged at fresh
-poses against exact positions, beside the law itself.  Seconds are processor time of the search.  The same command again
-goes on with what is left.
+poses by its error against exact positions, and so is the law itself. Seconds are processor time of the search. A second
+call adds the robots that the file of results lacks.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def main() -> None:
     parser.add_argument("--robots", type=int, default=4, help="of every seed and law")
     parser.add_argument("--methods", default=",".join(BREEDING), help="with commas")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="no robot is begun later")
-    parser.add_argument("--results", type=Path, required=True, help="JSON lines; the leaderboard goes beside it")
+    parser.add_argument("--results", type=Path, required=True, help="JSON lines; the leaderboard is in its folder")
     settings = parser.parse_args()
     rows, until = saved(settings.results), time.monotonic() + 60 * settings.minutes
     seeds = [int(word) for word in settings.seeds.split(",")]

@@ -1,4 +1,4 @@
-"""How many poses does `gpmodel verify --next` take, and how often is it wrong?
+"""Count the poses that `gpmodel verify --next` takes, and its wrong answers.
 
 The arms of `experiments.verify.run`. Later each is measured from another place of the instrument, pose by pose as
 proposed, until it is decided or for 20 poses: by the same arm; with the zero of one joint moved by 0.3 mrad, each
@@ -17,8 +17,7 @@ import gpmodel as gp
 from experiments.verify.run import ARM, NOISE, Robot, robot
 from gpmodel.arrays import Array
 from gpmodel.files import to_json, write_text
-from gpmodel.model.effect import drive_effect
-from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
+from gpmodel.model.error_model import Placement, observe, prepare
 from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset, unmeasured
 
@@ -30,8 +29,7 @@ class Later:
 
     def __init__(self, own: Robot, seed: int, joint: int = 0, moved: float = 0.0, slip: float = 0.0) -> None:
         self.rng = np.random.default_rng([seed, joint, int(1e6 * (moved + slip))])
-        zero = drive_effect("moved", ARM.joints[joint], gp.Expression("1"))
-        self.truth, self.theta = ErrorModel(ARM, (*own.made.model.effects, zero)), np.append(own.made.theta, moved)
+        self.truth, self.theta = own.changed(joint, moved)
         tool = own.made.placement.tool[""].copy()
         tool[:3, 3] += slip * tool[:3, 0]
         place = np.concatenate([self.rng.normal(0.0, 3.0, 3), self.rng.uniform(-1.5, 1.5, 3)])

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import gpmodel as gp
+from gpmodel.arrays import Array
 from gpmodel.files import to_json, write_text
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import drive_effect
@@ -38,11 +39,15 @@ class Robot:
     model: gp.Model
     rng: np.random.Generator
 
+    def changed(self, joint: int, moved: float) -> tuple[ErrorModel, Array]:
+        """The true robot after the zero of a joint moved, rad."""
+        zero = drive_effect("moved", ARM.joints[joint], gp.Expression("1"))
+        return ErrorModel(ARM, (*self.made.model.effects, zero)), np.append(self.made.theta, moved)
+
     def later(self, joint: int = 0, moved: float = 0.0, slip: float = 0.0, spikes: int = 0) -> Dataset:
         """Other poses from another place of the instrument, with a zero that moved, rad, and a tool that slipped, m."""
         made, rng = self.made, self.rng
-        zero = drive_effect("moved", ARM.joints[joint], gp.Expression("1"))
-        truth, theta = ErrorModel(ARM, (*made.model.effects, zero)), np.append(made.theta, moved)
+        truth, theta = self.changed(joint, moved)
         registration = se3.exp(np.concatenate([rng.normal(0.0, 3.0, 3), rng.uniform(-1.5, 1.5, 3)]))
         tool = made.placement.tool[""].copy()
         tool[:3, 3] += slip * _direction(rng)

@@ -1,42 +1,30 @@
 """A check that goes on pose by pose: it ends soon, names what changed, and proposes poses that tell."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from cli_cases import one_line, robot, run
+from cli_cases import one_line, run
+from verify_cases import Fitted, fitted_robot, placed_anew, read_later
 
 import gpmodel as gp
 from gpmodel.api.next_check import NextCheck
 from gpmodel.application.next_check import FALSE_ALARM, FIRST, significance
-from gpmodel.model.effect import drive_effect
-from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
-from gpmodel.numerics import se3
 from gpmodel.planning.simulate import Simulation
-from gpmodel.table.dataset import Dataset, unmeasured
+from gpmodel.table.dataset import Dataset
 from gpmodel.table.write import frame_of, table_text
-
-NOISE = 2e-5
-Fitted = tuple[gp.Model, Simulation]
 
 
 @pytest.fixture(scope="module")
 def fitted() -> Fitted:
-    arm, made = robot(60, seed=3, noise=NOISE, effects=("base_compliance=5e-9",))
-    return gp.calibrate(arm, made.dataset, ["base_compliance"], holdout=0.0).model, made
+    return fitted_robot()
 
 
 def measured(made: Simulation, q: np.ndarray, joint: int, moved: float) -> Dataset:
     """Poses (N, n) measured later from another place of the instrument; more rows keep what the first ones have."""
-    arm, rng = made.model.mechanism, np.random.default_rng(7)
-    zero = drive_effect("moved", arm.joints[joint], gp.Expression("1"))
-    placement = Placement({"": se3.exp(rng.normal(0.0, 1.0, 6))}, {"": made.placement.tool[""]}, {})
-    dataset = unmeasured([j.name for j in arm.joints], q)
-    truth = ErrorModel(arm, (*made.model.effects, zero))
-    tip = observe(truth, prepare(arm, dataset), np.append(made.theta, moved), placement).tip[:, :3, 3]
-    return replace(dataset, position=tip + rng.normal(0.0, NOISE, tip.shape), source="later.csv")
+    rng = np.random.default_rng(7)
+    return read_later(made, q, placed_anew(made, rng), rng, joint, moved)
 
 
 def checked(fitted: Fitted, joint: int = 0, moved: float = 0.0) -> tuple[NextCheck, np.ndarray]:

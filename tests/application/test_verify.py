@@ -8,42 +8,31 @@ import pandas as pd
 import pytest
 from cli_cases import one_line, robot, run
 from scipy import stats
+from verify_cases import NOISE, Fitted, fitted_robot, placed_anew, read_later
 
 import gpmodel as gp
 from gpmodel.application.later import settled
 from gpmodel.application.recheck import recheck
 from gpmodel.application.usable import usable
 from gpmodel.mechanism.workspace import random_poses
-from gpmodel.model.effect import drive_effect
-from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
-from gpmodel.numerics import se3
+from gpmodel.model.error_model import observe, prepare
 from gpmodel.planning.simulate import Simulation
 from gpmodel.table.dataset import Dataset, unmeasured
 from gpmodel.table.write import frame_of, table_text
 
-NOISE = 2e-5
-Fitted = tuple[gp.Model, Simulation]
-
 
 @pytest.fixture(scope="module")
 def fitted() -> Fitted:
-    arm, made = robot(60, seed=3, noise=NOISE, effects=("base_compliance=5e-9",))
-    return gp.calibrate(arm, made.dataset, ["base_compliance"], holdout=0.0).model, made
+    return fitted_robot()
 
 
 def later(
     made: Simulation, seed: int, count: int = 20, *, joint: int = 0, moved: float = 0.0, tool: float = 0.0
 ) -> Dataset:
     """Poses of the same robot from another place of the instrument."""
-    arm, rng = made.model.mechanism, np.random.default_rng(seed)
-    zero = drive_effect("moved", arm.joints[joint], gp.Expression("1"))
-    frame = made.placement.tool[""].copy()
-    frame[0, 3] += tool
-    placement = Placement({"": se3.exp(rng.normal(0.0, 1.0, 6))}, {"": frame}, {})
-    dataset = unmeasured([j.name for j in arm.joints], random_poses(arm, count, rng))
-    truth = ErrorModel(arm, (*made.model.effects, zero))
-    tip = observe(truth, prepare(arm, dataset), np.append(made.theta, moved), placement).tip[:, :3, 3]
-    return replace(dataset, position=tip + rng.normal(0.0, NOISE, tip.shape), source="later.csv")
+    rng = np.random.default_rng(seed)
+    placement = placed_anew(made, rng, tool)
+    return read_later(made, random_poses(made.model.mechanism, count, rng), placement, rng, joint, moved)
 
 
 @pytest.mark.long
