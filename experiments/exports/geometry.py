@@ -8,11 +8,14 @@ import pinocchio as pin
 
 import gpmodel as gp
 from gpmodel.application.exports.make import Exports, parts_of, together
+from gpmodel.application.exports.program_reading import program_read
+from gpmodel.application.exports.programs import LANGUAGES
 from gpmodel.application.exports.rigid import measured_link
 from gpmodel.application.exports.sample import Place, fresh_poses
+from gpmodel.numerics import se3
 from robots.library import EXAMPLE_ARMS
 
-HERE = Path(__file__).parent
+HERE, POINT = Path(__file__).parent, ["x [mm]", "y [mm]", "z [mm]"]
 POSES, NOISE, GEOMETRY = 80, "0.03 mm", "0.3 mm"
 ARMS = ("irb6400r", "irb6400r-2.8", *EXAMPLE_ARMS, "wrist.toml", "mimic.urdf", "two_arms.toml")
 """With a parallel bar; of one joint a motor; with a coupled wrist; with a mimic joint; of two arms."""
@@ -29,6 +32,7 @@ def geometry(arm: str) -> dict[str, float | str | None]:
     found = {e.file: None if np.isnan(e.largest) else 1e6 * e.largest for e in exports.made}
     if not several:
         found["calibrated.urdf by Pinocchio"] = by_pinocchio(model, exports)
+        found |= programs(model)
     print(arm, found, sep="\n", flush=True)
     return {**found, **exports.refused}
 
@@ -48,7 +52,30 @@ def by_pinocchio(model: gp.Model, exports: Exports) -> float:
         tips.append((placed.registration[""] @ data.oMf[at].homogeneous @ placed.tool[""])[:3, 3])
     headers = [f"{j.name} [{'rad' if j.kind == 'revolute' else 'm'}]" for j in model.mechanism.joints]
     wanted = model.predict(pd.DataFrame(poses.q, columns=headers))
-    return float(1e6 * np.linalg.norm(tips - wanted[["x [mm]", "y [mm]", "z [mm]"]].to_numpy() / 1e3, axis=1).max())
+    return float(1e6 * np.linalg.norm(tips - wanted[POINT].to_numpy() / 1e3, axis=1).max())
+
+
+def programs(model: gp.Model) -> dict[str, float | str]:
+    """Distance, µm, of predict at the joint values read in a program from that at corrected targets, or its frames."""
+    poses = fresh_poses(model.saved, 50, np.random.default_rng(2))
+    joints, found = model.mechanism.joints, dict[str, float | str]()
+    headers = [f"{j.name} [{'rad' if j.kind == 'revolute' else 'm'}]" for j in joints]
+    corrected = model.compensate(pd.DataFrame(poses.q, columns=headers))
+    there = corrected.filter(like="corrected_").dropna()
+    wanted = model.predict(there.rename(columns=lambda header: header.removeprefix("corrected_")))[POINT].to_numpy()
+    for language in LANGUAGES:
+        try:
+            values, frames = program_read(model.program(corrected, language))
+        except gp.InputError as error:
+            found[f"program in {language}"] = error.said
+            continue
+        scales = [1e3 if j.kind == "prismatic" else np.degrees(1.0) for j in joints]
+        q = np.array([values[row + 1] for row in there.index])[:, : len(joints)] / scales
+        here = np.array([frames[row + 1][:3, 3] for row in there.index])
+        off = here - se3.chain(model.mechanism.transforms(q))[-1][:, :3, 3]
+        apart = model.predict(pd.DataFrame(q, columns=headers))[POINT].to_numpy() - wanted
+        found[f"program in {language}"] = float(np.linalg.norm([1e6 * off, 1e3 * apart], axis=2).max())
+    return found
 
 
 def worst(arms: dict[str, dict[str, float | str | None]]) -> str:

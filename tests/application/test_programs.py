@@ -11,6 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from gpmodel.api.calibrate import calibrate
 from gpmodel.api.model import Model
+from gpmodel.application.exports import programs
+from gpmodel.application.exports.program_reading import program_read
 from gpmodel.errors import InputError
 from gpmodel.numerics import se3
 
@@ -32,42 +34,14 @@ def targets(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def numbers(text: str) -> list[float]:
-    return [float(v) for v in re.findall(r"-?\d+\.?\d*(?:E\d+)?", text)]
-
-
-def read_rapid(text: str) -> tuple[dict[int, np.ndarray], dict[int, tuple[np.ndarray, Rotation, list[float]]]]:
-    joints, frames = {}, {}
-    for row, said in re.findall(r"CONST jointtarget j(\d+):=(.*);", text):
-        joints[int(row)] = np.radians(numbers(said)[:6])
-    for row, said in re.findall(r"CONST robtarget p(\d+):=(.*);", text):
-        v = numbers(said)
-        frames[int(row)] = np.array(v[:3]) / 1e3, Rotation.from_quat(v[3:7], scalar_first=True), v[7:11]
-        assert v[11:] == [9e9] * 6
-    return joints, frames
-
-
-def read_krl(text: str) -> tuple[dict[int, np.ndarray], dict[int, tuple[np.ndarray, Rotation, list[float]]]]:
-    fields = {(kind, int(row)): dict(re.findall(r"(\w+) (-?[\d.]+)", said))
-              for kind, row, said in re.findall(r"DECL GLOBAL \w+ ([jp])(\d+)=\{(.*)\}", text)}  # fmt: skip
-    joints, frames = {}, {}
-    for (kind, row), field in fields.items():
-        v = {name: float(value) for name, value in field.items()}
-        if kind == "j":
-            joints[row] = np.radians([v[f"A{i + 1}"] for i in range(6)])
-        else:
-            turn = Rotation.from_euler("ZYX", [v["A"], v["B"], v["C"]], degrees=True)
-            frames[row] = np.array([v["X"], v["Y"], v["Z"]]) / 1e3, turn, []
-    return joints, frames
-
-
-@pytest.mark.parametrize(("file", "read"), [("cell 1.mod", read_rapid), ("cell.dat", read_krl)])
-def test_what_is_written_reaches_the_targets(model: Model, targets: Path, tmp_path: Path, file: str, read) -> None:  # type: ignore[no-untyped-def]
+@pytest.mark.parametrize("file", ["cell 1.mod", "cell.dat"])
+def test_what_is_written_reaches_the_targets(model: Model, targets: Path, tmp_path: Path, file: str) -> None:
     model.save(tmp_path / "model.json")
     done = run("compensate", tmp_path / "model.json", targets, "--max-move", "0.5", "--out", tmp_path / file)
     assert done.exit_code == 0, done.stderr
     text = (tmp_path / file).read_text()
-    joints, frames = read(text)
+    in_degrees, frames = program_read(text)
+    joints = {row: np.radians(values) for row, values in in_degrees.items()}
     corrected = model.compensate(targets, max_move=0.5)
     given = corrected["status"].isin(["ok", "outside the measured range"])
     assert set(joints) == set(frames) == {i + 1 for i in np.flatnonzero(given)}
@@ -83,11 +57,23 @@ def test_what_is_written_reaches_the_targets(model: Model, targets: Path, tmp_pa
     assert np.abs(reached - wanted).max() < 1e-3
     flange = se3.chain(model.mechanism.transforms(q))[-1]
     for row, frame in zip(sorted(frames), flange, strict=True):
-        point, turn, conf = frames[row]
-        assert np.abs(point - frame[:3, 3]).max() < 1e-6
-        assert (turn * Rotation.from_matrix(frame[:3, :3]).inv()).magnitude() < 1e-7
-        if conf:
-            assert conf[:3] == [np.floor(np.degrees(joints[row][i]) / 90) for i in (0, 3, 5)]
+        found = frames[row]
+        assert np.abs(found[:3, 3] - frame[:3, 3]).max() < 1e-6
+        assert Rotation.from_matrix(found[:3, :3] @ frame[:3, :3].T).magnitude() < 1e-7
+    quarters = [[float(v) for v in said.split(",")] for said in re.findall(r"\],\[([-\d,]+),0\],\[9E9", text)]
+    assert quarters == ([[np.floor(np.degrees(v[i]) / 90) for i in (0, 3, 5)] for v in q] if "MODULE" in text else [])
+
+
+@pytest.mark.parametrize(("language", "format_numbers"), [("RAPID", "_numbers"), ("KRL", "_fields")])
+def test_the_head_says_how_far_the_read_program_is_off(
+    model: Model, targets: Path, monkeypatch: pytest.MonkeyPatch, language: programs.Language, format_numbers: str
+) -> None:
+    corrected = model.compensate(targets)
+    assert re.search(r"Read back: joint values to \de-1\d deg or mm, frames to \de-\d+ mm and \S+ deg", (
+        model.program(corrected, language)))  # fmt: skip
+    whole = getattr(programs, format_numbers)
+    monkeypatch.setattr(programs, format_numbers, lambda *given: re.sub(r"(\.\d)\d+", r"\1", whole(*given)))
+    assert "Read back: joint values to 0." in model.program(corrected, language)
 
 
 def test_names_are_those_of_a_program(model: Model, targets: Path) -> None:

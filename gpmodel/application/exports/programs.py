@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
+from gpmodel.application.exports.program_reading import program_read
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.characters import harmless
 from gpmodel.errors import InputError
@@ -45,9 +46,26 @@ def program_text(mechanism: Mechanism, corrected: pd.DataFrame, language: Langua
     notes = [harmless(line) for line in (f"Corrected by gpmodel for {mechanism.name}.", *_said(there, status))]
     write = _rapid if language == "RAPID" else _krl
     frames = se3.chain(mechanism.transforms(q[there]))[-1]
-    values = q[there] * [1e3 if j.kind == "prismatic" else np.degrees(1.0) for j in mechanism.joints]
-    lines = write(name, notes, np.flatnonzero(there) + 1, values, frames)
-    return "\n".join(line.encode("ascii", "replace").decode() for line in lines) + "\n"
+    scales = np.array([1e3 if j.kind == "prismatic" else np.degrees(1.0) for j in mechanism.joints])
+
+    def text(notes: list[str]) -> str:
+        lines = write(name, notes, np.flatnonzero(there) + 1, q[there] * scales, frames)
+        return "\n".join(line.encode("ascii", "replace").decode() for line in lines) + "\n"
+
+    return text([*notes, _read_back(mechanism, text(notes), scales, q[there])])
+
+
+def _read_back(mechanism: Mechanism, text: str, scales: Array, q: Array) -> str:
+    """State how far a text is from joint values (N, n), rad or m, and its frames from those of its joint values."""
+    joints, frames = program_read(text)
+    values = np.array(list(joints.values()))[:, : len(scales)] / scales
+    nominal, found = se3.chain(mechanism.transforms(values))[-1], np.array([frames[row] for row in joints])
+    off = 1e3 * np.linalg.norm(found[:, :3, 3] - nominal[:, :3, 3], axis=1).max()
+    turned = Rotation.from_matrix(found[:, :3, :3]) * Rotation.from_matrix(nominal[:, :3, :3]).inv()
+    return (
+        f"Read back: joint values to {np.abs((values - q) * scales).max():.1g} deg or mm, frames to {off:.1g} mm and "
+        f"{np.degrees(turned.magnitude().max()):.1g} deg of those."
+    )
 
 
 def _joints(mechanism: Mechanism, corrected: pd.DataFrame) -> Array:
