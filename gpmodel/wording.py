@@ -132,8 +132,8 @@ def listed(names: Sequence[str]) -> str:
 
 
 def turned(mrad: float, lever: float) -> str:
-    """What an angle moves a tool point by that is so far from the flange, m; empty where it lies in it."""
-    return f": {length(lever * mrad)} at {1e3 * lever:.0f} mm from the flange" if lever else ""
+    """What an angle moves a tool point by that is so far from the flange, m; empty within half a mm of it."""
+    return f": {length(lever * mrad)} at {1e3 * lever:.0f} mm from the flange" if lever > 5e-4 else ""
 
 
 def some(items: Sequence[object], most: int = 8) -> str:

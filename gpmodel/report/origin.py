@@ -48,7 +48,8 @@ def versions() -> dict[str, str]:
 def mechanism_record(mechanism: Mechanism, names: Mapping[str, str]) -> MechanismRecord:
     """The mechanism under the table's names of its joints."""
     x, y, z = tip_at_probe(mechanism).tolist()
-    return MechanismRecord(mechanism.name, tuple(names[j.name] for j in mechanism.joints), (x, y, z))
+    sliding = tuple(names[j.name] for j in mechanism.joints if j.kind == "prismatic")
+    return MechanismRecord(mechanism.name, tuple(names[j.name] for j in mechanism.joints), (x, y, z), sliding)
 
 
 def data_record(poses: Poses, train: int, outliers: IntArray) -> DataRecord:

@@ -124,12 +124,13 @@ class DataRecord:
 
 @dataclass(frozen=True)
 class MechanismRecord:
-    """The mechanism's name, its joints as the table calls them, and where its tip is at one oblique pose, by which it
-    is recognised."""
+    """The mechanism's name, its joints as the table calls them, where its tip is at one oblique pose, by which it is
+    recognised, and which joints slide."""
 
     name: str = ""
     joints: tuple[str, ...] = ()
     tip_at_probe_m: tuple[float, float, float] | None = None
+    sliding: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

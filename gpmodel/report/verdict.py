@@ -96,13 +96,14 @@ def _undecided(report: Report) -> Iterator[str]:
 
 def inputs_in_words(report: Report) -> Iterator[str]:
     """The inputs of the effects as a person says them: loads of a kind once, with all their joints."""
-    joints = report.mechanism.joints
+    joints, sliding = report.mechanism.joints, report.mechanism.sliding
     inputs = list(dict.fromkeys(x for e in report.effects for x in e.inputs))
     if loads := [x for x in inputs if _LOAD.match(x)]:
         yield f"the gravity loads of {spans(_places(loads, joints), ('base', *joints))}"
     angles = [x for x in inputs if x in joints]
-    if angles:
-        yield f"the {'angles' if len(angles) > 1 else 'angle'} of {spans(angles, joints)}"
+    for what, own in (("angle", set(angles) - set(sliding)), ("travel", set(angles) & set(sliding))):
+        if own:
+            yield f"the {what}{'s' * (len(own) > 1 and what == 'angle')} of {spans(tuple(own), joints)}"
     others = list(dict.fromkeys(s for x in inputs if x not in (*loads, *angles) for s in read_by(x) or (x,)))
     yield from (f"the motion of {x}" if x in joints else x.replace("_", " ") for x in others[:MOST_NAMED])
     if len(others) > MOST_NAMED:

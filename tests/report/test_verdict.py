@@ -5,11 +5,14 @@ from dataclasses import replace
 import pytest
 from report_runs import calibrated, discovered, quickly
 
+from gpmodel.api.mechanism import load_mechanism
 from gpmodel.evidence.cross_validation import Confirmation
 from gpmodel.model.naming import table_names, translate
+from gpmodel.report.origin import mechanism_record
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import CauseRecord
 from gpmodel.report.verdict import behind, of_calibration, of_discovery, spans
+from gpmodel.wording import turned
 
 JOINTS = ("J1", "J2", "J3", "J4", "J5", "J6")
 SHORT = 130
@@ -43,6 +46,21 @@ def test_sixty_loads_are_said_once() -> None:
 )
 def test_what_is_behind_it_is_said_as_a_person_would(inputs: tuple[str, ...], said: str) -> None:
     assert behind(of_inputs(*inputs)) == f"What was found follows {said}."
+
+
+def test_a_joint_that_slides_has_a_travel() -> None:
+    report = of_inputs("J4", "J1", "J2")
+    sliding = replace(
+        report, mechanism=mechanism_record(load_mechanism("hexapod"), {f"L{i}": f"J{i}" for i in range(1, 7)})
+    )
+    assert behind(sliding) == "What was found follows the travel of J1, J2 and J4."
+    mixed = replace(report, mechanism=replace(report.mechanism, sliding=("J1",)))
+    assert behind(mixed) == "What was found follows the angles of J2 and J4 and the travel of J1."
+
+
+@pytest.mark.parametrize(("lever", "said"), [(0.2, ": 0.100 mm at 200 mm from the flange"), (3e-6, "")])
+def test_an_angle_moves_nothing_where_the_tool_lies_in_the_flange(lever: float, said: str) -> None:
+    assert turned(0.5, lever) == said
 
 
 @pytest.mark.parametrize(("probability", "said"), [(0.3, True), (0.95, False), (None, False)])

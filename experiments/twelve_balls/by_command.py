@@ -1,0 +1,63 @@
+"""Hexapods with one ball out of round, each searched by `gpmodel discover`: do all end in a report, and are they right?
+
+From the root of the repository:
+python -m experiments.twelve_balls.by_command [--machines 20] [--first 931] [--out FOLDER]
+"""
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from experiments.twelve_balls.run import HERE, POSES
+from experiments.twelve_balls.simulator import BALLS, MACHINES, table
+from gpmodel.report.origin import versions
+
+
+def one_machine(seed: int, folder: Path) -> dict[str, Any]:
+    """Exit status, verdict, processor seconds, and whether the bad ball and nothing else is named."""
+    text, fault = table("hexapod", seed, True, POSES["hexapod"])
+    measured, out = folder / f"{seed}.csv", folder / f"{seed}"
+    measured.write_text(text, encoding="utf-8")
+    words = ["discover", measured, "--mechanism", MACHINES["hexapod"][0], "--runs", "0", "--out", out]
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run([sys.executable, "-m", "gpmodel", *map(str, words)], capture_output=True, check=False)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    saved = out / "report.json"
+    report = json.loads(saved.read_text(encoding="utf-8")) if saved.exists() else {"effects": [], "verdict": None}
+    ball = BALLS[fault.ball].replace(".", "_")
+    of_ball = [all(name.startswith(ball) for name in effect["inputs"]) for effect in report["effects"]]
+    return {
+        "seed": seed, "status": done.returncode, "report": (out / "report.html").exists(), "truth": fault.angle,
+        "right": bool(of_ball) and all(of_ball), "named": [effect["name"] for effect in report["effects"]],
+        "verdict": report["verdict"], "seconds": round(after.ru_utime - before.ru_utime, 1),
+    }  # fmt: skip
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run all machines and write hexapod_by_command.json after each."""
+    parser = argparse.ArgumentParser(prog="python -m experiments.twelve_balls.by_command", description=__doc__)
+    parser.add_argument("--machines", type=int, default=20)
+    parser.add_argument("--first", type=int, default=931)
+    parser.add_argument("--out", type=Path, default=HERE)
+    chosen, done = parser.parse_args(arguments), list[dict[str, Any]]()
+    for seed in range(chosen.first, chosen.first + chosen.machines):
+        with tempfile.TemporaryDirectory() as folder:
+            done.append(one_machine(seed, Path(folder)))
+        print(done[-1], flush=True)
+        results = {
+            "command": f"{parser.prog} --machines {len(done)} --first {chosen.first}", "versions": versions(),
+            "ended in a report": f"{sum(m['report'] and not m['status'] for m in done)} of {len(done)}",
+            "the bad ball is named, and nothing else": f"{sum(m['right'] for m in done)} of {len(done)}",
+            "machines": done,
+        }  # fmt: skip
+        text = json.dumps(results, indent=1, ensure_ascii=False)
+        (chosen.out / "hexapod_by_command.json").write_text(f"{text}\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
