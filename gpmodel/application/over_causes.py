@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.calibration.priors import beliefs
 from gpmodel.calibration.rivals import ROW, UNKNOWNS
 from gpmodel.discovery.state import Discovery
 from gpmodel.evidence.criteria import Criteria
@@ -80,24 +81,33 @@ def _spread(
     """
     if not others:
         return {}
-    own, own_variance = _moved(residual, effects)
+    system = _system_of_fit(residual)
+    own, own_variance = _moved(residual, system, effects)
     squares = np.zeros(len(own))
     for other, probability in others:
-        moved, variance = _moved(residual, other)
+        moved, variance = _moved(residual, system, other)
         squares += probability * ((moved - own) ** 2 + np.maximum(variance - own_variance, 0.0))
     names = (*residual.problem.placement_names, *residual.names)
-    at = {e.name: i for i, e in enumerate(residual.calibration.model.effects, residual.problem.placement)}
-    columns = residual.problem.columns[:, [*range(residual.problem.placement), *(at[name] for name in residual.names)]]
-    unit = residual.system[: residual.measured]
-    scale = np.linalg.norm(unit, axis=0) / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
-    return dict(zip(names, (scale * np.sqrt(squares)).tolist(), strict=True))
+    return dict(zip(names, np.sqrt(squares).tolist(), strict=True))
 
 
-def _moved(residual: Residual, effects: Sequence[Effect]) -> tuple[Array, Array]:
-    """Return by how much effects fitted in addition to the model move its unit unknowns (K,), and add to their
+def _system_of_fit(residual: Residual) -> Array:
+    """Columns (M + B, K) of placement and model, SI, above the rows of all priors of the fit.
+
+    The priors of tool and description decide among placements that the readings do not distinguish. A residual has no
+    need of them, a value has.
+    """
+    fit, problem = residual.calibration, residual.problem
+    kept = np.isin([e.name for e in fit.model.effects], residual.names)
+    believed = beliefs(fit.model, problem, fit.theta, fit.placement, kept)
+    return np.asarray(np.vstack([problem.columns, believed.rows])[:, problem.free(kept)])
+
+
+def _moved(residual: Residual, system: Array, effects: Sequence[Effect]) -> tuple[Array, Array]:
+    """Return by how much effects fitted in addition to the model move its unknowns (K,), SI, and add to their
     variance (K,)."""
     if not effects:
-        return np.zeros(residual.system.shape[1]), np.zeros(residual.system.shape[1])
+        return np.zeros(system.shape[1]), np.zeros(system.shape[1])
     columns = residual.columns(effects)
     norms = np.linalg.norm(columns, axis=0)
     norms[norms == 0.0] = 1.0
@@ -105,8 +115,9 @@ def _moved(residual: Residual, effects: Sequence[Effect]) -> tuple[Array, Array]
     belief = np.array([residual.sigma / e.prior for e in effects]) / norms
     spread = np.linalg.pinv(left.T @ left + np.diag(belief**2), rcond=1e-12, hermitian=True)
     fitted = spread @ (left.T @ residual.values)
-    padded = np.zeros((len(residual.values), len(norms)))
+    padded = np.zeros((len(system), len(norms)))
     padded[: residual.measured] = columns / norms
-    towards = solve(residual.system, padded)
+    scale = np.maximum(np.linalg.norm(system, axis=0), np.finfo(float).tiny)
+    towards = solve(system / scale, padded) / scale[:, None]
     sigma2 = float(np.sum((residual.values - left @ fitted) ** 2)) / residual.freedom
     return towards @ fitted, sigma2 * np.einsum("ki,ij,kj->k", towards, spread, towards)

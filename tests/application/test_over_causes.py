@@ -51,14 +51,14 @@ def test_other_causes_move_the_other_findings_as_fits_with_them_say() -> None:
     assert spread[pool[OTHER].effects[0].name] == pytest.approx(np.sqrt(0.3) * abs(instead - beside), rel=0.1)
     tool = np.sqrt(0.3) * np.abs(fitted(RIVAL)[2] - fitted(FOUND)[2])
     largest = int(np.argmax(tool))
-    assert spread[f"tool T{'xyz'[largest]}"] == pytest.approx(tool[largest], rel=0.25)
+    assert spread[f"tool T{'xyz'[largest]}"] == pytest.approx(tool[largest], rel=0.1)
     assert spread_over(without, pool[FOUND].effects, [replace(other[0], probability=0.005)]) == {}
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [92, 94])
+@pytest.mark.parametrize("seed", [92, 94, 95])
 def test_the_radius_of_a_ball_allows_for_lobes_of_any_number_and_for_those_that_are_not_found(seed: int) -> None:
-    """Three lobes and an axis offset look like other lobes, or like another radius: 6 and 22 standard errors off."""
+    """Three lobes and an offset look like other lobes, or like another radius: 6, 22 and 27 standard errors off."""
     off, wider = [], []
     for kind in ("lobes", "nothing"):
         rig, data = rig_of(seed, kind, True)
