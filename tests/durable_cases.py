@@ -24,7 +24,7 @@ from functools import partial
 from brief_results import brief
 from gpmodel.cli import discover, main
 from gpmodel.discovery.search import Search
-discover.Search = partial(Search, population=48, generations=4)
+discover.Search = partial(Search, population=48, generations=4, climb=0)
 left = int(os.environ.get("KILLED_AT_WRITE", 0))
 def counted(function):
     def call(*arguments, **named):
@@ -75,7 +75,7 @@ def results(out: Path) -> dict[str, Any]:
 @contextmanager
 def small() -> Iterator[None]:
     """Make search and results as small as the driver's."""
-    with mock.patch.object(discover, "Search", partial(Search, population=48, generations=4)), brief():
+    with mock.patch.object(discover, "Search", partial(Search, population=48, generations=4, climb=0)), brief():
         yield
 
 

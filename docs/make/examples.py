@@ -41,6 +41,10 @@ before = gp.calibrate(arm, frame[:70], effects=["joint_compliance J5"]).model
 again = gp.verify(before, frame[70:], tolerance="0.2 mm")
 print(again.summary())
 
+# verify_next: the same pose by pose: what is known so far, and which pose to measure next
+looked = gp.verify_next(before, frame[70:78])
+print(looked.summary())
+
 # certificate: how accurate the machine is, printed, as a page to print, and as JSON
 certified = gp.certificate(again, machine="cell 4")
 print(certified.summary())

@@ -24,7 +24,7 @@ from gpmodel.report.origin import versions
 HERE = Path(__file__).parent
 HAND_MADE = ("base_compliance", "joint_compliance J5")
 SPRINGS = ("base", "J5", "J4")
-SEARCH = gp.Search(runs=1, strategies=(Linear(),), workers=1, population=512, generations=15)
+SEARCH = gp.Search(runs=1, strategies=(Linear(),), workers=1, population=512, generations=15, climb=1)
 """Small runs of evolution: what is planted is of the catalogue, and twenty robots take minutes."""
 
 

@@ -57,7 +57,7 @@ def in_slot_space(case: Case, model: Calibration, chosen: Namespace, rng: np.ran
     train, sites, texts = case.poses.subset(case.train), sites_of(case.mechanism), []
     inputs = Inputs(THESIS_INPUTS, np.array([train.states[n] for n in THESIS_INPUTS]), KINDS)
     plain = {name: name for name in THESIS_INPUTS}
-    how = Settings(budget=Budget(chosen.slot_population, chosen.slot_generations, seconds=1e9))
+    how = Settings(budget=Budget(chosen.slot_population, chosen.slot_generations, seconds=1e9, climb=2))
     for _ in range(chosen.rounds):
         residual = residual_of(model, train, Criteria(), 0)
         problem = SlotProblem(inputs, targets(residual, sites, np.arange(len(train))), parsimony=2.0)

@@ -18,7 +18,7 @@ from gpmodel.evolution.linear import Linear
 from gpmodel.report.origin import versions
 
 HERE = Path(__file__).parent
-SEARCH = gp.Search(runs=1, strategies=(Linear(),), workers=1, population=512, generations=15)
+SEARCH = gp.Search(runs=1, strategies=(Linear(),), workers=1, population=512, generations=15, climb=1)
 """Small runs of evolution: what is planted is of the catalogue."""
 
 

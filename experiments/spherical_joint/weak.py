@@ -37,7 +37,7 @@ HALL = (15.0, 30.0)
 
 OFFSETS = {14: -2.54e-6, 15: -25.4e-6, 19: 20.32e-6}
 """The three offsets of Table 3.5, m, by thesis index."""
-SEARCH = Search(runs=1, strategies=(Linear(),), workers=1, population=512, generations=15)
+SEARCH = Search(runs=1, strategies=(Linear(),), workers=1, population=512, generations=15, climb=1)
 ALONG = GROWTH * JOINT.tooling_ball[2] / float(np.dot(JOINT.tooling_ball, JOINT.tooling_ball))
 """1/K, growth along z as the share of it along the lever, relative to the lever: what the catalogue's growth is."""
 

@@ -24,6 +24,7 @@ class Search:
     population, generations: of one run.
     opening_population, opening_generations: upper limits in the first round with named effects, whose runs only tell
         which inputs the residual depends on.
+    climb: number of best programs of a run that formulas are bred from at its end.
     nats_per_node: price of a node, the log of about seven inputs and operators, nats.
     evolved_poses: largest number of poses that GP uses, sampled again in every round.
     scored_poses: number of poses, drawn evenly along the rows, on which effects are selected if there are half as many
@@ -42,6 +43,7 @@ class Search:
     generations: int = 40
     opening_population: int = 256
     opening_generations: int = 20
+    climb: int = 1
     nats_per_node: float = 2.0
     evolved_poses: int = 300
     scored_poses: int = 500
@@ -68,4 +70,4 @@ class Search:
         if opening:
             population = min(population, self.opening_population)
             generations = min(generations, self.opening_generations)
-        return Budget(population, generations, seconds=1e9, threads=1)
+        return Budget(population, generations, seconds=1e9, climb=self.climb, threads=1)

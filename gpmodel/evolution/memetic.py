@@ -44,10 +44,14 @@ DIGITS = 1e-4
 
 
 class Formulas:
-    """Formulas of one output at the first site of a problem, each different one fitted once."""
+    """Formulas of one output at the first site of a problem, each different one fitted once.
 
-    def __init__(self, problem: SlotProblem) -> None:
-        self.problem, self.columns = problem, problem.inputs.mapping()
+    allows: whether a program may be one of them.
+    """
+
+    def __init__(self, problem: SlotProblem, allows: Callable[[Program], bool] = lambda _: True) -> None:
+        self.problem, self.allows = problem, allows
+        self.columns = problem.inputs.mapping()
         self.found: list[Solution] = []
         self.generation = 0
         self._begun: set[tuple[bytes, int]] = set()
@@ -59,7 +63,7 @@ class Formulas:
         """Fit the constants of programs that are not met yet: some steps of all, then the better half to the end."""
         fresh = list[Program]()
         for one in map(_centred, programs) if self.holds_constants else programs:
-            if one.inputs and one.complexity <= LONGEST:
+            if one.inputs and one.complexity <= LONGEST and self.allows(one):
                 key = self._column(one.evaluate(self.columns)[0]), one.complexity
                 if key[0] and key not in self._begun:
                     self._begun.add(key)

@@ -1,16 +1,21 @@
 """The evolutionary search: one loop for both representations and both problems."""
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.evolution.generations import Generations, distinct
-from gpmodel.evolution.pareto import Archive, Solution, best_of
-from gpmodel.evolution.problems import Problem
+from gpmodel.evolution.kinds import Typing
+from gpmodel.evolution.links import summed
+from gpmodel.evolution.machine import Layout
+from gpmodel.evolution.memetic import Formulas, bred
+from gpmodel.evolution.pareto import Archive, Solution, best_of, description_length, pareto
+from gpmodel.evolution.problems import Problem, SlotProblem
 from gpmodel.evolution.settings import Settings
+from gpmodel.formula.program import Program
 
 
 @dataclass(frozen=True)
@@ -86,9 +91,29 @@ def _search(problem: Problem, run: Generations, settings: Settings) -> Evolution
         if budget.polish_every and generation % budget.polish_every == 0:
             population, scores = run.polished(population, scores)
     front = archive.front(problem, run.layout)
+    if budget.climb and isinstance(problem, SlotProblem):
+        front = _finished(front, problem, run.layout, budget.climb)
     chosen = best_of(front, problem)
     history = {name: np.array(log.select(name), dtype=float) for name in log[0]}
     return Evolution(
         front, chosen, history, chosen.program.input_counts, chosen.program.operator_counts,
         evaluations, time.perf_counter() - began, settings,
     )  # fmt: skip
+
+
+def _finished(front: tuple[Solution, ...], problem: SlotProblem, layout: Layout, count: int) -> tuple[Solution, ...]:
+    """The front with the formulas that are bred at the sites of its best programs, of its own operators and kinds."""
+    names, typing = problem.inputs.names, Typing(problem.inputs.kinds)
+    offered = {operator.name for operator in layout.operators}
+
+    def allows(program: Program) -> bool:
+        return offered.issuperset(program.operator_counts) and typing.allows(program, names)
+
+    found = list(front)
+    for one in sorted(front, key=lambda solution: description_length(solution, problem))[:count]:
+        population = Formulas(problem.only(one.site, names), allows)
+        terms = [one.program.select([k]) for k in range(len(one.coefficients))]
+        population.add([*terms, summed(list(zip(terms, one.coefficients.tolist(), strict=True)))])
+        bred(population, names)
+        found += [replace(formula, site=one.site) for formula in population.found]
+    return pareto(found)

@@ -95,7 +95,8 @@ class Budget:
 
     population; generations and seconds: whichever ends first. target: stop once a program reaches this gain.
     polish_every: own constants of the best are fitted every so many generations (0: never). restart_after:
-    generations without progress before a fresh population (0: never). threads: 0 for all cores, with one result.
+    generations without progress before a fresh population (0: never). climb: formulas are bred from
+    so many of the best programs of a slot search at its end (0: none). threads: 0 for all cores, with one result.
     Raises InputError for a choice out of range.
     """
 
@@ -105,6 +106,7 @@ class Budget:
     target: float = 1.0
     polish_every: int = 10
     restart_after: int = 60
+    climb: int = 0
     threads: int = 0
 
     def __post_init__(self) -> None:

@@ -65,7 +65,7 @@ def decode(value: Any) -> Any:
 
 FOLDER = "unfinished"
 REQUEST = "request.json"
-SCHEMA = 8
+SCHEMA = 7
 _DIGITS = 64
 _BROKEN = (ValueError, KeyError, TypeError, AttributeError, RecursionError)
 

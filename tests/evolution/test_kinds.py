@@ -90,7 +90,7 @@ def test_a_search_finds_a_law_of_its_kinds_and_no_other(representation: Represen
     there = inputs(80)
     noise = 0.02 * np.random.default_rng(1).normal(size=80)
     problem = SlotProblem(there, regression(parse(law).evaluate(there.mapping())[0] + noise), parsimony=2.0)
-    budget = Budget(400, 40, seconds=1e9)
+    budget = Budget(400, 40, seconds=1e9, climb=2)
     found = evolve(problem, Settings(representation, budget=budget), np.random.default_rng(2))
     assert found.best.gain > 0.97
     assert all(TYPING.allows(solution.program, NAMES) for solution in found.front)
