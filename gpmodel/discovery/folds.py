@@ -57,7 +57,7 @@ def discover_by_folds(
     found, choices = called_beside(workers, partial(whole, poses, everything, nothing), first)
     answer = _repeated(found, choices, criteria)
     for number, tasks in enumerate(others, start=1):
-        if answer.confirmed or not _evolved(found):
+        if answer.confirmed or not any(is_program(finding.candidate.found_by) for finding in found.findings):
             break
         stricter = replace(criteria, confirmation=0.5**number * criteria.confirmation)
         answer = _repeated(found, called(workers, tasks), stricter)
@@ -75,11 +75,6 @@ def _repeated(found: Discovery, choices: Sequence[Discovery], criteria: Criteria
     )
     final = found.final if doubt is None or doubt.passed else steps[1].calibration
     return replace(found, heldout=found.train, steps=steps, confirmation=doubt, final=final, parts=tuple(choices))
-
-
-def _evolved(found: Discovery) -> bool:
-    """Return whether an unnamed finding may come from an accepted evolved candidate."""
-    return any(is_program(finding.candidate.found_by) for finding in found.findings)
 
 
 def _errors(poses: Poses, parts: Sequence[Discovery], number: int) -> Array:

@@ -23,9 +23,8 @@ DIGITS = 5
 def as_candidate(program: Program, site: Site, names: Mapping[str, str], cost: float, maker: str) -> Candidate | None:
     """A program as effects at its site, one an output; None where it is no function of any input."""
     texts = [expression_text(program.select([k]), names) for k in range(len(program.outputs))]
-    texts = [t for t in dict.fromkeys(texts)]
     try:
-        bases = [Expression(t) for t in texts]
+        bases = [Expression(t) for t in dict.fromkeys(texts)]
     except InputError:
         return None
     bases = [b for b in bases if b.inputs]
