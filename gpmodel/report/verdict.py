@@ -63,11 +63,14 @@ def behind(report: Report) -> str:
 
 
 def _orientation(report: Report) -> Iterator[str]:
-    """State the error of orientation before and after, where it was measured."""
-    if report.orientation:
-        sizes = " → ".join(wording.significant(value, 3) for value in report.orientation)
-        there = wording.turned(report.orientation[1], farthest_tool_point(report))
-        yield f"Orientation: registration only {sizes} mrad RMS on {_where(report)}{there}."
+    """State the error of orientation after the steps that the verdict compares, where it was measured."""
+    names = dict.fromkeys((report.before_and_after()[0], report.shipped))
+    steps = [step for name in names if (step := report.step(name)) is not None]
+    turns = [turn for step in steps if (turn := report.turn_mrad(step)) is not None]
+    if turns:
+        sizes = " → ".join(wording.significant(value, 3) for value in turns)
+        there = wording.turned(turns[-1], farthest_tool_point(report))
+        yield f"Orientation: {report.title(steps[0])} {sizes} mrad RMS on {_where(report)}{there}."
 
 
 def farthest_tool_point(report: Report) -> float:

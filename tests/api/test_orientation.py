@@ -74,6 +74,16 @@ def test_poses_csv_has_it_pose_by_pose(fit: "gp.CalibrateResult", tmp_path: Path
     assert np.sqrt(np.mean(held["after [mrad]"] ** 2)) == pytest.approx(found.after, rel=1e-3)
 
 
+def test_the_verdict_compares_orientations_of_the_steps_whose_positions_it_compares(fit: "gp.CalibrateResult") -> None:
+    named = gp.calibrate("irb6400r", measured(40, 1), ["joint_compliance J2"], holdout=0.3).record
+    for record, before in ((fit.record, "registration only"), (named, "standard model")):
+        assert f": {before} " in record.verdict
+        assert f"Orientation: {before} " in behind(record)
+    standard = named.turn_mrad(named.ladder[-2])
+    assert standard is not None
+    assert f"standard model {standard:.3g} → " in behind(named)
+
+
 @pytest.mark.long
 def test_certificate_and_verification_state_it(fit: "gp.CalibrateResult") -> None:
     later = fit.model.verify(measured(40, 1).iloc[:30].assign(**{"x [mm]": lambda d: d["x [mm]"] + 1e-3}))
