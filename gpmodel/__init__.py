@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING
 from gpmodel._version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from gpmodel.api.arguments import load_mechanism
     from gpmodel.api.calibrate import calibrate
     from gpmodel.api.certificate import certificate
     from gpmodel.api.check import check
     from gpmodel.api.discover import discover
     from gpmodel.api.evolve import evolve
     from gpmodel.api.fleet import fleet
-    from gpmodel.api.mechanism import load_mechanism
     from gpmodel.api.model import Model, load_model
     from gpmodel.api.poses import choose_poses
     from gpmodel.api.regress import regress
@@ -37,8 +37,7 @@ if TYPE_CHECKING:
     from gpmodel.evolution.settings import Tournament, Truncation
     from gpmodel.evolution.tree import Tree
     from gpmodel.families.candidate import Candidate
-    from gpmodel.families.catalogue import catalogue
-    from gpmodel.families.family import Family
+    from gpmodel.families.catalogue import Family, catalogue
     from gpmodel.formula.expression import Expression
     from gpmodel.mechanism.protocol import Joint, Mechanism
     from gpmodel.model.effect import Effect, Term, effect_at
@@ -51,7 +50,7 @@ _HOME = {
     "Dataset": "table.dataset",
     "Effect": "model.effect",
     "Expression": "formula.expression",
-    "Family": "families.family",
+    "Family": "families.catalogue",
     "InputError": "errors",
     "Joint": "mechanism.protocol",
     "Linear": "evolution.linear",
@@ -75,7 +74,7 @@ _HOME = {
     "explain": "api.saved",
     "export": "api.saved",
     "fleet": "api.fleet",
-    "load_mechanism": "api.mechanism",
+    "load_mechanism": "api.arguments",
     "load_model": "api.model",
     "load_result": "api.saved",
     "read_table": "api.table",

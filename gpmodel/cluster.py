@@ -8,8 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from gpmodel.errors import InputError, WriteError
-from gpmodel.executor import AHEAD, Found, Task, Workers
-from gpmodel.forks import Forks
+from gpmodel.executor import AHEAD, Forks, Found, Task, Workers
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -13,7 +13,7 @@ from scipy.optimize import brentq, minimize_scalar
 from scipy.special import ellipk, elliprd
 
 from gpmodel.arrays import Array
-from joints.limits import positive, require
+from joints.settings import positive, require
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,8 @@ from typing import Any
 import numpy as np
 
 from gpmodel.errors import InputError
-from joints.limits import positive
 from joints.passive_joint import PassiveJoint, Rotation, vector
-from joints.settings import Settings, laid_over, load_settings, read_toml
+from joints.settings import Settings, laid_over, load_settings, positive, read_toml
 
 KINDS = ("spherical", "universal")
 """Kinds of a single joint; `hexapod` and `tau` are machines of twelve (joints.hexapod, joints.tau)."""

@@ -13,13 +13,10 @@ from joints.description import SECTIONS, read_joint, spherical_joint
 from joints.dynamics import ball_mass
 from joints.fed_film import FedFilm, fed_film, left_a_cycle_later
 from joints.film import edge_gap
-from joints.film_design import design_film
-from joints.film_settings import film_geometry, orifice_law
+from joints.film_design import design_film, film_geometry, orifice_law
 from joints.friction import magnet_stiffness
-from joints.kinematics import JOINTS
-from joints.limits import positive
 from joints.orifice import ATMOSPHERE
-from joints.passive_joint import PassiveJoint
+from joints.passive_joint import JOINTS, PassiveJoint
 from joints.preload import (
     MagnetRing,
     contact_directions,
@@ -30,7 +27,7 @@ from joints.preload import (
     total_preload,
 )
 from joints.reynolds import spherical_film
-from joints.settings import Settings, laid_over, read_toml
+from joints.settings import Settings, laid_over, positive, read_toml
 from joints.stiffness import layer_stiffness
 from joints.thermal import LoopPart, gap_growth, loop_growth
 

@@ -11,7 +11,7 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from joints.fed_film import FedFilm, squeeze_impedance
 from joints.film import FilmGeometry
-from joints.limits import not_negative, positive, require
+from joints.settings import not_negative, positive, require
 
 SPAN = (0.01, 20.0)
 """Range of frequencies searched for peak and bandwidth, in units of sqrt(k/m) / 2 pi."""

@@ -22,9 +22,9 @@ from scipy.optimize import brentq
 
 from gpmodel.arrays import Array
 from joints.film import FilmGeometry, film_gap
-from joints.limits import not_negative, positive
 from joints.orifice import ATMOSPHERE, Orifice
 from joints.reynolds import compressible_film
+from joints.settings import not_negative, positive
 
 NODES = 120
 """Nodes of equal angle within and beyond the ring; eigenvalues to three digits."""

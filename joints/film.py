@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gpmodel.arrays import Array
-from joints.limits import angle_within, not_negative, positive, require
 from joints.preload import projected_area
+from joints.settings import angle_within, not_negative, positive, require
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from scipy.optimize import minimize_scalar
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from joints.dynamics import BallOnFilm
-from joints.limits import not_negative, positive
+from joints.settings import not_negative, positive
 
 INSTANTS, COARSE = 256, 64
 """Instants of half a period, and of the coarse search for the frequency of the largest motion.

@@ -16,9 +16,8 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Joint
 from gpmodel.numerics.se3 import shift
 from joints.legs import LEGS, OnLegs, described, held
-from joints.limits import positive
 from joints.passive_joint import vector
-from joints.settings import Settings
+from joints.settings import Settings, positive
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -16,9 +16,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError, OpenLoopsError
-from gpmodel.mechanism.balls import Ball, Shift
-from gpmodel.mechanism.protocol import AXES, Joint
-from gpmodel.mechanism.quantities import GRAVITY
+from gpmodel.mechanism.protocol import AXES, GRAVITY, Ball, Joint, Shift
 from gpmodel.numerics import se3
 from joints.closing import CLOSED, adjoint, axes_along, jacobian_of, newton, unit
 from joints.settings import Settings, laid_over, read_toml

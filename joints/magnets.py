@@ -9,9 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from gpmodel.errors import InputError
-from joints.limits import angle_within, not_negative, positive
 from joints.preload import MagnetRing, cap_area, published_socket_area
-from joints.settings import DATA, quantity, read_toml
+from joints.settings import DATA, angle_within, not_negative, positive, quantity, read_toml
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gpmodel.arrays import Array
-from joints.limits import not_negative, positive, require
+from joints.settings import not_negative, positive, require
 
 ATMOSPHERE = 101325.0
 SCCM = 1e-6 / 60

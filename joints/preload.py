@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gpmodel.arrays import Array
-from joints.limits import angle_within, not_negative, positive, require
+from joints.settings import angle_within, not_negative, positive, require
 
 
 @dataclass(frozen=True)

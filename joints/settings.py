@@ -1,14 +1,49 @@
 """Settings of the joint's studies: a TOML table laid over the thesis' joint, every quantity written with its unit."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
+from numpy.typing import ArrayLike
 
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError, choices
-from gpmodel.table.units import factor_like, split_quantity
+from gpmodel.table.cells import numbers, read_frame
+from gpmodel.table.units import factor_like, split_header, split_quantity
 from gpmodel.texts import read_toml as read_table
-from joints.limits import require
+
+
+def require(valid: ArrayLike, name: str, value: ArrayLike, expected: str) -> None:
+    """Raise InputError "name = value, expected ..." for the first entry of `value` that is not `valid`."""
+    ok, values = np.broadcast_arrays(np.asarray(valid, bool), np.asarray(value, float))
+    if not ok.all():
+        raise InputError(f"{name} = {values[~ok].flat[0]:.6g}, expected {expected}")
+
+
+def positive(name: str, value: ArrayLike, unit: str) -> Array:
+    """`value` as a float array, every entry finite and above zero."""
+    array = np.asarray(value, float)
+    require(np.isfinite(array) & (array > 0), name, array, f"above 0 {unit}".rstrip())
+    return array
+
+
+def not_negative(name: str, value: ArrayLike, unit: str) -> Array:
+    """`value` as a float array, every entry finite and at least zero."""
+    array = np.asarray(value, float)
+    require(np.isfinite(array) & (array >= 0), name, array, f"at least 0 {unit}".rstrip())
+    return array
+
+
+def angle_within(name: str, value: ArrayLike, upper: float) -> Array:
+    """`value` [rad] as a float array within 0 < value <= upper; the message speaks degrees."""
+    array = np.asarray(value, float)
+    valid = np.isfinite(array) & (array > 0) & (array <= upper * (1 + 1e-12))
+    bounds = f"above 0 and at most {np.degrees(upper):.6g} deg"
+    require(valid, f"{name} [deg]", np.degrees(array), bounds)
+    return array
+
 
 LONGEST, MOST = 100.0, 1e15
 """Metres of anything of a joint but the radius of what is nearly flat, and whatever else in SI: elastic moduli and
@@ -92,3 +127,26 @@ def _entry(default: Any, given: Any, file: str, place: str) -> Any:
         if missing:
             raise InputError(f"{file}: {place} has no '{missing[0]}', expected {', '.join(default)}")
     return _value(default, given, file, place)
+
+
+def curve_of(settings: Settings, path: Path | None, columns: Mapping[str, str]) -> dict[str, Array] | None:
+    """The curve whose `file` a table [measured] names, beside the TOML file at `path`; None where it names none."""
+    return None if settings["file"] == "none" else read_curve((path or Path()).parent / settings["file"], columns)
+
+
+def read_curve(path: Path, columns: Mapping[str, str]) -> dict[str, Array]:
+    """Columns {name: example unit} of the table at `path`, such as `displacement [um],force [N]`, in SI.
+
+    Raises InputError that names the column and the row for a missing column, unit or number.
+    """
+    frame, curve = read_frame(path)[0], dict[str, Array]()
+    heads = {str(head): split_header(str(head)) for head in frame.columns}
+    for name, unit in columns.items():
+        found = next((head for head, (called, given) in heads.items() if called == name and given is not None), "")
+        factor = factor_like(heads[found][1] or "", unit) if found else None
+        if factor is None:
+            raise InputError(f"{path}: columns {choices(name, heads)}, expected a column '{name} [{unit}]'")
+        curve[name] = factor * numbers(frame[found], f"{path}: column '{name}'")
+        if (empty := np.flatnonzero(np.isnan(curve[name]))).size:
+            raise InputError(f"{path}: column '{name}', row {empty[0] + 1}: empty, expected a number")
+    return curve

@@ -17,9 +17,8 @@ from gpmodel.mechanism.protocol import AXES, Joint
 from gpmodel.numerics import se3
 from gpmodel.numerics.se3 import along, shift
 from joints.legs import OnLegs, described, held
-from joints.limits import require
 from joints.passive_joint import vector
-from joints.settings import Settings
+from joints.settings import Settings, require
 
 ARMS = (0, 0, 0, 1, 1, 2)
 """The arm of each link: clusters of three, two and one."""

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gpmodel.arrays import Array
-from joints.limits import not_negative, positive
+from joints.settings import not_negative, positive
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism.protocol import AXES
-from gpmodel.mechanism.quantities import GRAVITY
+from gpmodel.mechanism.protocol import AXES, GRAVITY
 from gpmodel.numerics import se3
 
 

@@ -15,8 +15,7 @@ from gpmodel.mechanism.protocol import AXES
 from gpmodel.numerics import se3
 from gpmodel.table.units import identifier
 from robots.links import Chain, along
-from robots.urdf_file import parse_xml
-from robots.urdf_tree import origin_of
+from robots.urdf_tree import origin_of, parse_xml
 
 
 def write_calibrated_urdf(mechanism: Chain, twists: Mapping[str, Array], path: Path) -> str:

@@ -11,7 +11,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.planning.simulate import Simulation, simulate
-from gpmodel.table.write import frame_of
+from gpmodel.table.cells import frame_of
 
 
 def run(*arguments: object) -> Result:

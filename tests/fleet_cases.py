@@ -9,8 +9,8 @@ import numpy as np
 from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.planning.simulate import simulate
+from gpmodel.table.cells import frame_of
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.write import frame_of
 
 MECHANISM = "irb6400r"
 BASE, JOINT = "base_compliance", "joint_compliance J2"

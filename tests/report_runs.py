@@ -18,12 +18,12 @@ from gpmodel.families.by_name import effects_named
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.sites import standard_effects
 from gpmodel.report.build import Ladder
-from gpmodel.report.from_calibration import from_calibration
+from gpmodel.report.effects import from_calibration
 from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.from_evolution import compensation, from_evolution
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
-from gpmodel.table.split import hold_out
+from gpmodel.table.bundles import hold_out
 
 
 @cache

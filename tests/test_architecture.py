@@ -107,7 +107,7 @@ def test_calibration_runs_on_one_blas_thread_whatever_the_machine_says() -> None
 
 
 ORDER = (
-    "_version", "characters", "errors", "extras", "wording", "arrays", "files", "texts", "executor", "forks", "cluster",
+    "_version", "characters", "errors", "extras", "wording", "arrays", "files", "texts", "executor", "cluster",
     "progress", "numerics", "formula", "mechanism", "table", "model", "evolution", "families", "calibration", "checks",
     "planning", "evidence", "selection", "discovery", "records", "application", "hierarchy", "report", "api", "cli",
 )  # fmt: skip

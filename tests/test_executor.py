@@ -22,8 +22,7 @@ from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.evolution.tree import Tree
-from gpmodel.executor import Processes, Threads, Workers
-from gpmodel.forks import Forks
+from gpmodel.executor import Forks, Processes, Threads, Workers
 
 
 def draw(seed: int) -> float:
@@ -72,7 +71,7 @@ import json, os, sys, time
 from functools import partial
 from pathlib import Path
 from gpmodel.errors import InputError
-from gpmodel.forks import Forks, called_beside
+from gpmodel.executor import Forks, called_beside
 
 made = []
 
@@ -121,7 +120,7 @@ def test_copies_give_every_result_replace_a_lost_one_and_hand_errors_on(tmp_path
 
 ORPHANS = """
 import os, time
-from gpmodel.forks import Forks
+from gpmodel.executor import Forks
 
 def sleep(number):
     os.write(1, f"{os.getpid()}\\n".encode())

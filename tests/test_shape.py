@@ -109,7 +109,7 @@ def test_every_public_name_is_there() -> None:
 
 
 FROM_TEXT = {
-    "checks/lenses.py",
+    "checks/judge.py",
     "cli/discover.py",
     "cli/evolve.py",
     "cli/fleet.py",
@@ -117,7 +117,7 @@ FROM_TEXT = {
     "cli/request.py",
     "records/unfinished.py",
     "texts.py",
-    "joints/contact_types.py",
+    "joints/studies/contact_types.py",
     "joints/description.py",
     "joints/settings.py",
     "table/toml_table.py",

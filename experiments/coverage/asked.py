@@ -19,7 +19,7 @@ from gpmodel.api.calibrate import CalibrationResult, calibrate
 from gpmodel.api.table import read_table
 from gpmodel.application.compensate import GIVEN, corrected, joint_targets
 from gpmodel.application.kinematics import tips
-from gpmodel.application.uncertainty import coordinate_deviations
+from gpmodel.application.predict import coordinate_deviations
 from gpmodel.application.usable import of_the_mechanism
 from gpmodel.application.verify import verified
 from gpmodel.model.error_model import Poses, observe

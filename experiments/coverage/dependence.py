@@ -30,7 +30,7 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.sites import geometric_effects
-from gpmodel.table.split import stretches
+from gpmodel.table.bundles import stretches
 
 CASE = Case("innocent", "kuka_like", 120, 0.03, columns=("temperature",))
 PLANTED = "joint compliance, J3"

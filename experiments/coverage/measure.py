@@ -16,13 +16,13 @@ from experiments.blind.grading import grade, worse
 from experiments.blind.robot import Robot
 from experiments.coverage import told
 from experiments.coverage.cases import DECLARED
+from gpmodel.api.arguments import load_mechanism
 from gpmodel.api.calibrate import checked_poses
 from gpmodel.api.discover import COMMAND, DiscoveryResult
-from gpmodel.api.mechanism import load_mechanism
 from gpmodel.api.table import dataset_of, read_table
 from gpmodel.application.matching import matched
 from gpmodel.application.model_file import saved_model
-from gpmodel.application.uncertainty import coordinate_deviations
+from gpmodel.application.predict import coordinate_deviations
 from gpmodel.application.usable import usable
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import linearise
@@ -35,8 +35,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.report.origin import Origin
-from gpmodel.table.bundles import replicates
-from gpmodel.table.split import hold_out
+from gpmodel.table.bundles import hold_out, replicates
 
 HELD_OUT = 0.3
 DEPENDENCE = {"repeats", "rows", "space", "stretches"}

@@ -14,10 +14,9 @@ from experiments.blind.files import table
 from experiments.blind.generate import first_table, standing
 from experiments.blind.machine import Machine
 from experiments.blind.robot import Sheet
-from gpmodel.api.mechanism import load_mechanism
+from gpmodel.api.arguments import load_mechanism
 from gpmodel.calibration.iterate import Fitting, iterate
-from gpmodel.calibration.result import Calibration
-from gpmodel.calibration.uncertainty import uncertainty
+from gpmodel.calibration.result import Calibration, uncertainty
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import Placement, Poses, prepare
 from gpmodel.table.dataset import Dataset

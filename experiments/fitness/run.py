@@ -3,7 +3,7 @@
 Fitness is the largest distance, mm, between compensated and measured points over the 40 training poses of robot 0.
 Each run is done again on errors shuffled over the poses.
 From the root of the repository: python -m experiments.fitness.run [--seeds 5] [--generations 100] [--population 65536]
-[--tree_population 65536] [--islands 16] [--longer 10] [--out FOLDER]
+[--tree_population 65536] [--longer 10] [--out FOLDER]
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.chapter5 import cartesian, fit, options, rounded, save
-from experiments.fitness.islands import evolve_on_islands
 from experiments.irb6400r_truth import measured_robot
 from gpmodel.arrays import Array
 from gpmodel.evolution.linear import Linear
@@ -27,8 +26,6 @@ from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import Budget, Settings, Tournament, thesis_settings
 from gpmodel.evolution.tree import Tree
 from gpmodel.formula.operators import TABLE_CONSTANTS
-
-ISLANDS = "linear, thesis, 5 %, longer, islands"
 
 
 def engines(chosen: Namespace) -> dict[str, Settings]:
@@ -44,32 +41,25 @@ def engines(chosen: Namespace) -> dict[str, Settings]:
         "linear, thesis, 1 %": thesis_settings(Linear.thesis(), population, generations),
         "linear, thesis, 5 %": thesis_settings(mixed, population, generations),
         "linear, thesis, 5 %, longer": thesis_settings(mixed, population, longer),
-        ISLANDS: thesis_settings(mixed, population, longer),
         "tree, thesis": thesis_settings(Tree.thesis(), chosen.tree_population, generations),
         "linear, ours": ours,
         "linear, ours, longer": replace(ours, budget=replace(ours.budget, generations=longer)),
     }
 
 
-def one_run(problem: CartesianProblem, settings: Settings, islands: int, seed: int) -> tuple[Solution, Array]:
-    """The best program of a run, and the best fitness, mm, after every generation; on islands where more than one."""
-    rng = np.random.default_rng([57, seed])
-    if islands > 1:
-        return evolve_on_islands(problem, settings, islands, rng)
-    found = evolve(problem, settings, rng)
+def one_run(problem: CartesianProblem, settings: Settings, seed: int) -> tuple[Solution, Array]:
+    """The best program of a run, and the best fitness, mm, after every generation."""
+    found = evolve(problem, settings, np.random.default_rng([57, seed]))
     return found.best, np.minimum.accumulate(found.history["best"])
 
 
-def measured(
-    name: str, settings: Settings, problem: CartesianProblem, chosen: Namespace
-) -> tuple[Array, dict[str, Any]]:
+def measured(settings: Settings, problem: CartesianProblem, chosen: Namespace) -> tuple[Array, dict[str, Any]]:
     """Best fitness (seeds, generations), mm, and what results.json says of an engine."""
-    islands = chosen.islands if name == ISLANDS else 1
     started = time.perf_counter()
-    runs = [one_run(problem, settings, islands, seed) for seed in range(chosen.seeds)]
+    runs = [one_run(problem, settings, seed) for seed in range(chosen.seeds)]
     seconds = (time.perf_counter() - started) / chosen.seeds
     null = [
-        one_run(problem.shuffled(np.random.default_rng([58, seed])), settings, islands, seed)[1][-1]
+        one_run(problem.shuffled(np.random.default_rng([58, seed])), settings, seed)[1][-1]
         for seed in range(chosen.seeds)
     ]
     best = np.array([history for _, history in runs])
@@ -85,7 +75,7 @@ def measured(
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
-    sizes = {"generations": 100, "population": 65536, "tree_population": 65536, "islands": 16, "longer": 10}
+    sizes = {"generations": 100, "population": 65536, "tree_population": 65536, "longer": 10}
     chosen = options(__doc__, "fitness", arguments, seeds=5, **sizes)
     case = measured_robot(0)
     problem = cartesian(fit(case), case.poses.subset(case.train))
@@ -94,7 +84,7 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     rows = {}
     tried = engines(chosen)
     for colour, (name, settings) in enumerate(tried.items()):
-        best, rows[name] = measured(name, settings, problem, chosen)
+        best, rows[name] = measured(settings, problem, chosen)
         generation = np.arange(1, best.shape[1] + 1)
         axes.plot(generation, np.median(best, axis=0), color=f"C{colour}", label=name)
         axes.fill_between(generation, best.min(axis=0), best.max(axis=0), color=f"C{colour}", alpha=0.2, linewidth=0)

@@ -18,7 +18,7 @@ import gpmodel as gp
 from experiments.chapter5 import options, rounded, save
 from experiments.gauge.robots import ARMS, INSTRUMENTS, MOTIONS, PLANTED, Measured, measured
 from gpmodel.application.model_file import SavedModel, saved_model
-from gpmodel.application.uncertainty import placement_columns
+from gpmodel.application.predict import placement_columns
 from gpmodel.application.usable import usable
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate

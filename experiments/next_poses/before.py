@@ -10,8 +10,7 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray
 from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.planning.design import LITTLE, Question, choose
-from gpmodel.planning.limit import least_deviation
-from gpmodel.planning.poses import GOALS, geometric_question, pool_of, spread_among
+from gpmodel.planning.poses import GOALS, geometric_question, least_deviation, pool_of, spread_among
 
 ARMS, CHOSEN, DRAWS, POOL, NOISE = ("irb6400r", "ur10", "panda"), (20, 40, 80), 20, 1000, 3e-5
 RANDOM = (15, 20, 25, 30, 35, 40, 50, 60, 80, 100, 130, 160, 200, 260, 320)

@@ -20,7 +20,7 @@ import numpy as np
 from experiments.next_poses import before
 from gpmodel.application.model_file import saved_model
 from gpmodel.application.next_poses import Outlook, Questioned
-from gpmodel.application.uncertainty import point_deviation
+from gpmodel.application.predict import point_deviation
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
@@ -32,8 +32,7 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.planning.design import Question, choose_for_all, deviations
-from gpmodel.planning.limit import least_deviation
-from gpmodel.planning.poses import pool_of
+from gpmodel.planning.poses import least_deviation, pool_of
 from gpmodel.planning.simulate import Simulation, simulate
 
 FIRST, NOISE, GEOMETRY, LIMIT = 30, 3e-5, 3e-4, 100.0

@@ -34,7 +34,7 @@ from gpmodel.evolution.formulas import formulas_at
 from gpmodel.evolution.memetic import GENERATIONS
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.formula.expression import Expression
-from gpmodel.formula.length import description_size
+from gpmodel.formula.program import description_size
 from gpmodel.model.sites import Site
 from gpmodel.selection.programs import expression_text
 

@@ -2,13 +2,13 @@
 
 import time
 from dataclasses import replace
+from functools import partial
 from importlib.util import find_spec
 
 import numpy as np
 from numpy.typing import NDArray
 
 from experiments.recovery.found import Engine, Found, slowdown
-from experiments.recovery.operon import OPERON
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import regression
@@ -18,6 +18,26 @@ from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.evolution.tree import Tree
 
 Array = NDArray[np.float64]
+
+
+ALL_NEEDED = "add,sub,mul,div,square,sqrt,sin,cos,tanh,asin,exp,log,constant,variable"
+"""Every operator of the laws, and no more."""
+
+
+def operon(columns: dict[str, Array], response: Array, seconds: float, seed: int, *, criterion: str) -> Found:
+    """pyoperon at the settings of its own example, one thread: ten Levenberg-Marquardt steps, error and length.
+
+    Source: Burlacu, Kronberger, Kommenda (2020); pyoperon, example/operon-sklearn.py.
+    """
+    from pyoperon.sklearn import SymbolicRegressor
+
+    model = SymbolicRegressor(
+        allowed_symbols=ALL_NEEDED, optimizer_iterations=10, population_size=1000, pool_size=1000, max_length=50,
+        objectives=["r2", "length"], generations=1_000_000, max_evaluations=10**9, epsilon=1e-12, n_threads=1,
+        max_time=max(1, round(seconds * slowdown())), model_selection_criterion=criterion, random_state=seed,
+    )  # fmt: skip
+    model.fit(np.column_stack(list(columns.values())), response)
+    return Found(lambda new: np.asarray(model.predict(np.column_stack(list(new.values()))), dtype=float))
 
 
 SEQUENCES = Linear(operators="physics", own_constants=0, outputs=4, registers=6)
@@ -82,7 +102,7 @@ def available(noisy: bool = False) -> dict[str, Engine]:
     }
     if find_spec("pyoperon"):
         criterion = "minimum_description_length" if noisy else "mean_squared_error"
-        engines |= {name: replace(settings, criterion=criterion) for name, settings in OPERON.items()}
+        engines["Operon"] = partial(operon, criterion=criterion)
     if find_spec("gplearn"):
         engines["gplearn"] = gplearn
     return engines

@@ -13,8 +13,8 @@ from importlib.resources import as_file, files
 import numpy as np
 import psutil
 
+from gpmodel.api.arguments import load_mechanism
 from gpmodel.api.discover import discover
-from gpmodel.api.mechanism import load_mechanism
 from gpmodel.api.simulate import simulate
 from gpmodel.api.table import read_table
 from gpmodel.calibration.gauss_newton import calibrate
@@ -29,8 +29,7 @@ from gpmodel.evolution.projection import regression
 from gpmodel.evolution.runs import KeptRuns
 from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import Budget, Settings
-from gpmodel.executor import Processes, Threads, Workers
-from gpmodel.forks import Forks
+from gpmodel.executor import Forks, Processes, Threads, Workers
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects, sites_of
 from gpmodel.progress import Teller

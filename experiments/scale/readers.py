@@ -17,7 +17,7 @@ from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.planning.simulate import simulate
-from gpmodel.table.write import frame_of
+from gpmodel.table.cells import frame_of
 from gpmodel.texts import SEAL, seal
 
 ARM = MechanismChoice("irb6400r").load()

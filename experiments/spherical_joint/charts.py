@@ -6,20 +6,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.spherical_joint.solution import Solution
 from gpmodel.arrays import Array
 
 MICRO = 1e6
-
-
-def convergence_chart(figure: Figure, solutions: Mapping[str, Solution]) -> None:
-    """Distance still moved in each iteration of the solvers."""
-    ax = figure.subplots()
-    for name, solution in solutions.items():
-        moved = [MICRO * p.moved for p in solution.history]
-        ax.loglog(range(1, len(moved) + 1), moved, ".-", label=f"{name}: {len(moved)} iterations, {solution.status}")
-    ax.set(xlabel="iteration", ylabel="largest motion [µm]", title="Free angles: two solvers, one answer")
-    ax.legend()
 
 
 def referenced_chart(figure: Figure, histogram: Mapping[str, Any]) -> None:

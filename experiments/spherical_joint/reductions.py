@@ -15,8 +15,7 @@ from gpmodel.errors import InputError
 from gpmodel.numerics import rank as ident
 from gpmodel.planning.poses import spread_poses
 from joints.budget import thesis_columns
-from joints.kinematics import THESIS_PARAMETERS, parameter
-from joints.passive_joint import PassiveJoint
+from joints.passive_joint import THESIS_PARAMETERS, PassiveJoint, parameter
 
 CONDITION_LIMIT = 50.0
 REQUIRED = (1, 2, 3, 4, 5, 6, 25, 26, 27)

@@ -8,8 +8,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
-from joints.kinematics import JOINTS, PARAMETERS, tooling_ball_position
-from joints.passive_joint import PassiveJoint
+from joints.passive_joint import JOINTS, PARAMETERS, PassiveJoint, tooling_ball_position
 
 Disturbance = Callable[[Array, Mapping[str, Array]], Mapping[int, Array]]
 """True angles (N, 3) and extra columns give, by thesis index, what is added to a parameter at each pose (N,)."""

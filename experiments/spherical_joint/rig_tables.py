@@ -13,7 +13,7 @@ from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.planning.poses import spread_poses
 from joints import spherical_joint
 from joints.budget import thesis_columns
-from joints.kinematics import THESIS_PARAMETERS, parameter
+from joints.passive_joint import THESIS_PARAMETERS, parameter
 
 JOINT = spherical_joint()
 OFFSETS = {14: -2.54e-6, 15: -25.4e-6, 19: 20.32e-6}

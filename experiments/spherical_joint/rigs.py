@@ -25,8 +25,8 @@ from gpmodel.discovery.folds import discover_by_folds
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
+from gpmodel.executor import Forks
 from gpmodel.families import catalogue
-from gpmodel.forks import Forks
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3

@@ -14,9 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from experiments.spherical_joint import charts
-from experiments.spherical_joint.leapfrog import leap_frog
-from experiments.spherical_joint.rig_tables import JOINT, RIG, model, reduction, summary, tables
-from experiments.spherical_joint.varpro import variable_projection
+from experiments.spherical_joint.rig_tables import JOINT, RIG, reduction, summary, tables
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
 from gpmodel.discovery.loop import discover
@@ -27,11 +25,10 @@ from gpmodel.model.sites import geometric_effects
 from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.origin import Origin, versions
 from gpmodel.report.saved import as_dict
-from gpmodel.table.split import hold_out
+from gpmodel.table.bundles import hold_out
 from joints.budget import KINDS, budget_joint, error_budget, read_budget
-from joints.contact_types import contact_types
 from joints.studies.budget import budget_chart
-from joints.studies.contact_types import contact_chart
+from joints.studies.contact_types import contact_chart, contact_types
 
 HERE = Path(__file__).parent
 COMMAND = "python -m experiments.spherical_joint.run"
@@ -42,21 +39,6 @@ def draw(name: str, chart: Callable[..., None], *numbers: Any, width: float = 7.
     figure = Figure(figsize=(width, 4.0), layout="constrained")
     chart(figure, *numbers)
     figure.savefig(HERE / "figures" / f"{name}.png", dpi=110, metadata={"Software": None})
-
-
-def solvers() -> dict[str, Any]:
-    rng = np.random.default_rng(0)
-    poses, bare = prepare(JOINT, RIG.measure(RIG.poses(31, rng), rng)), model("Base and TCP")
-    found, seconds = {}, {}
-    for name, solve in (
-        ("variable projection", lambda: variable_projection(bare, poses)),
-        ("leap-frog", lambda: leap_frog(JOINT, bare, poses)),
-    ):
-        started = time.perf_counter()
-        found[name] = solve()
-        seconds[name] = time.perf_counter() - started
-    draw("convergence", charts.convergence_chart, found)
-    return {n: {"iterations": s.iterations, "status": s.status, "seconds": seconds[n]} for n, s in found.items()}
 
 
 def budgets() -> dict[str, Any]:
@@ -102,7 +84,6 @@ if __name__ == "__main__":
         "versions": versions(),
         "tables": tables(20),
         "reduction": reduction(),
-        "solvers": solvers(),
         "budget": budgets(),
         "improvement": improvement(),
     }

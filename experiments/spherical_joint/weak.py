@@ -25,7 +25,7 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.report.origin import versions
-from gpmodel.table.split import hold_out
+from gpmodel.table.bundles import hold_out
 from joints import spherical_joint
 
 HERE = Path(__file__).parent

@@ -26,8 +26,7 @@ from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import residual_of
 from gpmodel.families import catalogue
-from gpmodel.mechanism.balls import balls_of
-from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.protocol import Mechanism, balls_of
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import geometric_effects
 from gpmodel.report.origin import versions

@@ -8,9 +8,19 @@ from pathlib import Path
 
 import numpy as np
 
-from gpmodel.api.arguments import file_path, limit, listed, naming, share, shown, texts, whole
+from gpmodel.api.arguments import (
+    MechanismLike,
+    file_path,
+    limit,
+    listed,
+    mechanism_of,
+    naming,
+    share,
+    shown,
+    texts,
+    whole,
+)
 from gpmodel.api.fitted import FittedResult
-from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model, model_file
 from gpmodel.api.table import TableLike, read_table, specified
 from gpmodel.application.heldout import with_discrepancy
@@ -19,10 +29,9 @@ from gpmodel.application.model_file import check_table, load_model, saved_model
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import climb, growing
 from gpmodel.calibration.gauss_newton import calibrate as fit_model
-from gpmodel.calibration.payload import find_lever, hang_payload
 from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.undeclared import apart_from_effects
-from gpmodel.calibration.weigh import weighed
+from gpmodel.calibration.weigh import find_lever, hang_payload, weighed
 from gpmodel.checks.judge import refuse
 from gpmodel.checks.warnings import poor_fit
 from gpmodel.errors import InputError
@@ -32,14 +41,13 @@ from gpmodel.hierarchy.record import FleetPart, fleet_file, read_fleet
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, prepare
-from gpmodel.model.naming import in_mechanism_names, names_of, translate
-from gpmodel.model.sites import standard_effects
+from gpmodel.model.sites import in_mechanism_names, names_of, standard_effects, translate
 from gpmodel.report.build import Ladder
-from gpmodel.report.from_calibration import from_calibration
+from gpmodel.report.effects import from_calibration
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
+from gpmodel.table.bundles import hold_out
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.split import hold_out
 
 COMMAND = "gpmodel.calibrate"
 

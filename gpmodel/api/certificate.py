@@ -52,7 +52,7 @@ class CertificateResult(Shown):
     def summary(self) -> str:
         """Particulars, scope, accuracy, repeatability and effects in 80 columns."""
         sheet = self.sheet
-        from gpmodel.report.certificate_text import text
+        from gpmodel.report.certificate import text
 
         return text(sheet)
 

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from gpmodel.api.arguments import called, file_path, texts
+from gpmodel.api.arguments import MechanismLike, called, file_path, mechanism_of, texts
 from gpmodel.api.display import Shown
-from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.table import TableLike, read_table, specified, told_of_reading
 from gpmodel.checks.judge import Remark, check_dataset
 from gpmodel.errors import InputError

@@ -11,11 +11,23 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from gpmodel import wording
-from gpmodel.api.arguments import NOISIEST, called, limit, listed, naming, number, share, shown, texts, whole
+from gpmodel.api.arguments import (
+    NOISIEST,
+    MechanismLike,
+    called,
+    limit,
+    listed,
+    mechanism_of,
+    naming,
+    number,
+    share,
+    shown,
+    texts,
+    whole,
+)
 from gpmodel.api.calibrate import checked_poses, fleet_at, measured_joints
-from gpmodel.api.evolve_settings import evolved, selecting
+from gpmodel.api.evolve import evolved, selecting
 from gpmodel.api.fitted import FittedResult
-from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
 from gpmodel.api.table import TableLike, in_metres, read_table, specified
 from gpmodel.application.heldout import unseen_of, with_discrepancy
@@ -31,17 +43,14 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.evolution.runs import KeptRuns
 from gpmodel.families.by_name import check_defined
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.catalogue import catalogue
-from gpmodel.families.family import Family
-from gpmodel.families.offer import Offer, distinct, instances
+from gpmodel.families.catalogue import Family, Offer, catalogue, distinct, instances
 from gpmodel.hierarchy.block import blocks
 from gpmodel.hierarchy.further import ALONE, alone_steps, from_the_type, further_machine
 from gpmodel.hierarchy.record import FleetPart, prior_model
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
-from gpmodel.model.naming import in_mechanism_names, names_of, translate
-from gpmodel.model.sites import standard_effects
+from gpmodel.model.sites import in_mechanism_names, names_of, standard_effects, translate
 from gpmodel.model.states import States
 from gpmodel.progress import Say, silent
 from gpmodel.report import words
@@ -51,9 +60,8 @@ from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report, StepRecord
 from gpmodel.report.schema_search import CandidateRecord
 from gpmodel.report.verdict import of_discovery
-from gpmodel.table.bundles import bundles, different_poses
+from gpmodel.table.bundles import JUDGED, USUAL, bundles, different_poses, hold_out
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.split import JUDGED, USUAL, hold_out
 
 COMMAND = "gpmodel.discover"
 

@@ -6,8 +6,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.arrays import Array
-from gpmodel.families.catalogue import catalogue
-from gpmodel.families.offer import instances
+from gpmodel.families.catalogue import catalogue, instances
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import prepare

@@ -1,6 +1,7 @@
 """Compensators or slot shapes by many runs, and the histogram of the inputs they refer to."""
 
 import time
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -10,11 +11,21 @@ from typing import Literal, get_args
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import among, called, file_path, limit, listed, share, texts, whole
+from gpmodel.api.arguments import (
+    MechanismLike,
+    among,
+    called,
+    file_path,
+    limit,
+    listed,
+    mechanism_of,
+    share,
+    shown,
+    texts,
+    whole,
+)
 from gpmodel.api.calibrate import checked_poses, named_group, split
 from gpmodel.api.display import Shown, aligned
-from gpmodel.api.evolve_settings import Effort, Space, default_strategies, evolved, selecting, settings_for
-from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model, load_model
 from gpmodel.api.results import save_record, write_results
 from gpmodel.api.table import TableLike
@@ -26,13 +37,14 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evolution.input_histogram import Histogram, histogram
-from gpmodel.evolution.representation import Representation
+from gpmodel.evolution.linear import Linear
+from gpmodel.evolution.representation import Representation, label
 from gpmodel.evolution.runs import KeptRuns, Plan, Run, run_all
-from gpmodel.evolution.settings import SelectionScheme
-from gpmodel.executor import Workers
+from gpmodel.evolution.settings import Budget, SelectionScheme, Settings, thesis_settings
+from gpmodel.evolution.tree import Tree
+from gpmodel.executor import Forks, Workers
 from gpmodel.extras import extra_for
 from gpmodel.files import write_text
-from gpmodel.forks import Forks
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
@@ -44,6 +56,80 @@ from gpmodel.report.from_evolution import compensation, from_evolution
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import STANDARD, Report
 from gpmodel.report.schema_search import CompensationRecord
+
+Space = Literal["cartesian", "slot"]
+POPULATIONS = {"cartesian": {"linear": 65536, "tree": 8192}, "slot": {"linear": 1024, "tree": 512}}
+"""Population sizes.
+
+Compensators use the thesis' size (section 5.2.2), and an eighth as many trees, which take as long. At a slot, where
+one formula of one input is sought, smaller populations suffice.
+"""
+GENERATIONS = 100
+"""The thesis names none; after a hundred its populations are of one kind."""
+UNLIMITED, NO_END = 1_000_000, 1e9
+"""Generations of a run that only the clock ends, and seconds of one that only its generations end."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Requested effort of a run and its selection scheme; None for the defaults."""
+
+    population: int | None = None
+    generations: int | None = None
+    seconds: float | None = None
+    selection: SelectionScheme | None = None
+
+
+def evolved(value: object) -> tuple[Representation, ...]:
+    """Representations of programs, each of another name. Raises InputError naming `strategies`."""
+    chosen: list[Representation] = []
+    for strategy in listed(value, "strategies", "(gp.Linear(), gp.Tree())"):
+        if isinstance(strategy, type) or not isinstance(strategy, Representation):
+            raise InputError(f"{shown(strategy)}, expected gpmodel.Linear(...) or gpmodel.Tree(...)", "strategies")
+        chosen.append(strategy)
+    if not chosen:
+        raise InputError("(), expected gpmodel.Linear(), gpmodel.Tree() or both", "strategies")
+    for name, count in Counter(map(label, chosen)).items():
+        if count > 1:
+            raise InputError(f"{count} are called '{name}', expected each name once", "strategies")
+    return tuple(chosen)
+
+
+def selecting(value: object, argument: str) -> SelectionScheme:
+    """Who breeds and lives on. Raises InputError naming the argument."""
+    if isinstance(value, type) or not isinstance(value, SelectionScheme):
+        raise InputError(f"{shown(value)}, expected gpmodel.Truncation(...) or gpmodel.Tournament(...)", argument)
+    return value
+
+
+def default_strategies(space: Space) -> tuple[Linear | Tree, ...]:
+    """The thesis' own in Cartesian space, those that search a slot's shape else."""
+    return (Linear.thesis(), Tree.thesis()) if space == "cartesian" else (Linear(), Tree())
+
+
+def settings_for(space: Space, strategies: Sequence[Representation], effort: Effort) -> dict[str, Settings]:
+    """Settings by the strategies' names: the thesis' in Cartesian space, the defaults at a slot; one thread a run, for
+    the runs themselves go side by side.
+
+    Raises InputError for a population too small to select from.
+    """
+    generations = effort.generations
+    if generations is None:
+        generations = GENERATIONS if effort.seconds is None else UNLIMITED
+    seconds = NO_END if effort.seconds is None else effort.seconds
+    chosen: dict[str, Settings] = {}
+    for strategy in strategies:
+        name = label(strategy)
+        size = effort.population or POPULATIONS[space].get(name, min(POPULATIONS[space].values()))
+        settings = (
+            thesis_settings(strategy, size, generations)
+            if space == "cartesian"
+            else Settings(strategy, budget=Budget(size, generations))
+        )
+        budget = replace(settings.budget, seconds=seconds, threads=1)
+        chosen[name] = replace(settings, budget=budget, selection=effort.selection or settings.selection)
+    return chosen
+
 
 COMMAND = "gpmodel.evolve"
 Norm = Literal["max", "rms"]

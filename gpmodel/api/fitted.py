@@ -16,7 +16,7 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.errors import InputError, choices
 from gpmodel.evolution.input_histogram import without_runs
 from gpmodel.model.error_model import Poses
-from gpmodel.model.naming import names_of, translate
+from gpmodel.model.sites import names_of, translate
 from gpmodel.report.fitted import root_residual
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import EffectRecord

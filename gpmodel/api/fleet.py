@@ -9,25 +9,21 @@ import numpy as np
 import pandas as pd
 
 from gpmodel._version import __version__
-from gpmodel.api.arguments import called, file_path, listed, share, whole
-from gpmodel.api.calibrate import CalibrationResult, named_group, split
+from gpmodel.api.arguments import MechanismLike, called, file_path, listed, mechanism_of, share, whole
+from gpmodel.api.calibrate import CalibrationResult, checked_poses, named_group, split
 from gpmodel.api.display import Shown
-from gpmodel.api.fleet_tables import machines_of
-from gpmodel.api.mechanism import MechanismLike
 from gpmodel.api.results import save_model, write_results
 from gpmodel.api.table import TableLike
 from gpmodel.calibration.comparison import Models, Step, climb, growing, step_of
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
-from gpmodel.executor import Workers
+from gpmodel.executor import Forks, Workers
 from gpmodel.families.candidate import without_phase
 from gpmodel.files import finished_folder, write_text
-from gpmodel.forks import Forks
-from gpmodel.hierarchy.fleet import Fleet, calibrate_fleet
-from gpmodel.hierarchy.folder import folder_names
+from gpmodel.hierarchy.fleet import Fleet, block_parts, calibrate_fleet, in_table_names, shared_parts
+from gpmodel.hierarchy.folder import folder_names, folder_of_tables
 from gpmodel.hierarchy.found import FleetSearch, KeptMachines, Rows, Searched, found_on_type
 from gpmodel.hierarchy.further import PRIOR
-from gpmodel.hierarchy.parts import block_parts, in_table_names, shared_parts
 from gpmodel.hierarchy.record import (
     KIND,
     MACHINES,
@@ -37,6 +33,7 @@ from gpmodel.hierarchy.record import (
     FleetPart,
     MachinePart,
     Part,
+    check_serial,
     fleet_text,
     prior_parts,
 )
@@ -49,6 +46,35 @@ from gpmodel.progress import Say, Teller, silent
 from gpmodel.report import fleet as pages
 from gpmodel.report.build import Ladder
 from gpmodel.report.origin import Origin
+
+Machines = Mapping[str, tuple[Mechanism, Poses]]
+
+
+def machines_of(mechanism: MechanismLike | None, tables: str | Path | Mapping[str, TableLike]) -> Machines:
+    """The machines by serial, their tables judged. Raises InputError for fewer than two machines, two of one serial
+    or table, or a table that is not sound."""
+    if not isinstance(tables, Mapping):
+        folder = folder_of_tables(file_path(tables, "tables"))
+        tables, mechanism = folder.tables, folder.said_mechanism if mechanism is None else mechanism
+    arm = mechanism_of(mechanism)
+    out: dict[str, tuple[Mechanism, Poses]] = {}
+    seen: dict[tuple[str, bytes], str] = {}
+    for serial, table in tables.items():
+        check_serial(serial)
+        try:
+            out[serial] = checked_poses(arm, table)
+        except InputError as error:
+            known = error.said if Path(str(table)).name in error.said else f"{serial}: {error.said}"
+            raise InputError(known, error.argument) from None
+        dataset = out[serial][1].dataset
+        rows = dataset.sha256, dataset.row.tobytes()
+        if dataset.sha256 and rows in seen:
+            raise InputError(f"machines '{seen[rows]}' and '{serial}' have the same table; expected one for each")
+        seen[rows] = serial
+    if len(out) < 2:
+        raise InputError(f"{len(out)} machine; expected at least 2 of one type", "tables")
+    return out
+
 
 COMMAND = "gpmodel.fleet"
 OWN = "its own effects"

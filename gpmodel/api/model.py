@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import among, box_limits, called, file_path, number, whole
+from gpmodel.api.arguments import MechanismLike, among, box_limits, called, file_path, mechanism_of, number, whole
 from gpmodel.api.display import Shown, aligned
-from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.table import Described, TableLike, dataset_of, frame_to_extend, told_of_reading, with_numbers
 from gpmodel.application.compensate import compensated, of_frame, targets_in
 from gpmodel.application.exports.programs import LANGUAGES, Language, program_text

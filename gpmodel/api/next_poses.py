@@ -12,7 +12,7 @@ from gpmodel.application.next_poses import Outlook, Questioned
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.families.candidate import without_phase
-from gpmodel.model.naming import names_of, translate
+from gpmodel.model.sites import names_of, translate
 from gpmodel.planning.design import Asked, Question, at_best
 from gpmodel.planning.poses import pool_of
 from gpmodel.planning.reach import Reach

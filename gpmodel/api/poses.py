@@ -8,9 +8,20 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import NOISIEST, among, box_limits, called, file_path, number, point, quantity, whole
+from gpmodel.api.arguments import (
+    NOISIEST,
+    MechanismLike,
+    among,
+    box_limits,
+    called,
+    file_path,
+    mechanism_of,
+    number,
+    point,
+    quantity,
+    whole,
+)
 from gpmodel.api.display import Shown
-from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
 from gpmodel.api.next_poses import next_questions, of_rejected, read_result
 from gpmodel.application.next_poses import closing_pool
@@ -19,11 +30,10 @@ from gpmodel.errors import InputError
 from gpmodel.files import write_text
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.planning.design import Asked, choose_for_all, deviations
-from gpmodel.planning.limit import least_deviation
-from gpmodel.planning.poses import GOALS, geometric_question, pool_of, spacing, spread_among
+from gpmodel.planning.poses import GOALS, geometric_question, least_deviation, pool_of, spacing, spread_among
 from gpmodel.planning.reach import Reach, Sight, knows_its_shape
 from gpmodel.progress import Say, Teller, silent
-from gpmodel.table.write import CONTROLLER_DECIMALS, joint_table, table_text
+from gpmodel.table.cells import CONTROLLER_DECIMALS, joint_table, table_text
 from gpmodel.wording import wrapped
 
 Criterion = Literal["spread", "d-optimal", "e-optimal", "i-optimal", "effect", "rivals", "observability"]

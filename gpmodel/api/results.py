@@ -11,9 +11,9 @@ from gpmodel.api.arguments import file_path
 from gpmodel.api.model import MODEL, Model
 from gpmodel.application.model_reader import REPORT
 from gpmodel.errors import InputError, WriteError
+from gpmodel.executor import Forks, called_beside
 from gpmodel.extras import extra_for
 from gpmodel.files import finished_folder, told_of, write_text
-from gpmodel.forks import Forks, called_beside
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema import Report
 

@@ -96,7 +96,7 @@ class CompareResult:
     @property
     def verdict(self) -> str:
         """The answer in one sentence."""
-        from gpmodel.report.compare_words import verdict
+        from gpmodel.report.compare import verdict
 
         return verdict(self.found)
 
@@ -113,7 +113,7 @@ class CompareResult:
 
     def summary(self) -> str:
         """The comparison in 80 columns."""
-        from gpmodel.report.compare_words import text
+        from gpmodel.report.compare import text
 
         return text(self.found)
 

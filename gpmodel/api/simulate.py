@@ -7,9 +7,19 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import NOISIEST, among, file_path, naming, quantity, shown, texts, whole
+from gpmodel.api.arguments import (
+    NOISIEST,
+    MechanismLike,
+    among,
+    file_path,
+    mechanism_of,
+    naming,
+    quantity,
+    shown,
+    texts,
+    whole,
+)
 from gpmodel.api.display import Shown
-from gpmodel.api.mechanism import MechanismLike, mechanism_of
 from gpmodel.api.model import Model
 from gpmodel.api.table import TableLike, dataset_of
 from gpmodel.application.model_file import SavedModel, unfitted
@@ -22,9 +32,9 @@ from gpmodel.mechanism.workspace import random_poses
 from gpmodel.planning.scenes import INSTRUMENTS, NOISE, POOL, scene_of
 from gpmodel.planning.simulate import Simulation, random_tool_point
 from gpmodel.planning.simulate import simulate as measure
+from gpmodel.table.cells import frame_of, joint_table, table_text
 from gpmodel.table.dataset import LABELS, Dataset
 from gpmodel.table.units import convert, known_unit, split_header
-from gpmodel.table.write import frame_of, joint_table, table_text
 from gpmodel.texts import toml_text
 
 Values = str | Sequence[float] | Array

@@ -9,23 +9,19 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import file_path, quantity, shown
-from gpmodel.api.mechanism import MechanismLike, mechanism_of
+from gpmodel.api.arguments import MechanismLike, file_path, mechanism_of, quantity, shown
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.mechanism.quantities import LARGEST
+from gpmodel.mechanism.protocol import LARGEST, Mechanism
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.described import KINDS
 from gpmodel.model.instruments import with_observations
 from gpmodel.model.observation import observations
 from gpmodel.progress import Progress, Say
-from gpmodel.table.cells import read_frame
-from gpmodel.table.dataset import TOUCHED, Dataset, with_payload
+from gpmodel.table.cells import frame_of, read_frame
+from gpmodel.table.dataset import EXPECTED, TOUCHED, Dataset, specification, with_payload
 from gpmodel.table.read import dataset_from
-from gpmodel.table.specification import EXPECTED, specification
 from gpmodel.table.units import DIMENSIONS, JOINT_UNITS, factor_like, split_quantity
-from gpmodel.table.write import frame_of
 from gpmodel.texts import read_toml
 
 TableLike = Dataset | pd.DataFrame | str | Path

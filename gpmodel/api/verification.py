@@ -10,9 +10,9 @@ import pandas as pd
 from gpmodel.api.arguments import file_path
 from gpmodel.api.display import Shown
 from gpmodel.api.table import Described, TableLike, cells_of, check_told_of, dataset_of, described, in_metres
-from gpmodel.application.changes import SIGNIFICANCE
-from gpmodel.application.later import Session, errors_at
 from gpmodel.application.model_file import SavedModel
+from gpmodel.application.possible_changes import SIGNIFICANCE
+from gpmodel.application.recheck import Session, errors_at
 from gpmodel.application.verify import Verified, afterwards, misses_of, verified
 from gpmodel.arrays import IntArray
 from gpmodel.checks.judge import evenly

@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 from gpmodel.application.kinematics import LENGTH, REACHED, inverse, look_where_closed, solve, tips
 from gpmodel.application.matching import matched, matched_with_readings, remembered, turned
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.uncertainty import point_deviation
+from gpmodel.application.predict import point_deviation
 from gpmodel.application.usable import check_finite, of_the_mechanism, outside
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import closing, prepare
 from gpmodel.numerics import se3
+from gpmodel.table.cells import with_results
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.read import dataset_from
 from gpmodel.table.units import JOINT_UNITS, joint_column, split_header
-from gpmodel.table.write import with_results
 
 OK, LARGE, SINGULAR = "ok", "large move", "near singular"
 LIMIT, RANGE, LOST = "joint limit", "outside the measured range", "not reached"

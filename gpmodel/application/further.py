@@ -11,14 +11,14 @@ import numpy as np
 from gpmodel.application.exports.sample import at_joint_values
 from gpmodel.application.matching import remembered
 from gpmodel.application.model_file import saved_model
-from gpmodel.application.uncertainty import point_columns
+from gpmodel.application.predict import point_columns
 from gpmodel.arrays import Array, Count, IntArray, NotNegative
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.errors import InputError
 from gpmodel.mechanism.workspace import drawn_between
 from gpmodel.model.error_model import Poses, closing, observe, prepare
-from gpmodel.numerics.tails import Tails, with_far_ones
+from gpmodel.numerics.interval import Tails, with_far_ones
 
 POSES = 1000
 WORLDS = 400

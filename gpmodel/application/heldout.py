@@ -7,8 +7,7 @@ import numpy as np
 
 from gpmodel.application.further import left_out
 from gpmodel.application.model_file import SavedModel, saved_model
-from gpmodel.application.predict import observed_by
-from gpmodel.application.uncertainty import coordinate_deviations
+from gpmodel.application.predict import coordinate_deviations, observed_by
 from gpmodel.application.usable import usable
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.comparison import Unseen
@@ -16,7 +15,7 @@ from gpmodel.calibration.discrepancy import FEWEST, noise_within
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.discovery.state import Discovery
 from gpmodel.model.error_model import Poses, pose_error
-from gpmodel.numerics.outliers import outlier_limit
+from gpmodel.numerics.least_squares import outlier_limit
 
 
 def shipped(found: Discovery) -> int:

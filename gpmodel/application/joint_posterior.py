@@ -9,10 +9,9 @@ from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError, choices
 from gpmodel.formula.expression import Expression
-from gpmodel.mechanism.balls import Ball, Shift, balls_of
-from gpmodel.mechanism.protocol import Mechanism, Reaching
+from gpmodel.mechanism.protocol import Ball, Mechanism, Reaching, Shift, balls_of
 from gpmodel.model.effect import Effect, Term
-from gpmodel.model.naming import translate
+from gpmodel.model.sites import translate
 
 ALONG = 0.7
 """Least cosine between an effect and a direction of the ball that it is taken for: under 45 degrees."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gpmodel.application.model_schema import MeasuredPart
+from gpmodel.application.model_reader import MeasuredPart
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism

@@ -8,8 +8,7 @@ import numpy as np
 
 from gpmodel._version import __version__
 from gpmodel.application.measured import Measured, measured_from, measured_record
-from gpmodel.application.model_reader import converted, read_part
-from gpmodel.application.model_schema import KIND, SCHEMA, EffectPart, MeasuredPart, ModelPart
+from gpmodel.application.model_reader import KIND, SCHEMA, EffectPart, MeasuredPart, ModelPart, converted, read_part
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.result import Calibration, Covariance
 from gpmodel.characters import harmless
@@ -21,9 +20,9 @@ from gpmodel.mechanism.source import MechanismChoice, choice_of
 from gpmodel.mechanism.workspace import same_machine, tip_at_probe
 from gpmodel.model.effect import Effect, TakenUp, Term
 from gpmodel.model.error_model import ErrorModel, Placement, Poses
-from gpmodel.model.measured_torque import measured_torques
 from gpmodel.model.memory import clock_of, read_by
-from gpmodel.model.naming import table_names
+from gpmodel.model.sites import table_names
+from gpmodel.model.states import measured_torques
 from gpmodel.table.dataset import Dataset
 from gpmodel.texts import SEAL, seal
 

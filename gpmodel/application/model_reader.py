@@ -1,14 +1,213 @@
-"""Sealed files opened with care: their size, schema and seal; and of model.json the report beside it."""
+"""Sealed files opened with care, and the content of model.json with a bound for everything in it.
 
+A model may come from anybody. Reading one runs none of it, opens no other file, and takes memory and time in proportion
+to the file, which is at most `LARGEST_FILE`.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Annotated, Generic, Literal, TypeVar
 
 import msgspec
+import numpy as np
 
-from gpmodel.application.model_schema import KIND, LARGEST_FILE, PLAIN, SCHEMAS, ModelPart
+from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import AXES, LARGEST
 from gpmodel.texts import SEAL, parse_json, read_limited, seal
+
+KIND, SCHEMA = "gpmodel model", 3
+SCHEMAS = (2, SCHEMA)
+"""That are read: before 3 the covariance was whole, now its rows end at the diagonal."""
+LARGEST_FILE = 64 << 20
+"""Bytes: a hundred times a model of all families, with the description of a humanoid in it."""
+MOST_EFFECTS = 2000
+"""Ten times as many as the largest model of an arm with all families."""
+MOST_TERMS = 64
+"""Places that one effect acts at; those of all masses act at every joint of a chain."""
+MOST_COLUMNS = 500
+"""Columns of a table, as spreadsheets of a session have them, and labels of one kind."""
+MOST_UNKNOWNS = 5000
+"""Largest number of unknowns of registration, tools and observations: five for every bar position."""
+MOST_ROWS = 1_000_000
+"""Poses of a table, a hundred times those of the largest measured."""
+LARGEST_NUMBER = 1e13
+"""In SI: no length, stiffness or coordinate of a machine is larger, nor a moment in milliseconds since 1970."""
+CORRELATION_TOLERANCE = 1e-6
+"""By which a correlation may leave -1 to 1: rounding."""
+ROTATION_TOLERANCE = 1e-6
+"""By which the axes of a frame that was written with all its digits may miss being orthonormal: rounding."""
+
+Finite = Annotated[float, msgspec.Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
+Deviation = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST_NUMBER)]
+Freedom = Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_NUMBER)]
+PLAIN = r'^[^"\\\x00-\x1f\x7f\x85\u2028\u2029\ud800-\udfff]*\Z'
+Name = Annotated[str, msgspec.Meta(max_length=1000, pattern=PLAIN)]
+"""Text that cannot end a line, a comment or a string of source that is made of a model."""
+Label = Annotated[str, msgspec.Meta(min_length=1, max_length=1000, pattern=PLAIN)]
+Word = Annotated[str, msgspec.Meta(max_length=200, pattern=r"^[^\W\d]\w*\Z")]
+"""The name of a column, as expressions write it."""
+Unit = Annotated[str, msgspec.Meta(max_length=50, pattern=r"^(?!.*\*/)[\w°%·*/^.() -]*\Z")]
+FileName = Annotated[
+    str, msgspec.Meta(min_length=1, max_length=200, pattern=r"^[^/\\\x00-\x1f\x7f\x85\u2028\u2029]+\Z")
+]
+Point = tuple[Finite, Finite, Finite]
+Row = tuple[Finite, Finite, Finite, Finite]
+Transform = tuple[Row, Row, Row, Row]
+Formula = Annotated[str, msgspec.Meta(min_length=1, max_length=20_000, pattern=PLAIN)]
+Columns = Annotated[dict[Word, Unit], msgspec.Meta(max_length=MOST_COLUMNS)]
+Transforms = Annotated[dict[Name, Transform], msgspec.Meta(min_length=1, max_length=MOST_COLUMNS)]
+Value = TypeVar("Value")
+Rows = Annotated[tuple[Value, ...], msgspec.Meta(max_length=MOST_ROWS)]
+Unknowns = Annotated[tuple[Finite, ...], msgspec.Meta(max_length=16)]
+
+
+class TermPart(msgspec.Struct, frozen=True):
+    """One term of an effect."""
+
+    slot: Label
+    axis: Label
+    basis: Formula
+    weight: Finite
+
+
+class RigidPart(msgspec.Struct, frozen=True):
+    """A motion of a registration or a tool, m and rad, per unit of an effect."""
+
+    of: Literal["setup", "tool"]
+    label: Name
+    twist: tuple[Finite, Finite, Finite, Finite, Finite, Finite]
+
+
+class EffectPart(msgspec.Struct, frozen=True):
+    """An effect and its fitted number. prior, stderr: null where there is none."""
+
+    name: Label
+    family: Name
+    unit: Unit
+    prior: Annotated[float, msgspec.Meta(gt=0.0, le=LARGEST_NUMBER)] | None
+    value: Finite
+    stderr: Deviation | None
+    terms: Annotated[tuple[TermPart, ...], msgspec.Meta(min_length=1, max_length=MOST_TERMS)]
+    taken_up: Annotated[tuple[RigidPart, ...], msgspec.Meta(max_length=MOST_UNKNOWNS)] = ()
+
+
+class MechanismPart(msgspec.Struct, frozen=True):
+    """Mechanism that the model corrects. name: built-in name, or the name of the file with text `description`.
+
+    tip_at_probe_m: where its tip is at one oblique pose, by which it is recognised.
+    """
+
+    name: FileName
+    frame: Label | None
+    payload_kg: Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST_NUMBER)] | None
+    payload_com_m: Point | None
+    joints: Annotated[tuple[Word, ...], msgspec.Meta(min_length=1, max_length=200)]
+    tip_at_probe_m: Point
+    description: str | None = None
+
+
+class MeasuredPart(msgspec.Struct, frozen=True):
+    """The table a model was fitted to, SI, a value or a row of values a pose; null where nothing was measured.
+
+    counted_m: metres that one pixel or radian of the readings counted as.
+    """
+
+    file: Name
+    sha256: Name
+    row: Rows[int]
+    heldout: Rows[Annotated[int, msgspec.Meta(ge=0)]]
+    q: Rows[tuple[Finite, ...]]
+    position_m: Rows[tuple[Finite | None, Finite | None, Finite | None]]
+    rotation_rad: Rows[tuple[float | None, float | None, float | None]] | None
+    distances_m: Annotated[dict[Label, Rows[float | None]], msgspec.Meta(max_length=MOST_COLUMNS)]
+    payload_kg: Rows[float] | None
+    labels: Annotated[dict[Label, Rows[Name]], msgspec.Meta(max_length=MOST_COLUMNS)]
+    extras: Annotated[dict[Word, Rows[float | None]], msgspec.Meta(max_length=MOST_COLUMNS)]
+    extra_units: Columns
+    columns: Annotated[tuple[Name, ...], msgspec.Meta(max_length=MOST_COLUMNS)]
+    in_order: bool
+    readings: Annotated[dict[Word, Rows[float | None]], msgspec.Meta(max_length=MOST_COLUMNS)] = {}
+    described: dict[Label, dict[str, object]] = {}
+    counted_m: dict[Word, Annotated[float, msgspec.Meta(gt=0.0)]] = {}
+
+    def __post_init__(self) -> None:
+        given = {name: getattr(self, name) for name in ("q", "position_m", "rotation_rad", "payload_kg")}
+        for kind in ("distances_m", "labels", "extras", "readings"):
+            given |= {f"{kind}[{name!r}]": values for name, values in getattr(self, kind).items()}
+        for name, values in given.items():
+            if values is not None and len(values) != len(self.row):
+                raise ValueError(f"expected {len(self.row)} values, one a row - at `$.measured.{name}`")
+        if any(k >= len(self.row) for k in self.heldout):
+            raise ValueError(f"expected places below {len(self.row)} - at `$.measured.heldout`")
+
+
+class ModelPart(msgspec.Struct, frozen=True):
+    """The whole of model.json but its seal; keys it does not know are passed over.
+
+    noise_m, discrepancy_m: null and zero in files of versions that did not estimate them.
+    """
+
+    kind: str
+    schema: int
+    mechanism: MechanismPart
+    effects: Annotated[tuple[EffectPart, ...], msgspec.Meta(max_length=MOST_EFFECTS)]
+    covariance: Annotated[tuple[tuple[Finite, ...], ...], msgspec.Meta(max_length=MOST_EFFECTS + MOST_UNKNOWNS)]
+    unknowns: Annotated[tuple[Name, ...], msgspec.Meta(max_length=MOST_UNKNOWNS)]
+    centre_m: Point
+    ranges: Annotated[dict[Word, tuple[Finite, Finite]], msgspec.Meta(max_length=MOST_COLUMNS)]
+    registration: Transforms
+    tool: Transforms
+    anchors_m: Annotated[dict[Name, Unknowns], msgspec.Meta(max_length=MOST_UNKNOWNS)]
+    lever_m: Deviation
+    sigma_m: Deviation
+    pose: bool
+    input_units: Columns
+    measured: MeasuredPart | None = None
+    freedom: Freedom | None = None
+    noise_m: Deviation | None = None
+    discrepancy_m: Deviation = 0.0
+
+    def __post_init__(self) -> None:
+        for label, transforms in (("registration", self.registration), ("tool", self.tool)):
+            for name, rows in transforms.items():
+                _check_rigid(np.array(rows), f"{label}[{name!r}]")
+        for unknown in self.unknowns:
+            words = unknown.split(" ")
+            if len(words) < 2 or (words[0] in ("registration", "tool") and words[-1] not in AXES):
+                raise ValueError(f"{unknown!r}, expected what and its axis, as in 'tool Tx' - at `$.unknowns`")
+        size = len(self.effects) + len(self.unknowns)
+        lengths = {2: [size] * size, SCHEMA: [*range(1, size + 1)]}
+        if [len(row) for row in self.covariance] != lengths[self.schema]:
+            raise ValueError(f"expected {size} rows, one an unknown, up to the diagonal - at `$.covariance`")
+        _check_covariance(self.covariance)
+        for name, rows in self.tool.items():
+            for value in np.array(rows)[:3, 3]:
+                if abs(value) > LARGEST["length"]:
+                    raise ValueError(f"{value:g} m, expected at most {LARGEST['length']:g} m - at `$.tool[{name!r}]`")
+        for name, (low, high) in self.ranges.items():
+            if low > high:
+                raise ValueError(f"expected the lower value first - at `$.ranges[{name!r}]`")
+
+
+def _check_covariance(rows: Sequence[Sequence[float]]) -> None:
+    """Variances of zero or more, and correlations from -1 to 1 but for rounding."""
+    variances = np.array([row[k] for k, row in enumerate(rows)])
+    if (variances < 0).any():
+        raise ValueError("expected variances of zero or more - at `$.covariance`")
+    for k, row in enumerate(rows):
+        most = np.sqrt(variances[: len(row)] * variances[k])
+        if (np.abs(row) > most * (1.0 + CORRELATION_TOLERANCE)).any():
+            raise ValueError("expected correlations from -1 to 1 - at `$.covariance`")
+
+
+def _check_rigid(transform: Array, where: str) -> None:
+    turn = transform[:3, :3]
+    whole = np.abs(turn @ turn.T - np.eye(3)).max() < ROTATION_TOLERANCE and np.linalg.det(turn) > 0.0
+    if not whole or transform[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        raise ValueError(f"no rotation and translation, expected orthonormal axes and 0 0 0 1 below - at `$.{where}`")
+
 
 REPORT, REPORTED = "report.json", "model_sha256"
 Part = TypeVar("Part")

@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpmodel.application.changes import Visible
 from gpmodel.application.exports.sample import measured_table
-from gpmodel.application.later import Session
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.possible_changes import zero_of
+from gpmodel.application.possible_changes import Visible, zero_of
+from gpmodel.application.recheck import Session
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.linearise import effect_columns
 from gpmodel.formula.expression import ONE

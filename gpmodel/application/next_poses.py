@@ -10,7 +10,7 @@ import numpy as np
 
 from gpmodel.application.exports.sample import at_joint_values, measured_table
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.uncertainty import point_columns
+from gpmodel.application.predict import point_columns
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.unmeasured_joints import what_is_left
 from gpmodel.families import catalogue

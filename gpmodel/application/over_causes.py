@@ -16,7 +16,7 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.model.effect import Effect
 from gpmodel.numerics.least_squares import solve
 from gpmodel.selection.causes import Cause
-from gpmodel.table.split import JUDGED
+from gpmodel.table.bundles import JUDGED
 
 UNLIKELY = 0.01
 """Probability below which a cause moves nothing that anybody would notice."""

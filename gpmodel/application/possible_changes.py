@@ -1,16 +1,16 @@
 """Possible changes of a machine since its model was fitted."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from scipy import special
 
-from gpmodel.application.later import kept_by
-from gpmodel.application.recheck import Recheck
-from gpmodel.arrays import Array
+from gpmodel.application.recheck import LEAST_FREEDOM, Recheck, kept_by
+from gpmodel.arrays import Array, NotNegative, Share
 from gpmodel.calibration.rivals import ROW
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import without_phase
@@ -21,6 +21,7 @@ from gpmodel.model.effect import drive_effect, effect_at
 from gpmodel.model.memory import clock_of
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank
+from gpmodel.numerics.interval import chance_of_ratio
 
 Kind = Literal["zero", "tool", "size", "geometry", "catalogue", "set-up"]
 SHARES: dict[Kind, float] = {
@@ -188,3 +189,90 @@ def _seen(found: Recheck, name: str, kind: Kind, unit: str, raw: Array) -> Itera
     whole, left = (np.linalg.norm(c) for c in (found.spread.whiten(found.blocks.means(raw)), found.whitened(raw)))
     if left > LEAST * whole and np.isfinite(left):
         yield PossibleChange(name, kind, unit, found.whitened(raw))
+
+
+SET_UP: Kind = "set-up"
+SIGNIFICANCE = 0.005
+"""Significance of each of the two tests of a valid model, of the whole residual and of named changes: 1 % together."""
+MOST = 4
+"""Changes named at most: where more would be, nothing is what it was."""
+AS_LIKELY = 4.0
+"""Difference of chi-square below which another change explains the poses as well: two standard deviations."""
+LARGEST = 0.01
+"""Radians or metres: a zero that is only seen from there on is not seen."""
+POWER = 0.9
+"""Chance with which a change is seen that is called visible."""
+
+
+@dataclass(frozen=True)
+class NamedChange:
+    """Change of a named quantity, value ± one standard error, in `unit`; of a `size` as a fraction of the model's
+    value.
+
+    chance: of so much while nothing changed, corrected for all that was tried. rivals: what explains the poses as well.
+    """
+
+    name: str
+    kind: Kind
+    value: float
+    stderr: NotNegative
+    unit: str
+    chance: Share
+    rivals: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Visible:
+    """The smallest change of a joint's zero, in `unit`, that these poses would show; None where none would, since the
+    registration that every session finds anew stands for it."""
+
+    joint: str
+    unit: str
+    size: NotNegative | None
+
+
+def changes(
+    found: Recheck, tried: Sequence[PossibleChange], significance: float = SIGNIFICANCE
+) -> tuple[tuple[NamedChange, ...], Recheck]:
+    """Select the significant changes, the least probable first, each given the earlier ones; return the residual
+    after them.
+
+    The chance of one is that of its F ratio over its share of the significance (weighted Bonferroni). Where the set-up
+    is seen to move along the rows, poses depend on those before: a set-up that wanders is taken out too, and
+    what it explains as well as the machine does is laid to it.
+    """
+    out: list[NamedChange] = []
+    left = found
+    while tried and len(out) < MOST and left.degrees >= LEAST_FREEDOM:
+        here = [h.beside(left) for h in tried]
+        scores = [h.explained(left.z) for h in here]
+        chances = [_chance(found, *score) / h.share for h, score in zip(here, scores, strict=True)]
+        best = min(range(len(here)), key=lambda k: (chances[k], -scores[k][0]))
+        if chances[best] >= significance:
+            break
+        own, numbers = scores[best]
+        alike = [k for k, (score, n) in enumerate(scores) if n <= numbers and score > own - AS_LIKELY]
+        best = next((k for k in alike if here[k].kind == SET_UP and chances[k] < significance), best)
+        chosen, rivals = here[best], tuple(here[k].name for k in alike if k != best)
+        size = chosen.fitted(left.z)
+        out.append(NamedChange(chosen.name, chosen.kind, *size, chosen.unit, chances[best], rivals[:4]))
+        left = left.without(chosen.columns if chosen.kind != SET_UP else np.hstack([chosen.columns, wander(left)]))
+    return tuple(out), left
+
+
+def _chance(found: Recheck, score: float, numbers: int) -> float:
+    return chance_of_ratio(score / numbers, numbers, found.freedom) if numbers else 1.0
+
+
+def visible(found: Recheck, tried: Sequence[PossibleChange], significance: float = SIGNIFICANCE) -> tuple[Visible, ...]:
+    """Return the smallest change of each joint zero that these poses detect with the chance POWER."""
+    zeros = {h.name: h for h in tried if h.kind == "zero"}
+    out = []
+    for joint in found.session.saved.mechanism.joints:
+        zero, size = zeros.get(zero_of(joint.name)), None
+        if zero is not None:
+            needed = special.ndtri(POWER) - special.ndtri(0.5 * significance * zero.share)
+            least = float(needed / np.linalg.norm(zero.columns))
+            size = least if least < LARGEST else None
+        out.append(Visible(joint.name, "rad" if joint.kind == "revolute" else "m", size))
+    return tuple(out)

@@ -8,17 +8,23 @@ from typing import Literal
 
 import numpy as np
 
-from gpmodel.application.changes import SET_UP, SIGNIFICANCE, NamedChange, Visible, changes, visible
 from gpmodel.application.kinematics import tips
-from gpmodel.application.later import Session, as_its_rows_show, kept_by, settled
 from gpmodel.application.measured import counted
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.possible_changes import possible_changes
-from gpmodel.application.recheck import Recheck, recheck
+from gpmodel.application.possible_changes import (
+    SET_UP,
+    SIGNIFICANCE,
+    NamedChange,
+    Visible,
+    changes,
+    possible_changes,
+    visible,
+)
+from gpmodel.application.recheck import Recheck, Session, as_its_rows_show, kept_by, recheck, settled
 from gpmodel.application.usable import outside, placed_now, usable
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.checks.digits import computed
+from gpmodel.checks.readings import computed
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.error_model import ErrorModel, Placement, observe, turn_error

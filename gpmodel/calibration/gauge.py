@@ -14,9 +14,8 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.sites import Site, sites_of
 from gpmodel.numerics import rank as ident
-from gpmodel.table.bundles import SAME_JOINT
+from gpmodel.table.bundles import SAME_JOINT, folds
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.split import folds
 
 MINIMUM_SHARE = 1e-3
 """An effect that varies and of which the others leave less than this cannot be told from them."""

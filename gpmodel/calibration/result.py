@@ -7,10 +7,17 @@ from functools import cached_property
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.calibration.iterate import Fitted, Fitting
 from gpmodel.calibration.linearise import Linearised, linearise
+from gpmodel.calibration.noise import freedom
+from gpmodel.calibration.priors import ReadJoints, beliefs
 from gpmodel.calibration.unmeasured_joints import solve_joints
+from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, pose_error
+from gpmodel.numerics import rank as ident
+from gpmodel.numerics import se3
+from gpmodel.numerics.least_squares import MANY_COLUMNS, inverse_gram, inverse_of
 from gpmodel.numerics.rank import RankChoice
 
 CORRELATED = 0.8
@@ -136,3 +143,91 @@ def resolved(calibration: Calibration, poses: Poses) -> Poses:
 def without_outlier_marks(calibration: Calibration) -> Calibration:
     """Return the calibration without outlier marks, to judge every pose anew."""
     return replace(calibration, outliers=np.zeros(0, dtype=np.int64))
+
+
+def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
+    """Covariance σ² (CᵀC)⁻¹ of the columns and prior rows C at the end of a fit, σ² = Σ r² / (M - rank) where the model
+    does not know it.
+    Beside free joints what the measurements leave open is known as well as the table's joint values tell it, by how far
+    these are off."""
+    problem, at = fitted.problem, np.flatnonzero(kept)
+    free = problem.free(kept)
+    belief = beliefs(fitting.model, problem, fitted.theta, fitted.placement, kept)
+    rows = belief.rows[:, free]
+    count = len(problem.columns) + belief.own
+    rank = int(free.sum()) if problem.left is None else _rank(np.vstack([problem.columns[:, free], rows[: belief.own]]))
+    left = float(np.sqrt(np.sum(problem.residual**2) / max(count - rank, 1)))
+    sigma = left if fitting.model.noise is None else fitting.model.noise
+    rows = np.vstack([rows, ReadJoints.beside(problem, rows, free, sigma).rows(problem)[:, free]])
+    if free.sum() >= MANY_COLUMNS:
+        products = (problem.columns.T @ problem.columns)[np.ix_(free, free)] + rows.T @ rows
+        scale = _or_one(np.sqrt(np.diag(products)))
+        inverse = inverse_of(products / np.outer(scale, scale))
+        shares = np.minimum(1.0, 1.0 / np.sqrt(np.diag(inverse)))
+    else:
+        columns = np.vstack([problem.columns[:, free], rows])
+        scale = _or_one(np.linalg.norm(columns, axis=0))
+        inverse = inverse_gram(columns / scale)
+        fixed = ident.orthonormal(columns[:count, : problem.placement])
+        shares = ident.unique_shares(np.hstack([fixed, columns[:count, problem.placement :]]))
+    covariance = sigma**2 * inverse / np.outer(scale, scale)
+    effects = slice(problem.placement, None)
+    deviation = np.sqrt(np.diag(covariance))
+    safe = np.where(deviation > 0, deviation, 1.0)
+    n = len(kept)
+    stderr, share, correlation = np.full(n, np.nan), np.zeros(n), np.zeros((n, n))
+    stderr[at] = deviation[effects]
+    share[at] = shares[len(shares) - len(at) :]
+    correlation[np.ix_(at, at)] = (covariance / np.outer(safe, safe))[effects, effects]
+    whole = np.zeros((len(free), len(free)))
+    whole[np.ix_(free, free)] = covariance
+    unseen = np.flatnonzero(problem.sizes <= ident.NEGLIGIBLE)
+    whole[unseen], whole[:, unseen] = 0.0, 0.0
+    everything = Covariance(whole, problem.placement_names, problem.observed.tip[:, :3, 3].mean(axis=0))
+    placed = _placed(fitted, problem, covariance[: problem.placement, : problem.placement])
+    known = freedom(fitted.problem, fitting.bundle, fitting.ratio, rank)
+    return Uncertainty(stderr, correlation, everything, share, placed, sigma, known, rank)
+
+
+def _or_one(norms: Array) -> Array:
+    """Norms (K,) that are no rounding, 1 for others."""
+    return np.where(norms < ident.NEGLIGIBLE, 1.0, norms)
+
+
+def _rank(columns: Array) -> int:
+    """Return the rank of columns (M, K) at the measurements."""
+    return int(np.linalg.matrix_rank(columns / _or_one(np.linalg.norm(columns, axis=0)), 1e-9))
+
+
+def _placed(fitted: Fitted, problem: Linearised, covariance: Array) -> tuple[Placed, ...]:
+    """Registration and tool as numbers: place (m) of the root in the instrument's frame and of the tool point in the
+    flange, and rotation vectors (rad)."""
+    out: list[Placed] = []
+    centre = problem.observed.tip[:, :3, 3].mean(axis=0)
+    for name, frame in fitted.placement.registration.items():
+        arm = frame[:3, 3] - centre
+        turn = np.block([[np.eye(3), -se3.hat(arm)], [np.zeros((3, 3)), np.eye(3)]])
+        out += _frame(f"registration{f' {name}' if name else ''}", frame, turn, problem, covariance)
+    for name, frame in fitted.placement.tool.items():
+        turn = np.zeros((6, 6))
+        turn[:3, :3] = turn[3:, 3:] = frame[:3, :3]
+        out += _frame(f"tool{f' {name}' if name else ''}", frame, turn, problem, covariance)
+    return tuple(out)
+
+
+def _frame(name: str, frame: Array, turn: Array, problem: Linearised, covariance: Array) -> list[Placed]:
+    """The numbers of one frame that have columns, none where no reading moves with it; turn (6, 6): their steps as a
+    shift and a turn about the axes of the outer frame."""
+    names = [f"{name} {axis}" for axis in AXES]
+    at = [problem.placement_names.index(n) for n in names if n in problem.placement_names]
+    if np.all(problem.sizes[at] <= ident.NEGLIGIBLE):
+        return []
+    values = np.concatenate([frame[:3, 3], se3.rotation_vector(frame[:3, :3])])
+    change = turn[:, : len(at)].copy()
+    change[3:] = se3.vector_change(values[3:]) @ change[3:]
+    moved = change @ covariance[np.ix_(at, at)] @ change.T
+    deviation = np.sqrt(np.maximum(np.diag(moved), 0.0))
+    words = [*(f"{name} {axis}" for axis in "xyz"), *(f"{name} r{axis}" for axis in "xyz")][: len(at)]
+    return [
+        Placed(word, float(values[k]), float(deviation[k]), "m" if k < 3 else "rad") for k, word in enumerate(words)
+    ]

@@ -2,21 +2,77 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from gpmodel.arrays import Array, IntArray
-from gpmodel.calibration.fitted_columns import FittedColumns
-from gpmodel.calibration.result import Calibration
+from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.calibration.linearise import Linearised
+from gpmodel.calibration.priors import prior_rows
+from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.mechanism.protocol import INSTRUMENT, Mechanism
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import Poses, closing, observe, prepare
-from gpmodel.model.measured_torque import measured_torques
+from gpmodel.model.states import measured_torques
 from gpmodel.numerics import rank as ident
+from gpmodel.numerics.least_squares import LeaveOneOut
 from gpmodel.wording import measured
+
+
+@dataclass(frozen=True)
+class FittedColumns:
+    """The weighted columns (M, K) of a fitted model at some poses: of the placement, then of its effects."""
+
+    calibration: Calibration
+    problem: Linearised
+
+    @classmethod
+    def at(cls, calibration: Calibration, poses: Poses) -> "FittedColumns":
+        """Those at poses of known set-ups and tools."""
+        return cls(calibration, problem_at(calibration, poses))
+
+    @property
+    def columns(self) -> Array:
+        """(M, K), weighted like the residual."""
+        return self.problem.columns
+
+    @property
+    def first(self) -> int:
+        """The column of the first effect."""
+        return self.problem.placement
+
+    @property
+    def held(self) -> Mask:
+        """The columns (K,) of the placement and of the effects that are not dropped."""
+        return self.problem.free(self.calibration.kept)
+
+    @cached_property
+    def apart(self) -> LeaveOneOut:
+        """Each of those columns without the others, as far as these are let by their priors, rows below the others."""
+        fit = self.calibration
+        loose = fit.kept & np.array([not effect.constant for effect in fit.model.effects], dtype=bool)
+        priors, _ = prior_rows(fit.model, fit.theta, self.problem, loose)
+        return LeaveOneOut.of(np.vstack([self.columns[:, self.held], priors[:, self.held]]))
+
+    def over_all_rows(self, values: Array) -> Array:
+        """Values (M, R) with zeros in the rows of the priors."""
+        return np.vstack([values, np.zeros((len(self.apart.u) - len(values), values.shape[1]))])
+
+    def number(self, k: int) -> int:
+        """Return the column number of effect k."""
+        return self.first + int(np.sum(self.calibration.kept[:k]))
+
+    def of(self, candidate: Candidate) -> Array:
+        """Columns (M, k) of a candidate's effects."""
+        return self.problem.effect_rows(candidate.effects, self.calibration.model)
+
+    def difference(self, k: int, candidate: Candidate, sizes: Array) -> Array:
+        """Return the displacement of the readings by effect k minus that by a candidate of given sizes (M,)."""
+        return np.asarray(self.calibration.theta[k] * self.columns[:, self.first + k] - self.of(candidate) @ sizes)
+
 
 SIGNIFICANT = 3.0
 """Standard deviations from zero at which a constant is worth a second thought."""

@@ -21,9 +21,8 @@ from gpmodel.calibration.gauss_newton import fitting_of
 from gpmodel.calibration.iterate import Coloured, iterate
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.priors import of_the_description
-from gpmodel.calibration.result import Calibration
+from gpmodel.calibration.result import Calibration, uncertainty
 from gpmodel.calibration.size import LEAST, MOST, TOLERANCE, relative
-from gpmodel.calibration.uncertainty import uncertainty
 from gpmodel.model.error_model import ErrorModel, Poses, pose_error
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank

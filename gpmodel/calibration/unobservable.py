@@ -1,28 +1,66 @@
 """Unobservable effects: those that free joints hide, and constants that stay at the description."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.linearise import effect_columns
 from gpmodel.calibration.placing import placement_columns
 from gpmodel.calibration.priors import of_the_description
-from gpmodel.calibration.region import Region, anywhere, nominal_points
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.calibration.size import TOLERANCE, relative, shows_size
 from gpmodel.calibration.undeclared import Undeclared
 from gpmodel.calibration.unmeasured_joints import free_joints
 from gpmodel.families import catalogue
+from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import Poses, closing, observe, prepare
+from gpmodel.model.error_model import ErrorModel, Poses, closing, observe, prepare
 from gpmodel.model.inclination import Inclination
-from gpmodel.model.naming import names_of, translate
 from gpmodel.model.observation import Observation, Point
 from gpmodel.model.pixel import Pixels
-from gpmodel.model.sites import geometric_effects
+from gpmodel.model.sites import geometric_effects, names_of, translate
 from gpmodel.numerics.least_squares import root_mean_square
+from gpmodel.table.dataset import Dataset
+
+HELD = 0.9
+"""Share of the measured points in the ball: single far ones make no region."""
+DRAWN = 400
+"""Random poses at which the error inside and outside the region is averaged."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """A ball about the median of points: middle (3,) and radius, m."""
+
+    middle: Array
+    radius: float
+
+    @classmethod
+    def of(cls, points: Array) -> "Region":
+        """The ball that holds HELD of some points (N, 3), m."""
+        middle = np.median(points, axis=0)
+        return cls(middle, float(np.quantile(np.linalg.norm(points - middle, axis=1), HELD)))
+
+    def holds(self, points: Array) -> Mask:
+        """Return which of some points (N, 3), m, are inside."""
+        return np.asarray(np.linalg.norm(points - self.middle, axis=1) <= self.radius)
+
+
+def anywhere(mechanism: Mechanism, dataset: Dataset) -> Dataset:
+    """DRAWN random rows of a table, without its readings, at random joint values within the limits."""
+    rng = np.random.default_rng(0)
+    rows = rng.integers(len(dataset), size=DRAWN)
+    bare = replace(dataset, observations=(), in_order=False).subset(rows)
+    return replace(bare, q=random_poses(mechanism, DRAWN, rng))
+
+
+def nominal_points(mechanism: Mechanism, poses: Poses) -> Array:
+    """Where each row's tip is (N, 3), m, in the root, by the description and without a tool."""
+    frames = ErrorModel(mechanism, ()).frames(poses, np.zeros(0))
+    return np.asarray(frames[poses.tip_slot, np.arange(len(poses)), :3, 3])
 
 
 def unobservable_effects(calibration: Calibration, poses: Poses, effects: Sequence[Effect]) -> tuple[bool, ...]:

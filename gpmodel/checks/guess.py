@@ -10,11 +10,10 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.checks.assign import SI_UNIT, Assigner, Fit, header_of, si_of
-from gpmodel.checks.digits import ENOUGH, FINEST, rounding
-from gpmodel.checks.families import Columns, said_to_be, windows
+from gpmodel.checks.assign import SI_UNIT, Assigner, Columns, Fit, header_of, said_to_be, si_of, windows
 from gpmodel.checks.misfit import flange
 from gpmodel.checks.mixed_up import FAR_BETTER, FEWEST_ROWS, POOR_LENGTH
+from gpmodel.checks.readings import ENOUGH, FINEST, rounding
 from gpmodel.checks.rotations import COARSE, PROPER, TAIT_BRYAN, miss
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism

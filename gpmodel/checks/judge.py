@@ -1,8 +1,9 @@
 """Judging a measured table before anything is fitted to it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
+from typing import Any
 
 import numpy as np
 
@@ -11,30 +12,48 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, resolved, without_outlier_marks
 from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
 from gpmodel.calibration.weigh import weighed
-from gpmodel.checks.counting import measured_values, unknowns
-from gpmodel.checks.digits import computed, written_to_a_digit
-from gpmodel.checks.factors import scaled
-from gpmodel.checks.lenses import another_centre
 from gpmodel.checks.misfit import spread_of
 from gpmodel.checks.mixed_up import mixed_up, of_the_rows
-from gpmodel.checks.notes import not_read, notes
+from gpmodel.checks.notes import measured_values, not_read, notes, unknowns
+from gpmodel.checks.readings import computed, written_to_a_digit
 from gpmodel.checks.rotations import rotations_flaw
 from gpmodel.checks.warnings import POOR, built_wrong, poor_fit, warnings_of
-from gpmodel.checks.weak_columns import misread
+from gpmodel.checks.weak_columns import misread, scaled
 from gpmodel.errors import InputError
 from gpmodel.families.catalogue import candidates, catalogue
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
+from gpmodel.model.instruments import with_observations
 from gpmodel.model.observation import Distance
 from gpmodel.model.pixel import Pixels
 from gpmodel.model.sites import geometric_effects
 from gpmodel.model.touches import Touches
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.progress import Teller
-from gpmodel.table.bundles import SAME_JOINT, different_poses, different_readings, noise_floor
+from gpmodel.table.bundles import SAME_JOINT, USUAL, different_poses, different_readings, noise_floor
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.split import USUAL
+
+
+def another_centre(model: ErrorModel, data: Dataset) -> str | None:
+    """Name the cameras whose principal point, solved with the rest, brings a model below POOR."""
+    described: Mapping[str, Any] = data.described.get("cameras", {})
+    cameras: Mapping[str, Mapping[str, Any]] = described.get("camera", {})
+    stated = {name: c for name, c in cameras.items() if "centre_px" in c and not c.get("solve")}
+    if not stated:
+        return None
+    solved = {**described, "camera": {**cameras, **{n: {**c, "solve": ["centre"]} for n, c in stated.items()}}}
+    poses = prepare(model.mechanism, with_observations(data, model.mechanism, {**data.described, "cameras": solved}))
+    fit = calibrate(model, weighed(model.mechanism, poses))
+    if (left := root_mean_square(fit.fitted_error)) > POOR:
+        return None
+    found = [(name, fit.placement.anchors[f"lens {name}"], c["centre_px"]) for name, c in stated.items()]
+    said = [f"camera {n} has {x[0]:.0f}, {x[1]:.0f} px, described as {c[0]:.0f}, {c[1]:.0f}" for n, x, c in found]
+    return (
+        f"centre_px is wrong, as of a turned or cut image: {'; '.join(said)}; with it the standard model leaves "
+        f"{1e3 * left:.3g} mm RMS"
+    )
+
 
 NOBODY = Teller()
 MOST_FITTED, STRETCH = 2000, 50

@@ -11,8 +11,7 @@ from gpmodel.checks.misfit import Registered, core, flange, gross, least_misfit,
 from gpmodel.checks.readings import Reading, of_joints, of_lengths, of_orders, of_signs, of_the_mechanism, of_two_joints
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Mechanism, closed
-from gpmodel.numerics.least_squares import root_mean_square
-from gpmodel.numerics.outliers import OUTLIER_SHARE
+from gpmodel.numerics.least_squares import OUTLIER_SHARE, root_mean_square
 from gpmodel.table.dataset import Dataset
 from gpmodel.wording import some
 

@@ -1,15 +1,52 @@
 """`gpmodel check`: the table, judged."""
 
+import textwrap
 from pathlib import Path
 
 import click
+from click.shell_completion import get_completion_class
 
 from gpmodel.api.check import check as judge
+from gpmodel.api.effects import effects as families
 from gpmodel.api.table import read_table
 from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, progress_line
+from gpmodel.cli.options import mechanism_options
 from gpmodel.cli.terminal import echo
+from gpmodel.errors import InputError
 from gpmodel.mechanism.source import LoadedMechanism
+from gpmodel.wording import WIDTH, wrapped
+
+
+@click.command()
+@mechanism_options()
+def effects(mechanism: LoadedMechanism) -> None:
+    """List the families of effects: what each is, who described it, what it reads, and an example on MECHANISM."""
+    for row in families(mechanism).to_dict("records"):
+        echo(row["family"])
+        for line in (f"{row['explanation']} ({row['source']})", _instances(row)):
+            echo(wrapped(line))
+
+
+def _instances(row: dict[object, object]) -> str:
+    if not row["instances"]:
+        return f"none on this mechanism: it would need {row['inputs'] or 'other joints'}"
+    first, *others = textwrap.wrap(str(row["inputs"] or "nothing"), WIDTH, break_on_hyphens=False)
+    reads = f"{first} ..." if others else first
+    carrying = " with a payload" if row["payload"] else ""
+    return f"{row['instances']} here{carrying}, reading {reads}; --effect '{row['example']}'"
+
+
+@click.command()
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+@click.pass_context
+def completion(context: click.Context, shell: str) -> None:
+    """Print what makes SHELL complete gpmodel's commands and options: eval "$(gpmodel completion bash)"."""
+    kind = get_completion_class(shell)
+    if kind is None:
+        raise InputError(f"{shell} is not known to this version of click", "shell")
+    echo(kind(context.find_root().command, {}, "gpmodel", "_GPMODEL_COMPLETE").source())
+
 
 UNFIT = 2
 """Exit status where nothing should be fitted to a table."""

@@ -20,9 +20,8 @@ from gpmodel.errors import InputError
 from gpmodel.files import write_text
 from gpmodel.progress import Progress, Say, silent
 from gpmodel.report.schema import Report
-from gpmodel.table.cells import read_frame
+from gpmodel.table.cells import read_frame, table_text
 from gpmodel.table.units import split_header
-from gpmodel.table.write import table_text
 
 PATIENCE = 10.0
 """Seconds between passing lines where they cannot take each other's place."""

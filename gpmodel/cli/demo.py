@@ -7,21 +7,21 @@ from pathlib import Path
 
 import click
 
-from gpmodel.api.mechanism import load_mechanism
+from gpmodel.api.arguments import load_mechanism
 from gpmodel.api.simulate import SimulationResult, simulate
 from gpmodel.characters import shell_quoted
-from gpmodel.checks.counting import unknowns
+from gpmodel.checks.notes import unknowns
 from gpmodel.cli.console import command_line, place_for, progress_line, what_next
 from gpmodel.cli.discover import discover_request, settings
 from gpmodel.cli.options import PATH, quiet_option, seed_option, workers_option
 from gpmodel.cli.request import Request
 from gpmodel.cli.terminal import echo
 from gpmodel.discovery.search import Search
+from gpmodel.executor import Forks
 from gpmodel.files import folder_for, write_text
-from gpmodel.forks import Forks
 from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.model.sites import geometric_effects
-from gpmodel.table.write import table_text
+from gpmodel.table.cells import table_text
 
 TABLE = "demo.csv"
 MECHANISM = "irb6400r"

@@ -24,8 +24,8 @@ from gpmodel.files import folder_for
 from gpmodel.hierarchy.record import fleet_file
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Progress, Say
-from gpmodel.records.run_files import RunFiles
-from gpmodel.table.split import USUAL
+from gpmodel.records.unfinished import RunFiles
+from gpmodel.table.bundles import USUAL
 
 FEW = math.ceil(ENOUGH_HELD / USUAL)
 """Poses below which every one is held out once."""

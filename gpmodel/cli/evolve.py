@@ -8,9 +8,8 @@ from typing import Any
 
 import click
 
-from gpmodel.api.evolve import SPACES, EvolutionResult
+from gpmodel.api.evolve import SPACES, Effort, EvolutionResult, Space, default_strategies, settings_for
 from gpmodel.api.evolve import evolve as run
-from gpmodel.api.evolve_settings import Effort, Space, default_strategies, settings_for
 from gpmodel.api.table import read_table
 from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, progress_line
@@ -24,7 +23,7 @@ from gpmodel.evolution.settings import SelectionScheme, Tournament, Truncation
 from gpmodel.executor import Workers
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Say
-from gpmodel.records.run_files import RunFiles
+from gpmodel.records.unfinished import RunFiles
 
 VARIED = ("operators", "crossover", "mutation", "length", "depth")
 """Choices of a representation that have an option of their own."""

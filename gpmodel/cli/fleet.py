@@ -5,8 +5,8 @@ from typing import Any
 
 import click
 
+from gpmodel.api.arguments import load_mechanism
 from gpmodel.api.fleet import fleet as calibrate_fleet
-from gpmodel.api.mechanism import load_mechanism
 from gpmodel.characters import shell_quoted
 from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, progress_line

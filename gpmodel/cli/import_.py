@@ -17,16 +17,12 @@ from gpmodel.files import write_text
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.described import boards_of, cameras_of
 from gpmodel.model.pixel import WORLD
-from gpmodel.table.figaroh import figaroh_map, is_figaroh
-from gpmodel.table.foreign import ColumnMap, import_file, read_map, unread
-from gpmodel.table.imported import Imported
+from gpmodel.table.cells import table_text
+from gpmodel.table.foreign import ColumnMap, Imported, import_file, read_map, unread
 from gpmodel.table.join import read_files
-from gpmodel.table.opencv import camera_or_corners
+from gpmodel.table.of_programs import calibrated_rows, calibrated_urdf, camera_or_corners, figaroh_map, is_figaroh
 from gpmodel.table.read import dataset_from
-from gpmodel.table.robot_calibration import calibrated_urdf
 from gpmodel.table.ros_bag import bag_table, is_bag
-from gpmodel.table.ur_conf import calibrated_rows
-from gpmodel.table.write import table_text
 from gpmodel.texts import toml_text
 
 SHOWN = 5

@@ -38,15 +38,15 @@ COMMANDS = {
         "model:export",
         "The model as URDF, DH rows, ROS YAML, NumPy, C99, LaTeX and a grid, with their errors.",
     ),
-    "simulate": ("simulate", "A measured table with known truth."),
+    "simulate": ("poses:simulate", "A measured table with known truth."),
     "poses": ("poses", "Measurement poses worth taking."),
-    "effects": ("effects", "The families of effects: source, inputs, an example."),
+    "effects": ("check:effects", "The families of effects: source, inputs, an example."),
     "certificate": ("results:certificate", "How accurate the machine is, on one or two sides of A4."),
     "explain": ("results:explain", "A finding in words: place, size, cause, what to measure."),
     "compare": ("results:compare", "What changed between two calibrations of a machine."),
     "report": ("results:report", "Write the report's pages again from saved results."),
     "demo": ("demo", "The main job on a shipped table, to the opened report."),
-    "completion": ("completion", "What makes the shell complete commands and options."),
+    "completion": ("check:completion", "What makes the shell complete commands and options."),
 }
 PLUGINS = "gpmodel.commands"
 DONE, DEFECT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130

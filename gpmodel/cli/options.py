@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import click
 
-from gpmodel.api.mechanism import load_mechanism
+from gpmodel.api.arguments import load_mechanism
 from gpmodel.characters import printable, steers
 from gpmodel.errors import InputError
 

@@ -15,8 +15,8 @@ from gpmodel.discovery.targets import readable_inputs
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.catalogue import Offer
 from gpmodel.families.inner import remembered
-from gpmodel.families.offer import Offer
 from gpmodel.model.error_model import Poses
 from gpmodel.model.sites import Site, sites_of
 from gpmodel.selection.group import Group, Price, group_of
@@ -24,7 +24,7 @@ from gpmodel.selection.offers import Offering, of_evolved, of_offers
 from gpmodel.selection.result import Kept, Selection
 from gpmodel.selection.select import select
 from gpmodel.selection.sinusoids import grids_of
-from gpmodel.table.split import JUDGED
+from gpmodel.table.bundles import JUDGED
 
 
 @dataclass(frozen=True)

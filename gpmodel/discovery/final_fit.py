@@ -15,7 +15,7 @@ from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import Constant, FittedConstant
 from gpmodel.families.outline import PRINTED, Outline, in_words, outline_of
-from gpmodel.table.split import JUDGED
+from gpmodel.table.bundles import JUDGED
 
 STEPS = 6
 """Largest number of Gauss-Newton steps in the constants inside formulas."""

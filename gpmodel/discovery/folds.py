@@ -18,13 +18,11 @@ from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import paired
 from gpmodel.evidence.residual import independent_units
-from gpmodel.executor import called
+from gpmodel.executor import Forks, called, called_beside
 from gpmodel.families.candidate import is_program
-from gpmodel.forks import Forks, called_beside
 from gpmodel.model.error_model import Poses
 from gpmodel.progress import Teller, silent
-from gpmodel.table.bundles import bundles
-from gpmodel.table.split import JUDGED, folds
+from gpmodel.table.bundles import JUDGED, bundles, folds
 
 Loop = Callable[[Poses, IntArray, IntArray], Discovery]
 """The whole loop with all its settings, for poses of which some rows train and others are held out."""

@@ -20,17 +20,16 @@ from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.families.candidate import Candidate, formula_of
 from gpmodel.families.catalogue import names
-from gpmodel.formula.length import description_size
-from gpmodel.formula.program import Program
+from gpmodel.formula.program import Program, description_size
 from gpmodel.formula.simplification import simplify
 from gpmodel.model.effect import Effect
 from gpmodel.model.memory import read_by
 from gpmodel.model.sites import Site, sites_of
-from gpmodel.numerics.outliers import outlier_limit
+from gpmodel.numerics.least_squares import outlier_limit
 from gpmodel.selection.group import is_curve
 from gpmodel.selection.programs import as_candidate, without_poles
 from gpmodel.selection.result import Kept
-from gpmodel.table.split import JUDGED
+from gpmodel.table.bundles import JUDGED
 
 PLAIN = 2
 """Effects up to which a group is solved by plain least squares: a number or a sine and cosine need no prior."""

@@ -24,18 +24,17 @@ from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import scores
 from gpmodel.evolution.input_histogram import input_prices
 from gpmodel.evolution.runs import KeptRuns
+from gpmodel.executor import called_beside
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.catalogue import Offer, catalogue, distinct
 from gpmodel.families.catalogue import candidates as instances_of
-from gpmodel.families.catalogue import catalogue
-from gpmodel.families.offer import Offer, distinct
-from gpmodel.forks import called_beside
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics.allocation import give_back
 from gpmodel.progress import Say, Teller, silent
-from gpmodel.table.split import JUDGED
+from gpmodel.table.bundles import JUDGED
 
 
 def discover(

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.settings import Budget, SelectionScheme, Tournament
-from gpmodel.executor import Workers
-from gpmodel.forks import Forks
+from gpmodel.executor import Forks, Workers
 
 
 @dataclass(frozen=True)

@@ -20,14 +20,13 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import Confirmation
 from gpmodel.evolution.runs import KeptRuns
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.catalogue import Offer
 from gpmodel.families.inner import FittedConstant
-from gpmodel.families.offer import Offer
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.progress import Teller
-from gpmodel.table.bundles import copies, sharing
-from gpmodel.table.split import JUDGED
+from gpmodel.table.bundles import JUDGED, copies, sharing
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, independent_units
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
-from gpmodel.numerics.outliers import outlier_limit
+from gpmodel.numerics.least_squares import outlier_limit
 from gpmodel.numerics.rank import NEGLIGIBLE
 
 

@@ -16,11 +16,9 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.numerics import rank as ident
-from gpmodel.numerics.least_squares import Omitted
-from gpmodel.numerics.outliers import outlier_limit
-from gpmodel.table.bundles import bundles, replicates
+from gpmodel.numerics.least_squares import Omitted, outlier_limit
+from gpmodel.table.bundles import bundles, folds, replicates, stretches
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.split import folds, stretches
 
 
 def independent_units(dataset: Dataset, criteria: Criteria) -> IntArray:

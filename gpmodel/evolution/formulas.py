@@ -32,9 +32,8 @@ from gpmodel.evolution.smooth import (
     weighted_sum,
     without,
 )
-from gpmodel.formula.length import length
 from gpmodel.formula.parse import parse
-from gpmodel.formula.program import Program
+from gpmodel.formula.program import Program, length
 
 STARTED, STARTED_OF_SEVERAL = 200, 120
 """Short forms whose constants are fitted, of one input alone, and of one piece of a formula of several inputs."""

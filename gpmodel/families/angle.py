@@ -10,8 +10,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.families.candidate import Candidate, across, one, pair, revolute
 from gpmodel.formula.expression import Expression
-from gpmodel.mechanism.balls import balls_of
-from gpmodel.mechanism.protocol import AXES, Mechanism
+from gpmodel.mechanism.protocol import AXES, Mechanism, balls_of
 from gpmodel.model.effect import Effect, axis_unit, drive_effect, effect_at
 from gpmodel.model.sites import Site
 from gpmodel.model.states import States

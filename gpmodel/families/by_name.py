@@ -7,7 +7,7 @@ from gpmodel.families import catalogue
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism, places
 from gpmodel.model.effect import Effect, effect_at
-from gpmodel.model.naming import in_mechanism_names
+from gpmodel.model.sites import in_mechanism_names
 from gpmodel.model.states import States
 
 MOST_INSTANCES = 12

@@ -3,7 +3,10 @@
 The entry bar for a family: a cited mechanism, or a recorded discovery.
 """
 
-from collections.abc import Iterable
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from importlib.metadata import entry_points
 
 from gpmodel.errors import InputError, choices
 from gpmodel.families import angle as families_angle
@@ -14,12 +17,115 @@ from gpmodel.families import instrument as families_instrument
 from gpmodel.families import load as families_load
 from gpmodel.families import memory as families_memory
 from gpmodel.families import session as families_session
-from gpmodel.families.candidate import Candidate
-from gpmodel.families.family import Family, installed
-from gpmodel.families.offer import Offer, distinct, instances
+from gpmodel.families.candidate import Candidate, one
+from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.states import States
+
+PROVIDERS = "gpmodel.families"
+
+Builder = Callable[[Mechanism, States], Iterable[Candidate | Effect]]
+
+
+@dataclass(frozen=True)
+class Family:
+    """A named physical effect.
+
+    name: one word, as written on a command line. explanation: what happens physically. source: who described it.
+    build: every instance that a mechanism and these columns allow; an effect alone is a candidate of one effect.
+    grids: waves of it at more rates than can be named, which a selection of groups looks through.
+    offered: the instances that a search is offered, where these are not those that can be named.
+
+    generic: it says how an error looks and names no part; only a search is offered it. clamped: well beyond the
+    ranges it was fitted in it keeps its value. refit_constants: constants written in its bases were
+    chosen from many and belong to the last fit. yields: a part without a drive gives way to its load, so that
+    its number is positive. wanders: it went there and back during the session, by no law that
+    says where it is afterwards.
+    """
+
+    name: str
+    explanation: str
+    source: str
+    build: Builder
+    grids: Callable[[Mechanism, States], Iterable[FrequencyGrid]] = lambda *_: ()
+    offered: Builder | None = None
+    generic: bool = False
+    clamped: bool = False
+    refit_constants: bool = False
+    yields: bool = False
+    wanders: bool = False
+
+    def __post_init__(self) -> None:
+        if not callable(self.build):
+            raise InputError(f"family {self.name!r}: expected a function (mechanism, states) that yields effects")
+
+
+def installed() -> tuple[Family, ...]:
+    """Families of every installed provider: an entry point of the group `gpmodel.families` that is a Family, or
+    several of them. What cannot be loaded is left out with a warning."""
+    found: list[Family] = []
+    for provider in sorted(entry_points(group=PROVIDERS), key=lambda e: e.name):
+        try:
+            given = provider.load()
+            families = (given,) if isinstance(given, Family) else tuple(given)
+        except (ImportError, AttributeError, TypeError) as error:
+            warnings.warn(f"families of '{provider.name}' cannot be loaded: {error}", stacklevel=2)
+            continue
+        found += [f for f in families if isinstance(f, Family)]
+    return tuple(found)
+
+
+Offer = Family | Candidate | Effect
+
+PLAIN_COST = 4.0
+"""Nats of an effect given without a cost: as much as the plainest rows of the catalogue, e^4 = 55 of which would be
+as many as there are places in an arm with six joints."""
+
+
+def distinct(offers: Iterable[object]) -> tuple[Offer, ...]:
+    """The offers as a tuple. Raises InputError for one of another kind, or two of one name."""
+    kept: dict[str, Offer] = {}
+    for offer in offers:
+        if not isinstance(offer, Family | Candidate | Effect):
+            raise InputError(
+                f"{offer!r} is of type {type(offer).__name__}; expected a Family or an Effect", "candidates"
+            )
+        if offer.name in kept:
+            raise InputError(f"'{offer.name}' is offered twice; expected each name once", "candidates")
+        kept[offer.name] = offer
+    return tuple(kept.values())
+
+
+def instances(offer: Offer, mechanism: Mechanism, states: States, *, search: bool = False) -> Iterator[Candidate]:
+    """The candidates of one offer on a mechanism, those of a family with its explanation.
+
+    search: those that a search is offered, where a family has others to be named.
+    """
+    match offer:
+        case Candidate():
+            yield offer
+        case Effect():
+            yield Candidate(offer.name, (offer,), offer.family or offer.name, PLAIN_COST)
+        case Family(build=build, offered=offered):
+            for instance in (offered if search and offered else build)(mechanism, states):
+                yield _of_family(instance, offer)
+
+
+def _of_family(instance: Candidate | Effect, family: Family) -> Candidate:
+    match instance:
+        case Candidate():
+            found = instance
+        case Effect():
+            found = one(instance.name, replace(instance, family=family.name), PLAIN_COST)
+        case _:
+            raise InputError(
+                f"family '{family.name}' yields a {type(instance).__name__}; expected candidates or effects"
+            )
+    if found.family != family.name:
+        raise InputError(f"family '{family.name}': candidate '{found.name}' says it is of family '{found.family}'")
+    return replace(found, explanation=f"{family.explanation} ({family.source})")
+
 
 # ruff: noqa: E501
 _OWN: tuple[Family, ...] = (

@@ -8,8 +8,7 @@ from gpmodel.arrays import Array
 from gpmodel.families.candidate import Candidate, across, inside, loaded, one, revolute
 from gpmodel.families.inner import Constant, NonlinearParameters, symbol
 from gpmodel.formula.expression import Expression
-from gpmodel.mechanism.balls import balls_of
-from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.mechanism.protocol import Mechanism, balls_of
 from gpmodel.model.effect import Effect, Term, drive_effect
 from gpmodel.model.sites import Site
 from gpmodel.model.states import States

@@ -1,7 +1,7 @@
 """Families of effects that remember: play, friction, hysteresis, and what follows the temperature with a lag.
 
 They exist where the rows are in the order of measurement. Magnitudes: play 0.25 to 1 arc minute from side to side (Gong
-2000); expansion and what bends by it as in gpmodel.families.thermal.
+2000); expansion and what bends by it as in gpmodel.families.session.
 """
 
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ import numpy as np
 
 from gpmodel.families.candidate import Candidate, across, inside, loaded, one, relative, revolute
 from gpmodel.families.inner import Constant, NonlinearParameters, geometric, symbol
-from gpmodel.families.thermal import EXPANSION, TILT, ZERO, arm_growth, link_growth
+from gpmodel.families.session import EXPANSION, TILT, ZERO, arm_growth, link_growth
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Joint, Mechanism
 from gpmodel.model.effect import Effect, drive_effect, effect_at

@@ -1,17 +1,54 @@
 """Families of effects that follow the session: temperature, time, and what was moved between two rows."""
 
+import math
 from collections.abc import Iterator
+from itertools import chain
 
 import numpy as np
 
+from gpmodel.arrays import Array
 from gpmodel.families.candidate import Candidate, inside, one, relative, revolute, share_of_rows
 from gpmodel.families.inner import Constant, NonlinearParameters, symbol
-from gpmodel.families.thermal import arm_growth, link_growth
-from gpmodel.formula.expression import Expression
+from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.protocol import AXES, Mechanism
-from gpmodel.model.effect import Effect, axis_unit, drive_effect, effect_at
+from gpmodel.mechanism.workspace import links
+from gpmodel.model.effect import Effect, Term, axis_unit, drive_effect, effect_at
 from gpmodel.model.memory import read_by, temperatures
 from gpmodel.model.states import States
+
+EXPANSION = 2e-5
+"""Per kelvin: between steel, 12e-6, and aluminium, 23e-6."""
+
+TILT = 2e-5
+"""rad per kelvin: a steel column of a metre, 0.3 m wide, whose sides differ by half a kelvin for every kelvin."""
+
+ZERO = 1e-5
+"""rad per kelvin of an encoder's zero: Gong 2000 has up to 0.2 mrad over 20 K."""
+
+SHORTEST = 0.02
+"""m; a shorter link grows by less than 5 µm in 10 K."""
+
+
+def arm_growth(
+    name: str, mechanism: Mechanism, basis: Basis, unit: str, family: str, prior: float = math.inf
+) -> Effect:
+    """All links stretch by one share of their lengths."""
+    terms = chain(*(_along(slot, link, basis) for slot, link in links(mechanism).items()))
+    return Effect(name, tuple(terms), unit, family, prior)
+
+
+def link_growth(
+    name: str, mechanism: Mechanism, basis: Basis, unit: str, family: str, prior: float = math.inf
+) -> Iterator[Effect]:
+    """Each link alone, but for short ones. name: with {slot} for the slot behind the link."""
+    for slot, link in links(mechanism).items():
+        if np.linalg.norm(link) > SHORTEST:
+            yield Effect(name.format(slot=slot), _along(slot, link, basis), unit, family, prior)
+
+
+def _along(slot: str, link: Array, basis: Basis) -> tuple[Term, ...]:
+    return tuple(Term(slot, f"T{a}", basis, float(v)) for a, v in zip("xyz", link, strict=True) if abs(v) > 1e-9)
+
 
 MOST_STEPS = 200
 """Places of a step offered along the rows at most, evenly chosen."""

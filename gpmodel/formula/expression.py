@@ -8,9 +8,8 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.formula.length import length
 from gpmodel.formula.parse import parse
-from gpmodel.formula.program import Program
+from gpmodel.formula.program import Program, length
 
 LARGEST_WRITTEN = 50_000
 """Parts of a basis with every name replaced by what it stands for; each name may double it."""
@@ -61,7 +60,7 @@ class Expression:
 
     @cached_property
     def length(self) -> int:
-        """Operators, inputs and constants that it is written with, as in `gpmodel.formula.length`."""
+        """Operators, inputs and constants that it is written with, as in `gpmodel.formula.program`."""
         return length(self.program)
 
     @cached_property

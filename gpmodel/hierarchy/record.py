@@ -9,8 +9,7 @@ from typing import Annotated
 
 import msgspec
 
-from gpmodel.application.model_reader import Sealed, read_sealed
-from gpmodel.application.model_schema import (
+from gpmodel.application.model_reader import (
     LARGEST_NUMBER,
     MOST_EFFECTS,
     MOST_TERMS,
@@ -20,9 +19,11 @@ from gpmodel.application.model_schema import (
     Label,
     Name,
     Point,
+    Sealed,
     TermPart,
     Unit,
     Word,
+    read_sealed,
 )
 from gpmodel.errors import InputError
 from gpmodel.files import to_json

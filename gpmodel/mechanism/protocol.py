@@ -6,6 +6,34 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from gpmodel.arrays import Array, Mask
+from gpmodel.errors import InputError
+
+GRAVITY = 9.81
+"""m/s²: that of middle latitudes. Standard gravity is 9.80665; on Earth it is 9.78 to 9.83, so that loads, and with
+them compliances, are right to 0.3 % anywhere."""
+
+SI = {"length": "m", "angle": "rad", "mass": "kg", "acceleration": "m/s**2", "pixels": "px"}
+"""Units by dimension."""
+
+LARGEST = {"length": 1e3, "angle": 1e3, "mass": 5e4, "acceleration": 1e2, "pixels": 1e5}
+"""In SI: more than any part, joint, link, payload, gravity or image of a machine has; what is more is a wrong unit."""
+
+
+def checked(value: float, dimension: str, where: str) -> float:
+    """A value in SI of a machine. Raises InputError naming `where` when it is beyond LARGEST or no number."""
+    if not abs(value) <= LARGEST[dimension]:
+        most = f"{LARGEST[dimension]:g} {SI[dimension]}"
+        raise InputError(f"{where}: {value:g} {SI[dimension]}; expected at most {most}, the unit may be wrong")
+    return value
+
+
+def checked_mass(mass: float, where: str, argument: str = "") -> float:
+    """A mass, kg. Raises InputError naming `where` when it is negative, beyond LARGEST or no number."""
+    if not 0.0 <= mass <= LARGEST["mass"]:
+        said = f"{where}: " if where else ""
+        raise InputError(f"{said}{mass:g} kg; expected a mass from 0 to {LARGEST['mass']:g} kg", argument)
+    return mass
+
 
 AXES = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")
 
@@ -215,3 +243,56 @@ class ExportsUrdf(Protocol):
     def write_urdf(self, path: Path, twists: Mapping[str, Array] | None = None) -> str:
         """Write the chain with a constant error twist (6,), m and rad, at some slots; returns the link to measure at.
         Raises InputError for a slot the mechanism does not have, or a file that cannot be written."""
+
+
+Shift = tuple[tuple[str, str, float], ...]
+"""(slot, axis, weight) terms of a shift of a ball's centre by one metre."""
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A ball in its socket.
+
+    name: empty where a mechanism has but one. angles: columns of States, rad, by which it turns in its socket, about
+    the socket's x, then its own y, then z. shifts: of its centre, by the direction in words, that along its lever or
+    leg last. axial: the name of the load on it along its leg, N, positive where it pulls; empty without one.
+    """
+
+    name: str
+    angles: tuple[str, ...]
+    shifts: Mapping[str, Shift]
+    axial: str = ""
+
+    @property
+    def along(self) -> tuple[str, Shift]:
+        """The direction of its lever or leg in words, and the shift."""
+        return list(self.shifts.items())[-1]
+
+    @property
+    def suffix(self) -> str:
+        """Suffix that distinguishes an effect of this ball from that of another ball of the machine."""
+        return f", {self.name}" if self.name else ""
+
+
+@runtime_checkable
+class BallJointed(Protocol):
+    """A mechanism with ball joints, whose angles nothing reads."""
+
+    @property
+    def balls(self) -> tuple[Ball, ...]:
+        """Its balls, from the base on."""
+
+    def turned(self, q: Array) -> dict[str, Array]:
+        """Angles (N,) of its balls, rad, that are no joint coordinates of the table, at nominal geometry; q: (N, n)."""
+
+
+def ball_jointed(mechanism: Mechanism) -> BallJointed | None:
+    """The mechanism, or what it was loaded from, where it has ball joints."""
+    bare = bare_of(mechanism)
+    return bare if isinstance(bare, BallJointed) else None
+
+
+def balls_of(mechanism: Mechanism) -> tuple[Ball, ...]:
+    """The balls of a mechanism; none of one without."""
+    jointed = ball_jointed(mechanism)
+    return jointed.balls if jointed else ()

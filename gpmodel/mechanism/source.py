@@ -13,8 +13,7 @@ from pathlib import Path
 from gpmodel.arrays import Array
 from gpmodel.characters import harmless
 from gpmodel.errors import InputError, choices
-from gpmodel.mechanism.protocol import Joint, Mechanism, Reaching, Weighed
-from gpmodel.mechanism.quantities import checked_mass
+from gpmodel.mechanism.protocol import Joint, Mechanism, Reaching, Weighed, checked_mass
 from gpmodel.mechanism.workspace import links
 from gpmodel.texts import read_text
 

@@ -7,9 +7,8 @@ from functools import cached_property, partial
 import numpy as np
 
 from gpmodel.arrays import Array, Mask
-from gpmodel.mechanism.balls import ball_jointed
-from gpmodel.mechanism.protocol import Mechanism, Weighed
-from gpmodel.table.specification import Specification
+from gpmodel.mechanism.protocol import Mechanism, Weighed, ball_jointed
+from gpmodel.table.dataset import Specification
 
 PREFIX = "instrument_"
 UNITS = {"range": "m", "azimuth": "rad", "elevation": "rad", "x": "m", "y": "m", "z": "m"}

@@ -6,7 +6,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism.quantities import checked
+from gpmodel.mechanism.protocol import checked
 from gpmodel.model.pixel import Board, Camera
 from gpmodel.model.surfaces import aligned
 from gpmodel.model.touches import Feature

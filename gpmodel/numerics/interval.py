@@ -1,9 +1,108 @@
 """Intervals of numbers whose standard uncertainty is itself an estimate, and chances of many tests at once."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy import special
 
 from gpmodel.arrays import Array
+
+FREEDOMS = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 1000.0)
+"""Degrees of freedom that are weighed against each other, all alike beforehand; the last is the normal distribution."""
+NODES = 40
+"""Nodes of Student's t as a mixture of normal distributions."""
+STEPS = 100
+SETTLED = 1e-3
+"""Iterations of a scale at most; its relative change that ends them."""
+
+
+@dataclass(frozen=True)
+class Tails:
+    """Error distributions of independent coordinates.
+
+    freedom: degrees of freedom (K,).
+    scale: scales (K,).
+    weight: weights (K,) that sum to one.
+    uncertain: relative standard errors of the scales (K,).
+    evidence: logarithm of the mean likelihood over the degrees of freedom.
+    """
+
+    freedom: Array
+    scale: Array
+    weight: Array
+    uncertain: Array
+    evidence: float
+
+    def drawn(self, shape: tuple[int, int, int], rng: np.random.Generator) -> Array:
+        """Errors (B, N, 3): in each of the B worlds one freedom and one scale, drawn by how sure they are."""
+        which = rng.choice(len(self.weight), shape[0], p=self.weight)
+        scale = self.scale[which] * np.exp(self.uncertain[which] * rng.normal(size=shape[0]))
+        out = rng.normal(size=shape)
+        for k in np.unique(which):
+            own = which == k
+            if self.freedom[k] < FREEDOMS[-1]:
+                squares = rng.chisquare(self.freedom[k], size=(int(own.sum()), *shape[1:]))
+                out[own] /= np.sqrt(squares / self.freedom[k])
+        return np.asarray(out * scale[:, None, None])
+
+
+def tails(values: Array, count: float, blur: Array | float = 0.0) -> Tails:
+    """Fit the tails to a sample (M,) about zero, worth `count` independent values.
+
+    The likelihood is taken over FREEDOMS, each with its best scale, whose variance is s² (f + 3) / (2 f count).
+
+    blur: (M,) variance of what a fit to the rest adds to each value, over that of the value: a sum of many, so that it
+    is normal. Student's t is one over draws of its variance s² u, u = f / χ²_f, at NODES quantiles; scales by the EM
+    iteration s² ← mean of Σ_u p(u | v) v² / (u + blur) (Lange, Little and Taylor 1989).
+    """
+    freedom, squares = np.array(FREEDOMS), np.square(values)[:, None, None]
+    spread = freedom[:, None] / special.chdtri(freedom[:, None], 1.0 - (np.arange(NODES) + 0.5) / NODES)
+    widths = spread + np.broadcast_to(blur, np.shape(values))[:, None, None] * spread.mean(axis=1)[:, None]
+    variance = squares.mean() / spread.mean(axis=1)
+    for _ in range(STEPS):
+        densities = np.exp(-0.5 * squares / (widths * variance[:, None])) / np.sqrt(widths)
+        each = densities.sum(axis=2) + np.finfo(float).tiny
+        before, variance = variance, np.mean(np.sum(densities / widths, axis=2) / each * squares[:, :, 0], axis=0)
+        if np.abs(variance / before - 1).max() < SETTLED:
+            break
+    likelihood = count * (np.log(each / NODES).mean(axis=0) - 0.5 * np.log(2 * np.pi * before))
+    evidence = float(special.logsumexp(likelihood))
+    uncertain = np.sqrt((freedom + 3) / (2 * freedom * count))
+    return Tails(freedom, np.sqrt(variance), np.exp(likelihood - evidence), uncertain, evidence - np.log(len(freedom)))
+
+
+def with_far_ones(
+    inside: Array, far: Array, count: float, blurs: tuple[Array | float, Array | float] = (0.0, 0.0)
+) -> Tails:
+    """Fit the tails to errors (M, 3) and to errors (F, 3) that a fit excluded.
+
+    Two alternatives are weighed by their evidence: tails of one distribution, or failures anywhere up to the
+    farthest distance. Any rate of failures has the same prior probability, so that F failures have F! M! / (F + M +
+    1)!.
+
+    count: independent coordinates that the errors inside are worth. blurs: (M,) and (F,), as of `tails`.
+    """
+    own, other = (np.repeat(np.broadcast_to(b, len(v)), 3) for b, v in zip(blurs, (inside, far), strict=True))
+    alone = tails(inside.ravel(), count, own)
+    if not len(far):
+        return alone
+    every = np.concatenate([inside, far]).ravel(), count + 3 * len(far), np.concatenate([own, other])
+    whole = tails(*every)
+    volume = np.log(4.0 / 3.0 * np.pi) + 3.0 * np.log(float(np.linalg.norm(far, axis=1).max()))
+    failed = special.betaln(len(far) + 1, len(inside) + 1) - len(far) * volume
+    share = float(special.expit(whole.evidence - alone.evidence - failed))
+    return _mixed(whole, alone, share, float(np.logaddexp(whole.evidence, alone.evidence + failed)))
+
+
+def _mixed(one: Tails, other: Tails, share: float, evidence: float) -> Tails:
+    """The one with probability `share`, or the other."""
+    freedom, scale, uncertain = (
+        np.concatenate([getattr(t, k) for t in (one, other)]) for k in ("freedom", "scale", "uncertain")
+    )
+    return Tails(
+        freedom, scale, np.concatenate([share * one.weight, (1.0 - share) * other.weight]), uncertain, evidence
+    )
+
 
 COVERAGE = 0.95
 """Coverage of every reported interval."""

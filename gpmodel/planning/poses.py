@@ -1,9 +1,10 @@
 """Measurement poses worth taking before anything is measured."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy import linalg
 from scipy.spatial import cKDTree
 
 from gpmodel.arrays import Array, IntArray
@@ -13,9 +14,48 @@ from gpmodel.mechanism.workspace import joint_range
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.se3 import chain
-from gpmodel.planning.design import Determinant, Goal, Question, Smallest, Variance
+from gpmodel.planning.design import LITTLE, Determinant, Goal, Question, Smallest, Variance
 from gpmodel.planning.reach import Reach, candidates
 from gpmodel.table.dataset import unmeasured
+
+STEPS = 300
+"""Multiplicative steps at most."""
+
+CLOSE = 0.01
+"""Share of the variance by which the bound may be short of the best measure: half a per cent of the deviation."""
+
+
+def least_deviation(questions: Sequence[Question], count: int) -> float:
+    """√ of the variance that no `count` poses of the pool can bring the worst answered of questions below.
+
+    The same pose may be taken twice in what it is held against. Raises TypeError where no variance is asked about.
+
+    A choice of n poses is a measure of mass n over the pool; among all measures the variance is convex in the
+    information M, so that the tangent at any measure bounds every choice, and the best measure nearly meets it.
+    Sources: Kiefer and Wolfowitz (1960); the multiplicative steps, Silvey, Titterington and Torsney (1978), Yu (2010).
+    """
+    return max(_least(question, count) for question in questions)
+
+
+def _least(question: Question, count: int) -> float:
+    if not isinstance(question.goal, Variance):
+        raise TypeError("a deviation is that of a Variance")
+    columns, weight = question.columns, question.goal.weight
+    known = question.known + LITTLE * np.eye(len(question.known))
+    share, best = np.full(len(columns), 1.0 / len(columns)), 0.0
+    for _ in range(STEPS):
+        rows = (columns * np.sqrt(share)[:, None, None]).reshape(-1, columns.shape[2])
+        inverse = linalg.inv(known + count * rows.T @ rows)
+        variance = float(np.trace(inverse @ weight))
+        slope = np.sum((columns @ (inverse @ weight @ inverse)) * columns, axis=(1, 2))
+        mean = float(share @ slope)
+        best = max(best, variance - count * (float(slope.max()) - mean))
+        if best > (1.0 - CLOSE) * variance:
+            break
+        share = share * np.sqrt(slope / mean)
+        share /= share.sum()
+    return float(np.sqrt(best))
+
 
 POOL, SMALLEST_POOL, LARGEST_POOL = 20, 600, 10_000
 """Candidate poses for each one wanted, at least, and at most where that is two for each."""

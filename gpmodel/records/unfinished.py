@@ -12,6 +12,9 @@ import numpy as np
 
 from gpmodel.errors import InputError
 from gpmodel.evolution.pareto import Solution
+from gpmodel.evolution.runs import KeptRuns, Number
+from gpmodel.evolution.search import Evolution
+from gpmodel.evolution.settings import Settings
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import Constant, NonlinearParameters
 from gpmodel.files import remove_folder, set_aside
@@ -176,3 +179,30 @@ def _difference(key: str, before: Mapping[str, Any], now: Mapping[str, Any]) -> 
         return f"{key} is {'new' if key in now else 'gone'}"
     changed = len(str(now[key])) == _DIGITS
     return f"{key} has changed" if changed else f"{key} is {now[key]}, was {before[key]}"
+
+
+@dataclass(frozen=True)
+class RunFiles(KeptRuns):
+    """A file each run."""
+
+    files: Unfinished
+
+    def run(self, number: Number) -> Evolution | None:
+        """Read a finished run, without its settings."""
+        content = self.files.read(_run(number))
+        if content is None:
+            return None
+        front, best = content["front"], content["best"]
+        counts = best.program.input_counts, best.program.operator_counts
+        return Evolution(
+            front, best, content["history"], *counts, content["evaluations"], content["seconds"], Settings()
+        )
+
+    def keep_run(self, number: Number, found: Evolution) -> None:
+        """Write what is needed of a run."""
+        names = ("front", "best", "history", "evaluations", "seconds")
+        self.files.write(_run(number), {name: getattr(found, name) for name in names})
+
+
+def _run(number: Number) -> str:
+    return f"run-{number[0]}-{number[1]:04d}"

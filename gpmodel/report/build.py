@@ -16,13 +16,12 @@ from gpmodel.calibration.unmeasured_joints import free_joints
 from gpmodel.calibration.unobservable import held_at_description, unseen
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, observe
-from gpmodel.model.naming import names_of, translate
 from gpmodel.model.observation import Orientation, observations
-from gpmodel.numerics.least_squares import root_mean_square
-from gpmodel.numerics.outliers import outlier_limit
+from gpmodel.model.sites import names_of, translate
+from gpmodel.numerics.least_squares import outlier_limit, root_mean_square
 from gpmodel.report import fitted
-from gpmodel.report.iso9283 import positioning, repeatability
 from gpmodel.report.origin import Origin, data_record, floor_mm, instrument_record, mechanism_record, versions
+from gpmodel.report.particulars import positioning, repeatability
 from gpmodel.report.schema import REGISTRATION, Kind, MimicRecord, PredictedRecord, Report, StepRecord
 from gpmodel.report.schema_poses import PlotRecord, ReadingRecord
 

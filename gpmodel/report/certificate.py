@@ -1,8 +1,11 @@
 """The certificate of a calibration: what machine, measured how, how accurate before and after."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,17 +14,57 @@ from gpmodel.arrays import Array
 from gpmodel.numerics.interval import coverage_factor
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.report import words
-from gpmodel.report.charts_certificate import histogram
-from gpmodel.report.iso9283 import REPEATS
 from gpmodel.report.page import render
-from gpmodel.report.particulars import Particulars
-from gpmodel.report.picture import numbers
+from gpmodel.report.particulars import REPEATS, Particulars
+from gpmodel.report.picture import AFTER, AFTER_LIGHT, BEFORE, INK, MUTED, Picture, numbers
 from gpmodel.report.poses import pose_errors
 from gpmodel.report.schema import STANDARD, ParameterRecord, Report
 from gpmodel.report.schema_poses import Repeatability
 from gpmodel.report.schema_search import EffectRecord
 from gpmodel.report.verdict import farthest_tool_point
 from gpmodel.wording import millimetres
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+BINS, MOST_BINS = 12, 96
+"""Bars up to the largest error after calibration, and at most up to the largest of all; half as many hide the shape."""
+
+Heads = tuple[str, bool]
+"""Heading of the errors before, and whether those after are predicted."""
+
+
+def histogram(errors: Array, tolerance_mm: float | None, heads: Heads) -> Picture:
+    """Draw a histogram of errors (N, 2), mm, before and after, over common bins."""
+    worst = errors.max(axis=0)
+    return Picture(
+        "errors", "Error before and after", 5.2, 1.9,
+        f"Histogram of {len(errors)} measured errors: {heads[0]} at most {worst[0]:.3f} mm, after {worst[1]:.3f} mm.",
+        "", lambda figure: _draw(figure.subplots(), errors, tolerance_mm, heads),
+    )  # fmt: skip
+
+
+def bins_of(errors: Array, tolerance_mm: float | None) -> list[float]:
+    """Edges of the bars, mm: as wide as the errors after calibration need, up to the largest error or the tolerance."""
+    largest = max(float(errors.max()), tolerance_mm or 0.0, 1e-9) * 1.0001
+    count = np.clip(np.ceil(BINS * largest / max(float(errors[:, 1].max()), 1e-9)), BINS, MOST_BINS)
+    return [float(edge) for edge in np.linspace(0.0, largest, int(count) + 1)]
+
+
+def _draw(axes: Axes, errors: Array, tolerance_mm: float | None, heads: Heads) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    bins = bins_of(errors, tolerance_mm)
+    axes.hist(errors[:, 0], bins, histtype="step", color=BEFORE, lw=1.4, label=heads[0])
+    after = "after, predicted" if heads[1] else "after"
+    axes.hist(errors[:, 1], bins, color=AFTER_LIGHT, ec=AFTER, lw=0.6, label=after)
+    if tolerance_mm is not None:
+        axes.axvline(tolerance_mm, color=INK, lw=1.0, ls=(0, (3, 3)), label="tolerance")
+    axes.set(xlim=(0.0, bins[-1]), xlabel="3-D error, mm", ylabel="measurements")
+    axes.yaxis.set_major_locator(MaxNLocator(nbins=4, integer=True))
+    axes.legend(loc="upper right", labelcolor=MUTED)
+
 
 STATISTICS: tuple[tuple[str, Callable[[Array], float]], ...] = (
     ("mean", np.mean),
@@ -246,3 +289,36 @@ def _record(report: Report) -> tuple[Line, ...]:
         ("seed", str(report.seed)), ("versions", versions), ("fit", f"{report.status}: {report.reason}".strip(": ")),
     )  # fmt: skip
     return tuple((name, value) for name, value in lines if value)
+
+
+NAME = 24
+"""Characters of a name beside its value; below a longer one the value has a line of its own."""
+
+
+def text(found: Certificate) -> str:
+    """Scope, accuracy, repeatability and effects; parameters and record are on the page alone."""
+    blocks = (
+        (found.title, list(_lines(found.particulars)) or ["    no particulars were given"]),
+        ("Scope", list(_lines(found.scope))),
+        ("Accuracy, mm", list(_accuracy(found))),
+        ("Repeatability", list(_lines(found.repeatability))),
+        ("Effects", list(_lines([(name, f"{v} ± {s} {unit}") for name, v, s, unit in found.effects]))),
+    )
+    return wording.titled(blocks)
+
+
+def _accuracy(found: Certificate) -> Iterator[str]:
+    if not found.statistics:
+        return
+    yield wording.wrapped(f"over {found.poses}")
+    yield "    {:>57}{:>18}".format(*(head.removesuffix(", mm") for head in found.heads))
+    yield from ("    {:<47}{:>10}{:>18}".format(*row) for row in found.statistics)
+
+
+def _lines(entries: Sequence[Line]) -> Iterator[str]:
+    """Yield the non-empty lines, each name with its value."""
+    for name, value in entries:
+        if value and len(name) > NAME:
+            yield f"    {name}"
+        if value:
+            yield wording.wrapped(value, NAME + 6, f"    {'' if len(name) > NAME else name:<{NAME + 2}}")

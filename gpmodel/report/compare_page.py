@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from gpmodel.report.compare import Comparison
-from gpmodel.report.compare_words import SIDES, cells, tables, verdict
+from gpmodel.report.compare import SIDES, Comparison, cells, tables, verdict
 from gpmodel.report.figures import drawn
 from gpmodel.report.page import render
 from gpmodel.report.picture import Picture, forest

@@ -1,6 +1,8 @@
 """Records of the effects in a report, named and found."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 
@@ -11,19 +13,20 @@ from gpmodel.application.usable import usable
 from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.errors import InputError
-from gpmodel.families.candidate import Candidate
+from gpmodel.families.candidate import NAMED, Candidate, without_phase
 from gpmodel.families.catalogue import explained, family
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, prepare
-from gpmodel.model.naming import translate
+from gpmodel.model.sites import names_of, translate
 from gpmodel.model.states import States
 from gpmodel.numerics.least_squares import root_mean_square
-from gpmodel.report import fitted
+from gpmodel.report import fitted, verdict
+from gpmodel.report.build import Ladder, build
 from gpmodel.report.fitted import statistics_mm, tool_displacements
-from gpmodel.report.origin import ranges
-from gpmodel.report.quantity import Quantity, quantity, read_columns
-from gpmodel.report.schema import ErrorsMm
+from gpmodel.report.origin import Origin, ranges
+from gpmodel.report.quantity import Quantity, indices, quantity, read_columns
+from gpmodel.report.schema import ErrorsMm, Report
 from gpmodel.report.schema_search import EffectRecord, MovedRecord, TermRecord
 
 POSES = 400
@@ -147,3 +150,41 @@ def _explanation(candidate: Candidate, number: Quantity, poses: Poses) -> str:
         f"{said}. Its number is negative, and nothing yields against its load: it stands for something else that "
         "follows the same loads, as a controller that corrects for sag, or a description with wrong masses"
     )
+
+
+def from_calibration(ladder: Ladder, origin: Origin) -> Report:
+    """Ladder, parameters and named effects, under the table's own names."""
+    report = replace(build("calibrate", ladder, origin), effects=tuple(named_effects(ladder)))
+    return replace(report, verdict=verdict.of_calibration(report))
+
+
+def _together(named: tuple[Effect, ...]) -> Iterator[Candidate]:
+    """Each effect by itself, but for a sine and the cosine of the same, which are one finding as in a discovery."""
+    for name, group in groupby(named, key=lambda effect: without_phase(effect.name)):
+        effects = tuple(group)
+        pair = Candidate(name, effects, effects[0].family, 0.0, found_by=NAMED)
+        alone = (Candidate(e.name, (e,), e.family, 0.0, found_by=NAMED) for e in effects)
+        yield from (pair,) if pair.kind == "harmonic" else alone
+
+
+def named_effects(ladder: Ladder) -> Iterator[EffectRecord]:
+    """Yield the records of named effects at every site; undetermined ones have no standard error."""
+    final, names = ladder.final, names_of(ladder.poses.dataset)
+    candidates = tuple(_together(ladder.named))
+    states = resolved(final, ladder.poses).states
+    for candidate, record in zip(
+        candidates, effect_records(final, ladder.poses, candidates, names, states), strict=True
+    ):
+        kept = bool(final.kept[indices(final, candidate)].all())
+        places = [t for effect in candidate.effects for t in effect.terms]
+        bases = "; ".join(dict.fromkeys(str(t.basis) for t in places))
+        yield replace(
+            record,
+            slot=translate(", ".join(dict.fromkeys(t.slot for t in places)), names),
+            axis=", ".join(dict.fromkeys(t.axis for t in places)),
+            basis=record.basis if candidate.kind == "harmonic" else translate(bases, names),
+            inputs=tuple(names.get(x, x) for x in candidate.inputs),
+            stderr=record.stderr if kept else None,
+            unique_share=record.unique_share if kept else None,
+            kept=kept,
+        )

@@ -9,10 +9,10 @@ from gpmodel.families.candidate import NAMED
 from gpmodel.mechanism.protocol import INSTRUMENT
 from gpmodel.model.memory import constant_of, read_by
 from gpmodel.report import charts_space, words
-from gpmodel.report.instrument_words import beside_specification
 from gpmodel.report.page import render, sentence
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import EffectRecord
+from gpmodel.report.words import beside_specification
 from gpmodel.table.units import is_time, known_unit
 
 

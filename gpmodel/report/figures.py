@@ -17,7 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from gpmodel.forks import Forks, called_beside
+from gpmodel.executor import Forks, called_beside
 from gpmodel.report.page import pictures
 from gpmodel.report.picture import AFTER, AFTER_LIGHT, AXIS, BEFORE, EXPLORE, INK, MUTED, NULL, PAPER, RULE, Picture
 from gpmodel.report.schema import Report

@@ -11,7 +11,7 @@ from gpmodel.calibration.result import Calibration, problem_at, resolved
 from gpmodel.mechanism.protocol import closed
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Placement, Poses, closing, measured_minus, observe, prepare, turn_error
-from gpmodel.model.naming import translate
+from gpmodel.model.sites import translate
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.rank import orthonormal, remove, triangle
 from gpmodel.numerics.se3 import chain, rotation_vector

@@ -9,10 +9,10 @@ from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.evolution.problems import COORDINATES, CartesianProblem, Problem
 from gpmodel.evolution.runs import Run
 from gpmodel.formula.parse import parse
-from gpmodel.model.naming import names_of, translate
+from gpmodel.model.sites import names_of, translate
 from gpmodel.report import fitted, verdict
 from gpmodel.report.build import Ladder, build
-from gpmodel.report.from_calibration import named_effects
+from gpmodel.report.effects import named_effects
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import CompensationRecord

@@ -12,8 +12,8 @@ from gpmodel.arrays import IntArray
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.workspace import tip_at_probe
 from gpmodel.model.error_model import Poses
-from gpmodel.model.naming import names_of
 from gpmodel.model.observation import observations
+from gpmodel.model.sites import names_of
 from gpmodel.model.states import States
 from gpmodel.report.schema import DataRecord, MechanismRecord, NoiseSource
 from gpmodel.report.schema_poses import InstrumentRecord

@@ -17,7 +17,6 @@ from gpmodel.report import (
     charts_findings,
     charts_search,
     charts_space,
-    instrument_words,
     verdict,
     words,
 )
@@ -78,7 +77,7 @@ def _environment() -> Environment:
         shortened=partial(wording.shortened, length=NAME), unbroken=unbroken,
     )  # fmt: skip
     environment.globals.update(
-        words=words, instrument_words=instrument_words, measured=wording.measured,
+        words=words, measured=wording.measured,
         chance=wording.chance, script=script, script_hash=script_hash,
     )  # fmt: skip
     return environment

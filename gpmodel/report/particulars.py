@@ -2,12 +2,96 @@
 
 import dataclasses
 import datetime
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from gpmodel.application.further import LARGEST_LEVERAGE
+from gpmodel.arrays import Array, IntArray
+from gpmodel.calibration.comparison import Step
+from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.errors import InputError, choices
+from gpmodel.model.error_model import Poses
+from gpmodel.report.fitted import root_residual
+from gpmodel.report.schema_poses import Positioning, Repeatability
+from gpmodel.table.bundles import replicates
+from gpmodel.table.dataset import Dataset
 from gpmodel.texts import read_toml
+
+FEWEST = 3
+"""Repeats of a pose from which they have a spread, and poses from which the spread between them is known."""
+REPEATS = 30
+"""Repeats of every pose in the standard, table 7."""
+
+
+def repeatability(data: Dataset) -> Repeatability | None:
+    """Pose repeatability, 7.2.2: RP = l + 3 S_l over the repeats of a pose; None without repeats.
+
+    l_j: distance of repeat j from the mean of its pose, l and S_l their mean and standard deviation (n - 1). The mean
+    over the poses is as uncertain as these differ. Of fewer repeats than the 30 of the standard RP is smaller.
+    """
+    by_pose = [1e3 * np.linalg.norm(data.position[k] - data.position[k].mean(axis=0), axis=1) for k in _repeats(data)]
+    if not by_pose:
+        return None
+    single: Array = np.array([d.mean() + 3 * d.std(ddof=1) for d in by_pose])
+    count = sum(len(d) for d in by_pose)
+    spread = float(np.sqrt(sum(np.sum(d**2) for d in by_pose) / (count - len(by_pose))))
+    mean, stderr = _mean(single) if len(single) > 1 else (float(single[0]), None)
+    return Repeatability(len(by_pose), count, spread, mean, float(single.max()), stderr)
+
+
+def positioning(poses: Poses, train: IntArray, steps: Sequence[Step]) -> Positioning | None:
+    """Pose accuracy, 7.2.1: distance of the mean of a pose's repeats from where the nominal geometry (registration and
+    tool alone) and the last step's model have it.
+
+    Of held-out poses, or of the fitted ones where these are fewer than FEWEST, as far off as if they had been left out;
+    None where FEWEST poses were not measured FEWEST times.
+    """
+    heldout = ~np.isin(np.arange(len(poses)), train)
+    every = list(_repeats(poses.dataset))
+    held = [k for k in every if heldout[k].all()]
+    fitted = [k for k in every if not heldout[k].any()]
+    chosen, fresh = (held, True) if len(held) >= FEWEST else (fitted, False)
+    if len(chosen) < FEWEST or poses.dataset.joints_approximate:
+        return None
+    first, last = steps[0].calibration, steps[-1].calibration
+    before, after = (
+        np.array([np.linalg.norm(1e3 * r[k].mean(axis=0)) for k in chosen])
+        for r in (root_residual(fit, poses) for fit in (first, last))
+    )
+    if not fresh:
+        after = after / _left(last, poses, chosen)
+    if not np.isfinite([before, after]).all():
+        return None
+    (b, db), (a, da) = (_mean(v) for v in (before, after))
+    return Positioning(len(chosen), fresh, b, db, a, da, float(after.max()))
+
+
+def _repeats(data: Dataset) -> Iterator[IntArray]:
+    """Rows of each pose that was measured FEWEST times or more, all of it."""
+    codes, whole = replicates(data), np.isfinite(data.position).all(axis=1)
+    for code in np.unique(codes):
+        rows = np.flatnonzero((codes == code) & whole)
+        if len(rows) >= FEWEST:
+            yield rows
+
+
+def _left(fit: Calibration, poses: Poses, chosen: Sequence[IntArray]) -> Array:
+    """Share (P,) of the variance of a pose's mean that the fit to it leaves, 1 - its leverage."""
+    problem, out = problem_at(fit, poses), []
+    for rows in chosen:
+        columns = problem.columns[np.isin(problem.pose_of_row, rows)]
+        mean = fit.sigma**2 * (1.0 / len(rows) + fit.pose_ratio) / (1.0 + fit.pose_ratio)
+        taken = float(np.sum((columns @ fit.covariance.values) * columns)) / (len(columns) * mean)
+        out.append(1.0 - min(taken, LARGEST_LEVERAGE))
+    return np.array(out)
+
+
+def _mean(values: Array) -> tuple[float, float]:
+    """With its standard uncertainty, by how the values differ."""
+    return float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
 
 
 @dataclass(frozen=True)

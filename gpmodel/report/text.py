@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from gpmodel import wording
-from gpmodel.report import instrument_words, verdict, words
+from gpmodel.report import verdict, words
 from gpmodel.report.schema import ErrorsMm, Report
 from gpmodel.report.schema_search import EffectRecord
 from gpmodel.wording import WIDTH, wrapped
@@ -21,7 +21,7 @@ def summary(report: Report) -> str:
         ("Predictions", [wrapped(said)] if (said := words.predicted(report)) else []),
         ("Readings, each in its own unit, RMS", list(_readings(report))),
         ("Noise floor", [wrapped(words.noise_floor(report))]),
-        ("Instrument", [wrapped(instrument_words.instrument(report))] if report.instrument else []),
+        ("Instrument", [wrapped(words.instrument(report))] if report.instrument else []),
         ("Effects" if report.kind == "calibrate" else "Findings", list(_effects(report))),
         ("Rejected candidates", list(_rejected(report))),
         ("Significant inputs", list(_inputs(report))),
@@ -87,7 +87,7 @@ def _effects(report: Report) -> Iterator[str]:
         facts = [
             f"unique share {wording.percent(effect.unique_share)}" if effect.unique_share is not None else "",
             words.moves(effect),
-            instrument_words.beside_specification(effect),
+            words.beside_specification(effect),
             f"chance {wording.chance(effect.p_value, effect.shuffles, effect.shuffled)}"
             if effect.p_value is not None
             else "",

@@ -11,18 +11,18 @@ import numpy as np
 import pandas as pd
 
 from gpmodel import files
-from gpmodel.application.changes import NamedChange, Visible
+from gpmodel.application.possible_changes import NamedChange, Visible
 from gpmodel.application.verify import Verified
 from gpmodel.arrays import Array, NotNegative, Share
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import turn_error
-from gpmodel.model.naming import names_of, translate
 from gpmodel.model.observation import Observation, observations
+from gpmodel.model.sites import names_of, translate
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.report.build import OWN_UNIT
 from gpmodel.report.fitted import optional, statistics_mm
-from gpmodel.report.iso9283 import repeatability
 from gpmodel.report.origin import mechanism_record, versions
+from gpmodel.report.particulars import repeatability
 from gpmodel.report.saved import LARGEST_FILE
 from gpmodel.report.schema import DataRecord, ErrorsMm, MechanismRecord
 from gpmodel.report.schema_poses import ReadingRecord, Repeatability

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gpmodel import wording
-from gpmodel.application.changes import NamedChange
+from gpmodel.application.possible_changes import NamedChange
 from gpmodel.report.page import render
 from gpmodel.report.picture import AFTER, AXIS, BEFORE, INK, MUTED, Picture, log_axis
 from gpmodel.report.schema import ErrorsMm

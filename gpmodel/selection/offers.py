@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.catalogue import Offer, instances
 from gpmodel.families.frequency_grid import FrequencyGrid
-from gpmodel.families.offer import Offer, instances
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Term
 from gpmodel.model.sites import Site

@@ -14,8 +14,7 @@ from gpmodel.calibration.priors import off_mean
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.model.effect import Term
 from gpmodel.model.error_model import ErrorModel, Placement, pose_error
-from gpmodel.numerics.least_squares import inverse_of
-from gpmodel.numerics.outliers import among_worst, outlier_limit
+from gpmodel.numerics.least_squares import among_worst, inverse_of, outlier_limit
 from gpmodel.selection.group import Group, Price, Shapes
 from gpmodel.selection.pool import GroupPool, Rows
 from gpmodel.selection.posterior import LEAST_NOISE, Active

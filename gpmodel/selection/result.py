@@ -21,7 +21,7 @@ from gpmodel.selection.posterior import Active
 from gpmodel.selection.relinearise import Expansion, Screening
 from gpmodel.selection.scan import Scan
 from gpmodel.selection.sinusoids import sinusoid_null
-from gpmodel.table.split import JUDGED
+from gpmodel.table.bundles import JUDGED
 
 
 @dataclass(frozen=True)

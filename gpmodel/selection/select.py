@@ -9,9 +9,8 @@ from threadpoolctl import threadpool_limits
 from gpmodel.calibration.gauss_newton import fitting_of
 from gpmodel.calibration.noise import pose_ratio
 from gpmodel.calibration.result import Calibration, resolved
-from gpmodel.executor import Workers, called
+from gpmodel.executor import ALONE, Workers, called
 from gpmodel.families.frequency_grid import FrequencyGrid
-from gpmodel.forks import ALONE
 from gpmodel.model.error_model import Poses, observe
 from gpmodel.model.states import States
 from gpmodel.selection.group import Group, Price, Shapes, geometry_groups

@@ -13,9 +13,8 @@ from scipy.optimize import minimize_scalar
 
 from gpmodel.arrays import Array
 from gpmodel.evidence.score import best, rotated
-from gpmodel.families.family import Family
+from gpmodel.families.catalogue import Family, Offer
 from gpmodel.families.frequency_grid import FrequencyGrid
-from gpmodel.families.offer import Offer
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.states import States
 from gpmodel.selection.group import CAP, Group, Shapes, group_of

@@ -12,8 +12,7 @@ from gpmodel.arrays import Array
 from gpmodel.characters import steers
 from gpmodel.errors import InputError, LayoutError, choices
 from gpmodel.mechanism.branches import branched
-from gpmodel.mechanism.protocol import Joint, Mechanism, followers
-from gpmodel.mechanism.quantities import checked_mass
+from gpmodel.mechanism.protocol import Joint, Mechanism, checked_mass, followers
 from gpmodel.table.bundles import check_repeats
 from gpmodel.table.cells import numbers
 from gpmodel.table.dataset import LABELS, READINGS, TOUCHED, Dataset

@@ -15,7 +15,7 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.extras import extra_for
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.table.imported import Imported, cells, joint_cells, surplus_joints
+from gpmodel.table.foreign import Imported, cells, joint_cells, surplus_joints
 
 JOINTS = "sensor_msgs/msg/JointState"
 MEASURED = {

@@ -9,7 +9,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError, choices
-from gpmodel.mechanism.quantities import checked
+from gpmodel.mechanism.protocol import checked
 from gpmodel.table.units import factor
 
 UNITS = {"angle": ("deg", "rad"), "length": ("mm", "m", "in"), "mass": ("kg",), "acceleration": ("m_s2",)}

@@ -10,7 +10,7 @@ import pint
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism.quantities import SI
+from gpmodel.mechanism.protocol import SI
 
 _HEADER = re.compile(r"^\s*(?P<name>.*?)\s*\[\s*(?P<unit>[^\]]*?)\s*\]\s*$")
 _QUANTITY = re.compile(r"^\s*(?P<value>[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(?P<unit>\S.*?)\s*$")

@@ -4,7 +4,6 @@ Each is a plain function for one's own test suite; it raises AssertionError that
 """
 
 from gpmodel.testing.effects import check_effect, check_family
-from gpmodel.testing.mechanisms import check_mechanism
-from gpmodel.testing.representations import check_representation
+from gpmodel.testing.mechanisms import check_mechanism, check_representation
 
 __all__ = ["check_effect", "check_family", "check_mechanism", "check_representation"]

@@ -8,8 +8,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.calibration.linearise import effect_columns
 from gpmodel.errors import InputError
-from gpmodel.families.family import Family
-from gpmodel.families.offer import instances
+from gpmodel.families.catalogue import Family, instances
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism, places
 from gpmodel.mechanism.workspace import random_poses

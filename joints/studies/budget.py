@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from joints import figures, spherical_joint
 from joints.budget import KINDS, Budget, budget_joint, error_budget, read_budget
-from joints.kinematics import parameter
+from joints.passive_joint import parameter
 from joints.studies.study import MICRO, Study, Table
 
 HEADS = ("kind", "mean [um]", "mean + 3 SD [um]", "published [um]", "realigned [um]")

@@ -7,8 +7,7 @@ import numpy as np
 
 from joints import figures
 from joints.contact import Body, HertzContact, first_yield_pressure, hertz, published_hertz
-from joints.limits import positive
-from joints.settings import load_settings
+from joints.settings import load_settings, positive
 from joints.studies.study import MICRO, N_PER_UM, Study, Table
 
 _HEADS = (

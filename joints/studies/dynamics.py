@@ -20,13 +20,10 @@ from joints.dynamics import (
     slow_damping,
 )
 from joints.fed_film import FedFilm, fed_film, squeeze_impedance, squeeze_number
-from joints.film_design import design_film
-from joints.film_settings import film_geometry, orifice_law
+from joints.film_design import design_film, film_geometry, orifice_law
 from joints.friction import Losses, largest_motion, magnet_stiffness, steady_state
-from joints.limits import not_negative, positive, require
-from joints.measured import curve_of
 from joints.reynolds import spherical_film
-from joints.settings import Settings, load_settings
+from joints.settings import Settings, curve_of, load_settings, not_negative, positive, require
 from joints.studies.study import MICRO, N_PER_UM, Study, Table
 
 _HEADS = (

@@ -6,14 +6,12 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from joints import figures
-from joints.film_settings import film_geometry, orifice_law
-from joints.limits import not_negative, positive, require
-from joints.measured import curve_of
-from joints.regime_fit import fit_regimes
-from joints.settings import Settings, load_settings
+from joints.film_design import film_geometry, orifice_law
+from joints.settings import Settings, curve_of, load_settings, not_negative, positive, require
 from joints.stiffness import (
     RegimeCurve,
     contact_tension,
+    fit_regimes,
     layer_stiffness,
     lifted_tension,
     magnet_force,

@@ -9,11 +9,11 @@ from cli_cases import one_line, run
 from verify_cases import Fitted, fitted_robot, placed_anew, read_later
 
 import gpmodel as gp
-from gpmodel.api.next_check import NextCheck
+from gpmodel.api.verify import NextCheck
 from gpmodel.application.next_check import FALSE_ALARM, FIRST, significance
 from gpmodel.planning.simulate import Simulation
+from gpmodel.table.cells import frame_of, table_text
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.write import frame_of, table_text
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,8 @@ from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import drive_effect
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.numerics.se3 import chain, rotation_vector
+from gpmodel.table.cells import frame_of
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.write import frame_of
 
 EFFECTS = {
     "irb6400r": ("base_compliance=3e-7", "gear_harmonic J4=60 arcsec", "J3.moving:Ry:sin(40*J3)=0.1 mrad"),

@@ -9,11 +9,9 @@ from cli_cases import robot
 from model_cases import fitted, sealed
 
 from gpmodel.application.heldout import with_discrepancy
-from gpmodel.application.later import settled
 from gpmodel.application.model_file import SavedModel, load_model, model_content, saved_model
-from gpmodel.application.predict import observed_by
-from gpmodel.application.recheck import recheck
-from gpmodel.application.uncertainty import coordinate_deviations
+from gpmodel.application.predict import coordinate_deviations, observed_by
+from gpmodel.application.recheck import recheck, settled
 from gpmodel.application.usable import usable
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.files import plain

@@ -1,8 +1,11 @@
 """Text of a table or a description in generated source: it stays text, whatever it is."""
 
 import ast
+import ctypes
 import json
 import re
+import shutil
+import subprocess
 import tomllib
 import xml.etree.ElementTree as ET
 from dataclasses import replace
@@ -10,18 +13,26 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
-from cli_cases import robot
+from cli_cases import one_line, robot, run
+from scipy.spatial.transform import Rotation
 
+import gpmodel as gp
 from gpmodel.api.calibrate import calibrate
-from gpmodel.application.exports import make
-from gpmodel.application.exports.make import parts_of, together
+from gpmodel.api.model import Model
+from gpmodel.application.exports import make, programs
+from gpmodel.application.exports.forward import forward_of
+from gpmodel.application.exports.make import exports_of, parts_of, together
+from gpmodel.application.exports.program_reading import program_read
 from gpmodel.application.exports.programs import program_text
 from gpmodel.application.exports.sample import Place
+from gpmodel.application.exports.sources import c_text
 from gpmodel.application.model_file import SavedModel
 from gpmodel.errors import InputError
-from gpmodel.mechanism.source import LoadedMechanism, MechanismChoice
+from gpmodel.mechanism.source import LoadedMechanism, MechanismChoice, choice_of
 from gpmodel.model.error_model import ErrorModel, Placement
+from gpmodel.numerics import se3
 
 HOSTILE = {
     "python": 'x"""\nopen("CANARY", "w")\n"""',
@@ -138,3 +149,173 @@ def test_columns_of_a_model_are_read_as_those_of_a_table(columns: list[str], tmp
     (tmp_path / "model.json").write_text(json.dumps(content | {"sha256": seal(content)}))
     with pytest.raises(InputError, match=r"measured\.columns: expected the 6 joints"):
         load_model(tmp_path / "model.json")
+
+
+EFFECTS = {
+    "irb6400r": ("base_compliance=3e-7", "gear_harmonic J4=60 arcsec"),
+    "panda": ("J2.moving:Tz:step(x)*abs(y)=0.4 mm",),
+}
+
+
+def calibrated(name: str) -> Model:
+    effects = tuple(text.replace("J2.", "panda_joint2.") if name == "panda" else text for text in EFFECTS[name])
+    mechanism, made = robot(80, 3, name, effects=effects)
+    return calibrate(mechanism, made.dataset, [text.rpartition("=")[0] for text in effects]).model
+
+
+def points(model: Model, q: np.ndarray) -> np.ndarray:
+    """Predict points, m."""
+    frame = pd.DataFrame({f"{j.name} [rad]": v for j, v in zip(model.mechanism.joints, q.T, strict=True)})
+    return model.predict(frame)[["x [mm]", "y [mm]", "z [mm]"]].to_numpy() / 1e3
+
+
+def fresh(model: Model, count: int) -> np.ndarray:
+    low, high = np.array([model.saved.ranges[j.name] for j in model.mechanism.joints]).T
+    return np.random.default_rng(9).uniform(low, high, (count, len(low)))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["irb6400r", "panda"])
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_the_inverse_in_c_is_that_of_compensate(name: str, tmp_path: Path) -> None:
+    model = calibrated(name)
+    forward = forward_of(model.saved, Place.of(model.saved))
+    (tmp_path / "model.c").write_text(
+        c_text(forward, "", np.zeros((1, len(fresh(model, 1)[0]) + len(forward.inputs) + 3)))
+    )
+    library = tmp_path / "model.so"
+    done = subprocess.run(
+        ["cc", "-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", str(tmp_path / "model.c"), "-lm",
+         "-o", str(library)], capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    inverse = ctypes.CDLL(str(library)).gpmodel_compensate
+    q = fresh(model, 200)
+    frame = pd.DataFrame({f"{j.name} [rad]": v for j, v in zip(model.mechanism.joints, q.T, strict=True)})
+    expected = model.compensate(frame)
+    wanted = expected.filter(regex=r"^corrected_").to_numpy(dtype=float)
+    wanted = np.radians(wanted) if "[deg]" in "".join(expected.filter(regex="^corrected_").columns) else wanted
+    inputs = np.zeros(16)
+    for k, given in enumerate(forward.inputs):
+        inputs[k] = float(choice_of(model.mechanism).payload or 0.0) if given == "payload" else 0.0
+    double = ctypes.POINTER(ctypes.c_double)
+    found = np.full_like(q, np.nan)
+    for k, row in enumerate(q):
+        start, out = np.ascontiguousarray(row), np.empty(q.shape[1])
+        if inverse(start.ctypes.data_as(double), inputs.ctypes.data_as(double), out.ctypes.data_as(double)):
+            np.testing.assert_array_equal(out, start)
+            continue
+        found[k] = out
+    ok = (expected["status"] == "ok").to_numpy()
+    both = ok & np.isfinite(found).all(axis=1)
+    assert both.sum() >= 0.95 * ok.sum() > 100
+    assert np.linalg.norm(points(model, found[both]) - points(model, wanted[both]), axis=1).max() < 1e-6
+
+
+EXPONENTIAL = {".tex": ("e^{", "\\xi_"), ".py": ("np.exp(", "twists["), ".c": ("exp(", "twists[")}
+"""By suffix: how it is written, and what its line has."""
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("brief")
+def test_a_bump_is_found_named_and_exported_with_one_exponential() -> None:
+    arm = gp.load_mechanism("irb6400r")
+    planted = "J2.moving:Rz:exp(-13*square(J2 - 0.3))=0.8 mrad"
+    made = gp.simulate(arm, [planted], poses=60, noise="0.02 mm", seed=3)
+    found = gp.discover(arm, made.table, search=gp.Search(runs=0), holdout=0.3)
+    (finding,) = found.findings
+    assert finding.name.startswith("bump of J2 at 17.")
+    saved = found.model.saved
+    texts = {Path(export.file).suffix: export.text for export in exports_of(saved, Place.of(saved)).made}
+    for suffix, (written, place) in EXPONENTIAL.items():
+        (line,) = [line for line in texts[suffix].splitlines() if written in line and place in line]
+        assert line.count(written) == 1
+
+
+def test_an_effect_that_is_undefined_where_it_was_fitted_is_exported_nowhere() -> None:
+    arm = gp.load_mechanism("irb6400r")
+    saved = gp.calibrate(arm, gp.simulate(arm, poses=40, seed=3).table).model.saved
+    first, *others = saved.model.effects
+    odd = replace(first, terms=(replace(first.terms[0], basis=gp.Expression("1/(J1-J1)")),))
+    saved = replace(saved, model=replace(saved.model, effects=(odd, *others)))
+    with pytest.raises(gp.InputError, match="is infinite or undefined at some poses"):
+        exports_of(saved, Place.of(saved))
+
+
+POINTS = ["x [mm]", "y [mm]", "z [mm]"]
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    mechanism, made = robot(50, 3, "irb6400r", effects=("joint_compliance J2=2e-7",))
+    return calibrate(mechanism, made.dataset, ["joint_compliance J2"]).model
+
+
+@pytest.fixture(scope="module")
+def targets(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three targets, the second of which asks for a move beyond a limit."""
+    path = tmp_path_factory.mktemp("targets") / "targets.csv"
+    q = [[10, 5, 20, 30, 40, 50], [0, 0, 0, 0, 60, 399.9999999], [-100, -20, 35, -120, -50, 100]]
+    pd.DataFrame(q, columns=[f"J{i + 1} [deg]" for i in range(6)]).to_csv(path, index=False)
+    return path
+
+
+@pytest.mark.parametrize("file", ["cell 1.mod", "cell.dat"])
+def test_what_is_written_reaches_the_targets(model: Model, targets: Path, tmp_path: Path, file: str) -> None:
+    model.save(tmp_path / "model.json")
+    done = run("compensate", tmp_path / "model.json", targets, "--max-move", "0.5", "--out", tmp_path / file)
+    assert done.exit_code == 0, done.stderr
+    text = (tmp_path / file).read_text()
+    in_degrees, frames = program_read(text)
+    joints = {row: np.radians(values) for row, values in in_degrees.items()}
+    corrected = model.compensate(targets, max_move=0.5)
+    given = corrected["status"].isin(["ok", "outside the measured range"])
+    assert set(joints) == set(frames) == {i + 1 for i in np.flatnonzero(given)}
+    for row in sorted(set(range(1, 4)) - set(joints)):
+        assert f"Row {row}: no target, {corrected['status'][row - 1]}." in text
+    q = np.array([joints[row] for row in sorted(joints)])
+    np.testing.assert_allclose(np.degrees(q), corrected.loc[given, [c for c in corrected if "corrected" in c]])
+    headers = [f"J{i + 1} [rad]" for i in range(6)]
+    reached = model.predict(pd.DataFrame(q, columns=headers))[POINTS].to_numpy()
+    nominal = se3.chain(model.mechanism.transforms(np.radians(pd.read_csv(targets).to_numpy()[given])))[-1]
+    placed = model.saved.placement
+    wanted = 1e3 * (placed.registration[""] @ nominal @ placed.tool[""])[:, :3, 3]
+    assert np.abs(reached - wanted).max() < 1e-3
+    flange = se3.chain(model.mechanism.transforms(q))[-1]
+    for row, frame in zip(sorted(frames), flange, strict=True):
+        found = frames[row]
+        assert np.abs(found[:3, 3] - frame[:3, 3]).max() < 1e-6
+        assert Rotation.from_matrix(found[:3, :3] @ frame[:3, :3].T).magnitude() < 1e-7
+    quarters = [[float(v) for v in said.split(",")] for said in re.findall(r"\],\[([-\d,]+),0\],\[9E9", text)]
+    assert quarters == ([[np.floor(np.degrees(v[i]) / 90) for i in (0, 3, 5)] for v in q] if "MODULE" in text else [])
+
+
+@pytest.mark.parametrize(("language", "format_numbers"), [("RAPID", "_numbers"), ("KRL", "_fields")])
+def test_the_head_says_how_far_the_read_program_is_off(
+    model: Model, targets: Path, monkeypatch: pytest.MonkeyPatch, language: programs.Language, format_numbers: str
+) -> None:
+    corrected = model.compensate(targets)
+    assert re.search(r"Read back: joint values to \de-1\d deg or mm, frames to \de-\d+ mm and \S+ deg", (
+        model.program(corrected, language)))  # fmt: skip
+    whole = getattr(programs, format_numbers)
+    monkeypatch.setattr(programs, format_numbers, lambda *given: re.sub(r"(\.\d)\d+", r"\1", whole(*given)))
+    assert "Read back: joint values to 0." in model.program(corrected, language)
+
+
+def test_names_are_those_of_a_program(model: Model, targets: Path) -> None:
+    corrected = model.compensate(targets)
+    for language, first in (("RAPID", "MODULE p_1_cell_ok"), ("KRL", "DEFDAT p_1_cell_ok PUBLIC")):
+        assert model.program(corrected, language, "1 cell-ok").splitlines()[0] == first  # type: ignore[arg-type]
+
+
+@pytest.mark.long
+def test_what_is_no_list_of_targets_is_refused(model: Model, targets: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="0 columns corrected_JOINT and 6 joints"):
+        model.program(pd.read_csv(targets), "RAPID")
+    with pytest.raises(InputError, match="expected RAPID or KRL"):
+        model.program(model.compensate(targets), "G-code")  # type: ignore[arg-type]
+    model.save(tmp_path / "model.json")
+    out = tmp_path / "none.mod"
+    said = one_line(run("compensate", tmp_path / "model.json", targets, "--max-move", "1e-9", "--out", out), 2)
+    assert "none of the 3 targets has corrected joint values" in said
+    assert not out.exists()

@@ -1,4 +1,4 @@
-"""Predictions of a model at unmeasured poses: precision, ranges, and averages over sessions."""
+"""Models as they can be used afterwards, further poses, and predictions over causes."""
 
 from dataclasses import replace
 
@@ -6,19 +6,36 @@ import numpy as np
 import pandas as pd
 import pytest
 from cli_cases import robot, table
+from effect_cases import Truth, bare, measure, mechanism, sized
+from model_cases import fitted
 
 import gpmodel as gp
+from experiments.spherical_joint.rigs import JOINT, rig_of
 from gpmodel.api.model import POINTS, Point
+from gpmodel.application.exports.rigid import note_of, refitted
+from gpmodel.application.further import POSES, further_poses
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.predict import predicted_columns
-from gpmodel.application.uncertainty import placement_columns
+from gpmodel.application.over_causes import spread_over, tool_spreads
+from gpmodel.application.predict import placement_columns, predicted_columns
 from gpmodel.application.usable import REACHES, placed_now, usable
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.result import errors_on
+from gpmodel.discovery.loop import discover
+from gpmodel.discovery.search import Search
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import residual_of
+from gpmodel.families import catalogue
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.derived import seen_columns
 from gpmodel.model.effect import Effect, Term
-from gpmodel.model.error_model import observe, prepare
+from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
+from gpmodel.model.sites import geometric_effects
 from gpmodel.model.states import States
-from gpmodel.table.dataset import unmeasured
+from gpmodel.numerics.least_squares import root_mean_square
+from gpmodel.selection.causes import Cause
+from gpmodel.selection.group import Group
+from gpmodel.table.bundles import JUDGED
+from gpmodel.table.dataset import Dataset, unmeasured
 
 LENGTHS = ["x [mm]", "y [mm]", "z [mm]"]
 
@@ -223,3 +240,104 @@ def test_many_poses_are_predicted_in_parts_that_remember_those_before(monkeypatc
     np.testing.assert_allclose(parts.filter(regex="predicted|sigma"), whole.filter(regex="predicted|sigma"), rtol=1e-12)
     assert said[0] == "0 of 40 poses predicted"
     assert len(said) == 6
+
+
+NOISE = 3e-5
+
+
+def fresh(poses: Poses, truth: Truth, rng: np.random.Generator) -> Poses:
+    """Poses anywhere within the measured ranges, measured with the same noise."""
+    data: Dataset = poses.dataset.subset(rng.integers(0, len(poses), POSES))
+    data = replace(data, q=rng.uniform(poses.dataset.q.min(axis=0), poses.dataset.q.max(axis=0), data.q.shape))
+    there = prepare(truth.model.mechanism, data)
+    tip = observe(truth.model, there, truth.theta, truth.placement).tip[:, :3, 3]
+    return replace(there, dataset=replace(data, position=tip + NOISE * rng.normal(size=tip.shape)))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("count", [40, 100])
+def test_the_bounds_hold_on_further_poses_and_are_no_wider_than_they_must(count: int) -> None:
+    held, over = [], []
+    for seed in range(12):
+        truth = measure("ur5", (), (), seed, count=count, noise=NOISE)
+        fit = calibrate(truth.model, truth.poses)
+        found = further_poses(fit, truth.poses)
+        assert found is not None
+        errors = errors_on(fit, fresh(truth.poses, truth, np.random.default_rng(seed)))
+        there = [np.sqrt(np.mean(errors**2)), np.percentile(errors, 95), errors.max()]
+        bounds = [1e-3 * b.bound_mm for b in (found.rms, found.within_95, found.largest)]
+        held += [t <= b for t, b in zip(there, bounds, strict=True)]
+        over.append(bounds[0] / there[0])
+        assert found.rms.typical_mm < found.rms.bound_mm
+    assert np.mean(held) > 0.85
+    assert np.median(over) < 1.3
+
+
+def test_repeats_of_few_poses_are_worth_less_than_as_many_poses() -> None:
+    truth = measure("ur5", (), (), 3, count=60, noise=NOISE)
+    fit = calibrate(truth.model, truth.poses)
+    assert fit.freedom == 180 - fit.rank
+    few = truth.poses.subset(np.arange(12))
+    assert further_poses(calibrate(truth.model, few), few) is None
+
+
+def test_each_pose_is_left_out_of_a_fit_of_the_geometry_once() -> None:
+    saved, dataset = fitted("geometry")
+    rigid = refitted(saved)
+    fitted_to = root_mean_square(calibrate(saved.model, prepare(saved.mechanism, dataset)).error)
+    assert len(rigid.heldout) == len(dataset)
+    assert fitted_to < root_mean_square(rigid.heldout) < 3.0 * fitted_to
+    assert "Error on held-out poses" in note_of(rigid, "calibrated.urdf")
+
+
+ARM = "ur5"
+FOUND, RIVAL = (f"{kind}, shoulder_lift_joint" for kind in ("eccentricity, 1 per turn", "joint compliance"))
+OTHER = "base compliance"
+
+
+@pytest.mark.long
+def test_other_causes_move_the_other_findings_as_fits_with_them_say() -> None:
+    """A wave at the shoulder in the place of its compliance leaves the tilt of the base to say what both would."""
+    arm, data = mechanism(ARM), bare(ARM, 120, 3, payload=False)
+    pool = {c.name: c for c in catalogue.candidates(arm, prepare(arm, data).states)}
+    at = len(geometric_effects(arm))
+    planted = [*pool[RIVAL].effects, *pool[OTHER].effects]
+    theta = np.concatenate([sized(ARM, pool[name].effects, data, 0.2) for name in (RIVAL, OTHER)])
+    truth = measure(ARM, planted, theta, 3, dataset=data)
+
+    def fitted(name: str) -> tuple[float, float, np.ndarray]:
+        """Value of the tilt beside a finding, its standard error, and the tool point, m."""
+        model = ErrorModel(arm, (*geometric_effects(arm), *pool[OTHER].effects, *pool[name].effects))
+        fit = calibrate(model, truth.poses, condition_limit=first.condition_limit, robust=False)
+        return float(fit.theta[at]), float(fit.stderr[at]), fit.placement.tool[""][:3, 3]
+
+    model = ErrorModel(arm, (*geometric_effects(arm), *pool[OTHER].effects, *pool[FOUND].effects))
+    first = calibrate(model, truth.poses, robust=False)
+    without = residual_of(first, truth.poses, Criteria(), JUDGED).without(pool[FOUND].effects)
+    other = [Cause((Group(**vars(pool[RIVAL])),), 0.3, own=False)]
+    spread = spread_over(without, pool[FOUND].effects, other)
+    beside, instead = fitted(FOUND)[0], fitted(RIVAL)[0]
+    assert abs(instead - beside) > 3.0 * fitted(FOUND)[1]
+    assert spread[pool[OTHER].effects[0].name] == pytest.approx(np.sqrt(0.3) * abs(instead - beside), rel=0.1)
+    tool = np.sqrt(0.3) * np.abs(fitted(RIVAL)[2] - fitted(FOUND)[2])
+    largest = int(np.argmax(tool))
+    assert spread[f"tool T{'xyz'[largest]}"] == pytest.approx(tool[largest], rel=0.1)
+    assert spread_over(without, pool[FOUND].effects, [replace(other[0], probability=0.005)]) == {}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [92, 94, 95])
+def test_the_radius_of_a_ball_allows_for_lobes_of_any_number_and_for_those_that_are_not_found(seed: int) -> None:
+    """Three lobes and an offset look like other lobes, or like another radius: 6, 22 and 27 standard errors off."""
+    off, wider = [], []
+    for kind in ("lobes", "nothing"):
+        rig, data = rig_of(seed, kind, True)
+        nothing = np.zeros(0, dtype=np.int64)
+        found = discover(JOINT, prepare(JOINT, data), np.arange(60), nothing, search=Search(runs=0, workers=1))
+        (radius,) = [p for p in found.final.placed if p.name == "tool z"]
+        stderr = np.hypot(radius.stderr, [spread["tool Tz"] for spread in tool_spreads(found)]).max()
+        off.append(abs(radius.value - rig.joint.tooling_ball[2] + JOINT.tooling_ball[2]) / stderr)
+        wider.append(stderr / radius.stderr)
+    assert max(off) < 3.0
+    assert wider[0] > 2.0
+    assert wider[1] < 1.05

@@ -13,8 +13,8 @@ from instrument_cases import ARM, EFFECT
 import gpmodel as gp
 from experiments.touches.run import EFFECTS as UNDECLARED
 from gpmodel.model.instruments import with_observations
+from gpmodel.table.cells import frame_of, table_text
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.write import frame_of, table_text
 
 POSES = {"camera": (40, 14), "hand camera": (40, 14), "planes": (90, 36), "spheres": (90, 36), "points": (80, 40),
          "bar": (120, 60), "inclinometer": (60, 24)}  # fmt: skip

@@ -5,16 +5,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_cases import NOISE, Truth, bare, measure, mechanism, true_tips
+from effect_cases import MECHANISMS, NOISE, Truth, bare, measure, mechanism, true_tips
 
+import gpmodel as gp
 from gpmodel.calibration import iterate
 from gpmodel.calibration.comparison import climb, growing
 from gpmodel.calibration.gauge import stands_still, still_joints
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.calibration.result import errors_on, without_outlier_marks
+from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
+from gpmodel.calibration.start import start_placement
+from gpmodel.calibration.weigh import hang_payload
+from gpmodel.errors import InputError
 from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.source import LoadedMechanism, MechanismChoice
 from gpmodel.model.effect import drive_effect
-from gpmodel.model.error_model import ErrorModel, prepare
+from gpmodel.model.error_model import ErrorModel, observe, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
@@ -184,3 +189,162 @@ def test_one_pose_measured_metres_away_is_left_out_and_changes_nothing_else() ->
     assert far.status == "converged"
     assert far.kept.tolist() == rest.kept.tolist()
     np.testing.assert_allclose(far.theta, rest.theta, atol=1e-9)
+
+
+ARM = MechanismChoice("irb6400r").load()
+
+
+def test_the_payload_hangs_where_registration_and_tool_alone_put_the_point() -> None:
+    truth = measure("irb6400r", (), (), 1, geometry=0.0, dataset=bare("irb6400r", 60, 1))
+    arm, poses = hang_payload(ARM, truth.poses)
+    assert isinstance(arm, LoadedMechanism)
+    assert arm.choice.payload_com == pytest.approx(truth.placement.tool[""][:3, 3], abs=1e-4)
+    there = ARM.loads(truth.poses.dataset.q, truth.poses.dataset.payload)["torque_J5"]
+    assert np.abs(poses.states["torque_J5"] - there).max() > 1.0
+    again = arm.choice.load().loads(poses.dataset.q, poses.dataset.payload)["torque_J5"]
+    np.testing.assert_allclose(poses.states["torque_J5"], again)
+    assert ARM.choice.payload_com is None
+
+
+@pytest.mark.parametrize("kind", ["nothing carried", "centre given", "built in Python"])
+def test_nothing_changes_where_nothing_is_carried_or_its_centre_is_known(kind: str) -> None:
+    poses = measure("irb6400r", (), (), 1, geometry=0.0, dataset=bare("irb6400r", 60, 1)).poses
+    arm = {"centre given": ARM.carrying_at((0.0, 0.0, 0.1)), "built in Python": ARM.bare}.get(kind, ARM)
+    if kind == "nothing carried":
+        poses = prepare(ARM, replace(poses.dataset, payload=np.zeros(60)))
+    same, untouched = hang_payload(arm, poses)
+    assert same is arm
+    assert untouched is poses
+
+
+POSES, TIMES = 24, 3
+SHARED, ALONE = 4e-5, 1e-5
+
+
+def repeated(seed: int, times: int = TIMES) -> Truth:
+    """Poses measured several times, which share a deviation four times as large as that of a measurement."""
+    single = bare("ur5", POSES, seed, payload=False)
+    data = single.subset(np.tile(np.arange(POSES), times))
+    data = replace(data, row=np.arange(1, len(data) + 1))
+    joints = mechanism("ur5").joints
+    effects = [
+        drive_effect(f"{f} {j.name}", j, Expression(f"{f}({j.name})")) for j in joints[2:4] for f in ("sin", "cos")
+    ]
+    truth = measure("ur5", effects, [1e-3, -5e-4, 2e-4, 1e-4], seed, dataset=data, geometry=0.0, noise=ALONE)
+    shared = SHARED * np.random.default_rng([seed, 9]).normal(size=(POSES, 3))
+    moved = replace(truth.poses.dataset, position=truth.poses.dataset.position + np.tile(shared, (times, 1)))
+    return replace(truth, poses=replace(truth.poses, dataset=moved))
+
+
+def fitted(truth: Truth) -> Calibration:
+    return calibrate(truth.model, truth.poses, robust=False)
+
+
+@pytest.mark.long
+def test_deviations_are_right_where_poses_are_repeated() -> None:
+    truths = [repeated(seed) for seed in range(40)]
+    scores = [(fit.theta - truth.theta) / fit.stderr for truth, fit in ((t, fitted(t)) for t in truths)]
+    assert np.std(scores) == pytest.approx(1.0, abs=0.15)
+
+
+def test_as_many_repeats_of_every_pose_are_their_mean() -> None:
+    """The numbers, and up to the freedom left for the noise their deviations, are those of one mean a pose."""
+    truth = repeated(3)
+    data = truth.poses.dataset
+    mean = replace(data.subset(np.arange(POSES)), position=data.position.reshape(TIMES, POSES, 3).mean(axis=0))
+    of_means = calibrate(truth.model, prepare(truth.model.mechanism, mean), robust=False)
+    fit = fitted(truth)
+    np.testing.assert_allclose(fit.theta, of_means.theta, atol=1e-9)
+    np.testing.assert_allclose(fit.stderr, of_means.stderr, rtol=0.15)
+    assert of_means.freedom == 3 * POSES - of_means.rank
+    assert of_means.freedom < fit.freedom < 1.5 * of_means.freedom
+
+
+def test_measuring_again_adds_little_where_poses_share_most() -> None:
+    """Twelve repeats of a pose are worth hardly more than three."""
+    few, many = (fitted(repeated(5, times)) for times in (3, 12))
+    assert np.all(many.stderr > 0.8 * few.stderr)
+    assert few.pose_ratio == pytest.approx((SHARED / ALONE) ** 2, rel=0.6)
+
+
+def test_poses_measured_once_have_one_level_of_noise() -> None:
+    assert fitted(repeated(1, times=1)).pose_ratio == 0.0
+
+
+SEEN = {
+    "position": ("position",),
+    "pose": ("position", "rotation"),
+    "distance": ("distance",),
+    "all": ("position", "rotation", "distance"),
+}
+
+
+@pytest.mark.parametrize("name", ["irb6400r", "ur5", "dh"])
+@pytest.mark.parametrize("see", ["position", "pose", "all"])
+def test_an_innocent_robot_is_placed_exactly(name: str, see: str) -> None:
+    truth = measure(name, (), (), 4, count=25, noise=0.0, geometry=0.0, see=SEEN[see])
+    start = start_placement(truth.poses)
+    seen = observe(truth.model, truth.poses, truth.theta, start)
+    np.testing.assert_allclose(seen.tip[:, :3, 3], truth.poses.dataset.position, atol=1e-6)
+    np.testing.assert_allclose(start.tool[""][:3, 3], truth.placement.tool[""][:3, 3], atol=1e-5)
+    if see != "position":
+        true = observe(truth.model, truth.poses, truth.theta, truth.placement).tip
+        np.testing.assert_allclose(seen.tip[:, :3, :3], true[:, :3, :3], atol=1e-6)
+    for anchor, point in start.anchors.items():
+        np.testing.assert_allclose(point, truth.placement.anchors[anchor], atol=1e-4)
+
+
+@pytest.mark.parametrize("see", ["position", "pose"])
+def test_several_setups_and_tools_are_placed_together(see: str) -> None:
+    truth = measure("irb6400r", (), (), 4, count=60, noise=0.0, geometry=0.0, setups=3, tools=2, see=SEEN[see])
+    start = start_placement(truth.poses)
+    assert list(start.registration) == ["s0", "s1", "s2"]
+    assert list(start.tool) == ["t0", "t1"]
+    for label, frame in truth.placement.registration.items():
+        np.testing.assert_allclose(start.registration[label], frame, atol=1e-5)
+    for label, frame in truth.placement.tool.items():
+        np.testing.assert_allclose(start.tool[label], frame, atol=1e-5)
+
+
+def test_a_joint_error_of_a_robot_leaves_a_start_of_its_size() -> None:
+    truth = measure("irb6400r", (), (), 4, count=40, geometry=1e-3)
+    seen = observe(truth.model, truth.poses, np.zeros_like(truth.theta), start_placement(truth.poses))
+    assert np.linalg.norm(seen.tip[:, :3, 3] - truth.poses.dataset.position, axis=1).max() < 0.02
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_too_few_poses_name_the_setup(name: str) -> None:
+    truth = measure(name, (), (), 4, count=5, setups=2)
+    data = replace(truth.poses.dataset, labels={"setup": np.array(["s0", "s0", "s0", "s0", "later"])})
+    with pytest.raises(InputError, match="setup 'later': 1 poses with x, y and z; registration needs at least 3"):
+        start_placement(prepare(truth.model.mechanism, data))
+
+
+def test_too_few_distances_name_the_column() -> None:
+    truth = measure("ur5", (), (), 4, count=20, see=("position", "distance"))
+    few = {k: np.where(np.arange(20) < 3, v, np.nan) for k, v in truth.poses.dataset.distances.items()}
+    with pytest.raises(InputError, match="column 'distance_0': 3 distances; its anchor needs at least 4"):
+        start_placement(prepare(truth.model.mechanism, replace(truth.poses.dataset, distances=few)))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [2, 7])
+def test_balls_touched_by_an_unknown_tool_are_placed_from_whichever_tool_fits_best(seed: int) -> None:
+    """From the flange alone both seeds end in another minimum, centimetres off."""
+    made = gp.simulate("irb6400r", poses=40, instrument="spheres", geometry_sigma="1 mm", seed=seed)
+    fit = gp.calibrate("irb6400r", made.table, holdout=0).fit[0]
+    assert fit.status == "converged"
+    assert fit.sigma < 2e-4
+    off = fit.placement.tool[""][:3, 3] - made.truth.saved.placement.tool[""][:3, 3]
+    assert np.linalg.norm(off) < 0.02
+
+
+@pytest.mark.long
+def test_few_touches_of_balls_hold_constants_enough() -> None:
+    """Twenty-eight touches fitted for fifteen numbers of three balls and a tool: some constants are held, none too
+    many."""
+    made = gp.simulate("irb6400r", poses=40, instrument="spheres", geometry_sigma="1 mm", seed=3)
+    result = gp.calibrate("irb6400r", made.table)
+    assert [step.calibration.status for step in result.calibrated.steps] == ["converged"] * 2
+    assert 10 <= result.calibrated.steps[-1].calibration.kept.sum() < 13
+    assert result.fit[0].sigma < 2e-4

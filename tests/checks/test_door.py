@@ -1,4 +1,4 @@
-"""Values that no machine and no instrument gives are refused or warned of before any fit."""
+"""Tables that the door refuses, and the part that is blamed."""
 
 import re
 from collections.abc import Callable
@@ -12,8 +12,12 @@ from cli_cases import numbers, one_line, robot, run, table, write
 
 import gpmodel as gp
 from gpmodel.checks.judge import MOST_FITTED, check_dataset, evenly
-from gpmodel.errors import QUOTED
+from gpmodel.checks.notes import not_read
+from gpmodel.errors import QUOTED, InputError
 from gpmodel.table.bundles import _same_joints
+from gpmodel.table.cells import read_frame
+from gpmodel.table.read import dataset_from
+from robots.urdf import read_urdf
 
 GOOD = table(60)
 ARM = """<robot name="two"><link name="l0"/><link name="l1"/><link name="l2"/>
@@ -198,3 +202,128 @@ def test_equal_rows_are_one_pose_as_the_first_of_them_says() -> None:
                 near = (np.abs(q - q[row]).max(axis=1) <= 5e-4) & (expected < 0)
                 expected[near] = row
         assert np.array_equal(_same_joints(q), expected)
+
+
+ARM_BLAMED = (
+    '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/>'
+    '<child link="b"/><axis xyz="0 0 1"/><limit lower="-2" upper="2"/></joint></robot>'
+)
+HEADER = "J1 [deg],x [mm],y [mm],z [mm]"
+
+
+def urdf(tmp_path: Path, old: str = "", new: str = "") -> Path:
+    path = tmp_path / "arm.urdf"
+    path.write_text(ARM_BLAMED.replace(old, new))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('"-2" upper="2"', '"-150" upper="150"', "joint 'j': limits -150 to 150 rad look like degrees; expected rad"),
+        ("joint", "Joint", "<Joint> is no element of a URDF; expected <joint>"),
+        ("<axis", "<Axis", "<Axis> is no element of a URDF; expected <axis>"),
+    ],
+)
+def test_a_urdf_in_degrees_or_capitals_is_refused(tmp_path: Path, old: str, new: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        read_urdf(urdf(tmp_path, old, new))
+
+
+def test_limits_that_say_there_are_none_stay_allowed(tmp_path: Path) -> None:
+    limits = read_urdf(urdf(tmp_path, '"-2" upper="2"', '"-1e6" upper="12"')).limits.tolist()
+    assert limits == [[-float("inf"), 12.0]]
+
+
+def test_an_axis_that_is_not_given_is_said(tmp_path: Path) -> None:
+    arm = read_urdf(urdf(tmp_path, '<axis xyz="0 0 1"/>', ""))
+    (tmp_path / "t.csv").write_text(f"{HEADER}\n1,2,3,4\n2,3,4,5\n")
+    data = gp.read_table(tmp_path / "t.csv", arm)
+    assert "axis of joint j, which the file does not give; 1 0 0 is taken" in " ".join(not_read(arm, data))
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (
+            f"Instrument: X\nDate: 2024\n\n{HEADER}\n1,2,3,4\n",
+            "line 1: 'Instrument: X' is no header; .*line 4 has them",
+        ),
+        (f"# Monday\n{HEADER}\n1,2,3,4\n", "line 1: '# Monday' is no header; .*line 2 has them"),
+        (HEADER.replace("[", "(").replace("]", ")") + "\n1,2,3,4\n", r"'J1 \(deg\)', 'x \(mm\)', .*write 'J1 \[deg\]'"),
+    ],
+)
+def test_a_header_below_others_or_in_parentheses(tmp_path: Path, content: str, said: str) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(content)
+    with pytest.raises(InputError, match=said):
+        dataset_from(read_frame(path)[0], path, read_urdf(urdf(tmp_path)))
+
+
+def test_a_column_of_no_known_unit_is_left_out_and_said(tmp_path: Path) -> None:
+    arm = read_urdf(urdf(tmp_path))
+    rows = [f"{0.01 * i},{i},{i * i % 7},{i * i % 5},1013" for i in range(12)]
+    (tmp_path / "t.csv").write_text("\n".join([f"{HEADER},Pressure [mBar]", *rows]))
+    data = gp.read_table(tmp_path / "t.csv", arm)
+    assert (data.ignored, data.extras) == (("Pressure [mBar]",), {})
+
+
+GOOD_ROWS = table(90)
+POINTS = ["x [mm]", "y [mm]", "z [mm]"]
+
+
+def placed(rows: list[int], points: np.ndarray) -> pd.DataFrame:
+    """The good table with other points in some rows."""
+    out = GOOD_ROWS.astype(dict.fromkeys(POINTS, float))
+    out.loc[rows, POINTS] = points
+    return out
+
+
+def shuffled() -> pd.DataFrame:
+    rows = list(range(5, 85, 8))
+    return placed(rows, numbers(GOOD_ROWS, POINTS)[np.roll(rows, 1)])
+
+
+FEW: dict[str, tuple[Callable[[], pd.DataFrame], str]] = {
+    "one digit": (lambda: placed([17], numbers(GOOD_ROWS, POINTS)[17] + [20.0, 0.0, 0.0]),
+                  "1 of 90 readings left out (row 18)"),
+    "a lost beam": (lambda: placed([30, 31], np.zeros((2, 3))), "2 of 90 readings left out (rows 31, 32)"),
+    "-999.9": (lambda: placed([60], np.full((1, 3), -999.9)), "1 of 90 readings left out (row 61)"),
+    "ten rows shuffled": (shuffled, "10 of 90 readings left out (rows 6, 14, 22"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", FEW)
+def test_a_few_bad_readings_are_named_and_the_table_stays_fit(case: str) -> None:
+    make, said = FEW[case]
+    judged = gp.check("irb6400r", make())
+    assert not judged.unfit, judged.summary()
+    assert said in " ".join(judged.summary().split())
+
+
+@pytest.mark.parametrize("case", ["one digit", pytest.param("ten rows shuffled", marks=pytest.mark.long)])
+def test_a_few_bad_readings_are_left_out_of_every_error(case: str) -> None:
+    make, said = FEW[case]
+    result = gp.calibrate("irb6400r", make())
+    assert said in result.verdict
+    ladder = result.record.ladder
+    for errors in (ladder[-1].train, ladder[-1].heldout):
+        assert (errors.max_mm or np.inf) < 0.3
+
+
+@pytest.mark.parametrize("share", [0.45, *(pytest.param(s, marks=pytest.mark.long) for s in (0.3, 0.6))])
+def test_readings_of_which_many_are_bad_are_refused(share: float, tmp_path: Path) -> None:
+    rng = np.random.default_rng(int(100 * share))
+    rows = rng.choice(90, int(share * 90), replace=False).tolist()
+    off = rng.normal(0.0, 100.0, (len(rows), 3))
+    path = write(placed(rows, numbers(GOOD_ROWS, POINTS)[rows] + off), tmp_path / "bad.csv")
+    for command in ("check", "calibrate"):
+        said = one_line(run(command, path, "--mechanism", "irb6400r"), 2)
+        assert "of 90 readings are up to" in said
+
+
+def test_check_ends_with_2_where_a_table_is_not_fit_to_calibrate_with(tmp_path: Path) -> None:
+    noisy = GOOD_ROWS.assign(**{"x [mm]": numbers(GOOD_ROWS, "x [mm]") + np.random.default_rng(0).normal(0, 9, 90)})
+    result = run("check", write(noisy, tmp_path / "t.csv"), "--mechanism", "irb6400r")
+    assert result.exit_code == 2
+    assert "not fit to calibrate with" in result.stdout

@@ -15,7 +15,7 @@ from cli_cases import one_line, run, table, write
 from gpmodel.api import discover as api
 from gpmodel.api.table import read_table
 from gpmodel.application.model_file import load_model
-from gpmodel.checks.counting import unknowns
+from gpmodel.checks.notes import unknowns
 from gpmodel.cli import demo as demo_command
 from gpmodel.discovery.search import Search
 from gpmodel.model.error_model import observe, pose_error, prepare

@@ -10,9 +10,9 @@ from cli_cases import one_line
 from cli_cases import run as main_with
 from click.testing import CliRunner, Result
 
-from gpmodel.api.evolve_settings import Effort, default_strategies, settings_for
+from gpmodel.api.evolve import Effort, default_strategies, settings_for
 from gpmodel.cli.evolve import evolve
-from gpmodel.cli.simulate import simulate
+from gpmodel.cli.poses import simulate
 from gpmodel.errors import InputError
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.settings import Truncation

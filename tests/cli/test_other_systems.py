@@ -11,7 +11,7 @@ import pytest
 from cli_cases import table, write
 
 import robots
-from gpmodel import files, forks
+from gpmodel import executor, files
 from gpmodel.characters import PLAIN, plain
 from gpmodel.cli import request
 
@@ -91,7 +91,7 @@ def test_processes_are_copied_only_where_the_start_method_is_fork(
     monkeypatch.setattr("multiprocessing.get_start_method", lambda allow_none: method)
     monkeypatch.setattr("threading.active_count", lambda: 1)
     monkeypatch.setattr(sys, "platform", "linux")
-    assert forks._copies() == copied
+    assert executor._copies() == copied
 
 
 def test_a_folder_is_put_aside_where_no_folder_replaces_another(

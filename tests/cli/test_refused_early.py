@@ -137,7 +137,7 @@ def test_too_little_memory_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object, **__: object) -> None:
         raise MemoryError("Unable to allocate 3.5 TiB")
 
-    monkeypatch.setattr("gpmodel.cli.simulate.measure", refuse)
+    monkeypatch.setattr("gpmodel.cli.poses.measure", refuse)
     line = one_line(run("simulate", "--mechanism", "irb6400r"), 2)
     assert "not enough memory (Unable to allocate 3.5 TiB); expected fewer poses" in line
 

@@ -1,22 +1,32 @@
-"""Results of a command are saved before anything is printed, and no output stream can lose them."""
+"""Streams and statuses of the commands, plugins, and the reference page."""
 
 import ast
 import errno
 import io
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
+import click
+import pandas as pd
 import pytest
 from cli_cases import one_line, robot, run, table, write
 
 from gpmodel.api.calibrate import calibrate
+from gpmodel.cli import main as cli
 from gpmodel.cli import terminal
+from gpmodel.cli.console import session_note
 from gpmodel.cli.main import main
 from gpmodel.errors import InputError
 from gpmodel.files import alone_in
+from gpmodel.mechanism import source as plugins
+from gpmodel.model.described import KINDS, SOLVED
+from gpmodel.table.dataset import LABELS, READINGS
 
 COMMANDS = sorted((Path(__file__).parents[2] / "gpmodel" / "cli").glob("*.py"))
 SAVING = ("report", "save", "write_text", "write_frame", "write_report", "discover_request")
@@ -191,3 +201,147 @@ def test_a_model_is_saved_where_no_page_can_be_made(
     assert done.exit_code == 0, done.stderr
     assert "holds the model without pages: a report needs sympy" in done.stderr
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"model.json", "report.json"}
+
+
+def test_what_belongs_to_a_session_is_said_once_and_not_wave_by_wave() -> None:
+    waves = tuple(f"walk of the instrument, shift T{axis}, wave {k}" for axis in "xyz" for k in range(1, 9))
+    note = session_note((*waves, "drift of the set-up Rz"), session=True)
+    assert note.endswith(": walk of the instrument, shift, drift of the set-up Rz")
+
+
+@pytest.fixture(scope="module")
+def models(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Two models of one table that predict other points."""
+    folder = tmp_path_factory.mktemp("models")
+    mechanism, made = robot(40)
+    for name, kept in (("a", 40), ("b", 30)):
+        calibrate(mechanism, made.dataset[:kept], []).model.save(folder / f"{name}.json")
+    return folder / "a.json", folder / "b.json"
+
+
+@cache
+def measured() -> pd.DataFrame:
+    return table(6)
+
+
+@pytest.mark.parametrize("command", ["predict", "compensate"])
+@pytest.mark.parametrize("columns", ["joints", pytest.param("all", marks=pytest.mark.long)])
+def test_another_model_on_the_output_of_the_first_gives_its_own_numbers(
+    command: str, columns: str, models: tuple[Path, Path], tmp_path: Path
+) -> None:
+    first, second = models
+    given = measured() if columns == "all" else measured().filter(like="J").assign(note="first", status="bad")
+    write(given, tmp_path / "given.csv")
+    wanted = tmp_path / "wanted.csv"
+    for model, source, out in ((first, "given", "once"), (second, "once", "twice"), (second, "given", "wanted")):
+        done = run(command, model, tmp_path / f"{source}.csv", "--out", tmp_path / f"{out}.csv")
+        assert done.exit_code == 0, done.stderr
+    once, twice, wanted = (pd.read_csv(tmp_path / f"{name}.csv", dtype=str) for name in ("once", "twice", "wanted"))
+    if command == "predict" and columns == "joints":  # x, y, z stand in the table now, as if they were measured
+        wanted = wanted.rename(columns={f"{a} [mm]": f"predicted_{a} [mm]" for a in "xyz"})
+        twice = twice.drop(columns=[f"{a} [mm]" for a in "xyz"])
+    assert set(twice) == set(wanted)
+    pd.testing.assert_frame_equal(twice[list(wanted)], wanted)
+    assert not once.filter(regex="^corrected_|^predicted_|^sigma").equals(
+        twice.filter(regex="^corrected_|^predicted_|^sigma")
+    )
+    assert (
+        twice[list(given.columns.drop("status", errors="ignore"))] == given.drop(columns="status", errors="ignore")
+    ).all(axis=None)
+
+
+@pytest.mark.parametrize("stale", [{"corrected_J1 [deg]": 77}, {"corrected_J1 [rad]": 1.5}, {"status": "bad"}])
+def test_a_stale_result_among_targets_is_no_result(
+    stale: dict[str, object], models: tuple[Path, Path], tmp_path: Path
+) -> None:
+    targets = measured().filter(like="J")
+    outputs = []
+    for frame in (targets, targets.assign(**stale)):
+        write(frame, tmp_path / "targets.csv")
+        done = run("compensate", models[0], tmp_path / "targets.csv")
+        assert done.exit_code == 0, done.stderr
+        outputs.append(done.stdout)
+    assert outputs[0] == outputs[1]
+
+
+def test_compensate_states_the_error_of_orientation_that_remains(models: tuple[Path, Path], tmp_path: Path) -> None:
+    write(measured().filter(like="J").assign(**{"J5 [deg]": 0.02}), tmp_path / "targets.csv")
+    done = run("compensate", models[0], tmp_path / "targets.csv", "--out", tmp_path / "corrected.csv")
+    remains = pd.read_csv(tmp_path / "corrected.csv")["residual_turn [mrad]"].max()
+    assert remains > 1e-2
+    assert f"up to {remains:.4f} mrad of the orientation not reached" in " ".join(done.output.split())
+
+
+def test_command_of_another_package_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    plugin = EntryPoint("extra", "cli_plugin:extra", cli.PLUGINS)
+
+    @click.command()
+    def extra() -> None:
+        click.echo("from outside")
+
+    monkeypatch.setattr(EntryPoint, "load", lambda self: extra)
+    monkeypatch.setattr(cli, "entry_points", lambda group, name="extra": [plugin] if name == "extra" else [])
+    assert "\n  extra" in run("--help").stdout
+    assert run("extra").stdout == "from outside\n"
+
+
+def test_mechanisms_are_asked_of_every_provider(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[str, str | None, object]] = []
+
+    def nobody(name: str, *, frame: str | None = None, payload_com: object = None) -> None:
+        asked.append((name, frame, payload_com))
+
+    providers = [EntryPoint(n, "gpmodel.errors:load_mechanism", plugins.PROVIDERS) for n in ("one", "two")]
+    monkeypatch.setattr(plugins, "entry_points", lambda group: providers)
+    monkeypatch.setattr(EntryPoint, "load", lambda self: nobody)
+    with pytest.raises(InputError, match="'ghost' is unknown"):
+        plugins.load_mechanism("ghost", frame="tip", payload_com=(0, 0, 1))
+    assert asked == [("ghost", "tip", (0, 0, 1))] * 2
+
+
+def test_an_unknown_mechanism_is_answered_with_those_of_every_provider_that_are_like_it() -> None:
+    with pytest.raises(InputError, match=r"one of irb6400r, .* others"):
+        plugins.load_mechanism("irb6400")
+    with pytest.raises(InputError, match=r"one of hexapod, .* others"):
+        plugins.load_mechanism("hexapode")
+
+
+def test_broken_provider_is_named_only_when_nobody_knows(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = plugins.entry_points(group=plugins.PROVIDERS)
+    broken = EntryPoint("broken", "no_such_module:load", plugins.PROVIDERS)
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [broken, *real])
+    assert plugins.load_mechanism("irb6400r").name == "irb6400r"
+    with pytest.raises(InputError, match="provider 'broken' cannot be loaded"):
+        plugins.load_mechanism("ghost")
+
+
+PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "formats.md").read_text(encoding="utf-8")
+CELLS = [line.strip("| ").split(" | ")[0] for line in PAGE.splitlines() if line.startswith("| ")]
+FIRST = {word for cell in CELLS for part in re.findall(r"`([^`]+)`", cell) for word in part.split()}
+"""The words in code in the first cells of all rows."""
+POINT = ("x", "y", "z", "rx", "ry", "rz", "payload", "distance_*")
+
+
+@pytest.mark.parametrize("column", [*LABELS, *READINGS, *POINT])
+def test_every_column_of_a_table_has_a_row(column: str) -> None:
+    assert column in FIRST
+
+
+def test_every_option_of_every_command_has_a_row() -> None:
+    root = click.Context(main)
+    commands = {name: main.get_command(root, name) for name in main.list_commands(root)}
+    options = {
+        (name, flag)
+        for name, command in commands.items()
+        for option in (command.params if command else ())
+        if isinstance(option, click.Option)
+        for flag in option.opts
+    }
+    assert len(options) > 100
+    assert {(name, flag) for name, flag in options if flag not in FIRST} == set()
+    assert {name for name in commands if f"`gpmodel {name}" not in PAGE} == set()
+
+
+def test_what_files_describe_is_said_with_its_words() -> None:
+    assert {f"--{kind}" for kind in KINDS} <= FIRST
+    assert [word for word in SOLVED if f'"{word}"' not in PAGE] == []

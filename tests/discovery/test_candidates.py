@@ -8,8 +8,7 @@ from loop_cases import QUICK, robot
 from gpmodel.discovery.loop import discover
 from gpmodel.errors import InputError
 from gpmodel.families.candidate import Candidate, one
-from gpmodel.families.catalogue import catalogue
-from gpmodel.families.family import Family
+from gpmodel.families.catalogue import Family, catalogue
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import drive_effect

@@ -21,7 +21,7 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.observation import observations
 from gpmodel.report.build import OWN_UNIT
-from gpmodel.table.split import JUDGED, folds
+from gpmodel.table.bundles import JUDGED, folds
 
 ALONE = Search(runs=0, workers=1)
 

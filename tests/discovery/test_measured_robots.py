@@ -12,10 +12,10 @@ from gpmodel.discovery.search import Search
 from gpmodel.families import catalogue
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
+from gpmodel.table.bundles import hold_out
 from gpmodel.table.foreign import import_file, read_map
 from gpmodel.table.layout import read_sheet
 from gpmodel.table.read import dataset_from
-from gpmodel.table.split import hold_out
 from robots import load_mechanism
 
 ROOT = Path(__file__).parents[2]

@@ -20,8 +20,8 @@ from gpmodel.families.inner import NonlinearParameters
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
+from gpmodel.table.bundles import hold_out
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.split import hold_out
 
 ARM = mechanism("irb6400r")
 TIME = np.cumsum(np.random.default_rng(4).uniform(1.0, 4.0, 120))

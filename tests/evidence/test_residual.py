@@ -22,9 +22,9 @@ from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects, sites_of
-from gpmodel.numerics.outliers import outlier_limit
+from gpmodel.numerics.least_squares import outlier_limit
 from gpmodel.numerics.rank import orthonormal
-from gpmodel.table.split import folds
+from gpmodel.table.bundles import folds
 
 
 @pytest.mark.long

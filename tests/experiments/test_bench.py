@@ -1,12 +1,9 @@
 """The bench: its table of robots, its comparison of two versions, one robot of each kind from end to end."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from experiments.bench import fixed, run
 from experiments.bench.judge import judge

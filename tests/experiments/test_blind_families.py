@@ -1,13 +1,9 @@
 """The families of blind robots: sizes as stated, oracles at the noise, sessions and instruments as described."""
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from experiments.blind.arms import ARMS
 from experiments.blind.cases import CASES, FAMILIES

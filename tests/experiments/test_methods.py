@@ -1,13 +1,10 @@
 """The plug for any method: what it may give, how a row is scored, and the leaderboard of those that are entered."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from experiments.blind import entered
 from experiments.blind.arms import ARMS

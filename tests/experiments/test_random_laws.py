@@ -1,12 +1,7 @@
 """Robots with random laws: the same numbers draw the same robot, a told oracle reaches the noise, rows are graded."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from experiments.blind.oracle import fit, register, rms_mm
 from experiments.blind.robot import world_of

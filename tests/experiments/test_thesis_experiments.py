@@ -7,11 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.cartesian_histogram import run as cartesian_histogram
 from experiments.chapter5 import HAND_MADE, THESIS_INPUTS, cartesian, fit
 from experiments.compensation import run as compensation
 from experiments.extrapolation import run as extrapolation
-from experiments.fitness import islands as fitness_islands
 from experiments.fitness import run as fitness
 from experiments.framework import run as framework
 from experiments.histogram import run as histogram
@@ -51,26 +49,13 @@ def test_a_compensator_is_scored_in_millimetres():
 def test_every_machine_of_the_thesis_lowers_the_largest_error(tmp_path):
     """By the median of three runs: one in four of the thesis' trees ends metres away."""
     sizes = ["--seeds", "3", "--generations", "15", "--population", "2048", "--tree_population", "2048"]
-    found = fitness.main([*sizes, "--islands", "4", "--longer", "2", "--out", str(tmp_path)])
+    found = fitness.main([*sizes, "--longer", "2", "--out", str(tmp_path)])
     engines = found["engines"]
-    assert len(engines) == 7
+    assert len(engines) == 6
     for engine in engines.values():
         assert engine["median_final_mm"] < found["standard_model_mm"]
         assert len(engine["shuffled_final_mm"]) == 3
-    assert engines[fitness.ISLANDS]["evaluations"] == engines["linear, thesis, 5 %, longer"]["evaluations"]
     assert saved(tmp_path, "fitness")
-
-
-@pytest.mark.long
-def test_islands_keep_their_size_and_pass_their_best_on():
-    problem = cartesian(fit(measured_robot(0)), measured_robot(0).poses)
-    share = fitness.thesis_settings(fitness.Linear.thesis(), 64, 1)
-    runs = [fitness_islands.Generations(problem, share, np.random.default_rng(seed)) for seed in range(3)]
-    before = [run.start() for run in runs]
-    after = fitness_islands.migrated(before)
-    for k, (population, scores) in enumerate(after):
-        assert len(population) == len(scores.score) == 64
-        assert scores.score.min() == min(before[k][1].score.min(), before[k - 1][1].score.min())
 
 
 @pytest.mark.long
@@ -113,19 +98,6 @@ def test_the_slot_histogram_points_at_j5_once_the_base_is_in_and_at_j4_after_tha
     base, eccentric = beyond_chance("+ base compliance"), beyond_chance("+ eccentricity")
     assert base["J5"] >= 4 > max(base["J1"], base["J2"])
     assert eccentric["J4"] >= 3 > max(eccentric["J2"], eccentric["J5"])
-
-
-@pytest.mark.long
-def test_on_forty_poses_a_cartesian_histogram_has_nothing_to_say(tmp_path):
-    """Shuffled errors are fitted as well as real ones, by the maximum, the root mean square, and on unseen poses."""
-    sizes = ["--robots", "1", "--runs", "8", "--population", "256", "--generations", "20", "--most_poses", "40"]
-    found = cartesian_histogram.main([*sizes, "--out", str(tmp_path)])
-    assert [row["fitness"] for row in found["summary"]] == list(cartesian_histogram.FITNESS)
-    for row in found["summary"]:
-        assert row["robots fitted better than any shuffled"] == 0
-        assert row["median left"]["real"] > row["median left"]["shuffled"] - 0.1
-        assert row["robots where it stands out"] == {}
-    assert saved(tmp_path, "cartesian_histogram")
 
 
 @pytest.mark.parametrize(

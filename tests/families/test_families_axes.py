@@ -1,15 +1,28 @@
 """Linear axes by the names of ISO 230-1, ripple at any frequency, and error motions of turning axes."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-from effect_cases import bare, mechanism
+from effect_cases import NOISE, bare, measure, mechanism, sized
 
+from gpmodel.arrays import Array
+from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import Residual, residual_of
+from gpmodel.evidence.score import best_nats, scores
+from gpmodel.families import memory
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates, catalogue
 from gpmodel.families.frequency_grid import FrequencyGrid
-from gpmodel.model.error_model import prepare
+from gpmodel.mechanism.protocol import Mechanism, Weighed
+from gpmodel.mechanism.source import MechanismChoice
+from gpmodel.model.error_model import ErrorModel, Poses, prepare
+from gpmodel.model.sites import geometric_effects
+from gpmodel.table.dataset import Dataset
+from joints import spherical_joint
+from robots.chain import SerialChain
 
 SLIDE = next(j for j in mechanism("dh").joints if j.kind == "prismatic")
 OWN = SLIDE.drive[0][1][1].upper()
@@ -71,3 +84,171 @@ def test_all_joints_curves_come_as_one_block_too() -> None:
     block = pool("ur5", 150)["error curve of the angle, every joint"]
     assert {i for e in block.effects for i in e.inputs} == {j.name for j in mechanism("ur5").joints}
     assert block.has_priors
+
+
+POSES = 150
+
+
+def weighing(name: str, factors: str) -> Mechanism:
+    """An arm as described: right masses, none at all, or each wrong by a factor of four, to either side."""
+    arm = mechanism(name)
+    assert isinstance(arm, SerialChain)
+    scale = {"right": (1.0, 1.0), "none": (0.0, 0.0), "wrong": (0.25, 4.0)}[factors]
+    links = tuple(replace(link, mass=link.mass * scale[k % 2]) for k, link in enumerate(arm.links))
+    return replace(arm, links=links)
+
+
+@cache
+def measured(name: str, joint: int, millimetres: float = 0.5) -> Poses:
+    """A robot whose one weak drive yields to its true torque."""
+    data = bare(name, POSES, 6, payload=False)
+    arm = mechanism(name)
+    of_joint = f"joint compliance, {arm.joints[joint].name}"
+    weak = next(c for c in candidates(arm, prepare(arm, data).states) if c.name == of_joint)
+    return measure(name, weak.effects, sized(name, weak.effects, data, millimetres), 6, dataset=data).poses
+
+
+def found(arm: Mechanism, poses: Poses) -> tuple[Candidate, float]:
+    """The best of the catalogue, and the RMS of what it leaves, m."""
+    poses, model = prepare(arm, poses.dataset), ErrorModel(arm, geometric_effects(arm))
+    there = residual_of(calibrate(model, poses), poses, Criteria(), 0)
+    pool = candidates(arm, poses.states)
+    best = pool[int(np.argmax([s.nats for s in scores(there, pool)]))]
+    fit = calibrate(ErrorModel(arm, (*model.effects, *best.effects)), poses)
+    return best, float(np.sqrt(np.mean(fit.error**2)))
+
+
+RIGHT, NONE, WRONG = {"joint_compliance"}, {"unknown_masses"}, {"unknown_masses", "wrong_masses"}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "joint", "masses", "families"),
+    [
+        ("irb6400r", 2, "right", RIGHT), ("ur5", 1, "right", RIGHT), ("ur5", 1, "none", NONE), ("dh", 1, "none", NONE),
+        ("ur5", 1, "wrong", WRONG),
+    ],
+)  # fmt: skip
+def test_a_weak_joint_is_found_whatever_is_known_of_the_masses(
+    name: str, joint: int, masses: str, families: set[str]
+) -> None:
+    arm = weighing(name, masses)
+    best, rms = found(arm, measured(name, joint))
+    assert best.family in families
+    assert best.name.endswith(f", {arm.joints[joint].name}")
+    assert rms < 1.15 * np.sqrt(3) * NOISE
+
+
+@pytest.mark.long
+def test_a_measured_torque_speaks_for_an_arm_without_masses() -> None:
+    poses = measured("irb6400r", 2)
+    torque = -poses.states["torque_J3"] + np.random.default_rng(0).normal(0, 3.0, POSES)
+    extras = {**poses.dataset.extras, "tau_3": torque}
+    data = replace(poses.dataset, extras=extras, extra_units={**poses.dataset.extra_units, "tau_3": "N*m"})
+    best, rms = found(weighing("irb6400r", "none"), replace(poses, dataset=data))
+    assert best.name == "joint compliance, J3"
+    assert rms < 1.15 * np.sqrt(3) * NOISE
+
+
+@pytest.mark.parametrize("masses", ["none", "wrong"])
+def test_an_innocent_robot_yields_to_no_unknown_mass(masses: str) -> None:
+    arm = weighing("irb6400r", masses)
+    poses = prepare(arm, measure("irb6400r", (), (), 6, count=POSES).poses.dataset)
+    there = residual_of(calibrate(ErrorModel(arm, geometric_effects(arm)), poses), poses, Criteria(), 0)
+    mine = [c for c in candidates(arm, poses.states) if c.family.endswith("_masses")]
+    assert len(mine) >= 5
+    assert max(s.nats for s in scores(there, mine)) < 5.0
+
+
+@pytest.mark.long
+def test_only_mechanisms_that_weigh_their_parts_are_offered_unknown_masses() -> None:
+    free = spherical_joint()
+    assert not isinstance(free, Weighed)
+    loaded = MechanismChoice("spherical-joint").load()
+    assert loaded.unit_loads(np.zeros((2, len(free.joints)))) == {}
+    for each in (free, loaded):
+        offered = candidates(each, prepare(each, bare("spherical-joint", 20)).states)
+        assert not any(c.family.endswith("_masses") for c in offered)
+    arm = MechanismChoice("ur5").load()
+    assert any(c.family == "unknown_masses" for c in candidates(arm, prepare(arm, bare("ur5", 20)).states))
+
+
+ARM = mechanism("irb6400r")
+FAMILIES = {"play_last_move", "friction_windup", "hysteresis", "lagged_growth", "settling"}
+FLOOR = 5.0
+
+
+@cache
+def table(kind: str = "poses") -> Dataset:
+    """120 rows in order over 5 hours: independent poses, a walk, or 40 poses measured three times with jitter."""
+    data = bare("irb6400r", 120, 3, payload=False)
+    rng = np.random.default_rng(4)
+    q = data.q.copy()
+    if kind == "walk":
+        q = np.clip(np.cumsum(0.08 * rng.normal(size=q.shape), axis=0) + q[0], q.min(0), q.max(0))
+    if kind == "repeats":
+        q = np.repeat(q[:40], 3, axis=0) + 2e-5 * rng.normal(size=q.shape)
+    time = np.cumsum(rng.uniform(1.0, 4.0, 120))
+    room = 21.0 + 3.0 * np.sin(2 * np.pi * time / 260.0)
+    return replace(
+        data, q=q, extras={"time": time, "temperature": room}, extra_units={"time": "min", "temperature": "degC"}
+    )
+
+
+def pool_memory(data: Dataset) -> tuple[Candidate, ...]:
+    return candidates(ARM, prepare(ARM, data).states)
+
+
+def left_over(data: Dataset, effects: tuple, theta: Array, moved: Array | None = None) -> Residual:
+    truth = measure("irb6400r", effects, theta, 5, dataset=data)
+    poses = truth.poses
+    if moved is not None:
+        poses = prepare(ARM, replace(poses.dataset, position=poses.dataset.position + moved))
+    return residual_of(calibrate(ErrorModel(ARM, geometric_effects(ARM)), poses), poses, Criteria(), 0)
+
+
+PLANTED = {
+    "play by the last move, J2": "poses",
+    "friction windup, J3": "walk",
+    "hysteresis over its angle, J1": "walk",
+    "growth of the arm (temperature, lag of 53 min)": "poses",
+    "tilt of J1 (temperature, lag of 53 min)": "poses",
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("name", "kind"), PLANTED.items())
+def test_of_the_whole_catalogue_the_planted_one_saves_most(name: str, kind: str) -> None:
+    offered = {c.name: c for c in pool_memory(table(kind))}
+    there = left_over(table(kind), offered[name].effects, sized("irb6400r", offered[name].effects, table(kind), 0.3))
+    best = max(zip(offered, scores(there, tuple(offered.values())), strict=True), key=lambda pair: pair[1].nats)
+    assert best[0] == name
+    assert best[1].nats > 20.0
+
+
+@pytest.mark.parametrize("kind", ["poses", "walk", "repeats"])
+def test_an_innocent_robot_has_no_memory(kind: str) -> None:
+    there = left_over(table(kind), (), np.zeros(0))
+    mine = [c for c in pool_memory(table(kind)) if c.family in FAMILIES]
+    assert len(mine) > 300
+    rng = np.random.default_rng(0)
+    assert max(s.nats for s in scores(there, mine)) < FLOOR
+    assert np.mean(best_nats(there, mine, rng.normal(size=(len(there.values), 40))) < FLOOR) > 0.9
+
+
+@pytest.mark.long
+def test_a_drifting_instrument_is_called_a_drift() -> None:
+    data = table()
+    creep = 4e-4 * np.linspace(0.0, 1.0, 120)[:, None] * np.array([0.6, -0.5, 0.62])
+    there = left_over(data, (), np.zeros(0), creep)
+    offered = pool_memory(data)
+    best = offered[int(np.argmax([s.nats for s in scores(there, offered)]))]
+    assert best.family == "drift"
+
+
+def test_without_an_order_of_the_rows_nothing_remembers() -> None:
+    data = replace(table(), extras={}, extra_units={})
+    assert not {c.family for c in pool_memory(data)} & FAMILIES
+    said = {c.family for c in pool_memory(replace(data, in_order=True))}
+    assert said & FAMILIES == {"play_last_move", "friction_windup", "hysteresis", "settling"}
+    assert not [c for f in (memory.play_last_move,) for c in f(ARM, prepare(ARM, data).states)]

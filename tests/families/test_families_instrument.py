@@ -13,16 +13,15 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import scores
 from gpmodel.families.candidate import Candidate
-from gpmodel.families.catalogue import candidates, catalogue
+from gpmodel.families.catalogue import candidates, catalogue, instances
 from gpmodel.families.instrument import OUT_OF_ORDER
-from gpmodel.families.offer import instances
 from gpmodel.mechanism.protocol import INSTRUMENT, places
 from gpmodel.model.derived import seen_columns
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.selection.group import CAP, Shapes, group_of
-from gpmodel.table.specification import Specification
+from gpmodel.table.dataset import Specification
 
 ARM = mechanism("ur5")
 POSES = 200

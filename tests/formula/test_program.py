@@ -2,14 +2,19 @@
 
 import numpy as np
 import pytest
+from effect_cases import bare, mechanism
+from hypothesis import given
+from hypothesis import strategies as st
 from latex_reading import read_latex
 
-from gpmodel.errors import InputError
-from gpmodel.formula.operators import LANGUAGE
+from gpmodel.errors import GpModelError, InputError
+from gpmodel.formula.expression import ONE, Expression
+from gpmodel.formula.operators import ARITHMETIC, BY_NAME, LANGUAGE, SETS, TABLE_CONSTANTS, Operator, operator_set
 from gpmodel.formula.parse import parse
 from gpmodel.formula.printing import as_in_latex, inline, latex
 from gpmodel.formula.program import Builder, Program
 from gpmodel.formula.simplification import simplify
+from gpmodel.model.states import states_of
 
 RNG = np.random.default_rng(5)
 INPUTS = {name: RNG.uniform(0.1, 2.0, 30) for name in ("J1", "J2", "oil temp", "lambda", "v1")}
@@ -170,3 +175,164 @@ def test_text_that_is_no_program_is_one_clear_line(text: str, named: str) -> Non
 def test_a_missing_input_is_named_with_those_available() -> None:
     with pytest.raises(InputError, match="no input 'J9', available: J1"):
         parse("J9").evaluate({"J1": np.ones(3)})
+
+
+TABLE_5_1 = {
+    "add": 3, "subtract": 4, "multiply": 5, "divide": 6, "modulo": 7, "min": 8, "max": 9, "abs": 10,
+    "square": 11, "sqrt": 12, "not": 13, "sin": 14, "cos": 15, "tan": 16, "atan": 17,
+}  # fmt: skip
+
+
+def test_op_codes_are_those_of_table_5_1() -> None:
+    assert {name: BY_NAME[name].code for name in SETS["thesis"]} == TABLE_5_1
+    assert all(BY_NAME[name].arity == (2 if code < 10 else 1) for name, code in TABLE_5_1.items())
+    assert TABLE_CONSTANTS == (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
+
+
+def test_codes_and_names_are_unique() -> None:
+    assert len({operator.code for operator in ARITHMETIC}) == len(ARITHMETIC)
+    assert len(BY_NAME) == len(LANGUAGE)
+
+
+@pytest.mark.parametrize("operator", LANGUAGE, ids=lambda operator: operator.name)
+def test_derivatives_agree_with_finite_differences(operator: Operator) -> None:
+    rng = np.random.default_rng(1)
+    arguments = [rng.uniform(0.15, 0.85, 50) for _ in range(operator.arity)]
+    step = 1e-6
+    for place, found in enumerate(operator.derivatives(*arguments)):
+        ahead, behind = ([a + sign * step * (k == place) for k, a in enumerate(arguments)] for sign in (1, -1))
+        expected = (operator.function(*ahead) - operator.function(*behind)) / (2 * step)
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", SETS["smooth"])
+def test_smooth_operators_have_a_continuous_derivative(name: str) -> None:
+    operator = BY_NAME[name]
+    line = np.linspace(-4.0, 4.0, 8001)
+    arguments = [line] if operator.arity == 1 else [line, line[::-1].copy()]
+    for derivative in operator.derivatives(*arguments):
+        assert np.all(np.isfinite(derivative))
+        assert np.abs(np.diff(derivative)).max() < 0.01
+
+
+@pytest.mark.parametrize("name", ["abs", "max", "min", "sqrt", "divide", "tan", "modulo", "not"])
+def test_smooth_leaves_out_what_has_a_kink_or_a_pole(name: str) -> None:
+    assert name not in SETS["smooth"]
+
+
+def test_choices_that_the_thesis_leaves_open() -> None:
+    a = np.array([-4.0, 0.0, 2.5])
+    np.testing.assert_array_equal(BY_NAME["sqrt"].function(a), np.sqrt(np.abs(a)))
+    np.testing.assert_array_equal(BY_NAME["not"].function(a), [0.0, 1.0, 0.0])
+    np.testing.assert_allclose(BY_NAME["modulo"].function(a, np.full(3, -3.0)), [-1.0, 0.0, -0.5])
+    with np.errstate(all="ignore"):
+        assert BY_NAME["divide"].function(np.ones(1), np.zeros(1))[0] == np.inf
+        assert np.isnan(BY_NAME["min"].function(np.array([np.nan]), np.ones(1))[0])
+
+
+def test_a_set_can_be_named_or_listed() -> None:
+    assert [operator.name for operator in operator_set("sin, add")] == ["add", "sin"]
+    assert operator_set(SETS["smooth"]) == operator_set("smooth")
+
+
+@pytest.mark.parametrize("names", ["thesi", "add,sine", "add,power", ()])
+def test_an_unknown_or_empty_set_is_one_clear_line(names: str) -> None:
+    with pytest.raises(InputError, match="operators: ") as caught:
+        operator_set(names)
+    assert "\n" not in str(caught.value)
+
+
+STATES = states_of(mechanism("irb6400r"), bare("irb6400r", 9))
+
+MEANINGS = {
+    "1": lambda s: np.ones(9),
+    "sin(2*J4)": lambda s: np.sin(2 * s["J4"]),
+    "-J1 + +J2": lambda s: s["J2"] - s["J1"],
+    "J1 - J2 - J3": lambda s: (s["J1"] - s["J2"]) - s["J3"],
+    "J1 - (J2 - J3)": lambda s: s["J1"] - (s["J2"] - s["J3"]),
+    "J1 / J2 / J3": lambda s: s["J1"] / s["J2"] / s["J3"],
+    "J1**2 % 0.5": lambda s: np.mod(s["J1"] ** 2, 0.5),
+    "(torque_J2/100)**3": lambda s: (s["torque_J2"] / 100) ** 3,
+    "sign(torque_J3)": lambda s: np.sign(s["torque_J3"]),
+    "step(row - 4.5)": lambda s: (s["row"] > 4.5) * 1.0,
+    "exp(-row/3)*cos(J5)": lambda s: np.exp(-s["row"] / 3) * np.cos(s["J5"]),
+    "tanh(J4*1e1)": lambda s: np.tanh(10 * s["J4"]),
+    "abs(J2)": lambda s: np.abs(s["J2"]),
+    "row**0.5": lambda s: np.sqrt(s["row"]),
+    "row**-1 + 2**J1": lambda s: 1 / s["row"] + 2 ** s["J1"],
+    "'J1' + (not J2)": lambda s: s["J1"] + (s["J2"] == 0),
+    "lift = sin(J2); lift*lift": lambda s: np.sin(s["J2"]) ** 2,
+    "max(J1, temperature)": lambda s: np.maximum(s["J1"], s["temperature"]),
+}
+REFUSED = (
+    "__import__('os').system('true')", "J1.__class__", "[J1 for J1 in ()]", "J1 if J2 else J3", "lambda: 1", "J1 < J2",
+    "J1 and J2", "None", "J1[0]", "open(J1)", "sin(J1, out=J2)", "eval(J1)", "J1 @ J2", "J1 // J2", "~J1",
+    "(J1, J2)", "(y := J1)", "f'{J1}'", "*J1", "sin(*J1)", "J1 =", "", "1 +", "J1\nJ2", "import os", "2j",
+    "sin(J1, J2)", "max(J1)", "1e999", "9" * 400, "J1\0", "(" * 300 + "J1" + ")" * 300,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("text", MEANINGS)
+def test_text_means_what_it_says(text: str) -> None:
+    np.testing.assert_allclose(Expression(text)(STATES), MEANINGS[text](STATES), rtol=1e-14)
+    assert str(Expression(text)) == text
+
+
+@pytest.mark.parametrize("text", REFUSED)
+def test_anything_but_arithmetic_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="basis"):
+        Expression(text)
+
+
+@given(st.text(max_size=30))
+def test_no_text_does_anything_but_evaluate_to_numbers_or_be_refused(text: str) -> None:
+    try:
+        value = Expression(text)(STATES)
+    except GpModelError:
+        return
+    assert value.shape == (9,)
+
+
+@given(st.from_regex(r"[A-Za-z_][A-Za-z_0-9]{0,6}\([A-Za-z_0-9., =*]{0,6}\)", fullmatch=True))
+def test_only_listed_functions_can_be_called(text: str) -> None:
+    function = text.split("(")[0]
+    if function not in BY_NAME:
+        with pytest.raises(InputError):
+            Expression(text)
+
+
+def test_inputs_are_the_columns_read_each_once() -> None:
+    assert sorted(Expression("sin(J4)*J10 + J4*torque_J1").inputs) == ["J10", "J4", "torque_J1"]
+    assert ONE.inputs == ()
+
+
+def test_a_name_is_matched_whole() -> None:
+    assert Expression("J10").inputs == ("J10",)
+    with pytest.raises(InputError, match="'J10' is not known here"):
+        Expression("J10")(STATES)
+
+
+def test_a_column_may_carry_the_name_of_no_function() -> None:
+    assert Expression("sin(sine)").inputs == ("sine",)
+
+
+@pytest.mark.parametrize(
+    ("text", "count"),
+    [("J2", 1), ("torque_J2/3030.0", 1), ("(row - 43.9)/27.1", 1), ("tanh(2*J2)", 2), ("tanh(2*(torque_J2/3030.0))", 2),
+     ("1/J2", 3), ("J1 - J2", 3), ("sin(J1)/2 - 1", 6)],
+)  # fmt: skip
+def test_an_input_with_its_own_origin_and_scale_is_as_long_as_an_input(text: str, count: int) -> None:
+    assert Expression(text).length == count
+
+
+@pytest.mark.parametrize(
+    ("text", "call"),
+    [("sin(2*J4)", ("sin", "2*J4")), ("cos( 2 * J4 )", ("cos", "2*J4")), ("sin(J1) + 1", ("", "")), ("J1", ("", ""))],
+)
+def test_a_call_is_known_by_its_function_and_argument_however_it_is_spaced(text: str, call: tuple[str, str]) -> None:
+    assert Expression(text).call == call
+
+
+def test_equal_parts_are_worked_out_once() -> None:
+    assert Expression("sin(J1)*sin(J1)").program.operator_counts == {"sin": 1, "multiply": 1}
+    assert Expression("sin(J1)*sin(J1)").length == 5

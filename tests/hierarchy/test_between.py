@@ -1,13 +1,30 @@
 """Mean and spread between machines, and who stands out, on numbers drawn with known truth."""
 
-from functools import partial
+from collections.abc import Sequence
+from functools import cache, partial
 
 import numpy as np
 import pytest
+from fleet_cases import GEOMETRY, MECHANISM, NOISE, curved
 from scipy import stats
 
+import gpmodel as gp
+from gpmodel.api.fleet import FleetResult
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.score import scores
+from gpmodel.executor import ALONE
+from gpmodel.families.candidate import Candidate
+from gpmodel.families.catalogue import candidates
 from gpmodel.hierarchy.between import INTERVAL, Deviations, between, deleted, deviations
+from gpmodel.hierarchy.found import FleetSearch, Found, KeptMachines, Searched, found_on_type, select_for_type
+from gpmodel.hierarchy.prior import Information, _expectation_maximisation
+from gpmodel.mechanism.source import MechanismChoice
+from gpmodel.mechanism.workspace import random_poses
+from gpmodel.model.error_model import prepare
 from gpmodel.numerics.interval import SIGNIFICANCE, holm
+from gpmodel.planning.simulate import simulate
+from gpmodel.progress import Teller, silent
+from gpmodel.report.fleet import summary
 
 FLEETS, MACHINES, PARAMETERS = 30, 12, 8
 
@@ -80,3 +97,151 @@ def test_chances_corrected_for_their_number() -> None:
     np.testing.assert_allclose(holm(np.array([0.01, 0.04, 0.03])), [0.03, 0.06, 0.06])
     np.testing.assert_allclose(holm(np.array([[0.5, 0.9]])), [[1.0, 1.0]])
     assert holm(np.zeros(0)).shape == (0,)
+
+
+COUNT, ODD, CURVE = 8, 2, "joint_curve J1"
+
+
+@pytest.fixture(scope="module")
+def found() -> FleetResult:
+    return gp.fleet(MECHANISM, curved(COUNT, ODD), [CURVE])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("serial", ["C-1", "C-3"])
+def test_alone_a_machine_is_what_calibrate_makes_of_its_table(found: FleetResult, serial: str) -> None:
+    alone = gp.calibrate(MECHANISM, curved(COUNT, ODD)[serial], [CURVE])
+    machine = next(m for m in found.record.machines if m.serial == serial)
+    assert machine.own_mm == pytest.approx(alone.record.ladder[-1].heldout.rms_mm, rel=1e-9)
+
+
+@pytest.mark.long
+def test_harmonics_have_one_row_together_and_none_alone(found: FleetResult) -> None:
+    assert all(part.constant for part in found.record.effects)
+    (block,) = found.record.blocks
+    assert "J1" in block.name
+    assert len(block.effects) == 24
+    assert block.low <= block.spread <= block.high < 1.0
+    assert f"{block.name}" in summary(found.record)
+    rows = found.to_dataframe().query("parameter == @block.name")
+    assert len(rows) == COUNT
+    assert rows.value.isna().all()
+
+
+@pytest.mark.long
+def test_the_machine_with_another_curve_is_named_and_keeps_it(found: FleetResult) -> None:
+    assert [(k, part.name) for k, part in found.record.outliers()] == [(ODD, found.record.blocks[0].name)]
+    machine = found.record.machines[ODD]
+    assert machine.fleet_mm < 1.2 * machine.own_mm
+
+
+@pytest.mark.long
+def test_a_further_machine_with_another_curve_is_said_so(found: FleetResult) -> None:
+    told = gp.calibrate(MECHANISM, curved(COUNT, ODD)["C-3"], fleet=found.record, holdout=0.0)
+    assert f"unlike its type in {found.record.blocks[0].name}." in told.verdict
+    alike = gp.calibrate(MECHANISM, curved(COUNT, ODD)["C-1"], fleet=found.record, holdout=0.0)
+    assert "unlike" not in alike.verdict
+
+
+@pytest.mark.long
+def test_together_the_others_are_predicted_better(found: FleetResult) -> None:
+    alone, together = (
+        np.array([getattr(m, name) for k, m in enumerate(found.record.machines) if k != ODD])
+        for name in ("own_mm", "fleet_mm")
+    )
+    assert np.mean(together**2) < np.mean(alone**2)
+
+
+POSES = 30
+WEAK = "joint_compliance J2=3e-8 rad/Nm"
+"""About two standard errors on one machine."""
+STRONG = "joint_compliance J3=1e-6 rad/Nm"
+BASE = "base_compliance=8e-8 rad/Nm"
+
+
+@cache
+def fleet(seed: int, effects: tuple[tuple[str, ...], ...]) -> list[Searched]:
+    """One machine for each tuple of effects, all of its poses for training."""
+    mechanism, rng = MechanismChoice(MECHANISM).load(), np.random.default_rng(seed)
+    out = []
+    for number, own in enumerate(effects):
+        q = random_poses(mechanism, POSES, rng)
+        made = simulate(mechanism, q, list(own), rng, noise=NOISE, geometry_sigma=GEOMETRY).dataset
+        rows = np.arange(POSES), np.arange(0, POSES, 3)
+        out.append(Searched(mechanism, prepare(mechanism, made), rows, number))
+    return out
+
+
+def named(tasks: Sequence[Searched]) -> dict[str, Candidate]:
+    """The named effects of loads, which these machines have or could have instead."""
+    families = {"joint_compliance", "base_compliance", "parallel_bar_closure", "joint_bending", "gear_harmonic"}
+    pool = candidates(tasks[0].mechanism, tasks[0].poses.states)
+    return {c.name: c for c in pool if c.family in families}
+
+
+def selected(tasks: Sequence[Searched], proposals: dict[str, Candidate]) -> set[str]:
+    criteria = Criteria()
+    found = select_for_type(proposals, lambda some: [t.residual(some, criteria) for t in tasks], criteria, 0)
+    return {c.name for c in found}
+
+
+@pytest.mark.parametrize(
+    ("effects", "expected"),
+    [
+        pytest.param(((BASE,),) * 4, {"base compliance"}, marks=pytest.mark.long),
+        (((BASE,), (BASE,), (BASE, STRONG)), {"base compliance"}),
+        (((), (), (STRONG,), ()), set()),
+        (((),) * 4, set()),
+        pytest.param(((BASE, STRONG),) * 3, {"base compliance", "joint compliance, J3"}, marks=pytest.mark.long),
+    ],
+)
+def test_an_effect_of_the_type_is_one_that_most_machines_have(
+    effects: tuple[tuple[str, ...], ...], expected: set[str]
+) -> None:
+    tasks = fleet(5, effects)
+    assert selected(tasks, named(tasks)) == expected
+
+
+@pytest.mark.long
+def test_many_machines_show_what_none_shows_by_itself() -> None:
+    tasks = fleet(7, ((WEAK,),) * 8)
+    proposals = named(tasks)
+    weak, criteria = proposals["joint compliance, J2"], Criteria()
+    alone = [scores(task.residual((), criteria), [weak])[0].nats for task in tasks]
+    assert sum(nats > criteria.minimum_nats for nats in alone) <= 2
+    assert selected(tasks, proposals) == {"joint compliance, J2"}
+
+
+@pytest.mark.long
+def test_a_machine_is_asked_again_given_the_effects_of_the_type(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The third machine showed a rival in place of the type's effect; given that effect the rival is not asked for."""
+    tasks = fleet(5, ((BASE,),) * 4)
+    pool, asked = named(tasks), list[tuple[str, ...]]()
+    base, rival = pool["base compliance"], pool["parallel-bar closure, J2"]
+
+    def found(task: Searched) -> Found:
+        asked.append(tuple(c.name for c in task.known))
+        return Found((), True) if task.known else Found((rival if task.seed == 2 else base,), True)
+
+    monkeypatch.setattr(Searched, "found", found)
+    search = FleetSearch(list("abcd"), tasks, ALONE, KeptMachines(), Teller(silent))
+    shared, own, chosen = found_on_type(search)
+    assert [e.name for e in shared] == ["base compliance"]
+    assert asked == [(), (), (), (), ("base compliance",)]
+    assert own == ((),) * 4
+    assert "base compliance on all (by itself on 3)" in chosen
+
+
+@pytest.mark.parametrize("constant", [True, False])
+@pytest.mark.parametrize("sharp", [1e5, 1e8])
+def test_effects_that_stand_for_one_another_stay_known_in_sum(constant: bool, sharp: float) -> None:
+    rng, machines = np.random.default_rng(0), 40
+    direction = np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    matrix = sum(sharp * np.outer(d, d) for d in direction) * np.ones((machines, 1, 1))
+    truth = np.array([0.3, 0.3, -0.5]) + 0.1 * rng.normal(size=(machines, 3))
+    told = Information(matrix, np.einsum("mij,mj->mi", matrix, truth))
+    mean, deviation = _expectation_maximisation(told, np.array([0, 0, 1]), np.full(3, constant))
+    assert np.isfinite(deviation).all()
+    assert mean[0] + mean[1] == pytest.approx(0.6, abs=3.0 * 0.15 / np.sqrt(machines))
+    assert deviation[2] == pytest.approx(0.1, rel=3.0 / np.sqrt(2.0 * machines))
+    assert (deviation[0] > 0.5) == (not constant)

@@ -17,8 +17,7 @@ from gpmodel.hierarchy.between import FEWEST, in_normal
 from gpmodel.hierarchy.record import NOISE as NOISE_NAME
 from gpmodel.hierarchy.record import SharedPart, prior_model, read_fleet
 from gpmodel.numerics.interval import SIGNIFICANCE
-from gpmodel.report.charts_fleet import pictures
-from gpmodel.report.fleet import NOT_TESTED, band, html, spread, summary
+from gpmodel.report.fleet import NOT_TESTED, band, html, pictures, spread, summary
 from gpmodel.texts import SEAL, seal
 
 pytestmark = pytest.mark.long

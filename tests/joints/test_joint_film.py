@@ -1,9 +1,16 @@
-"""The flat-plate air film: Table 4.2 cell by cell, the figures' numbers, and what is wrong in print."""
+"""The flat-plate air film: Table 4.2 cell by cell, what is wrong in print, a measured film, squeezed air."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from gpmodel.errors import InputError
+from joints.cli import joint
+from joints.fed_film import squeeze_impedance, squeeze_number
 from joints.film import (
     FilmGeometry,
     edge_gap,
@@ -17,6 +24,8 @@ from joints.film import (
 )
 from joints.film_design import design_film, displacement_at_inlet
 from joints.orifice import ATMOSPHERE, SCCM, LinearOrifice, NozzleOrifice, Orifice
+from joints.reynolds import spherical_film
+from joints.studies.film import fit_film
 
 DEG = np.pi / 180
 JOINT = FilmGeometry(25.4e-3, 75.95 * DEG, 20 * DEG, 10.01e-6)
@@ -206,3 +215,114 @@ def test_impossible_films_are_refused(call: object, words: str) -> None:
         call()  # type: ignore[operator]
     assert words in str(refusal.value)
     assert "\n" not in str(refusal.value)
+
+
+GEOMETRY = FilmGeometry(25.4e-3, np.radians(75.95), np.radians(20), 10.01e-6)
+ORIFICES_FIT = (LinearOrifice(0.03445 * ATMOSPHERE / SCCM, 0.638 * ATMOSPHERE), NozzleOrifice(100e-6))
+LIFT, LOAD = np.tile(np.linspace(10e-6, 40e-6, 8), 2), np.repeat([60.0, 100.0], 8)
+
+
+def inlets(film, orifice, lift=LIFT, clearance=13e-6, passed=1.6) -> np.ndarray:
+    """Return the inlets of a joint with another clearance, whose orifices pass another flow than predicted."""
+    made = film(replace(GEOMETRY, clearance=clearance), LOAD, orifice, lift)
+    return orifice.inlet_pressure(made.flow / passed, made.socket_pressure)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("film", [design_film, spherical_film])
+@pytest.mark.parametrize("orifice", ORIFICES_FIT, ids=lambda o: type(o).__name__)
+def test_clearance_and_flow_come_out_within_what_is_stated(film, orifice) -> None:
+    exact = fit_film(film, GEOMETRY, orifice, inlets(film, orifice), LIFT, LOAD)
+    assert (exact.clearance, exact.passed) == (pytest.approx(13e-6, rel=1e-5), pytest.approx(1.6, rel=1e-5))
+    off = []
+    for seed in range(40):
+        noisy = inlets(film, orifice) * (1 + 0.01 * np.random.default_rng(seed).normal(size=LIFT.size))
+        fit = fit_film(film, GEOMETRY, orifice, noisy, LIFT, LOAD)
+        off.append([(fit.clearance - 13e-6) / fit.stderr["clearance"], (fit.passed - 1.6) / fit.stderr["passed"]])
+        assert fit.rms == pytest.approx(0.01, rel=0.7)
+    np.testing.assert_allclose(np.sqrt(np.mean(np.square(off), axis=0)), 1.0, atol=0.35)
+
+
+def test_one_lift_under_one_load_does_not_tell_clearance_from_flow() -> None:
+    fit = fit_film(design_film, GEOMETRY, ORIFICES_FIT[0], np.full(5, 3e5), np.full(5, 3e-5), 100.0)
+    assert fit.status == "clearance and flow cannot be told apart at these lifts"
+    assert np.isnan(fit.stderr["clearance"])
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ("3,20,100\n4,30,100", "2 rows of inlet pressure, lift and load, expected 3 or more"),
+        ("3,20,100\n4,30,100\n5,-40,100", "lift = -4e-05, expected above 0 m"),
+        ("3,20,100\n4,30,\n5,40,100", "column 'load', row 2: empty, expected a number"),
+    ],
+)
+def test_a_bad_table_is_one_line(rows: str, words: str, tmp_path: Path) -> None:
+    (tmp_path / "lift.csv").write_text(f"inlet [atm],lift [um],load [N]\n{rows}\n")
+    (tmp_path / "mine.toml").write_text('[measured]\nfile = "lift.csv"\n')
+    with pytest.raises(InputError, match=words):
+        CliRunner().invoke(joint, ["film", str(tmp_path / "mine.toml")], catch_exceptions=False)
+
+
+def test_the_command_calibrates_both_films_by_a_table_beside_it(tmp_path: Path) -> None:
+    rows = zip(inlets(spherical_film, ORIFICES_FIT[0]) / ATMOSPHERE, LIFT * 1e6, LOAD, strict=True)
+    text = "\n".join(",".join(map(str, row)) for row in rows)
+    (tmp_path / "lift.csv").write_text(f"inlet [atm],lift [um],load [N]\n{text}\n")
+    (tmp_path / "mine.toml").write_text('[measured]\nfile = "lift.csv"\n')
+    done = CliRunner().invoke(joint, ["film", str(tmp_path / "mine.toml"), "--json", str(tmp_path / "film.json")])
+    assert done.exit_code == 0
+    assert "Calibrated by lift.csv" in done.output
+    flat, sphere = json.loads((tmp_path / "film.json").read_text())["calibrated"].values()
+    assert sphere["clearance"] == pytest.approx(13e-6, rel=1e-4)
+    assert sphere["rms"] < 1e-6 < flat["rms"]
+
+
+def damping(geometry: FilmGeometry, displacement: float) -> float:
+    """c = 6 pi mu r^4 integral from 0 to alpha of sin^3 t / h^3 dt [N s/m]: dp/dt = 6 mu v r^2 sin t / h^3."""
+    t = np.linspace(0.0, geometry.socket_angle, 20001)
+    gap = geometry.clearance + (displacement - geometry.clearance) * np.cos(t)
+    return float(6 * np.pi * geometry.viscosity * geometry.ball_radius**4 * np.trapezoid(np.sin(t) ** 3 / gap**3, t))
+
+
+SHALLOW = FilmGeometry(1.0, 0.01, 0.003, 10e-6)
+HEMISPHERE = FilmGeometry(0.02, np.pi / 2, 0.3, 15e-6)
+
+
+@pytest.mark.parametrize(
+    ("geometry", "lift", "expected"),
+    [
+        pytest.param(SHALLOW, 20e-6, 3 * np.pi * SHALLOW.viscosity * 0.01**4 / (2 * (20e-6) ** 3), id="a disc"),
+        pytest.param(HEMISPHERE, 15e-6, 4 * np.pi * HEMISPHERE.viscosity * 0.02**4 / (15e-6) ** 3, id="concentric"),
+        pytest.param(JOINT, 50e-6, damping(JOINT, 50e-6), id="the thesis' joint"),
+    ],
+)
+def test_slow_motion_is_damped_as_if_incompressible(geometry: FilmGeometry, lift: float, expected: float) -> None:
+    slow = squeeze_impedance(geometry, lift, 0.1)
+    assert float(slow.imag) / (2 * np.pi * 0.1) == pytest.approx(expected, rel=1e-3)
+    assert abs(float(slow.real)) < 0.1 * abs(float(slow.imag))
+
+
+def test_fast_motion_traps_the_air() -> None:
+    """The spring p_a times the integral of cos^2 / h over the cap; the edge leaks, less and less."""
+    alpha = JOINT.socket_angle
+    t = np.linspace(0, alpha, 20001)
+    h = JOINT.clearance + (50e-6 - JOINT.clearance) * np.cos(t)
+    trapped = np.trapezoid(ATMOSPHERE * np.cos(t) ** 2 / h * 2 * np.pi * JOINT.ball_radius**2 * np.sin(t), t)
+    fast = squeeze_impedance(JOINT, 50e-6, np.array([1e4, 1e6]), cells=2000).real
+    assert trapped > fast[1] > fast[0]
+    assert fast[1] == pytest.approx(trapped, rel=0.01)
+
+
+def test_damping_never_feeds_energy() -> None:
+    impedance = squeeze_impedance(JOINT, 30e-6, np.geomspace(0.1, 1e5, 40))
+    assert (impedance.imag > 0).all()
+    assert (np.diff(impedance.real) > 0).all()
+
+
+def test_finer_grids_change_nothing() -> None:
+    f = np.array([1.0, 50.0, 500.0])
+    assert squeeze_impedance(JOINT, 40e-6, f, 400) == pytest.approx(squeeze_impedance(JOINT, 40e-6, f, 1600), rel=2e-3)
+
+
+def test_squeeze_number_grows_with_frequency() -> None:
+    assert float(squeeze_number(JOINT, 50e-6, 100.0)) == pytest.approx(2 * float(squeeze_number(JOINT, 50e-6, 50.0)))

@@ -9,7 +9,7 @@ import pytest
 from cli_cases import numbers, one_line, run, write
 from spherical_cases import JOINT, PUBLISHED, published_table
 
-from gpmodel.table.write import frame_of
+from gpmodel.table.cells import frame_of
 
 OPTIONS = ("--mechanism", "spherical-joint")
 

@@ -21,7 +21,7 @@ from gpmodel.calibration.result import errors_on
 from gpmodel.calibration.rivals import POOL, _anywhere
 from gpmodel.errors import InputError
 from gpmodel.families import catalogue
-from gpmodel.mechanism.balls import balls_of
+from gpmodel.mechanism.protocol import balls_of
 from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects

@@ -8,8 +8,7 @@ import pytest
 from robots_cases import CASES, poses, robot, slot_frames
 
 from gpmodel.arrays import Array
-from gpmodel.mechanism.protocol import AXES, ExportsUrdf, Mechanism
-from gpmodel.mechanism.quantities import GRAVITY
+from gpmodel.mechanism.protocol import AXES, GRAVITY, ExportsUrdf, Mechanism
 from joints import spherical_joint
 from robots import load_mechanism
 

@@ -1,22 +1,33 @@
 """Every effect's column is the derivative of the prediction: all candidates of the catalogue, all mechanisms."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from effect_cases import MECHANISMS, bare, mechanism, random_placement
+from effect_cases import MECHANISMS, Truth, bare, measure, mechanism, random_placement
+from scipy.linalg import expm
 
 from gpmodel.arrays import Array
+from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import effect_columns, linearise
+from gpmodel.calibration.result import errors_on
 from gpmodel.errors import InputError
+from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import residual_of
+from gpmodel.evidence.score import best_nats, scores
 from gpmodel.families import catalogue
+from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.effect import Effect, Term, axis_unit, drive_effect, effect_at
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, observe, prepare
 from gpmodel.model.sites import geometric_effects
+from gpmodel.model.states import States
 from gpmodel.numerics import se3
+from gpmodel.report.fitted import statistics_mm
+from gpmodel.report.quantity import quantity, shape
+from gpmodel.report.schema import ErrorsMm
 
 ANCHORS = ("distance_a", "distance_b")
 
@@ -157,3 +168,181 @@ def test_the_complete_set_is_six_a_joint(name: str) -> None:
 def test_an_unknown_axis_is_refused() -> None:
     with pytest.raises(InputError, match="axis 'rx' is unknown; available: Tx, Ty"):
         Term("base", "rx")
+
+
+def written_out(truth: Truth) -> Array:
+    """T_register T_0 E_0 T_1 E_1 ... T_tool, pose by pose, with the general matrix exponential."""
+    poses, data = truth.poses, truth.poses.dataset
+    slots = truth.model.mechanism.slots
+    out = []
+    for n in range(len(poses)):
+        frame = truth.placement.registration[str(data.label("setup")[n])]
+        for s, slot in enumerate(slots):
+            twist = sum(
+                v * e.twist(poses.states, slot)[n] for e, v in zip(truth.model.effects, truth.theta, strict=True)
+            )
+            generator = np.zeros((4, 4))
+            generator[:3, :3], generator[:3, 3] = se3.hat(np.asarray(twist)[3:]), np.asarray(twist)[:3]
+            frame = frame @ poses.transforms[s, n] @ expm(generator)
+        out.append(frame @ truth.placement.tool[str(data.label("tool")[n])])
+    return np.array(out)
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_prediction_is_the_product_of_its_frames(name: str) -> None:
+    effects = (
+        effect_at("a", "base", "Rx", Expression("sin(x)")),
+        Effect("b", tuple(Term(s, a, Expression("y")) for s, a in zip(mechanism(name).slots, AXES, strict=False)), "m"),
+    )
+    truth = measure(name, effects, (2e-3, -1e-3), 1, count=6, setups=2, tools=2)
+    seen = observe(truth.model, truth.poses, truth.theta, truth.placement)
+    np.testing.assert_allclose(seen.tip, written_out(truth), atol=1e-12)
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_no_effect_switched_on_is_ignored(name: str) -> None:
+    """Every parameter of the complete set, and each of them together with the rest, changes the predicted pose."""
+    data = bare(name, 8)
+    poses = prepare(mechanism(name), data)
+    placement = random_placement(data, np.random.default_rng(1))
+    model = ErrorModel(mechanism(name), geometric_effects(mechanism(name)))
+    at = 1e-3 * np.random.default_rng(2).normal(size=len(model.effects))
+    before = observe(model, poses, at, placement).tip
+    for k in range(len(at)):
+        after = observe(model, poses, at + 1e-3 * np.eye(len(at))[k], placement).tip
+        assert np.abs(after - before).max() > 1e-4, model.effects[k].name
+
+
+def test_two_effects_at_one_slot_act_together() -> None:
+    data = bare("ur5", 5)
+    poses = prepare(mechanism("ur5"), data)
+    placement = random_placement(data, np.random.default_rng(1))
+    slot = mechanism("ur5").slots[4]
+    one = effect_at("one", slot, "Tx", Expression("x"))
+    same = effect_at("same", slot, "Tx", Expression("x"))
+    both = observe(ErrorModel(mechanism("ur5"), (one, same)), poses, np.array([1e-3, 2e-3]), placement).tip
+    single = observe(ErrorModel(mechanism("ur5"), (one,)), poses, np.array([3e-3]), placement).tip
+    np.testing.assert_allclose(both, single, atol=1e-15)
+
+
+def test_an_effect_at_a_slot_the_mechanism_has_not_is_never_skipped() -> None:
+    with pytest.raises(
+        InputError, match=r"effect 'lost': slot 'J77.moving' is unknown; available: elbow_joint.moving, "
+    ):
+        ErrorModel(mechanism("ur5"), (effect_at("lost", "J77.moving", "Rx"),))
+
+
+def test_as_many_values_as_effects_are_expected() -> None:
+    data = bare("ur5", 5)
+    model = ErrorModel(mechanism("ur5"), geometric_effects(mechanism("ur5")))
+    with pytest.raises(ValueError, match="zip"):
+        observe(model, prepare(mechanism("ur5"), data), np.zeros(3), random_placement(data, np.random.default_rng(0)))
+
+
+def test_distances_are_from_the_anchor_in_the_root_to_the_point() -> None:
+    truth = measure("ur5", (), (), 2, count=7, noise=0.0, see=("position", "distance"))
+    back = np.linalg.inv(truth.placement.registration[""])
+    points = truth.poses.dataset.position @ back[:3, :3].T + back[:3, 3]
+    for name, values in truth.poses.dataset.distances.items():
+        np.testing.assert_allclose(np.linalg.norm(points - truth.placement.anchors[name], axis=1), values, atol=1e-12)
+
+
+def test_a_rotation_error_is_one_rotation_vector_and_no_difference_of_angles() -> None:
+    """Near half a turn, where differences of rotation vectors or of roll, pitch and yaw jump."""
+    truth = measure("ur5", (), (), 3, count=40, noise=0.0, see=("position", "rotation"))
+    extra = se3.exp(np.array([0, 0, 0, 1e-3, -2e-3, 0.5e-3]))[:3, :3]
+    turned = se3.rotation_vector(
+        extra @ se3.exp(np.hstack([np.zeros((40, 3)), truth.poses.dataset.rotation]))[:, :3, :3]
+    )
+    data = replace(truth.poses.dataset, rotation=turned)
+    seen = observe(truth.model, truth.poses, truth.theta, truth.placement)
+    residual = measured_minus(seen, data)[:, 3:6]
+    np.testing.assert_allclose(residual, np.tile([1e-3, -2e-3, 0.5e-3], (40, 1)), atol=1e-9)
+    assert np.linalg.norm(turned, axis=1).max() > 3.0
+
+
+def test_what_was_not_measured_is_no_error_and_no_zero() -> None:
+    truth = measure("ur5", (), (), 3, count=6, noise=0.0, see=("position", "rotation", "distance"))
+    holes = truth.poses.dataset.position.copy()
+    holes[2, 1] = np.nan
+    data = replace(truth.poses.dataset, position=holes, rotation=np.full((6, 3), np.nan))
+    residual = measured_minus(observe(truth.model, truth.poses, truth.theta, truth.placement), data)
+    assert np.isnan(residual[2, 1])
+    assert np.isnan(residual[:, 3:6]).all()
+    assert np.isfinite(np.delete(residual[:, :3].ravel(), 7)).all()
+    np.testing.assert_allclose(residual[:, 6:], 0.0, atol=1e-12)
+
+
+def test_rms_is_of_the_three_dimensional_distance() -> None:
+    error = np.linalg.norm(np.array([[3e-3, 4e-3, 0.0], [0.0, 0.0, 12e-3]]), axis=1)
+    found = statistics_mm(error)
+    assert found == ErrorsMm(8.5, pytest.approx(np.sqrt((25 + 144) / 2)), pytest.approx(12.0))
+    assert statistics_mm(error[:0]) == ErrorsMm(None, None, None)
+
+
+def test_a_subset_predicts_what_the_whole_does() -> None:
+    truth = measure("irb6400r", (), (), 5, count=9)
+    rows = np.array([8, 1, 4])
+    whole = observe(truth.model, truth.poses, truth.theta, truth.placement).tip
+    np.testing.assert_array_equal(
+        observe(truth.model, truth.poses.subset(rows), truth.theta, truth.placement).tip, whole[rows]
+    )
+
+
+@dataclass(frozen=True)
+class Bump:
+    """A notch in a track: exp(-(s - centre)² / 2 width²) of one column."""
+
+    column: str
+    centre: float
+    width: float
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        return (self.column,)
+
+    def __call__(self, states: States) -> Array:
+        return np.exp(-0.5 * ((states[self.column] - self.centre) / self.width) ** 2)
+
+    def __str__(self) -> str:
+        return f"notch({self.column})"
+
+
+NOTCH = Effect(
+    "notched track",
+    (Term("J3.moving", "Ry", Bump("J2", 0.3, 0.4)), Term("base", "Tz", Bump("J1", 0.0, 1.0), 0.2)),
+    "rad",
+)
+
+
+def test_a_new_basis_is_predicted_fitted_judged_and_reported() -> None:
+    truth = measure("irb6400r", (NOTCH,), (2e-3,), 21, dataset=bare("irb6400r", 90, 21, payload=False))
+    train, rest = truth.poses.subset(np.arange(70)), truth.poses.subset(np.arange(70, 90))
+    standard = geometric_effects(mechanism("irb6400r"))
+    without = calibrate(ErrorModel(mechanism("irb6400r"), standard), train)
+    candidate = Candidate("notched track", (NOTCH,), "", 4.0)
+    residual = residual_of(without, train, Criteria(), 0)
+    (score,) = scores(residual, [candidate])
+    null = best_nats(residual, [candidate], residual.shuffled(np.random.default_rng(0), 40))
+    assert score.nats > null.max() + 20
+    fit = calibrate(ErrorModel(mechanism("irb6400r"), (*standard, NOTCH)), train)
+    found = quantity(fit, candidate, train.states)
+    assert abs(found.value - 2e-3) < 3 * found.stderr
+    assert (found.basis, found.unit) == ("notch(J2)", "rad")
+    np.testing.assert_allclose(shape(fit, candidate, train.states), found.value * Bump("J2", 0.3, 0.4)(train.states))
+    assert np.sqrt(np.mean(errors_on(fit, rest) ** 2)) < 0.7 * np.sqrt(np.mean(errors_on(without, rest) ** 2))
+    assert NOTCH.inputs == ("J2", "J1")
+
+
+def test_its_columns_are_the_derivative_of_the_prediction() -> None:
+    truth = measure("irb6400r", (NOTCH,), (0.0,), 22, count=9, geometry=0.0)
+    ahead, behind = (observe(truth.model, truth.poses, np.array([d]), truth.placement) for d in (1e-5, -1e-5))
+    seen = observe(truth.model, truth.poses, truth.theta, truth.placement)
+    columns = effect_columns((NOTCH,), truth.model, truth.poses, seen)[:, :3, 0]
+    np.testing.assert_allclose(columns, (ahead.tip - behind.tip)[:, :3, 3] / 2e-5, atol=1e-8)
+
+
+def test_a_known_physical_effect_is_one_line() -> None:
+    effect = effect_at("kinked cable", "J5.moving", "Rx", Bump("J6", 1.0, 0.3))
+    assert not effect.constant
+    assert effect.twist(measure("irb6400r", (), (), 1, count=4).poses.states, "J5.moving").shape == (4, 6)

@@ -1,17 +1,20 @@
 """Memory of earlier poses: operators against their definitions, and tables with a stated order."""
 
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
-from effect_cases import bare, mechanism
+from effect_cases import MECHANISMS, bare, mechanism
 from hypothesis import given
 from hypothesis import strategies as st
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.memory import jitter, lag, last_move, play, read_by, word
-from gpmodel.model.states import States, states_of
+from gpmodel.model.states import States, states_of, unused_torques
+from gpmodel.numerics.se3 import chain
 from gpmodel.table.dataset import Dataset
 
 ARM = mechanism("irb6400r")
@@ -153,3 +156,158 @@ def test_a_column_of_the_table_comes_before_a_derived_one() -> None:
     )
     states: States = states_of(ARM, data)
     np.testing.assert_array_equal(states["last_move_J2"], mine)
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_every_column_has_a_unit_and_a_value_a_pose(name: str) -> None:
+    states = states_of(mechanism(name), bare(name, 11))
+    assert set(states.columns) == set(states.units)
+    assert len(states) == 11
+    for column in states.columns.values():
+        assert column.shape == (11,)
+        assert np.isfinite(column).all()
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_columns_are_joints_nominal_tip_loads_extras_and_row(name: str) -> None:
+    arm, data = mechanism(name), bare(name, 11)
+    states = states_of(arm, data)
+    for i, joint in enumerate(arm.joints):
+        np.testing.assert_array_equal(states[joint.name], data.q[:, i])
+        assert states.units[joint.name] == ("rad" if joint.kind == "revolute" else "m")
+    tip = chain(arm.transforms(data.q))[-1][:, :3, 3]
+    np.testing.assert_allclose(np.column_stack([states[a] for a in "xyz"]), tip, atol=1e-14)
+    for load, values in arm.loads(data.q, data.payload).items():
+        np.testing.assert_array_equal(states[load], values)
+        assert states.units[load] == ("N" if load.startswith("force") else "Nm")
+    np.testing.assert_array_equal(states["row"], np.arange(1, 12))
+    assert (states.units["temperature"], states.units["payload"]) == ("degC", "kg")
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_what_the_payload_alone_exerts_is_the_difference_it_makes(name: str) -> None:
+    arm, data = mechanism(name), bare(name, 11)
+    states = states_of(arm, data)
+    empty = states_of(arm, replace(data, payload=np.zeros(11))).columns
+    for joint in arm.joints:
+        load = f"torque_{joint.name}"
+        np.testing.assert_allclose(states[load] - empty.get(load, 0.0), states[f"payload_{load}"], atol=1e-9)
+        assert f"payload_{load}" not in empty
+    assert max(np.ptp(states[f"payload_torque_{joint.name}"]) for joint in arm.joints) > 1.0
+
+
+def test_a_derived_column_has_a_unit_as_a_listed_one_has() -> None:
+    data = bare("irb6400r", 11)
+    states = states_of(mechanism("irb6400r"), replace(data, position=data.q[:, :3].copy(), in_order=True))
+    units = {"temperature": "degC", "lag_temperature_41p7": "degC", "last_move_J2": "1", "play_J2_0p01": "rad"}
+    units |= {"instrument_azimuth": "rad", "torque_J2_of_J2_x": "m/s^2", "torque_J2_of_J4": "Nm"}
+    assert {name: states.unit(name) for name in units} == units
+    assert not set(states.columns) & {"play_J2_0p01", "lag_temperature_41p7", "instrument_azimuth"}
+    with pytest.raises(InputError, match="'lag_colour_4' is not known here"):
+        states.unit("lag_colour_4")
+
+
+def test_an_unknown_input_names_what_there_is() -> None:
+    with pytest.raises(InputError, match=r"'J9' is not known here; available: J6, J5, J4 and \d+ others"):
+        states_of(mechanism("irb6400r"), bare("irb6400r", 11))["J9"]
+
+
+@pytest.mark.parametrize("taken", ["J1", "x", "torque_J2", "row"])
+def test_a_column_that_hides_a_built_in_one_is_refused(taken: str) -> None:
+    data = replace(bare("irb6400r", 11), extras={taken: np.zeros(11)}, extra_units={taken: "1"})
+    with pytest.raises(InputError, match=f"column '{taken}' .* computed input"):
+        states_of(mechanism("irb6400r"), data)
+
+
+def test_a_subset_is_the_same_at_some_poses_and_nothing_can_be_overwritten() -> None:
+    states = states_of(mechanism("ur5"), bare("ur5", 11))
+    part = states.subset(np.array([7, 2]))
+    for name, column in states.columns.items():
+        np.testing.assert_array_equal(part[name], column[[7, 2]])
+    with pytest.raises(TypeError):
+        states.columns["new"] = np.zeros(11)  # type: ignore[index]
+
+
+def test_a_payload_that_is_the_same_everywhere_still_says_what_it_exerts() -> None:
+    """No input of its own there, and yet what a model reads that was fitted where payloads differ."""
+    arm = mechanism("ur5")
+    data = replace(bare("ur5", 12), payload=np.full(12, 4.0))
+    states = states_of(arm, data)
+    mixed = states_of(arm, replace(data, payload=np.repeat([0.0, 4.0], 6)))
+    for joint in arm.joints:
+        name = f"payload_torque_{joint.name}"
+        assert name not in states.columns
+        assert states.unit(name) == mixed.unit(name)
+        np.testing.assert_allclose(states.subset(np.arange(6, 12))[name], mixed[name][6:])
+
+
+ARM_TORQUE, UR5 = mechanism("irb6400r"), mechanism("ur5")
+MEASURED = np.random.default_rng(0).normal(size=12)
+
+
+def told(name: str, column: str, unit: str, values: np.ndarray = MEASURED) -> Dataset:
+    return replace(bare(name, 12, payload=False), extras={column: values}, extra_units={column: unit})
+
+
+@pytest.mark.parametrize(
+    ("column", "unit", "scale"),
+    [
+        ("torque_J2", "N*m", 1.0), ("tau_2", "Nm", 1.0), ("effort_J2", "kN*m", 1e3), ("trq_j2", "N*mm", 1e-3),
+        ("Torque_J2_measured", "N*m", 1.0), ("measured_torque_2", "N*m", 1.0),
+    ],
+)  # fmt: skip
+def test_a_measured_torque_is_the_load_of_its_joint(column: str, unit: str, scale: float) -> None:
+    data = told("irb6400r", column, unit)
+    states, computed = states_of(ARM_TORQUE, data), states_of(ARM_TORQUE, replace(data, extras={}, extra_units={}))
+    np.testing.assert_allclose(states["torque_J2"], scale * MEASURED)
+    assert states.units["torque_J2"] == "Nm"
+    np.testing.assert_array_equal(states["torque_J3"], computed["torque_J3"])
+    assert column == "torque_J2" or column not in states.columns
+    assert list(unused_torques(ARM_TORQUE, data)) == []
+
+
+def test_joints_are_found_by_number_or_by_name() -> None:
+    for column in ("torque_J2", "torque_shoulder_lift_joint", "tau_2"):
+        states = states_of(UR5, told("ur5", column, "N*m"))
+        np.testing.assert_allclose(states["torque_shoulder_lift_joint"], MEASURED)
+
+
+def test_a_constant_torque_is_left_alone_with_one_line() -> None:
+    data = told("irb6400r", "torque_J2", "N*m", np.full(12, 40.0))
+    computed = states_of(ARM_TORQUE, replace(data, extras={}, extra_units={}))
+    np.testing.assert_array_equal(states_of(ARM_TORQUE, data)["torque_J2"], computed["torque_J2"])
+    (line,) = unused_torques(ARM_TORQUE, data)
+    assert line == (
+        "table: column 'torque_J2' is 40 in every row and is not used as the torque of J2; "
+        "expected what the joint bears at each pose"
+    )
+
+
+@pytest.mark.parametrize(("column", "unit"), [("torque_J9", "N*m"), ("torquemada_J2", "N*m"), ("tau_2", "A")])
+def test_other_columns_stay_what_they_are(column: str, unit: str) -> None:
+    states = states_of(ARM_TORQUE, told("irb6400r", column, unit))
+    np.testing.assert_array_equal(states[column], MEASURED)
+    assert np.abs(states["torque_J2"]).max() > 100.0
+
+
+def test_of_one_pose_what_was_measured_is_the_load() -> None:
+    data = told("irb6400r", "torque_J2", "N*m")
+    for row in range(3):
+        one = data.subset(np.array([row]))
+        np.testing.assert_allclose(states_of(ARM_TORQUE, one)["torque_J2"], MEASURED[row])
+
+
+class Massless:
+    """An arm of which no masses are known."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(ARM_TORQUE, name)
+
+    def loads(self, q: np.ndarray, payload: np.ndarray) -> dict[str, np.ndarray]:
+        return {}
+
+
+def test_where_no_masses_are_known_a_constant_torque_is_still_the_load() -> None:
+    """Inputs of a fitted model must be known at any predicted pose."""
+    data = told("irb6400r", "torque_J2", "N*m", np.full(12, 40.0))
+    np.testing.assert_array_equal(states_of(cast(Mechanism, Massless()), data)["torque_J2"], 40.0)

@@ -15,8 +15,7 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.source import load_mechanism
 from gpmodel.numerics.se3 import chain
 from gpmodel.planning.design import Determinant, Question, Smallest, Variance, choose, deviations
-from gpmodel.planning.limit import least_deviation
-from gpmodel.planning.poses import geometric_question, over_the_pool, spacing, spread_poses
+from gpmodel.planning.poses import geometric_question, least_deviation, over_the_pool, spacing, spread_poses
 from gpmodel.planning.reach import Reach, Sight, candidates
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema_search import CandidateRecord, RoundRecord

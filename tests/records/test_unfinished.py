@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from loop_cases import found, quick
+from effect_cases import numbers
+from loop_cases import QUICK, found, quick, robot
 
 from gpmodel import texts
+from gpmodel.discovery.loop import discover
 from gpmodel.errors import InputError
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import Inputs, SlotProblem
@@ -16,8 +18,7 @@ from gpmodel.evolution.projection import regression
 from gpmodel.evolution.search import Evolution, evolve
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.progress import Say, silent
-from gpmodel.records.run_files import RunFiles
-from gpmodel.records.unfinished import FOLDER, Unfinished, unfinished
+from gpmodel.records.unfinished import FOLDER, RunFiles, Unfinished, unfinished
 from gpmodel.records.unfinished import REQUEST as REQUEST_FILE
 
 REQUEST = {"files": {"table": "../cell.csv"}, "options": {"seed": 3, "noise": None}}
@@ -147,3 +148,29 @@ def test_another_schema_is_refused_and_stays(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="schema 99; this version resumes schema"):
         unfinished(tmp_path)
     assert (tmp_path / FOLDER / REQUEST_FILE).exists()
+
+
+class Interrupted(Exception):
+    pass
+
+
+LONG = [pytest.param(moment, marks=pytest.mark.long) for moment in ("round 2", "round 2: evolving, 1 of")]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("moment", ["round 1: evolving, 1 of", *LONG])
+def test_an_interrupted_run_goes_on_to_the_same_numbers(moment: str, tmp_path: Path) -> None:
+    truth, train, heldout = robot("gear", 0)
+    notes = RunFiles(Unfinished(tmp_path, {}, {}))
+
+    def say(text: str) -> None:
+        if str(text).startswith(moment):
+            raise Interrupted
+
+    with pytest.raises(Interrupted):
+        discover(truth.model.mechanism, truth.poses, train, heldout, search=QUICK, progress=say, kept=notes)
+    done = {path: path.stat().st_mtime_ns for path in notes.files.folder.glob("run-*")}
+    assert max(path.name for path in done).startswith("run-2" if "2: evolving" in moment else "run-1")
+    resumed = discover(truth.model.mechanism, truth.poses, train, heldout, search=QUICK, kept=notes)
+    assert numbers(resumed) == numbers(quick())
+    assert {path: path.stat().st_mtime_ns for path in done} == done

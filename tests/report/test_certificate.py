@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +16,19 @@ from gpmodel.errors import InputError
 from gpmodel.evidence.cross_validation import Confirmation
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.report import certificate
-from gpmodel.report.certificate import STATISTICS, errors_before_and_after, statistics
-from gpmodel.report.charts_certificate import bins_of, histogram
+from gpmodel.report.certificate import (
+    STATISTICS,
+    bins_of,
+    errors_before_and_after,
+    histogram,
+    statistics,
+)
+from gpmodel.report.compare import SIGNIFICANCE, cells, compare, text, verdict
+from gpmodel.report.compare_page import html
 from gpmodel.report.figures import drawn
 from gpmodel.report.particulars import Particulars, read_particulars
-from gpmodel.report.schema import Report
+from gpmodel.report.schema import DataRecord, MechanismRecord, ParameterRecord, Report
+from gpmodel.report.schema_search import EffectRecord
 
 GIVEN = Particulars(machine="IRB 6400R", serial="64-10291", instrument="tracker", operator="A. N. <Other>")
 
@@ -168,3 +177,166 @@ def test_the_bars_of_the_errors_after_calibration_show_their_shape(before: float
     assert bins[-1] >= max(errors.max(), tolerance or 0.0)
     assert np.histogram(errors[:, 1], bins)[0].max() <= 30
     assert len(bins) < 100
+
+
+def remeasured(seed: int, shift: float = 0.0) -> Report:
+    """Measure the machine again: every number is drawn anew within its σ, the first parameter moved by `shift` σ."""
+    report, rng = discovered(), np.random.default_rng(seed)
+    drawn, effects, placed = (
+        [dataclasses.replace(p, value=p.value + p.stderr * rng.normal()) if p.stderr else p for p in numbers]
+        for numbers in (report.parameters, report.effects, report.placement)
+    )
+    at = next(i for i, p in enumerate(drawn) if p.kept)
+    drawn[at] = dataclasses.replace(drawn[at], value=drawn[at].value + shift * drawn[at].stderr)
+    rows = of_rows(report, range(seed * 1000, seed * 1000 + 90))
+    numbers = {"parameters": tuple(drawn), "effects": tuple(effects), "placement": tuple(placed)}
+    return dataclasses.replace(report, data=rows, **numbers)
+
+
+def of_rows(report: Report, rows: Iterable[int]) -> DataRecord:
+    """The data of a report as if of these rows of one long table."""
+    marks = tuple(f"{row:08x}" for row in rows)
+    return dataclasses.replace(report.data, marks=marks, poses=len(marks), sha256=f"{hash(marks)}")
+
+
+def test_a_report_does_not_differ_from_itself() -> None:
+    found = compare(discovered(), discovered())
+    assert {c.chance for c in (*found.parameters, *found.effects, *found.placement)} == {1.0}
+    assert {c.name for c in found.placement} >= {"tool x", "registration rz"}
+    assert (found.only_before, found.only_after, found.incomparable) == ((), (), ())
+    assert verdict(found) == "The same rows and the same numbers."
+
+
+def test_two_models_of_the_same_rows_are_no_change_of_the_machine() -> None:
+    """Geometry may absorb an effect that one model lacks by many standard errors."""
+    report = discovered()
+    kept = next(p for p in report.parameters if p.kept and p.stderr)
+    moved = dataclasses.replace(kept, value=kept.value + 50 * kept.stderr)
+    other = dataclasses.replace(report, parameters=tuple(moved if p is kept else p for p in report.parameters))
+    found = compare(report, other)
+    assert verdict(found).startswith("The same rows, another model")
+    assert not any(c.significant or c.stderr for c in (*found.parameters, *found.effects, *found.placement))
+    assert kept.name in {c.name for c in found.parameters}
+    assert "±" not in text(found)
+    assert not any("±" in cell for c in found.parameters for cell in cells(c))
+    assert "The same rows" in html(found)
+
+
+def test_a_table_that_grew_is_compared_by_what_was_added() -> None:
+    """For n rows and those n with m more, the σ of the difference is that of the information of the m."""
+    report = discovered()
+    kept = next(p for p in report.parameters if p.kept and p.stderr)
+    few = dataclasses.replace(report, data=of_rows(report, range(60)))
+    finer = dataclasses.replace(kept, stderr=kept.stderr * np.sqrt(60 / 90))
+    many = dataclasses.replace(
+        report, data=of_rows(report, range(90)), parameters=tuple(finer if p is kept else p for p in report.parameters)
+    )
+    change = next(c for c in compare(few, many).parameters if c.name == kept.name)
+    assert change.stderr == pytest.approx(kept.stderr * np.sqrt(1 - 60 / 90))
+    assert "60 rows are in both tables" in verdict(compare(few, many))
+    apart = dataclasses.replace(few, data=of_rows(report, range(200, 260)))
+    change = next(c for c in compare(apart, many).parameters if c.name == kept.name)
+    assert change.stderr == pytest.approx(np.hypot(kept.stderr, finer.stderr))
+
+
+def test_a_rotation_vector_past_half_a_turn_is_the_same_orientation() -> None:
+    names = [f"registration r{a}" for a in "xyz"]
+    first, second = np.array([3.13, 0.1, 0.0]), np.array([-3.14, -0.1, 0.0])
+    second *= (2 * np.pi - np.linalg.norm(first) - 1e-5) / np.linalg.norm(second)
+
+    def placed(vector: np.ndarray, rows: range) -> Report:
+        numbers = [ParameterRecord(n, float(v), 1e-4, "rad") for n, v in zip(names, vector, strict=True)]
+        return dataclasses.replace(discovered(), placement=tuple(numbers), data=of_rows(discovered(), rows))
+
+    found = compare(placed(first, range(50)), placed(second, range(100, 150)))
+    assert max(abs(c.difference) for c in found.placement) < 5e-4
+
+
+def test_noise_alone_is_seldom_called_a_change_and_a_shift_is_found() -> None:
+    pairs = [compare(remeasured(2 * s), remeasured(2 * s + 1)) for s in range(200)]
+    wrong = sum(any(c.significant for c in (*p.parameters, *p.effects, *p.placement)) for p in pairs)
+    assert wrong <= 200 * 3 * SIGNIFICANCE
+    moved = compare(remeasured(1), remeasured(2, shift=12.0))
+    changed = [c.name for c in moved.parameters if c.significant]
+    assert changed == [next(p.name for p in discovered().parameters if p.kept)]
+    assert moved.parameters[0].name == changed[0]
+    assert changed[0] in verdict(moved)
+
+
+def test_a_change_is_less_sure_where_few_measurements_are_left_over() -> None:
+    """A change that is significant at known σ is not with three degrees of freedom in either."""
+    for freedom, found in ((None, True), (3.0, False)):
+        pair = (dataclasses.replace(remeasured(k, s), freedom=freedom) for k, s in ((1, 0.0), (2, 7.0)))
+        assert any(c.significant for c in compare(*pair).parameters) == found
+
+
+def test_effects_that_came_and_went_are_named() -> None:
+    report = discovered()
+    new = dataclasses.replace(report, effects=(EffectRecord("something new", value=1.0, stderr=0.1),))
+    found = compare(report, new)
+    assert [e.name for e in found.only_after] == ["something new"]
+    assert [e.name for e in found.only_before] == [report.effects[0].name]
+    assert "new: something new" in verdict(found)
+
+
+def test_parameters_that_only_one_could_fit_are_not_compared() -> None:
+    report = discovered()
+    kept = next(p for p in report.parameters if p.kept)
+    without = [dataclasses.replace(p, kept=False, stderr=None) if p is kept else p for p in report.parameters]
+    other = dataclasses.replace(report, parameters=tuple(without), data=of_rows(report, range(90)))
+    found = compare(report, other)
+    assert found.incomparable == (kept.name,)
+    assert kept.name not in {c.name for c in found.parameters}
+    assert "fitted in one only" in text(found)
+    assert verdict(found).startswith(f"No change beyond chance in {len(found.effects)} quantity;")
+
+
+def test_text_and_page_show_every_change_in_80_columns() -> None:
+    found = compare(remeasured(1), remeasured(2, shift=12.0))
+    said = text(found)
+    assert max(map(len, said.splitlines())) <= 80
+    assert sum(line.endswith("*") for line in said.splitlines()) == 1
+    page = html(found)
+    assert all(
+        c.name[:11] in said and c.name.split()[-1] in said and c.name in page
+        for c in (*found.parameters, *found.effects)
+    )
+
+
+def test_another_machine_is_refused() -> None:
+    report = discovered()
+    joints = report.mechanism.joints
+    for another in (MechanismRecord(report.mechanism.name, joints, (1.0, 2.0, 3.0)), MechanismRecord("ur5", joints)):
+        with pytest.raises(InputError, match="expected two calibrations of one machine"):
+            compare(report, dataclasses.replace(report, mechanism=another))
+
+
+def test_a_machine_is_known_by_its_geometry_and_its_joints_by_their_order() -> None:
+    """Another file name and other joint names make nothing missing or new."""
+    report = discovered()
+    joints = tuple(name.replace("J", "joint_") for name in report.mechanism.joints)
+    renamed = dataclasses.replace(
+        report,
+        mechanism=dataclasses.replace(report.mechanism, name="robot", joints=joints),
+        parameters=tuple(dataclasses.replace(p, name=p.name.replace("J", "joint_")) for p in report.parameters),
+        effects=tuple(dataclasses.replace(e, name=e.name.replace("J", "joint_")) for e in report.effects),
+    )
+    found = compare(report, renamed)
+    assert {c.name for c in found.effects} == {e.name for e in renamed.effects}
+    assert verdict(found) == "The same rows and the same numbers."
+
+
+def test_the_page_shows_the_changes_and_no_chance_that_is_one() -> None:
+    found = compare(remeasured(1), remeasured(2, shift=9.0), ("first: a.csv", "second: a.csv"))
+    page = html(found)
+    assert any(c.chance == 1.0 for c in found.parameters)
+    assert "<td>1</td>" not in page
+    assert page.count('<svg class="chart"') == 1
+    assert page.index("first: a.csv") < page.index("second: a.csv")
+    assert "second: a.csv" in text(found)
+
+
+def test_without_deviations_there_is_neither_chart_nor_chance() -> None:
+    page = html(compare(discovered(), discovered()))
+    assert "<svg" not in page
+    assert ">chance<" not in page

@@ -1,6 +1,7 @@
 """The summary: every number it prints is the report's, in 80 columns, held-out errors first."""
 
 import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from report_runs import REPORTS, calibrated, discovered, evolved
 from gpmodel import wording
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.evidence.cross_validation import Confirmation
+from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.report.fitted import moves_alone
 from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.origin import Origin
@@ -18,7 +20,7 @@ from gpmodel.report.page import html
 from gpmodel.report.schema import ErrorsMm, Report, StepRecord
 from gpmodel.report.schema_search import CandidateRecord, CauseRecord, RoundRecord, TestRecord
 from gpmodel.report.text import summary
-from gpmodel.report.words import causes, noise_floor
+from gpmodel.report.words import causes, noise_floor, story
 
 
 @pytest.mark.parametrize("case", REPORTS)
@@ -164,3 +166,33 @@ def test_nothing_found_is_said() -> None:
 def test_inputs_beyond_chance_are_named_for_evolved_programs() -> None:
     report = evolved()
     assert ", ".join(report.histograms[0].significant) in summary(report)
+
+
+def told(*significant: tuple[str, ...], inputs: tuple[str, ...] = ("moment_base_x",), found: bool = True) -> list[str]:
+    report: Report = discovered()
+    effects = (replace(report.effects[0], name="base compliance", inputs=inputs, round=1),) if found else ()
+    histograms = tuple(
+        Histogram(names, {}, {}, {}, {}, {}, (0.0,) * len(names), (0.0,) * len(names), 0.05) for names in significant
+    )
+    return list(story(replace(report, effects=effects, histograms=histograms)))
+
+
+def test_what_agrees_needs_no_word() -> None:
+    assert told(("moment_base_x",), ()) == []
+    assert told((), ()) == []
+
+
+def test_a_lead_that_led_elsewhere_is_explained() -> None:
+    (said,) = told(("torque_J2",), ())
+    assert said == (
+        "The programs used torque_J2 as a proxy; base compliance explains the same error better; "
+        "with that in the model nothing refers to it any more."
+    )
+    (still,) = told(("torque_J2",), ("torque_J2",))[:1]
+    assert "any more" not in still
+
+
+def test_a_lead_without_a_finding_is_called_one() -> None:
+    assert told(("temperature",), found=False) == [
+        "temperature is significant, but no law of it passed the tests: a lead, not a finding."
+    ]

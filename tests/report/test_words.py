@@ -7,11 +7,20 @@ import pytest
 from gpmodel import wording
 from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.families.candidate import BRED, CATALOGUE, FORMULA, NAMED, SEQUENCE, SMOOTH_TERM, TREE
-from gpmodel.report.instrument_words import beside_specification, instrument
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_poses import InstrumentRecord
 from gpmodel.report.schema_search import EffectRecord, TermRecord
-from gpmodel.report.words import found, input_tests, place, places, rms_removed, significant_inputs, written
+from gpmodel.report.words import (
+    beside_specification,
+    found,
+    input_tests,
+    instrument,
+    place,
+    places,
+    rms_removed,
+    significant_inputs,
+    written,
+)
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from gpmodel.errors import InputError
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.numerics import se3
-from gpmodel.table.robot_calibration import calibrated_urdf
+from gpmodel.table.of_programs import calibrated_urdf
 
 pytestmark = pytest.mark.long
 

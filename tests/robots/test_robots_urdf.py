@@ -17,7 +17,7 @@ from gpmodel.table.read import dataset_from
 from robots import load_mechanism
 from robots.library import EXAMPLE_ARMS
 from robots.urdf import read_urdf
-from robots.urdf_file import LARGEST_FILE
+from robots.urdf_tree import LARGEST_FILE
 
 LINK = '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/>'
 JOINT = (

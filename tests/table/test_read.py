@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 from gpmodel.api.table import dataset_of, read_table
 from gpmodel.errors import InputError
 from gpmodel.mechanism.source import load_mechanism
-from gpmodel.table.cells import read_frame
+from gpmodel.table.cells import frame_of, read_frame
 from gpmodel.table.dataset import LABELS
-from gpmodel.table.write import frame_of
 
 ROBOT = load_mechanism("irb6400r")
 ANGLES = {"deg": math.pi / 180, "rad": 1.0}

@@ -14,9 +14,9 @@ from gpmodel.arrays import Array
 from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import AXES, Massive, bare_of
-from gpmodel.model.measured_torque import measured_torques
 from gpmodel.model.memory import read_by
-from gpmodel.model.naming import translate
+from gpmodel.model.sites import translate
+from gpmodel.model.states import measured_torques
 
 
 @dataclass(frozen=True)

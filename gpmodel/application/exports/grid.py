@@ -16,9 +16,9 @@ from gpmodel.application.usable import placed_now, usable
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.numerics.least_squares import root_mean_square
+from gpmodel.table.cells import table_text
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import joint_column
-from gpmodel.table.write import table_text
 
 NODES = 5
 """Along each side of the box: errors of linear interpolation fall with its square."""

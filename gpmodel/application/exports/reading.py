@@ -23,7 +23,7 @@ from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.robot_calibration import calibrated_urdf
+from gpmodel.table.of_programs import calibrated_urdf
 
 Origins = dict[str, tuple[float, ...]]
 """x, y, z, m, roll, pitch, yaw, rad, by the key of a row."""

@@ -23,10 +23,9 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import INSTRUMENT, ExportsUrdf, Mechanism, bare_of
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, prepare
-from gpmodel.model.naming import translate
+from gpmodel.model.sites import translate
 from gpmodel.numerics.least_squares import root_mean_square
-from gpmodel.table.bundles import bundles
-from gpmodel.table.split import JUDGED, folds
+from gpmodel.table.bundles import JUDGED, bundles, folds
 from gpmodel.wording import length
 
 FOLDS = 5

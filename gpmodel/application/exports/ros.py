@@ -15,7 +15,7 @@ from gpmodel.arrays import Array
 from gpmodel.characters import commented
 from gpmodel.errors import InputError
 from gpmodel.numerics import se3
-from gpmodel.table.robot_calibration import axis_of, origin_of
+from gpmodel.table.of_programs import axis_of, origin_of
 
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 """Links of ur_description without their `_link`, each moved by the joint before it."""

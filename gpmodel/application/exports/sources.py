@@ -20,7 +20,7 @@ from gpmodel.formula.printing import as_in_latex, in_latex, inline, latex_lines
 from gpmodel.formula.program import Builder, Program
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.mechanism.source import choice_of
-from gpmodel.model.naming import translate
+from gpmodel.model.sites import translate
 
 _CLAMP = {"numpy": "np.clip({0}, {1!r}, {2!r})", "c99": "fmin(fmax({0}, {1!r}), {2!r})"}
 
