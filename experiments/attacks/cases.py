@@ -24,6 +24,18 @@ URDF = (
     '<axis xyz="1 0 0"/><limit lower="0" upper="1"/></joint></robot>'
 )
 CODE = '*/int f(void);__attribute__((constructor))static void p(void){system("touch CANARY");}/*'
+SIGHTS = {
+    "cameras": '[camera.C]\nlink = "world"\nfocal_px = [2400.0, 2400.0]\ncentre_px = [1224.0, 1024.0]\n',
+    "board": '[board.B]\nlink = "tool"\ncolumns = 5\nrows = 4\npitch_mm = 20.0\n',
+    "surfaces": "probe_diameter_mm = 6\n[plane.A]\nnormal = [0, 0, 1]\noffset_mm = 12.5\n[line.L]\n"
+    "direction = [1, 0, 0]\npoint_mm = [0, 0, 1]\n[sphere.S]\ndiameter_mm = 30\ncentre_mm = [900, 0, 500]\n",
+    "map": "header = true\n[columns]\n"
+    + "".join(
+        f'{c} = "{c} [{u}]"\n' for c, u in (*((f"J{k}", "deg") for k in range(1, 7)), *((a, "mm") for a in "xyz"))
+    )
+    + '[tool.A]\nx = "x [mm]"\ny = "y [mm]"\nz = "z [mm]"\n',
+}
+"""Files that describe instruments, and the map of an import."""
 VALUES = (
     "", "nan", "-1", "0", "1e400", "1e9", "9" * 400, "abc", 'x"""\nopen("CANARY", "w")\n"""', CODE, "$(touch CANARY)",
     "__import__('os').system('touch CANARY')", "a\x1b[31mRED\x07", "a\nfit to calibrate with; no warnings\nb",
@@ -101,6 +113,33 @@ def descriptions() -> Iterator[Case]:
         parts = URDF.split('"')
         parts[k] = value.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;").replace("\n", "&#10;")
         yield Case(f"URDF {k} {command}", _described("arm.urdf", '"'.join(parts), command))
+
+
+def sights() -> Iterator[Case]:
+    """Values and names of tables in files that describe cameras, boards, surfaces and columns of a foreign file."""
+    for kind, good in SIGHTS.items():
+        lines = good.splitlines()
+        for k, value in product(range(len(lines)), VALUES):
+            key = lines[k].split("=")[0]
+            new = f"[{key.strip('[]').split('.')[0]}.{json.dumps(value)}]" if key == lines[k] else None
+            items = (json.dumps(value), f"[{json.dumps(value)}, 1, 2]", value) if new is None else ("",)
+            for n, item in enumerate(items):
+                text = "\n".join([*lines[:k], new or f"{key}= {item}", *lines[k + 1 :]])
+                yield Case(f"sight {kind} {key.strip()} {n}", _seen(kind, text))
+
+
+def _seen(kind: str, text: str) -> Callable[[Path], Words]:
+    def make(folder: Path) -> Words:
+        for name, good in SIGHTS.items():
+            (folder / f"{name}.toml").write_text(text if name == kind else good, encoding="utf-8")
+        arm = ["--mechanism", "irb6400r"]
+        if kind == "map":
+            return ["import", "t.csv", "--map", "map.toml", "--out", "i.csv"]
+        if kind == "surfaces":
+            return ["check", "planes.csv", *arm, "--surfaces", "surfaces.toml"]
+        return ["check", "camera.csv", *arm, "--cameras", "cameras.toml", "--board", "board.toml"]
+
+    return make
 
 
 def _described(file: str, text: str, command: str) -> Callable[[Path], Words]:

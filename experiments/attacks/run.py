@@ -22,7 +22,7 @@ import numpy as np
 from click.testing import CliRunner
 
 import gpmodel as gp
-from experiments.attacks.cases import Case, descriptions, options, saved, tables
+from experiments.attacks.cases import Case, descriptions, options, saved, sights, tables
 from gpmodel.api.results import write_numbers
 from gpmodel.cli.main import main as program
 from gpmodel.files import to_json, write_text
@@ -73,12 +73,15 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
         good.mkdir()
         write_numbers(fit.record, fit.model, good)
         made.to_dataframe().iloc[:, :9].to_csv(good / "t.csv", index=False)
+        for seen in ("camera", "planes"):
+            gp.simulate("irb6400r", poses=20, instrument=seen, seed=1).save(good / f"{seen}.csv")
         shutil.copytree(good, good / "before")
         contents = {name: json.loads((good / name).read_text()) for name in ("model.json", "report.json")}
         classes = [
             list(options()),
             list(tables()),
             list(descriptions()),
+            list(sights()),
             *(list(saved(c, n)) for n, c in contents.items()),
         ]
         rng = np.random.default_rng(given.seed)

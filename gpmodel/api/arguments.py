@@ -4,6 +4,7 @@ import math
 import numbers
 import os
 import re
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +22,10 @@ NOISIEST = {"length": 1.0, "angle": 0.2, "pixels": 1e3}
 """In SI: of no reading of an instrument."""
 SHOWN = 60
 """Characters of a value that a message shows; of a longer one it says the type."""
+LONGEST_NAME = 255
+"""Bytes of the name of a file, and of a folder, on Linux, Windows and macOS."""
+LARGEST_FLOAT = sys.float_info.max
+"""A whole number above is no float."""
 
 Choice = TypeVar("Choice", bound=str)
 
@@ -50,7 +55,8 @@ def whole(value: object, argument: str, least: int = 0, most: float = math.inf) 
 
 def _real(value: object) -> TypeGuard[float]:
     """Return whether a value is a finite number; a bool is none."""
-    return isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool) and math.isfinite(value)
+    number = isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool)
+    return number and bool(abs(value) <= LARGEST_FLOAT)  # type: ignore[arg-type]
 
 
 def share(value: object, argument: str, *, positive: bool = False) -> float:
@@ -99,6 +105,20 @@ def texts(value: object, argument: str, example: str) -> tuple[str, ...]:
     return tuple(str(item) for item in items)
 
 
+def switch(value: object, argument: str) -> bool:
+    """True or False. Raises InputError naming the argument."""
+    if not isinstance(value, bool | np.bool):
+        raise InputError(f"{shown(value)}, expected True or False", argument)
+    return bool(value)
+
+
+def text(value: object, argument: str, what: str) -> str:
+    """A text. Raises InputError naming the argument and saying what it is."""
+    if not isinstance(value, str):
+        raise InputError(f"{shown(value)}, expected {what} as text", argument)
+    return str(value)
+
+
 def called(value: object, argument: str) -> Callable[..., object]:
     """A function. Raises InputError naming the argument."""
     if not callable(value):
@@ -110,6 +130,8 @@ def file_path(value: object, argument: str) -> Path:
     """A path of a file or folder. Raises InputError naming the argument."""
     if not isinstance(value, str | os.PathLike) or not str(value) or "\0" in str(value):
         raise InputError(f"{shown(value)}, expected a path", argument)
+    if any(len(os.fsencode(part)) > LONGEST_NAME for part in Path(value).parts):
+        raise InputError(f"{shown(value)}, expected a path whose names have {LONGEST_NAME} bytes at most", argument)
     return Path(value)
 
 

@@ -273,7 +273,7 @@ def evolve(
     called(progress, "progress")
     with extra_for("gpmodel.evolve"):
         import gpmodel.evolution.kernels.compiler  # noqa: F401
-    side_by_side = executor or Forks(whole(workers, "workers"))
+    side_by_side = Forks(whole(workers, "workers")) if executor is None else executor
     effort = _effort(population, generations, seconds, selection)
     settings = settings_for(space, default_strategies(space) if strategies is None else evolved(strategies), effort)
     arm = mechanism_of(mechanism)

@@ -178,7 +178,8 @@ def fleet(
     machines = machines_of(mechanism, tables)
     arms = list(machines.values())
     rows = [split(poses.dataset, fraction, seed) for _, poses in arms]
-    side_by_side, kept = executor or Forks(whole(workers, "workers")), journal or KeptMachines()
+    side_by_side = Forks(whole(workers, "workers")) if executor is None else executor
+    kept = KeptMachines() if journal is None else journal
     tasks = [Searched(arm, poses, of, seed) for (arm, poses), of in zip(arms, rows, strict=True)]
     named, own, chosen = _effects(given, FleetSearch(list(machines), tasks, side_by_side, kept, say))
     geometry = geometric_effects(arms[0][0])

@@ -8,7 +8,19 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import MechanismLike, among, box_limits, called, file_path, mechanism_of, number, whole
+from gpmodel.api.arguments import (
+    MechanismLike,
+    among,
+    box_limits,
+    called,
+    file_path,
+    mechanism_of,
+    number,
+    shown,
+    switch,
+    text,
+    whole,
+)
 from gpmodel.api.display import Shown, aligned
 from gpmodel.api.table import Described, TableLike, dataset_of, frame_to_extend, told_of_reading, with_numbers
 from gpmodel.application.compensate import compensated, of_frame, targets_in
@@ -73,6 +85,8 @@ class Model(Shown):
     ) -> tuple[pd.DataFrame, Array]:
         """Return the results of `predict` and `misses` at the cost of one of them."""
         called(progress, "progress")
+        as_measured, session = switch(as_measured, "as_measured"), switch(session, "session")
+        in_order = switch(in_order, "in_order")
         told_of_reading(poses, progress)
         frame, text, path = frame_to_extend(poses, self.mechanism, "poses")
         dataset = (
@@ -110,6 +124,7 @@ class Model(Shown):
         Raises InputError where they are neither, or do not fit the model.
         """
         degrees = number(max_move, "max_move", 0.0, 360.0)
+        session, in_order = switch(session, "session"), switch(in_order, "in_order")
         frame, text, path = frame_to_extend(targets, self.mechanism, "targets")
         saved, rng = placed_now(usable(self.saved, session=session)), np.random.default_rng(whole(seed, "seed"))
         saved = of_frame(saved) if among(point, POINTS, "point") == "frame" else saved
@@ -124,7 +139,10 @@ class Model(Shown):
         corrected: what `compensate` gave. language: "RAPID" or "KRL". name: of the module. Raises InputError for
         another frame, a mechanism of more than six joints, or where no row has corrected values.
         """
-        return program_text(self.mechanism, corrected, among(language, LANGUAGES, "language"), name)
+        if not isinstance(corrected, pd.DataFrame):
+            raise InputError(f"{shown(corrected)}, expected the frame that compensate gives", "corrected")
+        module = text(name, "name", "the name of a program")
+        return program_text(self.mechanism, corrected, among(language, LANGUAGES, "language"), module)
 
     def export(
         self,
@@ -153,6 +171,8 @@ class Model(Shown):
             from gpmodel.application.exports.sample import Place
 
         limits = None if box is None else box_limits(box, "box")
+        setup = None if setup is None else text(setup, "setup", "the name of a set-up")
+        tool = None if tool is None else text(tool, "tool", "the name of a tool")
         place = Place.of(self.saved, setup, tool)
         count = NODES if nodes is None else whole(nodes, "nodes", 2, MOST_NODES)
         made = exports_of(self.saved, place, box=limits, nodes=count, seed=whole(seed, "seed"))
@@ -171,7 +191,7 @@ class Model(Shown):
         from gpmodel.report.verification import VerifyRequest
 
         asked = VerifyRequest("gpmodel.verify", "model", self.sha256)
-        return verify_saved(self.saved, table, asked, tolerance, in_order, sights)
+        return verify_saved(self.saved, table, asked, tolerance, switch(in_order, "in_order"), sights)
 
     def misses(
         self, poses: TableLike, *, as_measured: bool = False, session: bool = False, in_order: bool = False

@@ -19,6 +19,7 @@ from gpmodel.api.arguments import (
     number,
     point,
     quantity,
+    switch,
     whole,
 )
 from gpmodel.api.display import Shown
@@ -136,8 +137,8 @@ def choose_poses(
         raise InputError("belongs to a result; expected one to go on after", "rejected")
     if model is None and mechanism is None:
         raise InputError("missing, expected a mechanism, or a result to go on after", "mechanism")
-    arm = mechanism_of(mechanism) if model is None else model.mechanism
-    reach = Reach(_box(above, box), _tool(tool_point, model), _sight(instrument, normal, cone), collisions)
+    arm, collides = mechanism_of(mechanism) if model is None else model.mechanism, switch(collisions, "collisions")
+    reach = Reach(_box(above, box), _tool(tool_point, model), _sight(instrument, normal, cone), collides)
     spread_of = quantity(noise, "length", "noise", positive=True, most=NOISIEST)
     number = None if rejected is None else _rejected(rejected, criterion)
     kind = None if criterion is None else among(criterion, BEFORE if model is None else AFTER, "criterion")

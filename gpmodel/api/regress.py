@@ -160,5 +160,5 @@ def _response(y: ArrayLike, rows: int) -> Array:
 def _numbers(value: ArrayLike, argument: str) -> Array:
     try:
         return np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{shown(value)}, expected numbers", argument) from None

@@ -1,6 +1,7 @@
 """Measured tables, from files or data frames."""
 
 import hashlib
+import os
 from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import MechanismLike, file_path, mechanism_of, quantity, shown
+from gpmodel.api.arguments import MechanismLike, file_path, mechanism_of, quantity, shown, switch
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import LARGEST, Mechanism
@@ -56,7 +57,7 @@ def read_table(
     Raises InputError: file missing or empty, a column without or with an unknown unit, joints missing or in surplus,
     text among numbers, nothing measured, a payload column beside the mechanism's payload.
     """
-    arm = mechanism_of(mechanism)
+    arm, in_order = mechanism_of(mechanism), switch(in_order, "in_order")
     given = described(cameras, board, surfaces)
     dataset = dataset_of(table, arm, need_measurement=True, described=given)
     check_told_of(dataset, given)
@@ -135,7 +136,7 @@ def in_metres(value: str | float, dataset: Dataset, name: str, most: Mapping[str
 def told_of_reading(source: TableLike, progress: Say) -> None:
     """Says that a table is read where that takes long."""
     with suppress(OSError, ValueError):  # whoever reads it says what is wrong with it
-        if isinstance(source, str | Path) and Path(source).is_file() and Path(source).stat().st_size > LARGE:
+        if isinstance(source, str | Path) and os.path.isfile(source) and Path(source).stat().st_size > LARGE:
             progress(Progress("reading the table"))
 
 

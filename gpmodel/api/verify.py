@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel import wording
-from gpmodel.api.arguments import called
+from gpmodel.api.arguments import called, switch
 from gpmodel.api.display import Shown
 from gpmodel.api.model import Model
 from gpmodel.api.saved import model_of
@@ -138,7 +138,7 @@ def verify(
     told_of_reading(table, progress)
     asked = VerifyRequest(command, name, judged.sha256)
     sights = {"cameras": cameras, "board": board, "surfaces": surfaces}
-    return verify_saved(judged.saved, table, asked, tolerance, in_order, sights)
+    return verify_saved(judged.saved, table, asked, tolerance, switch(in_order, "in_order"), sights)
 
 
 def verify_next(
@@ -161,6 +161,5 @@ def verify_next(
     judged = model_of(model, "model")
     name = Path(model).name if isinstance(model, str | Path) else "model"
     sights = {"cameras": cameras, "board": board, "surfaces": surfaces}
-    return next_check(
-        judged.saved, table, VerifyRequest(COMMAND, name, judged.sha256), tolerance, in_order, sights
-    )  # fmt: skip
+    asked = VerifyRequest(COMMAND, name, judged.sha256)
+    return next_check(judged.saved, table, asked, tolerance, switch(in_order, "in_order"), sights)

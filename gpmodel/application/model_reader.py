@@ -209,7 +209,8 @@ def _check_rigid(transform: Array, where: str) -> None:
         raise ValueError(f"no rotation and translation, expected orthonormal axes and 0 0 0 1 below - at `$.{where}`")
 
 
-REPORT, REPORTED = "report.json", "model_sha256"
+REPORT, REPORTED, REPORTED_FILE = "report.json", "model_sha256", "model.json"
+"""A report, its field with the seal of its model, and the file of that model in the folder of the report."""
 Part = TypeVar("Part")
 
 
@@ -228,10 +229,13 @@ MODEL = Sealed(KIND, SCHEMAS, ModelPart, "model", "a model.json")
 
 
 def read_part(path: Path) -> ModelPart:
-    """The content of a model.json. Raises InputError as `read_sealed`, or where it is not the model that the report
-    beside it tells of."""
+    """The content of a model.json. Raises InputError as `read_sealed`, or where it is not the model of its report.
+
+    Other models in that folder, as the truth of a simulation, have no report.
+    """
     part, digest = read_sealed(path, MODEL)
-    _check_report(path, digest)
+    if path.name == REPORTED_FILE:
+        _check_report(path, digest)
     return part
 
 

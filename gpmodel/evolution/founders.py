@@ -218,7 +218,10 @@ def founders(name: str, column: Array, targets: Targets, most: int) -> list[Prog
     """The short forms of a column (N,) of a name that save most at the targets' first site from where they start.
 
     One of a kind: of those that differ in constants alone the best. Compared on at most ``BINS`` values of the column.
+    A column that does not vary has none.
     """
+    if not np.ptp(column):
+        return []
     few, seen = binned(column, targets)
     of = partial(Element.program, inner=parse(repr(name)), low=float(few.min()), width=float(np.ptp(few)))
     found = list(_alone(FINE, few, seen, of))

@@ -1,5 +1,6 @@
 """Description from which a mechanism is loaded: a name or file, its measured frame, and its payload."""
 
+import os
 import shutil
 import sys
 import tempfile
@@ -77,7 +78,7 @@ class MechanismChoice:
         name, choice = self.name, self
         if self.description:
             name = str(_unpacked(self.name, self.description))
-        elif self.description is None and Path(name).is_file():
+        elif self.description is None and os.path.isfile(name):
             choice = replace(self, description=_text(Path(name)))
         elif self.description is not None and Path(name).suffix.lower() in FILES:
             raise InputError(f"mechanism '{name}' is a file, and its description is missing")

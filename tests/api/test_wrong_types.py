@@ -128,6 +128,41 @@ def test_a_wrong_argument_of_a_model_is_one_line_that_names_it(method: str, fit:
         refused(lambda more=more: fit.model.compensate(TABLE, **more), next(iter(more)))
 
 
+SWITCHED = (np.zeros((2, 3)), FRAME, "no", 1)
+LONG = "9" * 5000
+
+
+@pytest.mark.parametrize("value", SWITCHED)
+def test_a_switch_is_on_or_off(value: object, fit: CalibrationResult) -> None:
+    for argument in ("in_order", "session", "as_measured"):
+        refused(lambda argument=argument: fit.model.predict(TABLE, **{argument: value}), argument)
+    for call in (fit.model.verify, fit.model.compensate, lambda table, **a: gp.read_table(table, ARM, **a)):
+        refused(lambda call=call: call(TABLE, in_order=value), "in_order")
+    refused(lambda: gp.choose_poses(ARM, 3, collisions=value), "collisions")
+
+
+def test_what_a_program_and_an_export_are_of(fit: CalibrationResult) -> None:
+    for value in (NOTHING, TEXT, NUMBER, LIST, OBJECT):
+        refused(lambda value=value: fit.model.program(value, "RAPID"), "corrected")
+    for value in (NOTHING, NUMBER, LIST, FRAME):
+        refused(lambda value=value: fit.model.program(TABLE, "RAPID", value), "name")
+    for argument in ("setup", "tool"):
+        refused(lambda argument=argument: fit.model.export(**{argument: LIST}), argument)
+
+
+def test_a_number_beyond_all_floats_is_out_of_range(fit: CalibrationResult) -> None:
+    refused(lambda: fit.model.compensate(TABLE, max_move=10**400), "max_move")
+    refused(lambda: gp.simulate(ARM, noise=10**400), "noise")
+    refused(lambda: gp.regress(np.zeros(9), [10**400] * 9), "y")
+
+
+@pytest.mark.parametrize("read", [gp.load_mechanism, gp.load_model, gp.load_result, lambda name: gp.check(ARM, name)])
+def test_a_name_longer_than_any_file_has_is_one_line(read: Callable[[str], object]) -> None:
+    with pytest.raises(gp.InputError) as caught:
+        read(LONG)
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("result", RESULTS)
 def test_a_result_goes_to_a_path_and_nowhere_else(result: str) -> None:

@@ -164,3 +164,8 @@ def test_a_response_near_its_pole_at_one_point_has_its_law() -> None:
     response = 1.0 / (1.0 - (1.0 - 1e-10) / away.max() * away)
     found = regression_front(Inputs(("x",), x[None]), response, np.random.default_rng(1), 1.0, time.process_time)
     assert found[-1].left < 1e-20
+
+
+def test_an_input_that_does_not_vary_ends_in_a_law() -> None:
+    found = regression_front(Inputs(("x",), np.ones((1, 9))), np.arange(9.0), np.random.default_rng(0), 0.01)
+    assert str(found[-1].program)
