@@ -10,11 +10,9 @@ from gpmodel.errors import InputError, choices
 from joints.budget import KINDS, error_budget, sources_of
 from joints.contact import Body, first_yield_pressure, hertz
 from joints.description import SECTIONS, read_joint, spherical_joint
-from joints.dynamics import ball_mass
+from joints.dynamics import ball_mass, magnet_stiffness
 from joints.fed_film import FedFilm, fed_film, left_a_cycle_later
-from joints.film import edge_gap
-from joints.film_design import design_film, film_geometry, orifice_law
-from joints.friction import magnet_stiffness
+from joints.film import design_film, edge_gap, film_geometry, orifice_law
 from joints.orifice import ATMOSPHERE
 from joints.passive_joint import JOINTS, PassiveJoint
 from joints.preload import (

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
 from joints.contact import HertzContact, PublishedContact
-from joints.film import FilmGeometry, supporting_pressure
+from joints.film import FilmDesign, FilmGeometry, supporting_pressure
 from joints.film import film_pressure as flat_pressure
-from joints.film_design import FilmDesign
 from joints.magnets import Magnet, MagnetSeat, PreloadDesign
 from joints.orifice import ATMOSPHERE, SCCM
 from joints.pugh import PughChart

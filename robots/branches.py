@@ -11,8 +11,8 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
+from gpmodel.mechanism.branches import links
 from gpmodel.mechanism.protocol import Joint
-from gpmodel.mechanism.workspace import links
 from gpmodel.numerics import se3
 from robots.chain import SerialChain
 from robots.urdf import read_urdf

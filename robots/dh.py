@@ -50,7 +50,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import checked, checked_mass
-from gpmodel.table.toml_table import TomlTable
+from gpmodel.table.units import TomlTable
 from gpmodel.texts import read_toml
 from robots.branches import Branches, check_arms
 from robots.chain import SerialChain

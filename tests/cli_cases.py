@@ -7,9 +7,9 @@ import pandas as pd
 from click.testing import CliRunner, Result
 
 from gpmodel.cli.main import main
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import MechanismChoice
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.planning.simulate import Simulation, simulate
 from gpmodel.table.cells import frame_of
 

@@ -13,8 +13,8 @@ from gpmodel.arrays import Array
 from gpmodel.discovery.state import Discovery
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, observe, prepare
 from gpmodel.model.sites import geometric_effects

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.source import MechanismChoice
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.planning.simulate import simulate
 from gpmodel.table.cells import frame_of
 from gpmodel.table.dataset import Dataset

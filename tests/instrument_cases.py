@@ -10,7 +10,7 @@ from gpmodel.api.simulate import SimulationResult
 from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.weigh import weighed
-from gpmodel.mechanism.workspace import random_poses
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.model.error_model import Poses, observe, prepare
 from gpmodel.numerics import se3
 from gpmodel.numerics.se3 import frame_of

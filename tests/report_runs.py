@@ -19,8 +19,7 @@ from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.sites import standard_effects
 from gpmodel.report.build import Ladder
 from gpmodel.report.effects import from_calibration
-from gpmodel.report.from_discovery import from_discovery
-from gpmodel.report.from_evolution import compensation, from_evolution
+from gpmodel.report.from_discovery import compensation, from_discovery, from_evolution
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report
 from gpmodel.table.bundles import hold_out

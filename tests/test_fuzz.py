@@ -8,8 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from experiments.scale.mutations import TOKENS, Edit, edited
-from experiments.scale.readers import Reader, outcome, readers
+from experiments.scale.readers import TOKENS, Edit, Reader, edited, outcome, readers
 
 EDIT = st.builds(Edit, st.integers(0, 4), st.floats(0.0, 1.0), st.integers(0, 40), st.integers(0, len(TOKENS) - 1))
 EDITS = st.lists(EDIT, min_size=1, max_size=6)

@@ -117,10 +117,10 @@ FROM_TEXT = {
     "cli/request.py",
     "records/unfinished.py",
     "texts.py",
-    "joints/studies/contact_types.py",
+    "joints/studies/contact.py",
     "joints/description.py",
     "joints/settings.py",
-    "table/toml_table.py",
+    "table/units.py",
 }
 """Where text of JSON or TOML becomes values; nowhere else is anything of any type."""
 

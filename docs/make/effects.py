@@ -12,8 +12,8 @@ from threadpoolctl import threadpool_limits
 import gpmodel as gp
 from gpmodel.arrays import Array
 from gpmodel.calibration.linearise import effect_columns
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import AXES, Mechanism
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, prepare
 from gpmodel.model.observed import Observed
 from gpmodel.table.dataset import unmeasured

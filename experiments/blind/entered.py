@@ -11,8 +11,8 @@ from experiments.blind.cases import CASES
 from experiments.blind.files import write
 from experiments.blind.generate import make
 from experiments.blind.judge import judge
-from experiments.methods.leaderboard import write as write_board
 from experiments.methods.plug import Method, asked, folder_name, method_named
+from experiments.methods.plug import write as write_board
 from experiments.methods.rows import Row, append, rounded, saved
 
 

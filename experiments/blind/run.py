@@ -21,8 +21,8 @@ from pathlib import Path
 from experiments.blind.cases import CASES, FAMILIES
 from experiments.blind.entered import run
 from experiments.blind.grading import summarise
+from experiments.blind.judge import save, saved
 from experiments.blind.product import Asked, Row, judge
-from experiments.blind.tables import save, saved
 from experiments.methods.plug import METHODS
 from gpmodel.executor import Processes, Threads
 

@@ -19,8 +19,8 @@ from typing import Any
 
 from experiments.blind.cases import CASES
 from experiments.blind.grading import summarise
+from experiments.blind.judge import line, number, rule
 from experiments.blind.product import Asked, Row, judge
-from experiments.blind.tables import line, number, rule
 from gpmodel.executor import Processes, Threads
 
 WAYS = {"catalogue alone": ("--runs", "0"), "programs alone": ("--no-catalogue",), "both": ()}

@@ -25,9 +25,9 @@ from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.problems import CartesianProblem
 from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import thesis_settings
+from gpmodel.formula.algebra import simplify
 from gpmodel.formula.printing import latex
 from gpmodel.formula.program import Program
-from gpmodel.formula.simplification import simplify
 from gpmodel.model.error_model import ErrorModel, Poses, observe
 
 PRICE = 1e-5

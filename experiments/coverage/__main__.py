@@ -17,8 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.coverage.cases import FAMILIES
-from experiments.coverage.measure import Row, found, known
+from experiments.coverage.measure import FAMILIES, Row, found, known
 from gpmodel.discovery.search import Search
 from gpmodel.executor import Processes, Threads
 

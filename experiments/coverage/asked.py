@@ -12,9 +12,7 @@ import pandas as pd
 
 from experiments.blind.robot import world_of
 from experiments.blind.session import Route
-from experiments.coverage.least import least
-from experiments.coverage.strata import machine_of
-from experiments.coverage.truth import Exact, Hall, exact, hall, poses_at
+from experiments.coverage.truth import Exact, Hall, exact, hall, least, machine_of, poses_at
 from gpmodel.api.calibrate import CalibrationResult, calibrate
 from gpmodel.api.table import read_table
 from gpmodel.application.compensate import GIVEN, corrected, joint_targets

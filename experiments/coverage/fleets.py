@@ -18,8 +18,7 @@ from experiments.blind.generate import first_table, standing
 from experiments.blind.machine import Machine
 from experiments.blind.robot import world_of
 from experiments.blind.session import Route
-from experiments.coverage.strata import ARMS, STRATA
-from experiments.coverage.truth import frame, mechanism_of, poses_at
+from experiments.coverage.truth import ARMS, STRATA, frame, mechanism_of, poses_at
 from gpmodel.api.fleet import fleet
 from gpmodel.api.table import read_table
 from gpmodel.calibration.gauss_newton import calibrate

@@ -18,8 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.coverage.strata import machine_of
-from experiments.coverage.truth import hall
+from experiments.coverage.truth import hall, machine_of
 from gpmodel.api.calibrate import calibrate as calibrate_table
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.model.error_model import observe

@@ -18,7 +18,7 @@ import numpy as np
 
 from experiments.coverage.asked import Row, asked
 from experiments.coverage.fleets import fleet_asked
-from experiments.coverage.strata import STRATA
+from experiments.coverage.truth import STRATA
 from gpmodel.numerics.interval import coverage_factor
 
 KINDS = ("effect", "geometry", "place", "turn", "tool")

@@ -11,10 +11,94 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
+import pinocchio as pin
 
 import gpmodel as gp
-from experiments.exports.geometry import ARMS, GEOMETRY, HERE, NOISE, POSES, geometry, worst
+from gpmodel.application.exports.make import Exports, parts_of, together
+from gpmodel.application.exports.program_reading import program_read
+from gpmodel.application.exports.programs import LANGUAGES
+from gpmodel.application.exports.rigid import measured_link
+from gpmodel.application.exports.sample import Place, fresh_poses
 from gpmodel.files import to_json, write_text
+from gpmodel.numerics import se3
+from robots.library import EXAMPLE_ARMS
+
+HERE, POINT = Path(__file__).parent, ["x [mm]", "y [mm]", "z [mm]"]
+POSES, NOISE, GEOMETRY = 80, "0.03 mm", "0.3 mm"
+ARMS = ("irb6400r", "irb6400r-2.8", *EXAMPLE_ARMS, "wrist.toml", "mimic.urdf", "two_arms.toml")
+"""With a parallel bar; of one joint a motor; with a coupled wrist; with a mimic joint; of two arms."""
+
+
+def geometry(arm: str) -> dict[str, float | str | None]:
+    """By file its largest error, µm, or why there is none; of a URDF by Pinocchio, too."""
+    path = str(HERE / arm) if (HERE / arm).is_file() else arm
+    several = arm == "two_arms.toml"
+    instrument = "points" if several else "tracker"
+    made = gp.simulate(path, poses=POSES, noise=NOISE, geometry_sigma=GEOMETRY, instrument=instrument)
+    model = gp.calibrate(path, made.table, holdout=0).model
+    exports = together([part() for part in parts_of(model.saved, Place.of(model.saved))[:-1]])
+    found = {e.file: None if np.isnan(e.largest) else 1e6 * e.largest for e in exports.made}
+    if not several:
+        found["calibrated.urdf by Pinocchio"] = by_pinocchio(model, exports)
+        found |= programs(model)
+    print(arm, found, sep="\n", flush=True)
+    return {**found, **exports.refused}
+
+
+def by_pinocchio(model: gp.Model, exports: Exports) -> float:
+    """Largest distance of calibrated.urdf from predict, µm, its mimic joints moved by Pinocchio."""
+    text = next(e.text for e in exports.made if e.file == "calibrated.urdf")
+    arm, placed = pin.buildModelFromXML(text, mimic=True), model.saved.placement
+    data, at, tips = arm.createData(), arm.getFrameId(measured_link(text), pin.FrameType.BODY), []
+    poses = fresh_poses(model.saved, 100, np.random.default_rng(1))
+    for row in poses.q:
+        q = pin.neutral(arm)
+        for name, value in zip(poses.joints, row, strict=True):
+            joint = arm.joints[arm.getJointId(name)]
+            q[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
+        pin.framesForwardKinematics(arm, data, q)
+        tips.append((placed.registration[""] @ data.oMf[at].homogeneous @ placed.tool[""])[:3, 3])
+    headers = [f"{j.name} [{'rad' if j.kind == 'revolute' else 'm'}]" for j in model.mechanism.joints]
+    wanted = model.predict(pd.DataFrame(poses.q, columns=headers))
+    return float(1e6 * np.linalg.norm(tips - wanted[POINT].to_numpy() / 1e3, axis=1).max())
+
+
+def programs(model: gp.Model) -> dict[str, float | str]:
+    """Distance, µm, of predict at the joint values read in a program from that at corrected targets, or its frames."""
+    poses = fresh_poses(model.saved, 50, np.random.default_rng(2))
+    joints, found = model.mechanism.joints, dict[str, float | str]()
+    headers = [f"{j.name} [{'rad' if j.kind == 'revolute' else 'm'}]" for j in joints]
+    corrected = model.compensate(pd.DataFrame(poses.q, columns=headers))
+    there = corrected.filter(like="corrected_").dropna()
+    wanted = model.predict(there.rename(columns=lambda header: header.removeprefix("corrected_")))[POINT].to_numpy()
+    for language in LANGUAGES:
+        try:
+            values, frames = program_read(model.program(corrected, language))
+        except gp.InputError as error:
+            found[f"program in {language}"] = error.said
+            continue
+        scales = [1e3 if j.kind == "prismatic" else np.degrees(1.0) for j in joints]
+        q = np.array([values[row + 1] for row in there.index])[:, : len(joints)] / scales
+        here = np.array([frames[row + 1][:3, 3] for row in there.index])
+        off = here - se3.chain(model.mechanism.transforms(q))[-1][:, :3, 3]
+        apart = model.predict(pd.DataFrame(q, columns=headers))[POINT].to_numpy() - wanted
+        found[f"program in {language}"] = float(np.linalg.norm([1e6 * off, 1e3 * apart], axis=2).max())
+    return found
+
+
+def worst(arms: dict[str, dict[str, float | str | None]]) -> str:
+    """By file the worst of all arms, and of how many it is refused."""
+    lines = ["| geometry alone | arms | worst, µm | refused |", "|---|---|---|---|"]
+    for file in dict.fromkeys(file for found in arms.values() for file in found):
+        known = [found[file] for found in arms.values() if file in found]
+        numbers = [v for v in known if isinstance(v, float)]
+        refused = sum(isinstance(v, str) for v in known)
+        lines.append(
+            f"| `{file}` | {len(known) - refused} | {f'{max(numbers):.1g}' if numbers else '–'} | {refused or ''} |"
+        )
+    return "\n".join(lines)
+
 
 CASES = {
     "irb6400r": {"joint_compliance J2": "2e-7", "gear_harmonic J4": "60 arcsec"},

@@ -14,7 +14,7 @@ import numpy as np
 
 import gpmodel as gp
 from experiments.blind.arms import ARMS
-from experiments.blind.description import urdf
+from experiments.blind.files import urdf
 from experiments.fleet.machines import CASE, NAMED, SPREAD, Built, built, mean_amounts, table
 from gpmodel.files import to_json, write_text
 from gpmodel.hierarchy.record import FleetPart

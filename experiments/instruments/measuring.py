@@ -9,8 +9,7 @@ from functools import partial
 import numpy as np
 
 from experiments.blind.simulator import Array, draw_poses, small_motion
-from experiments.instruments.reaching import Unreached, ends, reached
-from experiments.instruments.robots import Robot
+from experiments.instruments.robots import Robot, Unreached, ends, reached
 
 FOCAL, IMAGE, PIXEL = 2400.0, (2448.0, 2048.0), 0.1
 LENGTH = 3e-5

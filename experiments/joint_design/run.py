@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 
 from gpmodel.files import plain
 from gpmodel.report.origin import versions
-from joints.film_design import design_film, film_geometry, orifice_law
+from joints.film import design_film, film_geometry, orifice_law
 from joints.orifice import ATMOSPHERE
 from joints.reynolds import lateral_stiffness, spherical_film
 from joints.settings import load_settings

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from experiments.layouts.robots import Case, names, radians, session, table, write
+from experiments.layouts.written import Case, names, radians, session, table, write
 
 AXES = ",".join(names("J{}"))
 

@@ -17,8 +17,7 @@ from click.testing import CliRunner
 
 import gpmodel as gp
 from experiments.layouts.later import LATER
-from experiments.layouts.robots import Case
-from experiments.layouts.written import WRITTEN
+from experiments.layouts.written import WRITTEN, Case
 from gpmodel.cli.import_ import import_table
 from gpmodel.errors import InputError
 from gpmodel.report.origin import versions

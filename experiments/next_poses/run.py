@@ -26,8 +26,8 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.families.by_name import effects_named
 from gpmodel.files import to_json, write_text
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.source import MechanismChoice
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
 from gpmodel.model.sites import geometric_effects

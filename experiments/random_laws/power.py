@@ -21,8 +21,7 @@ from scipy.stats import chi2
 
 import gpmodel as gp
 from experiments.methods.rows import Row, append, rounded, saved
-from experiments.random_laws.findings import graded
-from experiments.random_laws.judge import write
+from experiments.random_laws.judge import graded, write
 from experiments.random_laws.robot import Robot, factors_of, make
 from gpmodel.api.table import read_table
 from gpmodel.model.error_model import prepare

@@ -15,12 +15,11 @@ import time
 from itertools import product
 from pathlib import Path
 
-from experiments.methods.leaderboard import leaderboard, write
-from experiments.methods.plug import METHODS, folder_name, method_named
+from experiments.methods.plug import METHODS, folder_name, leaderboard, method_named, write
 from experiments.methods.rows import Row, append, rounded, saved
 from experiments.random_laws.judge import judge
+from experiments.random_laws.law import GRAMMARS
 from experiments.random_laws.robot import factors_of, is_aside
-from experiments.random_laws.shapes import GRAMMARS
 
 SHORT = (
     "method", "seed", "factors", "index", "arm", "poses", "law", "place", "geometry_mm", "oracle_mm", "error_mm",

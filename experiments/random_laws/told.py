@@ -20,8 +20,7 @@ import numpy as np
 import gpmodel as gp
 from experiments.blind.grading import nodes
 from experiments.blind.oracle import rms_mm
-from experiments.methods.leaderboard import leaderboard
-from experiments.methods.plug import Files, predicted
+from experiments.methods.plug import Files, leaderboard, predicted
 from experiments.methods.rows import Row, append, explained, rounded, saved
 from experiments.random_laws.judge import drawn, oracle, write
 from experiments.random_laws.law import Place

@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from experiments.random_laws.law import Law
-from experiments.random_laws.shapes import one_variable, two_variables
+from experiments.random_laws.law import Law, one_variable, two_variables
 from gpmodel.evolution.formulas import formulas_at
 from gpmodel.evolution.pareto import description_length
 from gpmodel.evolution.problems import Inputs, SlotProblem

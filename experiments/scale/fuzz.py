@@ -17,8 +17,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from experiments.scale.mutations import edited, random_edits
-from experiments.scale.readers import Reader, outcome, readers
+from experiments.scale.readers import Reader, edited, outcome, random_edits, readers
 from gpmodel.executor import Processes
 from gpmodel.files import to_json
 

@@ -18,9 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.speed.cold_start import cold_start
-from experiments.speed.peers import deap_evaluate, full_trees, gplearn_evaluate
-from experiments.speed.slot_problems import EFFECTS, planted
+from experiments.speed.peers import EFFECTS, cold_start, deap_evaluate, full_trees, gplearn_evaluate, planted
 from experiments.tables import write_table
 from gpmodel.discovery.search import Search
 from gpmodel.evolution import engine

@@ -18,15 +18,16 @@ from typing import Any
 import numpy as np
 
 from experiments.spherical_joint.rig import Rig
-from experiments.spherical_joint.weak import needed
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.folds import discover_by_folds
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
+from gpmodel.evidence.residual import residual_of
 from gpmodel.executor import Forks
 from gpmodel.families import catalogue
+from gpmodel.families.candidate import Candidate
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3
@@ -61,6 +62,17 @@ KINDS = {
     ),
     "growth": Kind(lambda q, t: 1.2e-6 * (t - 20.0), "temperature", "thermal growth of the arm (temperature)"),
 }
+
+
+def needed(train: Poses, told: Candidate) -> float:
+    """Standard deviations at which a candidate alone saves `Criteria.minimum_nats` at these poses.
+
+    With f degrees of freedom, k unknowns and M numbers measured, f/2 ln(1 + z²/(f - k)) = nats + cost + k/2 ln M.
+    """
+    criteria, count = Criteria(), len(told.effects)
+    residual = residual_of(calibrate(ErrorModel(JOINT, geometric_effects(JOINT)), train), train, criteria, 0)
+    nats = criteria.minimum_nats + told.cost + 0.5 * count * np.log(residual.measured)
+    return float(np.sqrt((residual.freedom - count) * np.expm1(2.0 * nats / residual.freedom)))
 
 
 def rig_of(number: int, kind: str, on_axis: bool) -> tuple[Rig, Dataset]:

@@ -5,7 +5,7 @@ From the root of the repository: python -m experiments.spherical_joint.run
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.spherical_joint import charts
-from experiments.spherical_joint.rig_tables import JOINT, RIG, reduction, summary, tables
+from experiments.spherical_joint.reductions import JOINT, RIG, reduction, summary, tables
+from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
 from gpmodel.discovery.loop import discover
@@ -28,7 +28,48 @@ from gpmodel.report.saved import as_dict
 from gpmodel.table.bundles import hold_out
 from joints.budget import KINDS, budget_joint, error_budget, read_budget
 from joints.studies.budget import budget_chart
-from joints.studies.contact_types import contact_chart, contact_types
+from joints.studies.contact import contact_chart, contact_types
+
+MICRO = 1e6
+
+
+def referenced_chart(figure: Figure, histogram: Mapping[str, Any]) -> None:
+    """Inputs that the evolved programs reference, beside the search on shuffled residuals (Fig 5.13)."""
+    ax = figure.subplots()
+    at = np.arange(len(histogram["inputs"]))
+    for k, name in enumerate(("linear", "tree", "shuffled")):
+        ax.bar(at + 0.26 * (k - 1), histogram[name], 0.24, label=name)
+    ax.set_xticks(at, histogram["inputs"])
+    ax.set(ylabel="runs that reference it", title="Referenced inputs")
+    ax.legend()
+
+
+def compensation_chart(figure: Figure, shape: Mapping[str, Any], axis: str) -> None:
+    """The translation found on the pitch axis over J1, and as an offset in y of the socket's frame (Fig 5.14).
+
+    shape: a report's plot of the effect. axis: Ty or Tz, of the frame that turns with J1.
+    """
+    left, right = figure.subplots(1, 2)
+    turn = np.radians(shape["curve_x"])
+    curve = 1e3 * np.array(shape["curve_y"])
+    left.plot(shape["x"], 1e3 * np.array(shape["partial"]), ".", color="0.6", label="measured less the rest")
+    left.plot(shape["curve_x"], curve, label="found")
+    left.set(xlabel="J1 [deg]", ylabel=f"{axis} of the pitch axis [µm]", title="Effect found over J1")
+    left.legend()
+    right.plot(shape["curve_x"], curve * (np.cos(turn) if axis == "Ty" else -np.sin(turn)))
+    right.set(xlabel="J1 [deg]", ylabel="offset in y [µm]", title="The same as a y-coordinate offset")
+
+
+def distribution_chart(figure: Figure, errors: Mapping[str, Array]) -> None:
+    """Errors on poses held out, model by model, in shared bins (Fig 5.16). errors: m."""
+    ax = figure.subplots()
+    edges = np.linspace(0.0, MICRO * max(e.max() for e in errors.values()), 16)
+    for name, error in errors.items():
+        label = f"{name}: mean {MICRO * error.mean():.2f}, max {MICRO * error.max():.1f} µm"
+        ax.hist(MICRO * error, bins=edges.tolist(), histtype="step", linewidth=1.8, label=label)
+    ax.set(xlabel="error on held-out poses [µm]", ylabel="poses", title="Accuracy distribution")
+    ax.legend()
+
 
 HERE = Path(__file__).parent
 COMMAND = "python -m experiments.spherical_joint.run"
@@ -64,10 +105,10 @@ def improvement() -> dict[str, Any]:
     told = effect_at("told", "J1.moving", "Ty", Expression("sin(J1)"))
     oracle = calibrate(ErrorModel(JOINT, (*geometric_effects(JOINT), told)), poses.subset(train))
     rungs = {"sphere fit": found.steps[0], "standard model": found.steps[1], "with what was found": found.steps[-1]}
-    draw("fig_5_13_referenced_inputs", charts.referenced_chart, report["histogram"])
+    draw("fig_5_13_referenced_inputs", referenced_chart, report["histogram"])
     shape, axis = report["plots"]["shapes"][0], report["effects"][0]["axis"]
-    draw("fig_5_14_compensation", charts.compensation_chart, shape, axis, width=11.0)
-    draw("fig_5_16_distribution", charts.distribution_chart, {n: s.heldout_error for n, s in rungs.items()})
+    draw("fig_5_14_compensation", compensation_chart, shape, axis, width=11.0)
+    draw("fig_5_16_distribution", distribution_chart, {n: s.heldout_error for n, s in rungs.items()})
     heldout_rows = {n: summary(s.heldout_error) for n, s in rungs.items()}
     heldout_rows["oracle told the effect"] = summary(errors_on(oracle, poses.subset(heldout)))
     return {

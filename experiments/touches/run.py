@@ -21,9 +21,8 @@ from gpmodel.calibration.undeclared import apart_from_effects
 from gpmodel.calibration.weigh import weighed
 from gpmodel.errors import InputError
 from gpmodel.files import to_json, write_text
-from gpmodel.mechanism.branches import branched
+from gpmodel.mechanism.branches import branched, random_poses
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
 from gpmodel.model.sites import standard_effects
 from gpmodel.numerics import se3

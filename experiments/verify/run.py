@@ -17,7 +17,7 @@ import numpy as np
 import gpmodel as gp
 from gpmodel.arrays import Array
 from gpmodel.files import to_json, write_text
-from gpmodel.mechanism.workspace import random_poses
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.model.effect import drive_effect
 from gpmodel.model.error_model import ErrorModel, Placement, observe, prepare
 from gpmodel.numerics import se3

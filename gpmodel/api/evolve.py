@@ -52,7 +52,7 @@ from gpmodel.model.sites import standard_effects
 from gpmodel.progress import Say, Teller, silent
 from gpmodel.report import words
 from gpmodel.report.build import Ladder
-from gpmodel.report.from_evolution import compensation, from_evolution
+from gpmodel.report.from_discovery import compensation, from_evolution
 from gpmodel.report.origin import Origin
 from gpmodel.report.schema import STANDARD, Report
 from gpmodel.report.schema_search import CompensationRecord

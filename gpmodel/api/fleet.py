@@ -21,7 +21,6 @@ from gpmodel.executor import Forks, Workers
 from gpmodel.families.candidate import without_phase
 from gpmodel.files import finished_folder, write_text
 from gpmodel.hierarchy.fleet import Fleet, block_parts, calibrate_fleet, in_table_names, shared_parts
-from gpmodel.hierarchy.folder import folder_names, folder_of_tables
 from gpmodel.hierarchy.found import FleetSearch, KeptMachines, Rows, Searched, found_on_type
 from gpmodel.hierarchy.further import PRIOR
 from gpmodel.hierarchy.record import (
@@ -35,10 +34,12 @@ from gpmodel.hierarchy.record import (
     Part,
     check_serial,
     fleet_text,
+    folder_names,
+    folder_of_tables,
     prior_parts,
 )
+from gpmodel.mechanism.branches import tip_at_probe
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.mechanism.workspace import tip_at_probe
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import geometric_effects

@@ -194,7 +194,7 @@ def explain(result: object, number: int) -> ExplainResult:
     """Finding `number`, from 1, of a result or its folder, in words; where it has a model, the advice is what its next
     poses could tell. Raises InputError where it is no result, or has no such finding."""
     with extra_for("an explanation", "report"):
-        from gpmodel.api.next_poses import tellable_causes
+        from gpmodel.api.poses import tellable_causes
         from gpmodel.report import explain as explained
 
     record, wanted = record_of(result, "result"), whole(number, "number", 1)

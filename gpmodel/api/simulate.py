@@ -26,9 +26,9 @@ from gpmodel.application.model_file import SavedModel, unfitted
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import LoadedMechanism, choice_of
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.planning.scenes import INSTRUMENTS, NOISE, POOL, scene_of
 from gpmodel.planning.simulate import Simulation, random_tool_point
 from gpmodel.planning.simulate import simulate as measure

@@ -16,7 +16,7 @@ from gpmodel.arrays import Array, Count, IntArray, NotNegative
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.errors import InputError
-from gpmodel.mechanism.workspace import drawn_between
+from gpmodel.mechanism.branches import drawn_between
 from gpmodel.model.error_model import Poses, closing, observe, prepare
 from gpmodel.numerics.interval import Tails, with_far_ones
 

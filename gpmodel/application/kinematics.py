@@ -8,8 +8,8 @@ from scipy.spatial import cKDTree
 
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import AXES, Mechanism
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, closing, observe, prepare, rows_named
 from gpmodel.model.observed import Observed
 from gpmodel.model.states import States, tip_slots

@@ -26,11 +26,6 @@ class Measured:
     dataset: Dataset
     heldout: IntArray
 
-    @property
-    def training(self) -> IntArray:
-        """Indices of the other rows."""
-        return np.setdiff1d(np.arange(len(self.dataset)), self.heldout)
-
 
 def measured_record(measured: Measured | None) -> dict[str, object] | None:
     """Return the measured table as JSON, SI; None without a table or if it holds readings that tables have no

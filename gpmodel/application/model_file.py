@@ -15,9 +15,9 @@ from gpmodel.characters import harmless
 from gpmodel.errors import InputError, choices
 from gpmodel.files import plain, to_json, write_text
 from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.branches import same_machine, tip_at_probe
 from gpmodel.mechanism.protocol import Mechanism, places
 from gpmodel.mechanism.source import MechanismChoice, choice_of
-from gpmodel.mechanism.workspace import same_machine, tip_at_probe
 from gpmodel.model.effect import Effect, TakenUp, Term
 from gpmodel.model.error_model import ErrorModel, Placement, Poses
 from gpmodel.model.memory import clock_of, read_by

@@ -12,8 +12,7 @@ from gpmodel.calibration.result import Covariance
 from gpmodel.families.by_name import check_defined
 from gpmodel.families.catalogue import family
 from gpmodel.formula.expression import Basis, Columns
-from gpmodel.mechanism.branches import branched
-from gpmodel.mechanism.workspace import random_poses
+from gpmodel.mechanism.branches import branched, random_poses
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe
 from gpmodel.model.states import States

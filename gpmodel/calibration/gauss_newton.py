@@ -7,8 +7,7 @@ from threadpoolctl import threadpool_limits
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.gauge import LARGEST_LIMIT, choose
-from gpmodel.calibration.iterate import REASONS, Fitted, Fitting, iterate
-from gpmodel.calibration.linear_step import linear_step
+from gpmodel.calibration.iterate import REASONS, Fitted, Fitting, iterate, linear_step
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.noise import pose_ratio
 from gpmodel.calibration.placing import placement_after

@@ -13,8 +13,8 @@ from gpmodel.calibration.priors import prior_rows
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import INSTRUMENT, Mechanism
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import Poses, closing, observe, prepare
 from gpmodel.model.states import measured_torques
 from gpmodel.numerics import rank as ident

@@ -14,8 +14,8 @@ from gpmodel.calibration.size import TOLERANCE, relative, shows_size
 from gpmodel.calibration.undeclared import Undeclared
 from gpmodel.calibration.unmeasured_joints import free_joints
 from gpmodel.families import catalogue
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, closing, observe, prepare
 from gpmodel.model.inclination import Inclination

@@ -9,8 +9,8 @@ from gpmodel.calibration.nominal import CONDITION_LIMIT, linearised_at_nominal
 from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.unobservable import held_at_description, unseen
 from gpmodel.checks.warnings import orientation_left
+from gpmodel.mechanism.branches import joint_range, random_poses
 from gpmodel.mechanism.protocol import Described, Mechanism, bare_of, followers
-from gpmodel.mechanism.workspace import joint_range, random_poses
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.model.observation import observations

@@ -7,7 +7,7 @@ import click
 from click.shell_completion import get_completion_class
 
 from gpmodel.api.check import check as judge
-from gpmodel.api.effects import effects as families
+from gpmodel.api.check import effects as families
 from gpmodel.api.table import read_table
 from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, progress_line

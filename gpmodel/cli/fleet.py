@@ -16,9 +16,8 @@ from gpmodel.cluster import scheduled
 from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.hierarchy.folder import folder_of_tables
 from gpmodel.hierarchy.found import KeptMachines
-from gpmodel.hierarchy.record import MACHINES, NAME
+from gpmodel.hierarchy.record import MACHINES, NAME, folder_of_tables
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.report.fleet import PAGE
 

@@ -19,7 +19,7 @@ from gpmodel.cli.options import SIGHTS
 from gpmodel.cli.terminal import echo
 from gpmodel.errors import InputError, WriteError
 from gpmodel.files import alone_in, folder_for
-from gpmodel.hierarchy.folder import files_of
+from gpmodel.hierarchy.record import files_of
 from gpmodel.mechanism.source import LoadedMechanism, MechanismChoice
 from gpmodel.progress import Say
 from gpmodel.records.unfinished import Unfinished, unfinished

@@ -20,8 +20,8 @@ from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.families.candidate import Candidate, formula_of
 from gpmodel.families.catalogue import names
+from gpmodel.formula.algebra import simplify
 from gpmodel.formula.program import Program, description_size
-from gpmodel.formula.simplification import simplify
 from gpmodel.model.effect import Effect
 from gpmodel.model.memory import read_by
 from gpmodel.model.sites import Site, sites_of

@@ -32,7 +32,7 @@ from gpmodel.evolution.smooth import (
     weighted_sum,
     without,
 )
-from gpmodel.formula.parse import parse
+from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Program, length
 
 STARTED, STARTED_OF_SEVERAL = 200, 120

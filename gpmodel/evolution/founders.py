@@ -18,8 +18,8 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.evolution.description_length import fit_nats
 from gpmodel.evolution.projection import Targets
+from gpmodel.formula.expression import parse
 from gpmodel.formula.operators import BY_NAME
-from gpmodel.formula.parse import parse
 from gpmodel.formula.program import Builder, Node, Program
 
 INSIDE, OUTSIDE = (0.1, 0.9, 4), (0.02, 0.1, 0.4)

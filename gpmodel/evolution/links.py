@@ -15,8 +15,8 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.evolution.founders import joined
 from gpmodel.evolution.projection import ROUNDING_SHARE, Targets
+from gpmodel.formula.expression import parse, raise_to
 from gpmodel.formula.operators import BY_NAME
-from gpmodel.formula.parse import parse, raise_to
 from gpmodel.formula.program import Builder, Program
 
 PRICE = 3.0

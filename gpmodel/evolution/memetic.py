@@ -23,7 +23,7 @@ from gpmodel.evolution.founders import ELEMENTS, constant, joined
 from gpmodel.evolution.pareto import Solution, description_length
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.evolution.shorter import shorter_forms
-from gpmodel.formula.parse import parse
+from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Builder, Node, Program, description_size
 
 LONGEST = 30

@@ -12,7 +12,7 @@ from gpmodel.evolution.machine import Layout
 from gpmodel.evolution.problems import CartesianProblem, Problem, SlotProblem
 from gpmodel.evolution.representation import Population
 from gpmodel.evolution.scoring import Scores
-from gpmodel.formula.parse import parse
+from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Program
 
 

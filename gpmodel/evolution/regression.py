@@ -28,7 +28,7 @@ from gpmodel.evolution.projection import ROUNDING_SHARE, Targets, regression
 from gpmodel.evolution.representation import Population
 from gpmodel.evolution.scoring import Scores, projected_scores
 from gpmodel.evolution.settings import Budget, Settings
-from gpmodel.formula.parse import parse
+from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Program
 
 EXACT = 1e-20

@@ -16,7 +16,7 @@ from gpmodel.evolution.representation import label
 from gpmodel.evolution.search import Evolution, evolve
 from gpmodel.evolution.settings import Settings
 from gpmodel.executor import Workers
-from gpmodel.formula.parse import parse
+from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Program
 
 Number = tuple[int, int]

@@ -19,9 +19,8 @@ from gpmodel.arrays import Array
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import AXES, INSTRUMENT, Mechanism
-from gpmodel.model.derived import Seen
 from gpmodel.model.effect import Effect, Term, effect_at
-from gpmodel.model.states import States
+from gpmodel.model.states import Seen, States
 
 ANGLE, LENGTH, SCALE = 3e-5, 5e-5, 2e-5
 """rad, m, m a metre: a few times what makers state at worst, 15 µm + 6 µm/m, since what is found is out of order."""

@@ -10,8 +10,8 @@ from gpmodel.arrays import Array
 from gpmodel.families.candidate import Candidate, inside, one, relative, revolute, share_of_rows
 from gpmodel.families.inner import Constant, NonlinearParameters, symbol
 from gpmodel.formula.expression import Basis, Expression
+from gpmodel.mechanism.branches import links
 from gpmodel.mechanism.protocol import AXES, Mechanism
-from gpmodel.mechanism.workspace import links
 from gpmodel.model.effect import Effect, Term, axis_unit, drive_effect, effect_at
 from gpmodel.model.memory import read_by, temperatures
 from gpmodel.model.states import States

@@ -1,5 +1,7 @@
 """Bases: the shape of an effect as a function of the pose's states."""
 
+import ast
+import sys
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Protocol
@@ -7,9 +9,137 @@ from typing import Protocol
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.errors import InputError
-from gpmodel.formula.parse import parse
-from gpmodel.formula.program import Program, length
+from gpmodel.errors import InputError, choices
+from gpmodel.formula.operators import BY_NAME
+from gpmodel.formula.program import Builder, Program, length
+
+_BINARY: dict[type, str] = {
+    ast.Add: "add",
+    ast.Sub: "subtract",
+    ast.Mult: "multiply",
+    ast.Div: "divide",
+    ast.Mod: "modulo",
+    ast.Pow: "power",
+}
+
+LARGEST_NUMBER = sys.float_info.max
+LONGEST_TEXT = 50_000
+"""Characters; a sequence of 256 instructions, the longest that is evolved, has 10 000."""
+MOST_PARTS = 5_000
+"""Operators, inputs and numbers of a text."""
+DEEPEST = 300
+"""Parts within each other: a sequence of 256 instructions without a part used twice."""
+
+
+def parse(text: str, what: str = "program") -> Program:
+    """``v1 = sin(J1); v1*v1 + 2*'oil temperature', v1`` to a program. The text is read, never executed.
+
+    Functions are the operators' names; ``x**n`` with a whole n is written out, any other power is ``power``. A quoted
+    text is an input whose name is no identifier. ``what`` names the text in errors. Raises InputError with the part
+    that could not be read.
+    """
+    if len(text) > LONGEST_TEXT:
+        raise InputError(f"{what} {text[:40]!r}…: {len(text)} characters, expected at most {LONGEST_TEXT}")
+    try:
+        statements = ast.parse(text.strip()).body
+    except SyntaxError as error:
+        raise InputError(f"{what} {_short(text)}: {error.msg} near column {error.offset}") from None
+    except (ValueError, RecursionError, MemoryError):
+        raise InputError(f"{what} {_short(text)}: not an expression; write for example sin(2*J4)") from None
+    _check_size(statements, f"{what} {_short(text)}")
+    if not statements:
+        raise InputError(f"{what} {_short(text)}: expected an expression, for example sin(2*J4)")
+    try:
+        return _read(statements, f"{what} {_short(text)}")
+    except RecursionError:
+        raise InputError(f"{what} {_short(text)}: too deeply nested") from None
+
+
+def _read(statements: list[ast.stmt], whole: str) -> Program:
+    reader = _Reader(whole)
+    for statement in statements[:-1]:
+        if not (isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name)):
+            raise InputError(f"{whole}: expected 'name = expression' before the last ';'")
+        reader.names[statement.targets[0].id] = reader.read(statement.value)
+    expression = statements[-1]
+    if not isinstance(expression, ast.Expr):
+        raise InputError(f"{whole}: expected an expression at the end, for example sin(2*J4)")
+    last = expression.value
+    outputs = last.elts if isinstance(last, ast.Tuple) else [last]
+    return reader.builder.program([reader.read(output) for output in outputs])
+
+
+def _short(text: str) -> str:
+    """The text in quotes, or how it begins."""
+    return repr(text) if len(text) <= 200 else f"{text[:200]!r}…"
+
+
+def _check_size(statements: list[ast.stmt], whole: str) -> None:
+    """Raises InputError where there are too many parts, or too many within each other."""
+    level: list[ast.AST] = list(statements)
+    depth = parts = 0
+    while level:
+        depth, parts = depth + 1, parts + len(level)
+        level = [n for node in level for n in ast.iter_child_nodes(node) if isinstance(n, ast.expr)]
+        if depth > DEEPEST or parts > MOST_PARTS:
+            raise InputError(f"{whole}: more than {MOST_PARTS} parts, or {DEEPEST} within each other")
+
+
+class _Reader:
+    def __init__(self, whole: str) -> None:
+        self.whole = whole
+        self.builder = Builder()
+        self.names: dict[str, int] = {}
+
+    def read(self, node: ast.expr) -> int:
+        """The number of the node that computes a part of the text."""
+        match node:
+            case ast.Constant(value=str() as name):
+                return self.builder.input(name)
+            case ast.Constant(value=bool()):
+                pass
+            case ast.Constant(value=int() | float() as value):
+                return self.number(value)
+            case ast.Name(id=name):
+                return self.names[name] if name in self.names else self.builder.input(name)
+            case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+                return self.read(operand)
+            case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int() | float() as value)):
+                return self.number(-value)
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
+                return self.builder.apply("multiply", self.number(-1.0), self.read(operand))
+            case ast.UnaryOp(op=ast.Not(), operand=operand):
+                return self.builder.apply("not", self.read(operand))
+            case ast.BinOp(left=base, op=ast.Pow(), right=ast.Constant(value=int() as power)) if 0 < power < 65:
+                return raise_to(self.builder, self.read(base), power)
+            case ast.BinOp(left=left, op=operation, right=right) if type(operation) in _BINARY:
+                return self.builder.apply(_BINARY[type(operation)], self.read(left), self.read(right))
+            case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in BY_NAME:
+                return self.call(name, arguments)
+        said = ast.unparse(node)
+        raise InputError(f"{self.whole}: cannot read {said!r}; functions are {choices(said.split('(')[0], BY_NAME)}")
+
+    def number(self, value: float) -> int:
+        """A constant. Raises InputError where it is too large for one."""
+        if abs(value) > LARGEST_NUMBER:
+            raise InputError(f"{self.whole}: holds a number that is too large, expected at most {LARGEST_NUMBER:g}")
+        return self.builder.constant(float(value))
+
+    def call(self, name: str, arguments: list[ast.expr]) -> int:
+        """A function of its arguments. Raises InputError where it takes another number of them."""
+        if len(arguments) != BY_NAME[name].arity:
+            raise InputError(f"{self.whole}: {name} takes {BY_NAME[name].arity} arguments, {len(arguments)} given")
+        return self.builder.apply(name, *(self.read(argument) for argument in arguments))
+
+
+def raise_to(builder: Builder, base: int, power: int) -> int:
+    """``base**power`` for a whole power of at least one, by squaring."""
+    if power == 1:
+        return base
+    half = raise_to(builder, base, power // 2)
+    squared = builder.apply("square", half)
+    return builder.apply("multiply", squared, base) if power % 2 else squared
+
 
 LARGEST_WRITTEN = 50_000
 """Parts of a basis with every name replaced by what it stands for; each name may double it."""
@@ -37,8 +167,8 @@ class Basis(Protocol):
 class Expression:
     """A basis written as text, `sin(2*J4)`: a program of one output over state columns.
 
-    What may be written and what it means is said by `gpmodel.formula.parse` and `gpmodel.formula.operators`. Raises
-    InputError for anything else: the text is read, never executed.
+    What may be written and what it means is said by `gpmodel.formula.expression` and `gpmodel.formula.operators`.
+    Raises InputError for anything else: the text is read, never executed.
     """
 
     text: str

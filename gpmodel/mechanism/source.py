@@ -14,8 +14,8 @@ from pathlib import Path
 from gpmodel.arrays import Array
 from gpmodel.characters import harmless
 from gpmodel.errors import InputError, choices
+from gpmodel.mechanism.branches import links
 from gpmodel.mechanism.protocol import Joint, Mechanism, Reaching, Weighed, checked_mass
-from gpmodel.mechanism.workspace import links
 from gpmodel.texts import read_text
 
 PROVIDERS = "gpmodel.mechanisms"

@@ -11,7 +11,7 @@ from gpmodel.model.pixel import Board, Camera
 from gpmodel.model.surfaces import aligned
 from gpmodel.model.touches import Feature
 from gpmodel.numerics import se3
-from gpmodel.table.toml_table import TomlTable
+from gpmodel.table.units import TomlTable
 
 KINDS = ("cameras", "board", "surfaces")
 """Kinds of objects that a file may describe."""

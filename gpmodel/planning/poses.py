@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.nominal import CONDITION_LIMIT, linearised_at_nominal
+from gpmodel.mechanism.branches import joint_range
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.mechanism.workspace import joint_range
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.se3 import chain

@@ -6,8 +6,8 @@ import numpy as np
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError
+from gpmodel.mechanism.branches import joint_range, random_poses
 from gpmodel.mechanism.protocol import Collides, Mechanism, bare_of, closed
-from gpmodel.mechanism.workspace import joint_range, random_poses
 from gpmodel.numerics.se3 import chain
 
 MARGIN = 0.02

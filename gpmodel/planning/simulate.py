@@ -10,9 +10,8 @@ from gpmodel.calibration.linearise import effect_columns
 from gpmodel.errors import InputError
 from gpmodel.families.by_name import one_effect_named
 from gpmodel.formula.expression import ONE
-from gpmodel.mechanism.branches import branched
+from gpmodel.mechanism.branches import MOST_DRAWS, branched, random_poses
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.mechanism.workspace import MOST_DRAWS, random_poses
 from gpmodel.model.effect import Effect, drive_effect
 from gpmodel.model.error_model import ErrorModel, Placement, closing, measured_minus, observe, prepare
 from gpmodel.model.instruments import with_observations

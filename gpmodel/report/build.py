@@ -23,7 +23,7 @@ from gpmodel.report import fitted
 from gpmodel.report.origin import Origin, data_record, floor_mm, instrument_record, mechanism_record, versions
 from gpmodel.report.particulars import positioning, repeatability
 from gpmodel.report.schema import REGISTRATION, Kind, MimicRecord, PredictedRecord, Report, StepRecord
-from gpmodel.report.schema_poses import PlotRecord, ReadingRecord
+from gpmodel.report.schema_search import PlotRecord, ReadingRecord
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,7 @@ from gpmodel.report.particulars import REPEATS, Particulars
 from gpmodel.report.picture import AFTER, AFTER_LIGHT, BEFORE, INK, MUTED, Picture, numbers
 from gpmodel.report.poses import pose_errors
 from gpmodel.report.schema import STANDARD, ParameterRecord, Report
-from gpmodel.report.schema_poses import Repeatability
-from gpmodel.report.schema_search import EffectRecord
+from gpmodel.report.schema_search import EffectRecord, Repeatability
 from gpmodel.report.verdict import farthest_tool_point
 from gpmodel.wording import millimetres
 

@@ -25,7 +25,7 @@ from gpmodel.report.picture import (
     signed,
 )
 from gpmodel.report.schema import ParameterRecord, Report
-from gpmodel.report.schema_poses import ShapeRecord
+from gpmodel.report.schema_search import ShapeRecord
 from gpmodel.wording import millimetres, pretty_unit, short_name
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from scipy import special
 from gpmodel import wording
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism.workspace import same_machine
+from gpmodel.mechanism.branches import same_machine
 from gpmodel.model.sites import table_names, translate
 from gpmodel.numerics.interval import SIGNIFICANCE, freedom_of_sum, holm
 from gpmodel.report.schema import MechanismRecord, ParameterRecord, Report

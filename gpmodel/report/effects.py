@@ -15,7 +15,7 @@ from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.errors import InputError
 from gpmodel.families.candidate import NAMED, Candidate, without_phase
 from gpmodel.families.catalogue import explained, family
-from gpmodel.mechanism.workspace import random_poses
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, prepare
 from gpmodel.model.sites import names_of, translate

@@ -16,8 +16,7 @@ from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.rank import orthonormal, remove, triangle
 from gpmodel.numerics.se3 import chain, rotation_vector
 from gpmodel.report.schema import REGISTRATION, STANDARD, ErrorsMm, ParameterRecord
-from gpmodel.report.schema_poses import PlotRecord, SideErrors, Vectors
-from gpmodel.report.schema_search import Correlation
+from gpmodel.report.schema_search import Correlation, PlotRecord, SideErrors, Vectors
 from gpmodel.table.dataset import Dataset
 
 CHAIN_POSES = 300

@@ -9,15 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel.arrays import IntArray
+from gpmodel.mechanism.branches import tip_at_probe
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.mechanism.workspace import tip_at_probe
 from gpmodel.model.error_model import Poses
 from gpmodel.model.observation import observations
 from gpmodel.model.sites import names_of
 from gpmodel.model.states import States
 from gpmodel.report.schema import DataRecord, MechanismRecord, NoiseSource
-from gpmodel.report.schema_poses import InstrumentRecord
-from gpmodel.report.schema_search import Range
+from gpmodel.report.schema_search import InstrumentRecord, Range
 from gpmodel.table.bundles import different_poses, noise_floor
 from gpmodel.table.dataset import Dataset
 

@@ -15,7 +15,7 @@ from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.errors import InputError, choices
 from gpmodel.model.error_model import Poses
 from gpmodel.report.fitted import root_residual
-from gpmodel.report.schema_poses import Positioning, Repeatability
+from gpmodel.report.schema_search import Positioning, Repeatability
 from gpmodel.table.bundles import replicates
 from gpmodel.table.dataset import Dataset
 from gpmodel.texts import read_toml

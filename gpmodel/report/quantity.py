@@ -13,7 +13,7 @@ from gpmodel.mechanism.protocol import AXES, places
 from gpmodel.model.error_model import Poses, measured_minus, observe
 from gpmodel.model.states import PAYLOAD_SHARE, States
 from gpmodel.report.fitted import finite
-from gpmodel.report.schema_poses import ShapeRecord
+from gpmodel.report.schema_search import ShapeRecord
 
 MOST_WRITTEN = 6
 """Bases of a curve that are written out one by one; more are counted."""

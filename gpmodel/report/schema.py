@@ -15,13 +15,17 @@ from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.evolution.runs import Run
 from gpmodel.hierarchy.further import ALONE, PRIOR
 from gpmodel.numerics.rank import RankChoice
-from gpmodel.report.schema_poses import InstrumentRecord, PlotRecord, Positioning, ReadingRecord, Repeatability
 from gpmodel.report.schema_search import (
     CandidateRecord,
     CompensationRecord,
     Correlation,
     EffectRecord,
+    InstrumentRecord,
+    PlotRecord,
+    Positioning,
     Range,
+    ReadingRecord,
+    Repeatability,
     RoundRecord,
 )
 from gpmodel.wording import counted

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gpmodel.arrays import Array, Mask
-from gpmodel.calibration.iterate import Fitting, iterate
-from gpmodel.calibration.linear_step import linear_step
+from gpmodel.calibration.iterate import Fitting, iterate, linear_step
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.noise import blocks_of, pose_ratio
 from gpmodel.calibration.priors import off_mean

@@ -10,8 +10,8 @@ from gpmodel.calibration.linearise import effect_columns
 from gpmodel.errors import InputError
 from gpmodel.families.catalogue import Family, instances
 from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import Mechanism, places
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, prepare
 from gpmodel.model.states import States

@@ -11,8 +11,8 @@ from gpmodel.evolution.projection import regression
 from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import Budget, Settings
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import AXES, ClosedLoops, Mechanism, closed
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.numerics.se3 import chain, hat, right_jacobian
 
 

@@ -4,8 +4,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from joints.studies.budget import budget_study
-from joints.studies.contact import contact_study
-from joints.studies.contact_types import contact_types_study
+from joints.studies.contact import contact_study, contact_types_study, thermal_study
 from joints.studies.design import design_study
 from joints.studies.dynamics import dynamics_study
 from joints.studies.film import film_study
@@ -13,7 +12,6 @@ from joints.studies.preload import preload_study
 from joints.studies.pugh import pugh_study
 from joints.studies.stiffness import stiffness_study
 from joints.studies.study import Study, Table
-from joints.studies.thermal import thermal_study
 
 STUDIES: Mapping[str, Callable[[Path | None, int], Study]] = {
     "design": design_study,

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from gpmodel._version import __version__
 from joints import figures
 from joints.design import JointDesign, joint_design, moving_film
-from joints.film_design import design_film, displacement_at_inlet, film_geometry, orifice_law
+from joints.film import design_film, displacement_at_inlet, film_geometry, orifice_law
 from joints.orifice import ATMOSPHERE, SCCM
 from joints.preload import MagnetRing, socket_fixed_limit, total_preload
 from joints.studies.study import MICRO, N_PER_UM, Study, Table, png

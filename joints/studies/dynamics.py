@@ -9,19 +9,22 @@ from gpmodel.arrays import Array
 from joints import figures
 from joints.dynamics import (
     BallOnFilm,
+    Losses,
     ball_mass,
     ball_on_constant_feed,
     ball_on_fed_film,
     bandwidth,
     fit_response,
+    largest_motion,
+    magnet_stiffness,
     natural_frequency,
     receptance,
     resonance,
     slow_damping,
+    steady_state,
 )
 from joints.fed_film import FedFilm, fed_film, squeeze_impedance, squeeze_number
-from joints.film_design import design_film, film_geometry, orifice_law
-from joints.friction import Losses, largest_motion, magnet_stiffness, steady_state
+from joints.film import design_film, film_geometry, orifice_law
 from joints.reynolds import spherical_film
 from joints.settings import Settings, curve_of, load_settings, not_negative, positive, require
 from joints.studies.study import MICRO, N_PER_UM, Study, Table

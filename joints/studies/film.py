@@ -11,8 +11,18 @@ from scipy.optimize import least_squares
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from joints import figures
-from joints.film import FilmGeometry, edge_gap, pad_load, published_load, supporting_pressure
-from joints.film_design import FilmDesign, design_film, displacement_at_inlet, film_geometry, orifice_law
+from joints.film import (
+    FilmDesign,
+    FilmGeometry,
+    design_film,
+    displacement_at_inlet,
+    edge_gap,
+    film_geometry,
+    orifice_law,
+    pad_load,
+    published_load,
+    supporting_pressure,
+)
 from joints.orifice import ATMOSPHERE, SCCM, Orifice
 from joints.reynolds import (
     SphericalFilm,

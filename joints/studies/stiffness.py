@@ -6,7 +6,7 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from joints import figures
-from joints.film_design import film_geometry, orifice_law
+from joints.film import film_geometry, orifice_law
 from joints.settings import Settings, curve_of, load_settings, not_negative, positive, require
 from joints.stiffness import (
     RegimeCurve,

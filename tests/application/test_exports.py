@@ -24,9 +24,9 @@ from gpmodel.application.kinematics import solve, tips
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.usable import of_the_mechanism, usable
 from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.mechanism.source import MechanismChoice
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import prepare
 from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset

@@ -25,12 +25,11 @@ from gpmodel.discovery.search import Search
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import residual_of
 from gpmodel.families import catalogue
-from gpmodel.mechanism.workspace import random_poses
-from gpmodel.model.derived import seen_columns
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
 from gpmodel.model.sites import geometric_effects
-from gpmodel.model.states import States
+from gpmodel.model.states import States, seen_columns
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.selection.causes import Cause
 from gpmodel.selection.group import Group

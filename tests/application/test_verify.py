@@ -13,7 +13,7 @@ from verify_cases import NOISE, Fitted, fitted_robot, placed_anew, read_later
 import gpmodel as gp
 from gpmodel.application.recheck import recheck, settled
 from gpmodel.application.usable import usable
-from gpmodel.mechanism.workspace import random_poses
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.model.error_model import observe, prepare
 from gpmodel.planning.simulate import Simulation
 from gpmodel.table.cells import frame_of, table_text

@@ -15,8 +15,8 @@ from gpmodel.calibration.rivals import MOST, PLAUSIBLE, ROW, TOLD_APART, UNKNOWN
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import drive_effect
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects

@@ -13,8 +13,7 @@ import gpmodel as gp
 from gpmodel.api.check import check
 from gpmodel.api.results import write_numbers
 from gpmodel.checks.judge import Remark, check_dataset
-from gpmodel.checks.mixed_up import mixed_up
-from gpmodel.checks.rotations import rotations_flaw
+from gpmodel.checks.mixed_up import mixed_up, rotations_flaw
 from gpmodel.checks.weak_columns import misread
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import effect_at

@@ -17,7 +17,7 @@ from gpmodel.errors import InputError
 from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.settings import Truncation
 from gpmodel.evolution.tree import Tree
-from gpmodel.formula.parse import parse
+from gpmodel.formula.expression import parse
 from gpmodel.progress import Teller
 from gpmodel.records.unfinished import FOLDER
 from gpmodel.report.saved import read_report

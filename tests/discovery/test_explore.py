@@ -12,8 +12,7 @@ from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import readable_inputs
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families.candidate import Candidate
-from gpmodel.formula.expression import Expression
-from gpmodel.formula.parse import parse
+from gpmodel.formula.expression import Expression, parse
 from gpmodel.formula.program import Builder, Program
 from gpmodel.model.effect import drive_effect
 from gpmodel.model.error_model import prepare

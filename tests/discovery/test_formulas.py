@@ -23,8 +23,7 @@ from gpmodel.evidence.score import scores
 from gpmodel.evolution.pareto import Solution, scored
 from gpmodel.evolution.problems import SlotProblem
 from gpmodel.families.candidate import Candidate, formula_of
-from gpmodel.formula.expression import Expression
-from gpmodel.formula.parse import parse
+from gpmodel.formula.expression import Expression, parse
 from gpmodel.model.effect import Effect, effect_at
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.sites import geometric_effects

@@ -5,7 +5,7 @@ import pytest
 
 from gpmodel.evolution.constants import polish
 from gpmodel.evolution.projection import regression
-from gpmodel.formula.parse import parse
+from gpmodel.formula.expression import parse
 
 RNG = np.random.default_rng(3)
 INPUTS = {"a": RNG.uniform(-2, 2, 120), "b": RNG.uniform(0.5, 2, 120)}

@@ -10,7 +10,7 @@ from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import regression
 from gpmodel.evolution.search import _finished, evolve
 from gpmodel.evolution.settings import Budget, Settings
-from gpmodel.formula.parse import parse
+from gpmodel.formula.expression import parse
 
 POSES = 80
 NAMES = ("J1", "J2", "J3", "load")

@@ -9,8 +9,8 @@ from gpmodel.evolution.constants import polish
 from gpmodel.evolution.kernels.constants import solve
 from gpmodel.evolution.kernels.differentiation import carry_tangents, differentiated
 from gpmodel.evolution.projection import Targets
+from gpmodel.formula.expression import parse
 from gpmodel.formula.operators import LANGUAGE, Operator
-from gpmodel.formula.parse import parse
 
 RNG = np.random.default_rng(7)
 INPUTS = {"a": RNG.uniform(-2, 2, 90), "b": RNG.uniform(0.5, 2, 90)}

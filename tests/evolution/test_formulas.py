@@ -11,7 +11,7 @@ from gpmodel.evolution.memetic import Formulas, bred
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets, regression
-from gpmodel.formula.parse import parse
+from gpmodel.formula.expression import parse
 from gpmodel.formula.program import description_size, length
 
 NAMES = ("J2", "J5", "torque J2", "row")

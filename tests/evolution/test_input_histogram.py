@@ -5,7 +5,7 @@ import pytest
 
 from gpmodel.errors import InputError
 from gpmodel.evolution.input_histogram import RunRecord, histogram, input_prices, without_runs
-from gpmodel.formula.parse import parse
+from gpmodel.formula.expression import parse
 
 INPUTS = ("J1", "J2", "J3", "J4")
 

@@ -12,8 +12,8 @@ from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.evolution.tree import Tree
+from gpmodel.formula.expression import parse
 from gpmodel.formula.operators import operator_set
-from gpmodel.formula.parse import parse
 
 NAMES = ("J1", "J4", "J6", "z", "torque_J2", "temperature", "order", "flag")
 KINDS = ("angle", "angle", "short angle", "length", "torque", "temperature", "row", "number")

@@ -10,7 +10,7 @@ from gpmodel.errors import InputError
 from gpmodel.evolution.links import LINKS
 from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.regression import EXACT, Law, regression_front
-from gpmodel.formula.parse import parse
+from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Program
 
 RNG = np.random.default_rng(3)

@@ -7,7 +7,7 @@ from gpmodel.evolution.memetic import Formulas
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import regression
 from gpmodel.evolution.shorter import shorter_forms
-from gpmodel.formula.parse import parse
+from gpmodel.formula.expression import parse
 
 X = np.random.default_rng(2).uniform(-2.0, 2.0, (2, 50))
 COLUMNS = {"x": X[0], "y": X[1]}

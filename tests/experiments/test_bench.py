@@ -8,7 +8,7 @@ import pytest
 from experiments.bench import fixed, run
 from experiments.bench.judge import judge
 from experiments.bench.robots import ROBOTS
-from experiments.bench.table import changed, counted, worse
+from experiments.bench.run import changed, counted, worse
 
 ROW = {
     "robot": "r",

@@ -8,15 +8,14 @@ import pytest
 
 from experiments.blind.arms import ARMS
 from experiments.blind.cases import CASES
-from experiments.blind.description import urdf
-from experiments.blind.files import write
+from experiments.blind.files import urdf, write
 from experiments.blind.generate import make
 from experiments.blind.grading import answers, deviations, false, grade, innocent, nodes, readable, worse
+from experiments.blind.judge import markdown, save, saved
 from experiments.blind.oracle import Fit, jacobian, register
 from experiments.blind.run import chosen, parse
 from experiments.blind.shapes import shift
 from experiments.blind.simulator import GRAVITY, frames, gravity_loads, points, small_motion, weight_regressor
-from experiments.blind.tables import markdown, save, saved
 from experiments.blind.ways import ROBOTS, WAYS, counted
 from experiments.blind.ways import markdown as side_by_side
 from gpmodel.api.table import read_table

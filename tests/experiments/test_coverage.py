@@ -9,12 +9,10 @@ import pytest
 
 from experiments.coverage.__main__ import counted
 from experiments.coverage.asked import asked
-from experiments.coverage.cases import DECLARED, FAMILIES
 from experiments.coverage.fleets import fleet_asked
-from experiments.coverage.measure import found, known
+from experiments.coverage.measure import DECLARED, FAMILIES, found, known
 from experiments.coverage.printed import covered
-from experiments.exports.geometry import geometry, worst
-from experiments.exports.run import cell, table
+from experiments.exports.run import cell, geometry, table, worst
 from experiments.recovery import at_place
 from experiments.wrong_tables.conventions import CURES, named
 from experiments.wrong_tables.kinds import KINDS, measured

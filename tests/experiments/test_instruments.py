@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from experiments.instruments import run
-from experiments.instruments.bound import bound, tool_points
-from experiments.instruments.judge import judge
+from experiments.instruments.judge import bound, judge, tool_points
 from experiments.instruments.measuring import KINDS, session
 from experiments.instruments.robots import machine
 

@@ -8,13 +8,11 @@ import pytest
 
 from experiments.blind import entered
 from experiments.blind.arms import ARMS
-from experiments.blind.description import urdf
+from experiments.blind.files import urdf
 from experiments.methods import plug
-from experiments.methods.geometries import denavit_hartenberg
-from experiments.methods.leaderboard import board, leaderboard
 from experiments.methods.makers import makers_in, table
-from experiments.methods.plug import Answer, asked, geometry, method_named
-from experiments.methods.regressions import of_the_rest
+from experiments.methods.plug import Answer, asked, board, geometry, leaderboard, method_named
+from experiments.methods.regressions import denavit_hartenberg, of_the_rest
 from experiments.methods.rows import append, saved, summary
 from experiments.random_laws.judge import write
 from experiments.random_laws.robot import make

@@ -7,13 +7,10 @@ from experiments.blind.oracle import fit, register, rms_mm
 from experiments.blind.robot import world_of
 from experiments.methods.plug import geometry
 from experiments.random_laws import told
-from experiments.random_laws.findings import alike, graded
-from experiments.random_laws.judge import judge, oracle, write
-from experiments.random_laws.law import Law, Place, places
+from experiments.random_laws.judge import alike, graded, judge, oracle, problem_of, rows_of, surface, write
+from experiments.random_laws.law import GRAMMARS, SHAPES, Law, Place, places
 from experiments.random_laws.robot import INNOCENT, columns_of, make
 from experiments.random_laws.run import shown
-from experiments.random_laws.shapes import GRAMMARS, SHAPES
-from experiments.random_laws.surface import problem_of, rows_of, surface
 from gpmodel.report.schema_search import EffectRecord
 
 

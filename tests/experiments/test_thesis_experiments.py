@@ -18,7 +18,7 @@ from experiments.models import harder
 from experiments.models import run as models
 from gpmodel.calibration.result import errors_on
 from gpmodel.families import catalogue
-from gpmodel.formula.parse import parse
+from gpmodel.formula.expression import parse
 
 TAUGHT, MEAN, MAXIMUM = 1, 2, 3
 """Columns of a robot's errors: the largest on training poses, mean and largest on held-out ones."""

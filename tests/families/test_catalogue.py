@@ -12,7 +12,7 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
-from gpmodel.mechanism.workspace import random_poses
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects

@@ -16,10 +16,10 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates, catalogue, instances
 from gpmodel.families.instrument import OUT_OF_ORDER
 from gpmodel.mechanism.protocol import INSTRUMENT, places
-from gpmodel.model.derived import seen_columns
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
 from gpmodel.model.sites import geometric_effects
+from gpmodel.model.states import seen_columns
 from gpmodel.selection.group import CAP, Shapes, group_of
 from gpmodel.table.dataset import Specification
 

@@ -8,12 +8,11 @@ from hypothesis import strategies as st
 from latex_reading import read_latex
 
 from gpmodel.errors import GpModelError, InputError
-from gpmodel.formula.expression import ONE, Expression
+from gpmodel.formula.algebra import simplify
+from gpmodel.formula.expression import ONE, Expression, parse
 from gpmodel.formula.operators import ARITHMETIC, BY_NAME, LANGUAGE, SETS, TABLE_CONSTANTS, Operator, operator_set
-from gpmodel.formula.parse import parse
 from gpmodel.formula.printing import as_in_latex, inline, latex
 from gpmodel.formula.program import Builder, Program
-from gpmodel.formula.simplification import simplify
 from gpmodel.model.states import states_of
 
 RNG = np.random.default_rng(5)

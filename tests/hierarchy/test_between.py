@@ -16,10 +16,10 @@ from gpmodel.executor import ALONE
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates
 from gpmodel.hierarchy.between import INTERVAL, Deviations, between, deleted, deviations
+from gpmodel.hierarchy.fleet import Information, _expectation_maximisation
 from gpmodel.hierarchy.found import FleetSearch, Found, KeptMachines, Searched, found_on_type, select_for_type
-from gpmodel.hierarchy.prior import Information, _expectation_maximisation
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.source import MechanismChoice
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import prepare
 from gpmodel.numerics.interval import SIGNIFICANCE, holm
 from gpmodel.planning.simulate import simulate

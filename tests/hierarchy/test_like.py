@@ -9,8 +9,8 @@ from fleet_cases import GEOMETRY, NOISE, two_joint_arms
 
 import gpmodel as gp
 from gpmodel.api.discover import DiscoveryResult
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.source import MechanismChoice
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.planning.simulate import simulate
 from gpmodel.table.dataset import Dataset
 

@@ -11,14 +11,14 @@ import pytest
 
 import gpmodel as gp
 from experiments.hexapod.simulator import BASE, GEOMETRY, POINT_NOISE, Machine, Rotation, readings, ring, table
-from gpmodel.api.effects import effects as families_on
+from gpmodel.api.check import effects as families_on
 from gpmodel.application.compensate import not_reached
 from gpmodel.arrays import Array
 from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.start import start_placement
 from gpmodel.errors import InputError
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import ClosedLoops, closed
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, Placement, closing, observe, prepare
 from gpmodel.model.sites import geometric_effects, standard_effects
 from gpmodel.planning.reach import candidates

@@ -19,8 +19,7 @@ from gpmodel.errors import InputError
 from joints.cli import joint, show
 from joints.design import JointDesign, joint_design
 from joints.fed_film import squeeze_impedance
-from joints.film import FilmGeometry
-from joints.film_design import design_film, film_geometry, orifice_law
+from joints.film import FilmGeometry, design_film, film_geometry, orifice_law
 from joints.orifice import ATMOSPHERE
 from joints.settings import DATA
 from joints.stiffness import RegimeCurve

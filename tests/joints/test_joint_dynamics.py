@@ -11,17 +11,20 @@ from scipy.special import eval_legendre, roots_legendre
 
 from gpmodel.errors import InputError
 from joints.dynamics import (
+    Losses,
     ball_mass,
     ball_on_constant_feed,
     bandwidth,
     fit_response,
+    largest_motion,
+    magnet_stiffness,
     natural_frequency,
     receptance,
     resonance,
+    steady_state,
 )
 from joints.fed_film import FedFilm, fed_film, left_a_cycle_later
 from joints.film import FilmGeometry
-from joints.friction import Losses, largest_motion, magnet_stiffness, steady_state
 from joints.orifice import ATMOSPHERE, LinearOrifice, NozzleOrifice, Orifice
 from joints.reynolds import compressible_film
 from joints.stiffness import magnet_force

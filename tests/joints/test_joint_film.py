@@ -13,6 +13,8 @@ from joints.cli import joint
 from joints.fed_film import squeeze_impedance, squeeze_number
 from joints.film import (
     FilmGeometry,
+    design_film,
+    displacement_at_inlet,
     edge_gap,
     film_pressure,
     film_resistance,
@@ -22,7 +24,6 @@ from joints.film import (
     stiffness_constant_flow,
     supporting_pressure,
 )
-from joints.film_design import design_film, displacement_at_inlet
 from joints.orifice import ATMOSPHERE, SCCM, LinearOrifice, NozzleOrifice, Orifice
 from joints.reynolds import spherical_film
 from joints.studies.film import fit_film

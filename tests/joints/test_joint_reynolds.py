@@ -9,8 +9,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.linalg import spsolve
 
 from gpmodel.errors import InputError
-from joints.film import FilmGeometry, film_gap, film_resistance, pad_load
-from joints.film_design import design_film
+from joints.film import FilmGeometry, design_film, film_gap, film_resistance, pad_load
 from joints.orifice import ATMOSPHERE, LinearOrifice, NozzleOrifice, Orifice
 from joints.reynolds import (
     CELLS,

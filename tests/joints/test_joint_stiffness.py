@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from gpmodel.errors import InputError
-from joints.film import FilmGeometry
-from joints.film_design import design_film
+from joints.film import FilmGeometry, design_film
 from joints.orifice import ATMOSPHERE, SCCM, LinearOrifice, NozzleOrifice, Orifice
 from joints.stiffness import (
     RegimeCurve,

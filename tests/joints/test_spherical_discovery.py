@@ -7,7 +7,6 @@ import pytest
 from spherical_cases import HIDDEN, JOINT, NOTHING, OFFSETS, THREE, UNDECLARED, Undeclared
 
 import gpmodel as gp
-from experiments.spherical_joint import weak
 from experiments.spherical_joint.rig import Rig
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
@@ -118,23 +117,3 @@ def test_a_weak_effect_fitted_by_its_catalogue_name_is_there_at_its_size(name: s
     assert np.abs(found[0]) > 4 * sigma[0]
     assert np.all(np.abs(found - truth) < 4 * sigma)
     assert fit.sigma < bare.sigma
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("case", "name"),
-    [(case, name) for case, (_, name, *_) in weak.CASES.items() if name],
-    ids=["ball", "pitch axis", "shaft"],
-)
-def test_the_loop_names_a_weak_effect_at_sixty_poses_of_its_own(case: str, name: str) -> None:
-    """And 26 more held out. On how many rigs it does, and with 42 poses, is in `experiments/spherical_joint`."""
-    rig = weak.one_rig(case, 86, 0)
-    assert rig["named"] == [name]
-    standard, found, oracle = rig["heldout_rms_um"]
-    assert found < standard
-    assert found < 1.1 * oracle
-
-
-@pytest.mark.long
-def test_of_weak_effects_that_are_not_there_none_is_named() -> None:
-    assert weak.one_rig("nothing", 86, 0)["named"] == []

@@ -24,7 +24,7 @@ from gpmodel.planning.poses import spread_poses
 from joints.budget import ErrorSource, budget_joint, error_budget, read_budget, thesis_columns
 from joints.passive_joint import FRAMES, PARAMETERS, THESIS_PARAMETERS, parameter, tooling_ball_position
 from joints.settings import DATA
-from joints.studies.contact_types import contact_types
+from joints.studies.contact import contact_types
 
 BALL = np.asarray(JOINT.tooling_ball)
 POSES = np.random.default_rng(0).uniform(-1.2, 1.2, (40, 3))

@@ -8,8 +8,8 @@ import pytest
 from spherical_cases import JOINT, OFFSETS, PUBLISHED, published_table
 
 import gpmodel as gp
+from experiments.spherical_joint.reductions import algebraic_sphere, fit_sphere
 from experiments.spherical_joint.rig import Rig
-from experiments.spherical_joint.sphere_fit import algebraic_sphere, fit_sphere
 from gpmodel.application.joint_posterior import of_the_ball
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on, resolved

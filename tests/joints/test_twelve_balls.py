@@ -21,8 +21,8 @@ from gpmodel.calibration.result import errors_on
 from gpmodel.calibration.rivals import POOL, _anywhere
 from gpmodel.errors import InputError
 from gpmodel.families import catalogue
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import balls_of
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.planning.simulate import simulate

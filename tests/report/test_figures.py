@@ -21,7 +21,7 @@ from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.report import explore, figures, poses
 from gpmodel.report.picture import AFTER, BEFORE, NULL, PAPER, broken
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_poses import PlotRecord, SideErrors
+from gpmodel.report.schema_search import PlotRecord, SideErrors
 
 SOME = {"ladder", "error_histogram", "cumulative", "arrows_above", "rows"}
 

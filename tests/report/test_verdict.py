@@ -17,8 +17,8 @@ from gpmodel.evidence.cross_validation import Confirmation
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import Family, catalogue, explained
 from gpmodel.formula.expression import Expression
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.source import MechanismChoice
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.effect import drive_effect
 from gpmodel.model.error_model import ErrorModel, observe, prepare
 from gpmodel.model.sites import geometric_effects, table_names, translate

@@ -8,8 +8,7 @@ from gpmodel import wording
 from gpmodel.evolution.input_histogram import Histogram
 from gpmodel.families.candidate import BRED, CATALOGUE, FORMULA, NAMED, SEQUENCE, SMOOTH_TERM, TREE
 from gpmodel.report.schema import Report
-from gpmodel.report.schema_poses import InstrumentRecord
-from gpmodel.report.schema_search import EffectRecord, TermRecord
+from gpmodel.report.schema_search import EffectRecord, InstrumentRecord, TermRecord
 from gpmodel.report.words import (
     beside_specification,
     found,

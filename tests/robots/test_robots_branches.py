@@ -20,8 +20,7 @@ from gpmodel.calibration.placing import placement_after
 from gpmodel.calibration.result import Calibration
 from gpmodel.errors import InputError
 from gpmodel.families.load import base_compliance, joint_compliance
-from gpmodel.mechanism.branches import assembled, lineage
-from gpmodel.mechanism.workspace import random_poses
+from gpmodel.mechanism.branches import assembled, lineage, random_poses
 from gpmodel.model.error_model import ErrorModel, Poses, measured_minus, observe, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3

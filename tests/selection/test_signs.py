@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gpmodel.formula.parse import parse
+from gpmodel.formula.expression import parse
 from gpmodel.selection.programs import with_plain_signs
 
 

@@ -6,9 +6,8 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism.branches import branched
+from gpmodel.mechanism.branches import branched, random_poses
 from gpmodel.mechanism.protocol import AXES, Mechanism
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.numerics import se3
 
 PROBES = 8

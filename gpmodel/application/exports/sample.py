@@ -9,8 +9,7 @@ from gpmodel.application.matching import matched, remembered
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism.branches import branched
-from gpmodel.mechanism.workspace import drawn_between
+from gpmodel.mechanism.branches import branched, drawn_between
 from gpmodel.model.error_model import closing
 from gpmodel.table.dataset import Dataset
 
