@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 import gpmodel as gp
 from gpmodel.arrays import Array
 from gpmodel.calibration.linearise import effect_columns
+from gpmodel.families.repair_advice import repair_advice
 from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import AXES, Mechanism
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, prepare
@@ -190,6 +191,8 @@ def _page(
 ) -> str:
     lines = [f"# {family.name}", "", f"{family.explanation[0].upper()}{family.explanation[1:]}.", ""]
     lines += [f"*Source:* {family.source}.", ""]
+    if advice := repair_advice().get(family.name):
+        lines += ["## For the one who repairs", "", *(f"- {heading}: {said}" for heading, said in advice.lines), ""]
     if shown is None:
         lines += ["It has no instance on the machines shown here: it needs a column that their tables do not have.", ""]
     else:

@@ -18,7 +18,8 @@ from gpmodel.table.units import is_time, known_unit
 
 @dataclass(frozen=True)
 class Explanation:
-    """number: of the finding, from 1. chain: the slots with the place marked. facts, advice: sentences."""
+    """number: of the finding, from 1. chain: the slots with the place marked. facts, advice, repair: sentences, the
+    last for the one who repairs."""
 
     number: int
     name: str
@@ -29,6 +30,7 @@ class Explanation:
     cause: str
     facts: tuple[str, ...]
     advice: tuple[str, ...]
+    repair: tuple[str, ...] = ()
 
 
 def explain(report: Report, number: int, tellable: Set[str] | None = None) -> Explanation:
@@ -51,6 +53,9 @@ def explain(report: Report, number: int, tellable: Set[str] | None = None) -> Ex
         cause=_cause(effect),
         facts=tuple(map(sentence, _facts(report, effect))),
         advice=tuple(map(sentence, advice(report, effect, tellable))),
+        repair=tuple(f"{sentence(heading)[:-1]}: {said}" for heading, said in effect.repair.lines)
+        if effect.repair
+        else (),
     )
 
 
@@ -63,6 +68,7 @@ def text(found: Explanation) -> str:
         ("what would cause it", (found.cause,)),
         ("what speaks for it", found.facts),
         ("what to measure to be sure", found.advice),
+        ("for the one who repairs", found.repair),
     )
     lines = [f"{found.number}  {found.name}"]
     for heading, sentences in blocks:

@@ -9,6 +9,7 @@ from msgspec import Meta
 
 from gpmodel.arrays import ROUNDING, Count, NotNegative, Share
 from gpmodel.families.inner import FittedConstant
+from gpmodel.families.repair_advice import RepairAdvice, repair_advice
 from gpmodel.wording import measured, shortened
 
 Vectors = tuple[tuple[float | None, ...], ...]
@@ -280,6 +281,12 @@ class EffectRecord:
         """One line."""
         size = measured(self.value, self.stderr, self.unit)
         return f"<effect {self.name}: {size} at {self.slot} {self.axis}, {shortened(self.basis, 60)}>"
+
+    @property
+    def repair(self) -> RepairAdvice | None:
+        """Sign on the machine, check by hand, clause of a standard and what compensation can do; None of a finding that
+        is of no family."""
+        return repair_advice().get(self.catalogue or "")
 
     @property
     def probability(self) -> float | None:

@@ -1,5 +1,6 @@
 """The catalogue: every family has an instance that is found again with its size, and an honest deviation."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.repair_advice import FILE as ADVICE
+from gpmodel.families.repair_advice import repair_advice
 from gpmodel.mechanism.branches import random_poses
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, prepare
@@ -32,6 +35,19 @@ PLANTED = {(name, f): c for name in ("irb6400r", "ur5") for f, c in first_of_eac
 PLANTED |= {("dh", family): first_of_each_family("dh", 90, 8)[family] for family in LINEAR}
 ALIASED = 0.03
 FEW = 4
+
+
+def test_every_family_says_sign_check_clause_and_compensation() -> None:
+    said = repair_advice()
+    assert set(said) == {family.name for family in catalogue.catalogue}
+    listed = re.findall(r'"([a-z_]+)"', "".join(re.findall(r"families = .*", ADVICE.read_text(encoding="utf-8"))))
+    assert len(listed) == len(set(listed))
+    for name, advice in said.items():
+        for _, sentence in advice.lines:
+            assert sentence[0].isupper(), name
+            assert sentence.endswith("."), name
+        assert "ISO" in advice.clause, name
+        assert len(set(dict(advice.lines).values())) == 4, name
 
 
 def test_the_required_families_are_there_and_each_says_what_it_is_and_who_says_so() -> None:

@@ -1,7 +1,9 @@
 """The verdict: one short sentence, true to the numbers, whatever the names behind it."""
 
 import dataclasses
+from collections import defaultdict
 from dataclasses import replace
+from html import unescape
 
 import numpy as np
 import pytest
@@ -28,6 +30,7 @@ from gpmodel.report.effects import over_the_workspace
 from gpmodel.report.explain import MEASURES, explain, html, kinds_of, text
 from gpmodel.report.fitted import tool_displacements
 from gpmodel.report.origin import mechanism_record
+from gpmodel.report.page import html as report_page
 from gpmodel.report.quantity import shape_record
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import CauseRecord, Correlation, Range
@@ -166,6 +169,20 @@ def test_it_says_where_how_large_and_why() -> None:
     assert max(map(len, said.splitlines())) <= 80
     assert "Sweep J4 alone through the whole range" in " ".join(said.split())
     assert found.chain in html(report, 1)
+
+
+def test_a_finding_says_what_to_check_and_repair_by_hand() -> None:
+    report = discovered()
+    advice = report.effects[0].repair
+    assert advice is not None
+    said, page = " ".join(text(explain(report, 1)).split()), unescape(report_page(report, defaultdict(str)))
+    explained_page = unescape(html(report, 1))
+    for sentence in (advice.sign, advice.check, advice.clause, advice.compensation):
+        assert sentence in said
+        assert sentence in explained_page
+        assert sentence in page
+    assert altered(catalogue=None).effects[0].repair is None
+    assert explain(altered(catalogue=None), 1).repair == ()
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,34 @@
+"""What a family of the catalogue means at the machine: repair_advice.toml, read once."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from gpmodel.texts import read_toml
+
+FILE = Path(__file__).with_name("repair_advice.toml")
+
+
+@dataclass(frozen=True)
+class RepairAdvice:
+    """sign: on the machine. check: by hand. clause: of ISO 9283, ISO 230 or another standard that it moves.
+    compensation: what corrected joint values can and cannot do."""
+
+    sign: str
+    check: str
+    clause: str
+    compensation: str
+
+    @property
+    def lines(self) -> tuple[tuple[str, str], ...]:
+        """Each sentence with its heading."""
+        headings = ("sign", "check by hand", "standard", "compensation")
+        return tuple(zip(headings, (self.sign, self.check, self.clause, self.compensation), strict=True))
+
+
+@cache
+def repair_advice() -> Mapping[str, RepairAdvice]:
+    """Advice by the name of the family."""
+    rows = read_toml(FILE, "the advice of the catalogue")["advice"]
+    return {name: RepairAdvice(**row) for row in rows for name in row.pop("families")}
