@@ -31,11 +31,12 @@ def placed_anew(made: Simulation, rng: np.random.Generator, tool: float = 0.0) -
 
 
 def read_later(
-    made: Simulation, q: Array, placement: Placement, rng: np.random.Generator, joint: int = 0, moved: float = 0.0
-) -> Dataset:
+    made: Simulation, q: Array, placement: Placement, rng: np.random.Generator, joint: int = 0, moved: float = 0.0,
+    noise: float = NOISE,
+) -> Dataset:  # fmt: skip
     """Poses (N, n) of the robot, the zero of one joint moved, rad."""
     arm = made.model.mechanism
     truth = ErrorModel(arm, (*made.model.effects, drive_effect("moved", arm.joints[joint], gp.Expression("1"))))
     dataset = unmeasured([j.name for j in arm.joints], q)
     tip = observe(truth, prepare(arm, dataset), np.append(made.theta, moved), placement).tip[:, :3, 3]
-    return replace(dataset, position=tip + rng.normal(0.0, NOISE, tip.shape), source="later.csv")
+    return replace(dataset, position=tip + rng.normal(0.0, noise, tip.shape), source="later.csv")

@@ -16,6 +16,7 @@ from gpmodel.api.table import Described, TableLike, told_of_reading
 from gpmodel.api.verification import VerifyResult, judged_by, later_table, verify_saved
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.next_check import FIRST, HiddenChange, Pool, significance
+from gpmodel.application.repair import MOST_MORE, Repaired, repaired
 from gpmodel.application.verify import afterwards
 from gpmodel.arrays import Array
 from gpmodel.progress import Say, silent
@@ -30,16 +31,60 @@ TWICE = 2.0
 
 
 @dataclass(frozen=True, repr=False)
+class RepairedModel(Shown):
+    """The model of a machine after a change, fitted to the poses of the check with the old model as prior. found: its
+    numbers and the error that it expects."""
+
+    found: Repaired
+
+    @property
+    def model(self) -> Model:
+        """The model; `save` writes it."""
+        return Model(self.found.saved)
+
+    @property
+    def more(self) -> pd.DataFrame | None:
+        """Poses to measure until it expects at most 1.2 times the error before the change; None where 30 are not enough
+        for that."""
+        return None if self.found.more is None else _row(self.found.saved, self.found.more)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a number that changed: name, unit, value and standard error before and after, SI."""
+        rows = [(n.name, n.unit, *n.before, *n.after) for n in self.found.numbers]
+        return pd.DataFrame(rows, columns=["name", "unit", "before", "stderr before", "after", "stderr after"])
+
+    def summary(self) -> str:
+        """State what changed with its ±, the error that the model expects, and how many poses are missing."""
+        numbers = (
+            f"{n.name} {wording.measured(*n.after, n.unit)}, before {wording.measured(*n.before, n.unit)}"
+            for n in self.found.numbers
+        )
+        now, was = (wording.length(1e3 * m) for m in (self.found.expected, self.found.before))
+        more = self.more
+        lines = [
+            f"Repaired model: {'; '.join(numbers)}.",
+            f"Expected error of the tool point: {now}; {was} before the change.",
+        ]
+        if more is None:
+            lines.append(f"These poses are not enough, nor are {MOST_MORE} more: calibrate again.")
+        elif len(more):
+            lines.append(f"These poses are not enough to be as good as before: measure {len(more)} more, add them:")
+            lines.append(table_text(more, CONTROLLER_DECIMALS).rstrip("\n"))
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True, repr=False)
 class NextCheck(Shown):
     """A check so far. judged: by the poses there are, None of too few. poses: their number, of different ones.
     limit: mm by which the tool may move unseen. unseen: zeros that may still have changed by more. next: the pose to
-    measure, None where the check has ended."""
+    measure, None where the check has ended. repaired: the model of the machine now, where a change is named."""
 
     judged: VerifyResult | None
     poses: int
     limit: float
     unseen: tuple[HiddenChange, ...]
     next: pd.DataFrame | None
+    repaired: RepairedModel | None = None
 
     @property
     def decided(self) -> bool:
@@ -74,6 +119,11 @@ class NextCheck(Shown):
             )
         elif self.decided:
             lines.append(f"Decided after {self.poses} poses.")
+            lines.append(
+                "No repaired model: no change that is named explains the poses; calibrate again."
+                if self.repaired is None
+                else self.repaired.summary()
+            )
         else:
             lines.append(f"What changed is not decided after {self.poses} poses.")
         if self.next is not None:
@@ -99,12 +149,13 @@ def next_check(
     lacking = pool.unseen(found.visible, 1e-3 * limit) if result.holds else ()
     unnamed = not (result.holds or record.changes) and count < NAMED_BY
     further = _row(saved, pool.next(fresh.q)) if lacking or unnamed else None
-    return NextCheck(result, count, limit, lacking, further)
+    repair = None if result.holds or further is not None else repaired(found, pool)
+    return NextCheck(result, count, limit, lacking, further, None if repair is None else RepairedModel(repair))
 
 
 def _row(saved: SavedModel, q: Array) -> pd.DataFrame:
-    """One pose with the headers of the table of the fit."""
-    return joint_table(saved.mechanism, q[None], saved.columns)
+    """Poses (n,) or (M, n) with the headers of the table of the fit."""
+    return joint_table(saved.mechanism, np.atleast_2d(q), saved.columns)
 
 
 COMMAND = "gpmodel.verify"
@@ -152,7 +203,8 @@ def verify_next(
     however long it goes on. It ends where a change is seen and named, or where a change of any joint's zero that moves
     the tool by more than the tolerance would be with the chance 0.9; without a tolerance twice the error that the model
     expects. Poses are chosen among those of the fit, where the arm is known to go: the one that shows most of the zero
-    that is seen worst.
+    that is seen worst. Where a change is named, `repaired` is the model fitted to these poses, its own numbers and
+    their ± as prior, what changed free: `repaired.model.save(...)`; `repaired.more` are the poses that it lacks.
 
     model, table, tolerance, in_order, cameras, board, surfaces: as of `verify`; no table, or fewer than six poses:
     the next of the first poses, far from the others. Raises InputError as `verify`, and where the model does not hold

@@ -15,7 +15,7 @@ from gpmodel.application.exports.sample import measured_table
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.possible_changes import Visible, zero_of
 from gpmodel.application.recheck import Session
-from gpmodel.arrays import Array, Mask
+from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import effect_columns
 from gpmodel.formula.expression import ONE
 from gpmodel.model.effect import drive_effect
@@ -85,14 +85,14 @@ class _Columns:
 
 @dataclass(frozen=True)
 class Pool:
-    """The poses of the fit, where the arm is known to go. q: (P, n). columns: as the session has them, if there is one.
+    """The poses of the fit, where the arm is known to go. columns: as the session has them, if there is one.
 
     session: the check so far; None of fewer poses than anything is judged by.
     """
 
     saved: SavedModel
     session: Session | None
-    q: Array
+    poses: Poses
     columns: _Columns
 
     @staticmethod
@@ -103,7 +103,17 @@ class Pool:
             here = {name: np.full(len(data), session.poses.dataset.label(name)[0]) for name in ("setup", "tool")}
             data = replace(data, labels={**data.labels, **here})
         poses = prepare(saved.mechanism, data)
-        return Pool(saved, session, poses.dataset.q, _Columns.of(now, poses))
+        return Pool(saved, session, poses, _Columns.of(now, poses))
+
+    @property
+    def q(self) -> Array:
+        """Joint values (P, n)."""
+        return self.poses.dataset.q
+
+    def not_among(self, taken: Array) -> IntArray:
+        """Return the indices of the poses that are none of those `taken` (M, n); all where none is left."""
+        there = np.array([len(taken) > 0 and (np.abs(taken - one) < SAME).all(axis=1).any() for one in self.q])
+        return np.flatnonzero(~there) if not there.all() else np.arange(len(self.q))
 
     @property
     def able(self) -> Mask:
@@ -123,8 +133,7 @@ class Pool:
         After it the zero that is seen worst, in what it moves the tool by, is seen best; without a session it is the
         pose farthest from those taken.
         """
-        there = np.array([len(taken) > 0 and (np.abs(taken - one) < SAME).all(axis=1).any() for one in self.q])
-        left = np.flatnonzero(~there) if not there.all() else np.arange(len(self.q))
+        left = self.not_among(taken)
         if self.session is None:
             others = taken if len(taken) else None
             return np.asarray(self.q[left[spread_among(self.saved.mechanism, self.q[left], 1, others)[0]]])

@@ -17,7 +17,7 @@ from gpmodel.families.candidate import without_phase
 from gpmodel.formula.expression import ONE, Expression
 from gpmodel.mechanism.protocol import AXES, INSTRUMENT
 from gpmodel.model import lens
-from gpmodel.model.effect import drive_effect, effect_at
+from gpmodel.model.effect import Effect, drive_effect, effect_at
 from gpmodel.model.memory import clock_of
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank
@@ -43,7 +43,8 @@ class PossibleChange:
     """One thing that may have changed: whitened columns (M, k), one a number in `unit`; share: of the significance.
 
     A `size` is a share of what the model has of that effect. Of kind `set-up` is what no machine did: the instrument,
-    or what stands still, moved along the rows.
+    or what stands still, moved along the rows. effects: that it adds to the model's. at: columns of the linear problem
+    that it moves, where it adds none.
     """
 
     name: str
@@ -51,6 +52,8 @@ class PossibleChange:
     unit: str
     columns: Array
     share: float = 1.0
+    effects: tuple[Effect, ...] = ()
+    at: tuple[int, ...] = ()
 
     @cached_property
     def _parts(self) -> tuple[Array, Array, Array]:
@@ -104,33 +107,33 @@ def _zeros(found: Recheck) -> Iterator[PossibleChange]:
     effects = [drive_effect(zero_of(joint.name), joint, ONE) for joint in joints]
     raw = found.problem.effect_rows(effects, found.session.saved.model)
     for k, effect in enumerate(effects):
-        yield from _seen(found, effect.name, "zero", effect.unit, raw[:, [k]])
+        yield from _seen(found, PossibleChange(effect.name, "zero", effect.unit, raw[:, [k]], effects=(effect,)))
 
 
 def _tools(found: Recheck) -> Iterator[PossibleChange]:
-    names = found.problem.placement_names
+    names, columns = found.problem.placement_names, found.problem.columns
     for label in () if found.session.tool else found.session.saved.placement.tool:
         title = f"tool{f' {label}' if label else ''}"
         at = [k for k, name in enumerate(names) if name.rsplit(" ", 1)[0] == title and " T" in name[len(title) :]]
         if at:
-            yield from _seen(found, f"{title} point", "tool", "m", found.problem.columns[:, at])
+            yield from _seen(found, PossibleChange(f"{title} point", "tool", "m", columns[:, at], at=tuple(at)))
     yield from _carried(found)
 
 
 def _carried(found: Recheck) -> Iterator[PossibleChange]:
     """Where a link carries a camera, a board or an inclinometer, and how it is turned; every number of a lens."""
-    session, names = found.session, found.problem.placement_names
+    session, names, raw = found.session, found.problem.placement_names, found.problem.columns
     for kind, key in kept_by(session.saved, session.poses.dataset):
         of_a_lens = not set(kind.own[key]) <= set(AXES)
         if session.tool and not of_a_lens:
             continue
         at = {own: names.index(f"{key} {own}") for own in kind.own[key]}
         for name, unit, axes in (("place", "m", AXES[:3]), ("angle", "rad", AXES[3:])):
-            if columns := [at[axis] for axis in axes if axis in at]:
-                yield from _seen(found, f"{name} of {key}", "tool", unit, found.problem.columns[:, columns])
-        for own, k in at.items() if of_a_lens else ():
-            unit = "px" if own in PIXELS else "1"
-            yield from _seen(found, f"{key} {own}", "tool", unit, found.problem.columns[:, [k]])
+            if own := tuple(at[axis] for axis in axes if axis in at):
+                yield from _seen(found, PossibleChange(f"{name} of {key}", "tool", unit, raw[:, own], at=own))
+        for number, k in at.items() if of_a_lens else ():
+            unit = "px" if number in PIXELS else "1"
+            yield from _seen(found, PossibleChange(f"{key} {number}", "tool", unit, raw[:, [k]], at=(k,)))
 
 
 def _sizes(found: Recheck) -> Iterator[PossibleChange]:
@@ -141,7 +144,8 @@ def _sizes(found: Recheck) -> Iterator[PossibleChange]:
             groups.setdefault(without_phase(effect.name), []).append(k)
     for name, at in groups.items():
         raw = found.problem.effect_rows([model.effects[k] for k in at], model) @ theta[at]
-        yield from _seen(found, name, "size", "1", raw[:, None])
+        columns = tuple(found.problem.placement + k for k in at)
+        yield from _seen(found, PossibleChange(name, "size", "1", raw[:, None], at=columns))
 
 
 def _geometry(found: Recheck) -> Iterator[PossibleChange]:
@@ -151,7 +155,7 @@ def _geometry(found: Recheck) -> Iterator[PossibleChange]:
     effects = [e for e in geometric_effects(mechanism) if e.terms not in zeros]
     raw = found.problem.effect_rows(effects, found.session.saved.model)
     for k, effect in enumerate(effects):
-        yield from _seen(found, effect.name, "geometry", effect.unit, raw[:, [k]])
+        yield from _seen(found, PossibleChange(effect.name, "geometry", effect.unit, raw[:, [k]], effects=(effect,)))
 
 
 def _of_the_catalogue(found: Recheck) -> Iterator[PossibleChange]:
@@ -170,7 +174,10 @@ def _of_the_catalogue(found: Recheck) -> Iterator[PossibleChange]:
         aside = all(
             e.of_the_instrument or (e.slots == (STANDING,) and set(e.inputs) <= {ROW, clock}) for e in candidate.effects
         )
-        yield from _seen(found, candidate.name, "set-up" if aside else "catalogue", candidate.unit, columns)
+        kind: Kind = "set-up" if aside else "catalogue"
+        yield from _seen(
+            found, PossibleChange(candidate.name, kind, candidate.unit, columns, effects=candidate.effects)
+        )
 
 
 def wander(found: Recheck) -> Array:
@@ -184,11 +191,12 @@ def wander(found: Recheck) -> Array:
     return found.whitened(found.problem.effect_rows(effects, found.session.saved.model))
 
 
-def _seen(found: Recheck, name: str, kind: Kind, unit: str, raw: Array) -> Iterator[PossibleChange]:
-    """It, where the poses show anything of it."""
-    whole, left = (np.linalg.norm(c) for c in (found.spread.whiten(found.blocks.means(raw)), found.whitened(raw)))
+def _seen(found: Recheck, raw: PossibleChange) -> Iterator[PossibleChange]:
+    """Yield the change with its raw columns whitened, where the poses show anything of it."""
+    columns = found.whitened(raw.columns)
+    whole, left = (np.linalg.norm(c) for c in (found.spread.whiten(found.blocks.means(raw.columns)), columns))
     if left > LEAST * whole and np.isfinite(left):
-        yield PossibleChange(name, kind, unit, found.whitened(raw))
+        yield replace(raw, columns=columns)
 
 
 SET_UP: Kind = "set-up"

@@ -298,7 +298,7 @@ def recheck(session: Session) -> Recheck:
     problem, saved = session.problem, session.saved
     bundle = sharing(session.poses.dataset)
     blocks = blocks_of(problem, bundle)
-    free, at = session.anew(problem), _in_covariance(saved, problem)
+    free, at = session.anew(problem), in_covariance(saved, problem)
     known = ~free & (at >= 0)
     covariance = saved.covariance.values[np.ix_(at[known], at[known])]
     values, vectors = np.linalg.eigh(covariance) if known.any() else (np.zeros(0), np.zeros((0, 0)))
@@ -324,7 +324,7 @@ def recheck(session: Session) -> Recheck:
     return found
 
 
-def _in_covariance(saved: SavedModel, problem: Linearised) -> IntArray:
+def in_covariance(saved: SavedModel, problem: Linearised) -> IntArray:
     """Where each column of the problem (P + E,) stands in the covariance of the model; -1 where nobody fitted it."""
     names = saved.covariance.placement
     placed = [names.index(name) if name in names else -1 for name in problem.placement_names]

@@ -6,8 +6,8 @@ from pathlib import Path
 import click
 
 from gpmodel.api.model import Point, load_model, model_file
+from gpmodel.api.verify import NextCheck, verify_next
 from gpmodel.api.verify import verify as judge
-from gpmodel.api.verify import verify_next
 from gpmodel.application.compensate import not_reached
 from gpmodel.application.exports.grid import NODES
 from gpmodel.application.exports.programs import Language
@@ -163,7 +163,8 @@ CHANGED, UNDECIDED = 3, 4
 @click.option("--next", "pose_by_pose", is_flag=True, help="Say which pose to measure next, until it is decided.")
 @shared.in_order_option
 @shared.sights_options
-@shared.out_folder_option
+@click.option("--out", "folder", type=shared.PATH,
+              help="Folder for the page, with --next also for repaired.json; or a .json file for that.")  # fmt: skip
 @shared.quiet_option
 def verify(
     model: Path, table: Path | None, tolerance: str | None, pose_by_pose: bool, in_order: bool, folder: Path | None,
@@ -182,14 +183,17 @@ def verify(
     """
     if pose_by_pose:
         so_far = verify_next(model, table, tolerance=tolerance, in_order=in_order, **sights)
-        if folder is not None and so_far.judged is not None:
-            so_far.judged.report(folder)
+        written = None if folder is None else _leave(so_far, folder, model_file(model))
         if not quiet:
             echo(so_far.summary())
+            if written is not None:
+                echo(f"repaired model: {written}")
         passed = so_far.judged is not None and so_far.judged.passed
         return UNDECIDED if not so_far.decided else 0 if passed else CHANGED
     if table is None:
         raise InputError("missing, expected a table of poses measured after the fit; or --next", "table")
+    if folder is not None and folder.suffix == ".json":
+        raise InputError(f"{folder}, expected a folder; a model is repaired with --next", "out")
     with progress_line(quiet) as say:
         found = judge(
             model, table, tolerance=tolerance, in_order=in_order, progress=say, command=command_line(), **sights
@@ -203,3 +207,18 @@ def verify(
                 f"page: {folder / 'verify.html'}\nnext:\n  gpmodel certificate {shell_quoted(folder)}  its certificate"
             )
     return 0 if found.passed else CHANGED
+
+
+def _leave(found: NextCheck, out: Path, judged: Path) -> Path | None:
+    """Write the page and the repaired model of a check into a folder, or that model alone into a .json file; return
+    its path. Raises InputError where it would replace the model that is `judged`."""
+    alone = out.suffix == ".json"
+    file = out if alone else out / "repaired.json"
+    if file.resolve() == judged.resolve():
+        raise InputError(f"{out} is the model that is judged, expected another file", "out")
+    if found.judged is not None and not alone:
+        found.judged.report(out)
+    if found.repaired is None:
+        return None
+    found.repaired.model.save(file)
+    return file

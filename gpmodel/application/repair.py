@@ -1,0 +1,268 @@
+"""A model after a change that was named, from the poses of the check alone: its own numbers and their ± are the prior.
+
+Tool and effects have the prior x ~ N(m, Σ) of model.json; what changed is free, Σ + D Dᵀ with a column of D for each
+number of it, 1 m, 1 rad or the whole of an effect. With x = m + L u, L Lᵀ that covariance, every Gauss-Newton step is
+
+    [F  K L; 0  σ] (ρ, u) = (r, -σ u)         F, K, r, σ: as of `application.recheck`; the registration ρ has no prior
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gpmodel.application.matching import remembered
+from gpmodel.application.measured import Measured
+from gpmodel.application.model_file import SavedModel, needed
+from gpmodel.application.next_check import Pool
+from gpmodel.application.possible_changes import SET_UP, PossibleChange, possible_changes
+from gpmodel.application.predict import point_columns
+from gpmodel.application.recheck import PASSES, Session, in_covariance
+from gpmodel.application.verify import Verified
+from gpmodel.arrays import Array, Mask, NotNegative
+from gpmodel.calibration.gauss_newton import without_outliers
+from gpmodel.calibration.linearise import Linearised
+from gpmodel.calibration.noise import blocks_of
+from gpmodel.calibration.result import Covariance
+from gpmodel.calibration.size import without_frame
+from gpmodel.mechanism.protocol import AXES
+from gpmodel.model.effect import Effect, Term
+from gpmodel.model.error_model import ErrorModel, observe
+from gpmodel.model.observation import observations
+from gpmodel.model.sites import names_of, translate
+from gpmodel.numerics import rank
+from gpmodel.planning.design import Question, Variance, choose, deviations
+from gpmodel.table.bundles import sharing
+from gpmodel.table.dataset import Dataset
+
+ENOUGH = 1.2
+"""Expected error over that before the change, from which no further pose is needed. At 1.1 the poses double."""
+MOST_MORE = 30
+"""Further poses at most: with more a calibration is little dearer."""
+KEPT_LABELS = ("setup", "tool", "tip")
+"""Labels that rows of the fit keep beside those of the check."""
+
+
+@dataclass(frozen=True)
+class Renewed:
+    """A number of the model that was found anew, in SI: value and standard error, before and after."""
+
+    name: str
+    unit: str
+    before: tuple[float, float]
+    after: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Repaired:
+    """saved: the model of the machine as it is now. numbers: what changed. expected, before: RMS error, m, of the point
+    at the poses of the fit, less what a registration takes up, now and before the change. more: (M, n) joint values of
+    the poses after which it is ENOUGH; None where MOST_MORE are not."""
+
+    saved: SavedModel
+    numbers: tuple[Renewed, ...]
+    expected: NotNegative
+    before: NotNegative
+    more: Array | None
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """The session with what changed in its model, and D (P + E, k). left: (M, f + q) the system of the last step.
+    step: (P + E, f + q), what its unknowns ρ and u move."""
+
+    session: Session
+    changed: Array
+    problem: Linearised
+    left: Array
+    step: Array
+    sigma: float
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (P + E, P + E) of everything fitted."""
+        size = np.linalg.norm(self.left, axis=0)
+        size[size == 0.0] = 1.0
+        root = self.sigma * (self.step / size) @ np.linalg.pinv(self.left / size, rcond=1e-12)
+        return np.asarray(root @ root.T)
+
+
+def repaired(found: Verified, pool: Pool) -> Repaired | None:
+    """Fit a model anew to the poses of a check that named what changed.
+
+    None where nothing is named, and where no reading is in an instrument's frame.
+    """
+    data = found.session.poses.dataset
+    if found.verdict != "drifted" or not found.changes or without_frame(observations(data)):
+        return None
+    named, before = {(change.name, change.kind) for change in found.changes}, found.session.saved
+    changes = [change for change in possible_changes(found.found) if (change.name, change.kind) in named]
+    fit = _fitted(found, changes)
+    aside = {e.terms for change in changes if change.kind == SET_UP for e in change.effects}
+    lasting = np.array([e.terms not in aside for e in fit.session.saved.model.effects], dtype=bool)
+    saved = _kept(fit, pool.saved, lasting)
+    ahead = _ahead(fit, saved, lasting, _before(before, fit.problem), pool)
+    was = replace(before, placement=replace(before.placement, tool=pool.saved.placement.tool))
+    called = {c.effects[0].terms: c.name for c in changes if len(c.effects) == 1}
+    return Repaired(saved, tuple(_numbers(was, fit, lasting, called)), *ahead)
+
+
+def _fitted(found: Verified, changes: Sequence[PossibleChange]) -> _Fit:
+    """Iterate to the posterior, each time without what then stands far out."""
+    session, changed = _with(found.session, found.found.problem, changes)
+    sigma, total = found.found.spread.sigma, np.zeros(0)
+    for _ in range(PASSES):
+        problem = session.problem
+        blocks, free = blocks_of(problem, sharing(session.poses.dataset)), session.anew(problem)
+        step = np.hstack([np.eye(len(free))[:, free], _root(found.session.saved, problem, ~free), changed])
+        if not total.size:
+            total = np.zeros(step.shape[1] - free.sum())
+        prior = np.hstack([np.zeros((len(total), free.sum())), sigma * np.eye(len(total))])
+        left = np.vstack([blocks.means(problem.columns) @ step, prior])
+        right = np.concatenate([blocks.means(problem.residual), -sigma * total])
+        own = np.linalg.lstsq(left, right, rcond=1e-13)[0]
+        total = total + own[free.sum() :]
+        moved, count = step @ own, problem.placement
+        saved = replace(session.saved, theta=session.saved.theta + moved[count:])
+        session = replace(session, saved=saved).moved(problem, moved[:count])
+        everything = np.ones(len(session.use), dtype=bool)
+        session = replace(session, use=without_outliers(session.observed, session.poses.dataset, everything))
+    return _Fit(session, changed, problem, left, step, sigma)
+
+
+def _with(session: Session, problem: Linearised, changes: Sequence[PossibleChange]) -> tuple[Session, Array]:
+    """The session with the effects that changes add, and D; an effect of the model's terms is the model's own."""
+    saved, count = session.saved, problem.placement
+    own = {effect.terms: count + k for k, effect in enumerate(saved.model.effects)}
+    added: list[Effect] = []
+    columns: list[dict[int, float]] = []
+    for change in changes:
+        for effect in change.effects:
+            if effect.terms not in own:
+                own[effect.terms] = count + len(saved.model.effects) + len(added)
+                added.append(effect)
+            columns.append({own[effect.terms]: 1.0})
+        if change.kind == "size":
+            columns.append({k: float(saved.theta[k - count]) for k in change.at})
+        else:
+            columns += [{k: 1.0} for k in change.at]
+    model = ErrorModel(saved.mechanism, (*saved.model.effects, *added))
+    theta, stderr = (
+        np.append(v, np.full(len(added), fill)) for v, fill in ((saved.theta, 0.0), (saved.stderr, np.nan))
+    )
+    changed = np.zeros((count + len(theta), len(columns)))
+    for column, entries in enumerate(columns):
+        changed[list(entries), column] = list(entries.values())
+    return replace(session, saved=replace(saved, model=model, theta=theta, stderr=stderr)), changed
+
+
+def _root(saved: SavedModel, problem: Linearised, held: Mask) -> Array:
+    """L (P + E, q) of the model's covariance of what the session does not find for itself."""
+    covariance = _before(saved, problem)
+    covariance[~held] = covariance[:, ~held] = 0.0
+    size = np.sqrt(np.diag(covariance))
+    known = size > 0
+    values, vectors = np.linalg.eigh(covariance[np.ix_(known, known)] / np.outer(size[known], size[known]))
+    root = np.zeros((len(size), known.sum()))
+    root[known] = size[known, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
+
+
+def _before(saved: SavedModel, problem: Linearised) -> Array:
+    """The model's covariance (P + E, P + E) by the unknowns of a problem; zero of registrations and of what is new."""
+    at = in_covariance(saved, problem)
+    at = np.append(at, np.full(problem.columns.shape[1] - len(at), -1))
+    at[: problem.placement][[name.startswith("registration") for name in problem.placement_names]] = -1
+    known, out = at >= 0, np.zeros((len(at), len(at)))
+    out[np.ix_(known, known)] = saved.covariance.values[np.ix_(at[known], at[known])]
+    return out
+
+
+def _kept(fit: _Fit, before: SavedModel, lasting: Mask) -> SavedModel:
+    """The model to be saved, of the effects that are `lasting` (E,), as the model `before` has them."""
+    now, data = fit.session.saved, fit.session.poses.dataset
+    written = {effect.name: effect for effect in before.model.effects}
+    rows = np.concatenate([np.ones(fit.problem.placement, dtype=bool), lasting])
+    effects = tuple(written.get(e.name, e) for e, kept in zip(now.model.effects, lasting, strict=True) if kept)
+    model, values = ErrorModel(now.mechanism, effects), fit.covariance
+    fitted = np.isfinite(now.stderr) | fit.changed[fit.problem.placement :].any(axis=1)
+    stderr = np.where(fitted, np.sqrt(np.diag(values)[fit.problem.placement :]), np.nan)
+    read = needed(model, data)
+    states = fit.session.poses.states
+    new = {name for effect in effects for name in effect.inputs} - set(before.ranges)
+    known = replace(
+        now, model=model, theta=now.theta[lasting], stderr=stderr[lasting],
+        covariance=Covariance(values[np.ix_(rows, rows)], fit.problem.placement_names,
+                              fit.problem.observed.tip[:, :3, 3].mean(axis=0)),
+        input_units={name: unit for name, unit in data.extra_units.items() if name in read},
+        ranges={**before.ranges, **{n: (float(states[n].min()), float(states[n].max())) for n in new}},
+    )  # fmt: skip
+    return replace(known, measured=Measured(_both(before, known, data), np.zeros(0, dtype=np.int64)))
+
+
+def _both(before: SavedModel, saved: SavedModel, data: Dataset) -> Dataset:
+    """The rows of a check, and the poses of the fit without their readings, which the machine would not repeat."""
+    data = remembered(saved, data)
+    if before.measured is None or data.observations or data.distances:
+        return data
+    old = remembered(before, before.measured.dataset)
+    if not set(saved.input_units) <= set(old.extras):
+        return data
+    blank = np.full((len(old), 3), np.nan)
+    old = replace(old, labels={**old.labels, "setup": np.full(len(old), data.label("setup")[0])})
+    return replace(
+        data, in_order=False, columns=data.columns or old.columns,
+        q=np.vstack([data.q, old.q]), row=np.concatenate([data.row, old.row]),
+        position=np.vstack([data.position, blank]), rotation=np.vstack([data.rotation, blank]),
+        payload=np.concatenate([data.payload, old.payload]),
+        labels={name: np.concatenate([data.label(name), old.label(name)]) for name in KEPT_LABELS},
+        extras={n: np.concatenate([v, old.extras[n]]) for n, v in data.extras.items() if n in old.extras},
+    )  # fmt: skip
+
+
+def _numbers(before: SavedModel, fit: _Fit, lasting: Mask, called: Mapping[tuple[Term, ...], str]) -> Iterator[Renewed]:
+    """Yield every number of what changed but the set-up: effects, and tool points in the axes of the flange. called:
+    names of changes by the terms of their one effect."""
+    now, problem = fit.session.saved, fit.problem
+    count, names = problem.placement, problem.placement_names
+    theta = np.append(before.theta, np.zeros(len(now.theta) - len(before.theta)))
+    both, joints = (_before(before, problem), fit.covariance), names_of(fit.session.poses.dataset)
+    old, new = (np.sqrt(np.diag(values)) for values in both)
+    for k in np.flatnonzero(lasting & fit.changed[count:].any(axis=1)):
+        effect, at = now.model.effects[k], count + k
+        name = translate(called.get(effect.terms, effect.name), joints)
+        yield Renewed(name, effect.unit, (float(theta[k]), float(old[at])), (float(now.theta[k]), float(new[at])))
+    for label, frame in now.placement.tool.items():
+        title = f"tool {label}".rstrip()
+        own = [names.index(f"{title} {axis}") for axis in AXES[:3]]
+        if not (fit.session.tool or fit.changed[own].any()):
+            continue
+        turn, was = frame[:3, :3], before.placement.tool[label]
+        old, new = (np.sqrt(np.diag(turn @ values[np.ix_(own, own)] @ turn.T)) for values in both)
+        for i, axis in enumerate("xyz"):
+            values = (float(was[i, 3]), float(old[i])), (float(frame[i, 3]), float(new[i]))
+            yield Renewed(f"{title} point {axis}", "m", *values)
+
+
+def _ahead(fit: _Fit, saved: SavedModel, lasting: Mask, before: Array, pool: Pool) -> tuple[float, float, Array | None]:
+    """Expected error, m, now and before, and the poses after which it is ENOUGH. before: covariance (P + E, P + E)."""
+    rows = np.concatenate([np.ones(fit.problem.placement, dtype=bool), lasting])
+    observed = observe(saved.model, pool.poses, saved.theta, saved.placement)
+    columns, count = point_columns(saved, pool.poses, observed), len(pool.q)
+    own, step = columns.reshape(3 * count, -1).copy(), fit.step[rows]
+    placed = [k for k, name in enumerate(fit.problem.placement_names) if name.startswith("registration")]
+    basis = rank.orthonormal(own[:, placed])
+    own[:, placed] = 0.0
+    own = rank.remove(basis, own)
+    more = 3.0 * saved.discrepancy**2
+    was = float(np.sqrt(np.sum((own @ before[np.ix_(rows, rows)]) * own) / count + more))
+    known, moved = fit.left.T @ fit.left / fit.sigma**2, own @ step
+    scale = np.sqrt(np.diag(known))
+    scale[scale == 0.0] = 1.0
+    weight = Variance(moved.T @ moved / count / np.outer(scale, scale))
+    question = Question(columns @ step / fit.sigma / scale, known / np.outer(scale, scale), weight)
+    left = pool.not_among(fit.session.poses.dataset.q)
+    order = left[choose(question.columns[left], question.known, min(MOST_MORE, len(left)), weight)]
+    errors = np.sqrt(deviations([question], order) ** 2 + more)
+    enough = np.flatnonzero(errors <= ENOUGH * was)
+    return float(errors[0]), was, pool.q[order[: enough[0]]] if len(enough) else None
