@@ -24,15 +24,18 @@ from gpmodel.api.arguments import (
 )
 from gpmodel.api.display import Shown
 from gpmodel.api.model import Model, load_model
+from gpmodel.api.table import TableLike, frame_to_extend
+from gpmodel.application.compensate import beyond_limits, targets_in
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.next_poses import Outlook, Questioned, closing_pool
+from gpmodel.application.usable import placed_now, usable
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.families.candidate import without_phase
 from gpmodel.files import write_text
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.sites import names_of, translate
-from gpmodel.planning.design import Asked, Question, at_best, choose_for_all, deviations
+from gpmodel.planning.design import Asked, Question, at_best, choose_for_all, deviations, in_units_of
 from gpmodel.planning.poses import GOALS, geometric_question, least_deviation, pool_of, spacing, spread_among
 from gpmodel.planning.reach import Reach, Sight, knows_its_shape
 from gpmodel.progress import Say, Teller, silent
@@ -45,6 +48,9 @@ POOLED = 40
 """Poses that a pool is made for where none are chosen: the default of choosing them."""
 TOLD_APART = 2.0
 """Standard deviations that all poses of the pool must put between rivals for any of them to be taken for it."""
+WITHIN = 1.2
+"""Deviation at a task over that which all poses of the pool would leave, at which as much is done for it as for rivals
+that are TOLD_APART."""
 MOST_RIVALS = 3
 """Largest number of alternatives of each finding, the closest first.
 
@@ -76,11 +82,7 @@ def next_questions(
         return replace(point, said="spread, away from what is measured", choose=(), taken=outlook.measured.dataset.q)
     if criterion == "i-optimal":
         return point
-    findings = findings_of(outlook, record)
-    asked = [*findings, *constants_of(outlook, record)]
-    pairs = {f"{f.name} or {name}": outlook.beside(f, effects) for f in asked for name, effects in f.rivals}
-    told = {said: asked for said, asked in pairs.items() if at_best(asked) < 1.0 / TOLD_APART}
-    alike = "; ".join(said for said in pairs if said not in told)
+    findings, (told, alike) = findings_of(outlook, record), _rivals(outlook, record)
     if told and criterion in (None, "rivals"):
         said = f"rivals: {'; '.join(told)}" + (f"; no poses tell {alike}" if alike else "")
         return Asked(said, tuple(told.values()), tuple(told.values()), "closest rivals apart [sigma]", inverse=True)
@@ -94,6 +96,39 @@ def next_questions(
     sizes: tuple[Question, ...] = tuple(outlook.of_finding(finding) for finding in findings)
     said = f"effect: {'; '.join(f.name for f in findings)}" + (f"; no poses tell {alike}" if alike else "")
     return Asked(said, sizes, sizes, "± of the worst known effect [%]", 100.0)
+
+
+def _rivals(outlook: Outlook, record: Report | None) -> tuple[dict[str, Question], str]:
+    """The questions of rivals that poses of the pool tell apart, by both names; and the names of the others."""
+    asked = [*findings_of(outlook, record), *constants_of(outlook, record)]
+    pairs = {f"{f.name} or {name}": outlook.beside(f, effects) for f in asked for name, effects in f.rivals}
+    told = {said: asked for said, asked in pairs.items() if at_best(asked) < 1.0 / TOLD_APART}
+    return told, "; ".join(said for said in pairs if said not in told)
+
+
+def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, rng: np.random.Generator) -> Asked:
+    """Pose the design questions of a pool (P, n) of poses that lower the error at the targets of a task and tell rivals
+    apart. Each next pose is for the question farthest from its goal: WITHIN of the ± at the task that the whole pool
+    would leave, or TOLD_APART.
+
+    Raises InputError as `Model.compensate`, and for a target out of reach.
+    """
+    saved, arm = model.saved, model.mechanism
+    _, text, path = frame_to_extend(task, arm, "task")
+    targets = targets_in(placed_now(usable(saved)), text, path, rng, in_order=False)
+    lost = np.union1d(targets.unreachable, np.flatnonzero(beyond_limits(arm, targets.dataset.q)))
+    if len(lost):
+        more = f"; so are {len(lost) - 1} more" if len(lost) > 1 else ""
+        row = targets.dataset.row[lost[0]]
+        raise InputError(f"{path.name}, row {row}: the target is out of reach of {arm.name}{more}", "task")
+    outlook = Outlook.over(saved, pool, rng)
+    there = outlook.of_the_point(outlook.poses_of(targets.dataset, rng))
+    told, alike = _rivals(outlook, record)
+    others = (in_units_of(1.0 / TOLD_APART, question) for question in told.values())
+    chosen = (in_units_of(WITHIN * at_best(there), there), *others)
+    said = "; ".join([f"task: {len(targets.dataset)} targets of {path.name}", *told])
+    said += f"; no poses tell {alike}" if alike else ""
+    return Asked(said, chosen, (there,), "± of the predicted point at the task [mm]", 1e3)
 
 
 def of_rejected(saved: SavedModel, record: Report | None, pool: Array, number: int, rng: np.random.Generator) -> Asked:
@@ -220,23 +255,13 @@ class PosesResult(Shown):
 
 
 def choose_poses(
-    mechanism: MechanismLike | None = None,
-    count: int = 40,
-    *,
-    criterion: Criterion | None = None,
-    after: Model | str | Path | None = None,
-    rejected: int | None = None,
-    above: str | float | None = None,
-    box: str | Sequence[Sequence[float]] | None = None,
-    instrument: str | Sequence[float] | None = None,
-    normal: Sequence[float] = (0.0, 0.0, 1.0),
-    cone: float | None = None,
-    tool_point: str | Sequence[float] | None = None,
-    collisions: bool = True,
-    noise: str | float = "0.03 mm",
-    seed: int = 0,
-    progress: Say = silent,
-) -> PosesResult:
+    mechanism: MechanismLike | None = None, count: int = 40, *, criterion: Criterion | None = None,
+    after: Model | str | Path | None = None, rejected: int | None = None, task: TableLike | None = None,
+    above: str | float | None = None, box: str | Sequence[Sequence[float]] | None = None,
+    instrument: str | Sequence[float] | None = None, normal: Sequence[float] = (0.0, 0.0, 1.0),
+    cone: float | None = None, tool_point: str | Sequence[float] | None = None, collisions: bool = True,
+    noise: str | float = "0.03 mm", seed: int = 0, progress: Say = silent,
+) -> PosesResult:  # fmt: skip
     """Joint values within the limits worth measuring at.
 
     criterion: "spread" (the default), every pose as different from the others as possible (Robertson 2003, 3.3.3);
@@ -245,32 +270,34 @@ def choose_poses(
     workspace. after: a Model, or what calibrate or discover left in a folder: the next `count` poses beside those
     measured, by "rivals" (the default where there are any), that best tell findings and constants from what they could
     also be; by "effect", that shrink the ± of the worst known one; by "i-optimal" of the whole model; or by "spread".
-    rejected: a candidate of that result by its number: the poses that decide it, instead of a criterion. above: lowest
-    height of the tool point in the root frame, "200 mm". box: "800:1200,-200:200,300:700mm". instrument: its place in
-    the root frame, "3000,0,1500mm" or m; the target is seen within `cone` degrees (30) of its `normal` in the measured
-    frame, and the arm does not stand between. tool_point: in the measured frame; after a result its own. collisions:
-    whether poses in which the arm meets itself are left out, where its URDF has geometry. noise: of one coordinate, for
-    the curve before a result. progress: called with what is being done.
+    rejected: a candidate of that result by its number: the poses that decide it, instead of a criterion. task: targets
+    as of `Model.compensate`: the poses that make the mean ± of the point smallest there, and tell rivals apart, instead
+    of a criterion; none of them may be out of reach. above: lowest height of the tool point in the root frame,
+    "200 mm". box: "800:1200,-200:200,300:700mm". instrument: its place in the root frame, "3000,0,1500mm" or m; the
+    target is seen within `cone` degrees (30) of its `normal` in the measured frame, and the arm does not stand between.
+    tool_point: in the measured frame; after a result its own. collisions: whether poses in which the arm meets itself
+    are left out, where its URDF has geometry. noise: of one coordinate, for the curve before a result. progress: called
+    with what is being done.
     Raises InputError: too few poses for the criterion, or too few that may be taken.
     """
     called(progress, "progress")
     wanted, tell, rng = whole(count, "count", 1, MOST), Teller(progress), np.random.default_rng(whole(seed, "seed"))
     model, record = (None, None) if after is None else read_result(after)
-    if model is None and rejected is not None:
-        raise InputError("belongs to a result; expected one to go on after", "rejected")
+    _one_of(model, criterion=criterion, rejected=rejected, task=task)
     if model is None and mechanism is None:
         raise InputError("missing, expected a mechanism, or a result to go on after", "mechanism")
     arm, collides = mechanism_of(mechanism) if model is None else model.mechanism, switch(collisions, "collisions")
     reach = Reach(_box(above, box), _tool(tool_point, model), _sight(instrument, normal, cone), collides)
     spread_of = quantity(noise, "length", "noise", positive=True, most=NOISIEST)
-    number = None if rejected is None else _rejected(rejected, criterion)
     kind = None if criterion is None else among(criterion, BEFORE if model is None else AFTER, "criterion")
     tell(f"{wanted} poses of {arm.name}", passing=True)
     pool = closing_pool(None if model is None else model.saved, pool_of(arm, wanted, rng, reach))
     if model is None:
         asked = _before(arm, pool, wanted, ALIASES.get(kind or "spread", kind or "spread"), spread_of)
-    elif number is not None:
-        asked = of_rejected(model.saved, record, pool, number, rng)
+    elif rejected is not None:
+        asked = of_rejected(model.saved, record, pool, whole(rejected, "rejected", 1), rng)
+    elif task is not None:
+        asked = of_task(model, record, pool, task, rng)
     else:
         asked = next_questions(model.saved, record, pool, kind, rng)
     order = spread_among(arm, pool, wanted, asked.taken) if not asked.choose else choose_for_all(asked.choose, wanted)
@@ -281,11 +308,13 @@ def choose_poses(
     return PosesResult(arm, q, spacing(arm, q), curve, asked.said, limit, columns)
 
 
-def _rejected(number: object, criterion: object) -> int:
-    """Check the number of a rejected candidate. Raises InputError: it is none, or a criterion is given as well."""
-    if criterion is not None:
-        raise InputError("is decided by its own poses; expected a candidate or a criterion, not both", "rejected")
-    return whole(number, "rejected", 1)
+def _one_of(model: Model | None, **given: object) -> None:
+    """Raises InputError for two things that decide the poses, or one of a result without a result."""
+    named = [name for name, value in given.items() if value is not None]
+    if model is None and (of_result := [name for name in named if name != "criterion"]):
+        raise InputError("belongs to a result; expected one to go on after", of_result[0])
+    if len(named) > 1:
+        raise InputError(f"decides the poses by itself; expected {' or '.join(named)}, not both", named[-1])
 
 
 def _before(arm: Mechanism, pool: Array, count: int, kind: str, noise: float) -> Asked:

@@ -244,7 +244,7 @@ def corrected(
         damped, reached = _damped(saved, within, max_move)
         q[again[reached]] = damped[reached]
         status[again[reached]] = SINGULAR
-    for k in np.flatnonzero(_beyond_limits(saved.mechanism, q) & np.isin(status, (OK, SINGULAR))):
+    for k in np.flatnonzero(beyond_limits(saved.mechanism, q) & np.isin(status, (OK, SINGULAR))):
         status[k] = LIMIT
     return q, status
 
@@ -255,7 +255,8 @@ def _moves(mechanism: Mechanism, change: Array) -> Array:
     return np.asarray(np.abs(change * scale).max(axis=1))
 
 
-def _beyond_limits(mechanism: Mechanism, q: Array) -> Mask:
+def beyond_limits(mechanism: Mechanism, q: Array) -> Mask:
+    """Return the rows (N,) of joint values (N, n) in which a joint is beyond its limits."""
     lower, upper = np.array([(j.lower, j.upper) for j in mechanism.joints]).T
     return np.asarray(((q < lower - LIMIT_TOLERANCE) | (q > upper + LIMIT_TOLERANCE)).any(axis=1))
 

@@ -3,7 +3,7 @@
 The latter is T-optimality for models that are linear in what they do not share: Atkinson and Fedorov (1975).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,6 +19,7 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, closing, observe, prepare
 from gpmodel.planning.design import Question, Variance
 from gpmodel.planning.poses import over_the_pool
+from gpmodel.table.dataset import Dataset
 
 BUILT = 1e-3
 """Metres or radians: standard deviation of a geometric error before anything is measured."""
@@ -65,10 +66,18 @@ class Outlook:
         ready = (prepare(saved.mechanism, rows) for rows in (data, at_joint_values(data, pool, rng)))
         return cls(saved, *ready)
 
-    def of_the_point(self) -> Question:
-        """Pose the question of the predicted point: its variance over the pool, m²; I-optimal."""
+    def of_the_point(self, at: Poses | None = None) -> Question:
+        """Pose the question of the predicted point: its variance over the pool, or the poses `at`, m²; I-optimal."""
         here, there = self._columns(self.measured), self._columns(self.pool)
-        return _question(here, there, self.saved.sigma**2 * over_the_pool(there), self._believed)
+        over = there if at is None else self._columns(at)
+        return _question(here, there, self.saved.sigma**2 * over_the_pool(over), self._believed)
+
+    def poses_of(self, targets: Dataset, rng: np.random.Generator) -> Poses:
+        """Return the poses of a task; what its table does not have is as in random rows of the measured table."""
+        like = at_joint_values(self.measured.dataset, targets.q, rng)
+        extras = {**like.extras, **{name: v for name, v in targets.extras.items() if name in like.extras}}
+        payload = targets.payload if targets.payload_given else like.payload
+        return prepare(self.saved.mechanism, replace(like, extras=extras, payload=payload))
 
     def of_finding(self, finding: Questioned) -> Question:
         """Pose the question of a finding: RMS displacement of the measured points by its standard error, relative to

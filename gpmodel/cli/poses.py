@@ -62,6 +62,8 @@ def _input(text: str) -> tuple[str, str]:
 @click.option("--after", metavar="RESULT", type=PATH, help="Next poses after a result of calibrate or discover.")
 @click.option("--rejected", type=click.IntRange(1), metavar="N",
               help="With --after: poses that decide its rejected candidate N.")  # fmt: skip
+@click.option("--task", metavar="TARGETS", type=PATH,
+              help="With --after: poses that lower the error at these targets, as of compensate.")  # fmt: skip
 @click.option("--criterion", type=click.Choice(list(dict.fromkeys((*BEFORE, *AFTER)))),
               help="[default: spread; after a result rivals, effect or i-optimal]")  # fmt: skip
 @click.option("--above", metavar="HEIGHT", help="Lowest height over the root frame, as in 200mm.")
@@ -84,7 +86,7 @@ def _input(text: str) -> tuple[str, str]:
 @quiet_option
 def poses(
     mechanism: LoadedMechanism | None, count: int, criterion: Criterion | None, after: Path | None,
-    rejected: int | None, above: str | None, box: str | None, instrument: str | None,
+    rejected: int | None, task: Path | None, above: str | None, box: str | None, instrument: str | None,
     normal: tuple[float, float, float], cone: float | None, tool_point: str | None, collisions: bool, noise: str,
     seed: int, out: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
@@ -93,15 +95,16 @@ def poses(
     spread: every pose as different from the others as possible (the equal distribution criterion). d-optimal (or
     observability): all geometric errors as well determined as possible; e-optimal: their worst combination; i-optimal:
     the point over the workspace. --after RESULT, beside the poses measured: rivals: what tells findings, and constants,
-    from what they could also be; effect: what shrinks the ± of the worst known one; i-optimal, spread. The arm does not
-    meet itself where its URDF has geometry.
+    from what they could also be; effect: what shrinks the ± of the worst known one; i-optimal, spread. --task TARGETS
+    instead: what makes the ± of the point smallest there, and tells findings apart. The arm does not meet itself where
+    its URDF has geometry.
     """
     if after is not None and mechanism is not None:
         raise InputError(f"is that of the model in {after}; leave --mechanism away", "mechanism")
     path = place_for(out, "poses.csv")
     with progress_line(quiet) as say:
         chosen = choose_poses(
-            mechanism, count, criterion=criterion, after=after, rejected=rejected, above=above, box=box,
+            mechanism, count, criterion=criterion, after=after, rejected=rejected, task=task, above=above, box=box,
             instrument=instrument, normal=normal, cone=cone, tool_point=tool_point, collisions=collisions, noise=noise,
             seed=seed, progress=say,
         )  # fmt: skip

@@ -158,6 +158,13 @@ def at_best(question: Question) -> float:
     return float(_deviations(whole, every[:0])[0])
 
 
+def in_units_of(deviation: float, question: Question) -> Question:
+    """The question of a variance with that deviation as its unit. Raises TypeError where no variance is asked about."""
+    if not isinstance(question.goal, Variance):
+        raise TypeError("a deviation is that of a Variance")
+    return replace(question, goal=Variance(question.goal.weight / deviation**2))
+
+
 def choose_for_all(questions: Sequence[Question], count: int) -> IntArray:
     """Indices (count,) of the poses to take: each next one tells most of the question that is then the worst answered.
 

@@ -24,7 +24,7 @@ from gpmodel.report.explain import explain
 from gpmodel.report.saved import read_report
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import FormulaRecord
-from gpmodel.table.cells import frame_of
+from gpmodel.table.cells import frame_of, joint_table
 
 FRONT = (
     FormulaRecord("J5", 1, 40.0),
@@ -241,6 +241,9 @@ def test_ten_poses_after_a_calibration_tell_a_constant_from_what_it_could_be(tmp
     (mimic,) = read_report(tmp_path).mimics
     chosen = gp.choose_poses(count=10, after=tmp_path, criterion="rivals")
     assert f"{mimic.constant} or {mimic.rival}" in chosen.said
+    task = joint_table(JOINT, first[:5])
+    for_task = gp.choose_poses(count=10, after=tmp_path, task=task)
+    assert f"5 targets of data frame; {mimic.constant} or {mimic.rival}" in for_task.said
     more = rig.measure(np.vstack([first, chosen.q]), np.random.default_rng(1))
     assert mimic not in gp.calibrate("spherical-joint", frame_of(more, JOINT)).record.mimics
 

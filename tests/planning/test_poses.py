@@ -13,12 +13,15 @@ from gpmodel.api.poses import BEFORE, choose_poses
 from gpmodel.api.table import dataset_of
 from gpmodel.errors import InputError
 from gpmodel.mechanism.source import load_mechanism
+from gpmodel.model.error_model import observe, prepare
 from gpmodel.numerics.se3 import chain
 from gpmodel.planning.design import Determinant, Question, Smallest, Variance, choose, deviations
 from gpmodel.planning.poses import geometric_question, least_deviation, over_the_pool, spacing, spread_poses
 from gpmodel.planning.reach import Reach, Sight, candidates
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema_search import CandidateRecord, RoundRecord
+from gpmodel.table.cells import joint_table
+from gpmodel.table.dataset import unmeasured
 
 ARMS = ["irb6400r", "ur5", "panda"]
 
@@ -163,6 +166,38 @@ def test_the_next_poses_shrink_what_they_are_for_more_than_random_ones(tmp_path:
         line = one_line(run("poses", "--after", tmp_path / "fit", "--rejected", number, "--quiet"), 2)
         assert line.startswith("gpmodel: --rejected: ")
         assert said in line
+
+
+def test_poses_for_a_task_know_its_points_better_than_poses_for_the_workspace(tmp_path: Path) -> None:
+    arm, made = robot(25, 5, "irb6400r", noise=2e-5)
+    fit, task = calibrate(arm, made.dataset, holdout=0.0), tmp_path / "task.csv"
+    middle, rng = 0.5 * made.dataset.q[3], np.random.default_rng(1)
+    joint_table(arm, middle + rng.uniform(-0.3, 0.3, (12, 6))).to_csv(task, index=False)
+
+    def known(**asked: object) -> float:
+        q = np.vstack([made.dataset.q, choose_poses(count=6, after=fit.model, **asked).q])  # type: ignore[arg-type]
+        data = unmeasured([j.name for j in arm.joints], q)
+        tip = observe(made.model, prepare(arm, data), made.theta, made.placement).tip[:, :3, 3]
+        again = calibrate(arm, replace(data, position=tip + rng.normal(0.0, 2e-5, tip.shape)), holdout=0.0)
+        return float(np.mean(again.model.predict(task)["sigma [mm]"] / again.model.saved.sigma))
+
+    assert known(task=task) < 0.97 * known(criterion="i-optimal")
+
+
+def test_a_task_that_cannot_be_reached_or_belongs_to_nothing_is_refused_in_one_line(tmp_path: Path) -> None:
+    arm, made = robot(25, 5, "irb6400r", noise=2e-5)
+    calibrate(arm, made.dataset, holdout=0.0).model.save(tmp_path / "model.json")
+    task, ask = tmp_path / "task.csv", ("poses", "--after", tmp_path / "model.json", "-n", 3, "--quiet", "--task")
+    task.write_text("x [mm],y [mm],z [mm]\n1200,0,900\n99000,0,900\n", encoding="utf-8")
+    assert "row 2: the target is out of reach" in one_line(run(*ask, task), 2)
+    task.write_text("J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg]\n0,0,0,0,170,0\n", encoding="utf-8")
+    assert "row 1: the target is out of reach" in one_line(run(*ask, task), 2)
+    assert "not both" in one_line(run(*ask, task, "--criterion", "effect"), 2)
+    assert "belongs to a result" in one_line(run("poses", "--mechanism", "irb6400r", "--task", task), 2)
+    task.write_text("x [mm],y [mm],z [mm]\n1200,0,900\n1300,100,900\n", encoding="utf-8")
+    found = choose_poses(count=3, after=tmp_path / "model.json", task=task)
+    assert found.said == "task: 2 targets of task.csv"
+    assert found.curve.iloc[-1, 1] < found.curve.iloc[0, 1]
 
 
 @pytest.mark.long
