@@ -9,7 +9,6 @@ EXTRAS = {
     "discover": ("numba", "llvmlite", "deap", "sympy"),
     "report": ("jinja2", "matplotlib", "plotly", "sympy"),
     "robots": ("pinocchio", "coal", "example_robot_data"),
-    "joints": ("rich",),
     "cluster": ("distributed",),
     "excel": ("openpyxl",),
     "ros": ("rosbags",),

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+import shutil
+import textwrap
+from collections.abc import Iterator
 from contextlib import nullcontext
-from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,8 +18,6 @@ from gpmodel.cli.terminal import echo
 from gpmodel.extras import extra_for
 
 if TYPE_CHECKING:
-    from rich.table import Table as RichTable
-
     from joints.studies.study import Study, Table
 
 PATH = click.Path(path_type=Path)
@@ -57,8 +57,6 @@ def _command(name: str) -> click.Command:
         from joints.settings import DATA
 
         with extra_for("gpmodel joint"):
-            import rich  # noqa: F401
-
             from joints.studies import STUDIES
 
         if defaults:
@@ -116,60 +114,34 @@ def study_files(name: str, study: Study, seed: int, json_file: Path | None, out:
 
 def show(study: Study, files: list[str]) -> None:
     """Print the tables, in blocks of columns that fit the terminal, and the names of the written files."""
-    from rich.console import Console
-
-    console = Console(highlight=False, markup=False, emoji=False)
-    with console.capture() as drawn:
-        for table in study.tables:
-            for block in fitting(table, console.width):
-                console.print(_rich(block, console.width))
-    echo(click.unstyle(drawn.get()) + "".join(f"{file}\n" for file in files), nl=False)
+    width = shutil.get_terminal_size().columns
+    lines = [line for table in study.tables for line in lines_of(table, width)]
+    echo("".join(f"{line}\n" for line in (*lines, *files)), nl=False)
 
 
-def fitting(table: Table, width: int) -> list[Table]:
-    """The table in blocks of whole columns within `width` characters, each led by the first column."""
-    needed = [least for least, _ in map(_widths, _columns(table))]
+def lines_of(table: Table, width: int) -> Iterator[str]:
+    """The table in blocks of whole columns within `width` characters, each led by the first column; numbers stay whole,
+    texts break between words."""
+    columns = [[head, *(_cell(row[k]) for row in table.rows)] for k, head in enumerate(table.columns)]
+    least = [max(len(word) for cell in column for word in (cell.split() or [""])) for column in columns]
     blocks: list[list[int]] = [[0]]
-    for i in range(1, len(needed)):
-        if 1 + sum(needed[k] + 3 for k in (*blocks[-1], i)) > width and len(blocks[-1]) > 1:
+    for k in range(1, len(columns)):
+        if sum(least[i] + 2 for i in (*blocks[-1], k)) - 2 > width and len(blocks[-1]) > 1:
             blocks.append([0])
-        blocks[-1].append(i)
-    return [
-        replace(
-            table,
-            title=table.title if n == 0 else f"{table.title}, continued",
-            columns=[table.columns[i] for i in block],
-            rows=[[row[i] for i in block] for row in table.rows],
-            note=table.note if n == len(blocks) - 1 else "",
-        )
-        for n, block in enumerate(blocks)
-    ]
-
-
-def _columns(table: Table) -> list[list[object]]:
-    """Every column with its head first."""
-    return [[head, *(row[i] for row in table.rows)] for i, head in enumerate(table.columns)]
-
-
-def _widths(column: Sequence[object]) -> tuple[int, int]:
-    """Characters a column needs at least, numbers whole and text broken between words, and those it would like."""
-    parts = [part for cell in column for part in (cell.split() if isinstance(cell, str) else [_cell(cell)])]
-    return max(map(len, parts), default=1), max(len(_cell(cell)) for cell in column)
-
-
-def _rich(table: Table, width: int) -> RichTable:
-    from rich.table import Table as RichTable
-
-    rich = RichTable(title=table.title, caption=table.note or None, title_justify="left", caption_justify="left")
-    widths = [_widths(column) for column in _columns(table)]
-    spare = width - 1 - sum(least + 3 for least, _ in widths)
-    for head, (least, liked) in zip(table.columns, widths, strict=True):
-        more = max(0, min(liked - least, spare))
-        spare -= more
-        rich.add_column(head, width=least + more)
-    for row in table.rows:
-        rich.add_row(*map(_cell, row))
-    return rich
+        blocks[-1].append(k)
+    for number, block in enumerate(blocks):
+        spare, wide = width + 2 - sum(least[k] + 2 for k in block), dict[int, int]()
+        for k in block:
+            wide[k] = least[k] + max(0, min(max(map(len, columns[k])) - least[k], spare))
+            spare -= wide[k] - least[k]
+        yield from textwrap.wrap(table.title if number == 0 else f"{table.title}, continued", width)
+        for row in range(len(table.rows) + 1):
+            parts = [textwrap.wrap(columns[k][row], wide[k], break_on_hyphens=False) for k in block]
+            for line in zip_longest(*parts, fillvalue=""):
+                yield "  ".join(f"{text:<{wide[k]}}" for k, text in zip(block, line, strict=True)).rstrip()
+            if row == 0:
+                yield "  ".join("─" * wide[k] for k in block)
+    yield from (*textwrap.wrap(table.note, width), "")
 
 
 def _cell(value: object) -> str:
