@@ -18,8 +18,8 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3
+from gpmodel.planning.design import Reach
 from gpmodel.planning.poses import spread_poses
-from gpmodel.planning.reach import Reach
 from gpmodel.table.dataset import unmeasured
 from robots.library import irb6400r
 

@@ -80,19 +80,6 @@ def called(workers: Workers, calls: Sequence[Callable[[], Found]]) -> list[Found
     return [found[number] for number in range(len(calls))]
 
 
-@dataclass(frozen=True)
-class Processes:
-    """New processes of this machine, for tasks that are pickled; 0 for one a core. One that is lost is replaced."""
-
-    workers: int = 0
-
-    def __call__(self, function: Callable[[Task], Found], tasks: Sequence[Task], /) -> Iterator[tuple[int, Found]]:
-        """Run the tasks; see Workers. Raises BrokenProcessPool if a task loses its process repeatedly."""
-        count = min(self.workers or cores(), len(tasks))
-        context = multiprocessing.get_context("spawn")
-        yield from lost_replaced(lambda: ProcessPoolExecutor(count, context), function, tasks, AHEAD * count)
-
-
 def lost_replaced(
     opened: Callable[[], AbstractContextManager[Executor]],
     function: Callable[[Task], Found],

@@ -8,7 +8,7 @@ import numpy as np
 
 from gpmodel.errors import InputError, choices
 from joints.budget import KINDS, error_budget, sources_of
-from joints.contact import Body, first_yield_pressure, hertz
+from joints.contact import Body, LoopPart, first_yield_pressure, gap_growth, hertz, loop_growth
 from joints.description import SECTIONS, read_joint, spherical_joint
 from joints.dynamics import ball_mass, magnet_stiffness
 from joints.fed_film import FedFilm, fed_film, left_a_cycle_later
@@ -27,7 +27,6 @@ from joints.preload import (
 from joints.reynolds import spherical_film
 from joints.settings import Settings, laid_over, positive, read_toml
 from joints.stiffness import layer_stiffness
-from joints.thermal import LoopPart, gap_growth, loop_growth
 
 CONTACTS = ("point", "rolling", "sliding", "fluid")
 BUDGET_POSES, BUDGET_DRAWS = 40, 200

@@ -22,21 +22,12 @@ from gpmodel.evolution.representation import Representation
 from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.evolution.tree import Tree
-from gpmodel.executor import Forks, Processes, Threads, Workers
+from gpmodel.executor import Forks, Threads, Workers
 
 
 def draw(seed: int) -> float:
     """Draw a number that depends only on the task."""
     return float(np.random.default_rng(seed).normal())
-
-
-def die_once(task: tuple[Path, int]) -> int:
-    """The number of the task; the first worker that meets number 3 is killed by it."""
-    mark, number = task
-    if number == 3 and not mark.exists():
-        mark.touch()
-        os.kill(os.getpid(), 9)
-    return number
 
 
 def evolve_or_die_once(task: tuple[Path, int]) -> list[str]:
@@ -54,11 +45,6 @@ def small_run(representation: Representation, seed: int) -> list[str]:
     problem = SlotProblem(inputs, regression(np.sin(inputs["a"]) * inputs["b"] + inputs["a"] ** 2))
     settings = Settings(representation, budget=Budget(128, 10, seconds=1e9, climb=1, threads=1))
     return [f"{s.program} {s.gain.hex()}" for s in evolve(problem, settings, np.random.default_rng(seed)).front]
-
-
-def die(number: int) -> int:
-    os.kill(os.getpid(), 9)
-    return number
 
 
 def numbered(workers: Workers, count: int) -> list[float]:
@@ -103,6 +89,11 @@ try:  # what nobody waits for any more does not go on
     called_beside(Forks(2), partial(fail, 0), [partial(time.sleep, 3600)] * 2)
 except InputError as error:
     assert [str(error), error.argument] == said
+try:
+    list(Forks(2)(lambda _: os.kill(os.getpid(), 9), range(2)))
+    raise SystemExit("a task that loses every process passed")
+except RuntimeError as error:
+    assert "terminated abruptly" in str(error)
 print(json.dumps([os.getpid() in {pid for pid, _, _ in found.values()}, said]))
 """
 
@@ -153,7 +144,7 @@ def test_where_other_threads_run_threads_stand_in() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("workers", [Threads(1), Threads(3), Threads(), Processes(2)], ids=repr)
+@pytest.mark.parametrize("workers", [Threads(1), Threads(3), Threads()], ids=repr)
 def test_every_result_comes_with_its_place(workers: Workers) -> None:
     assert numbered(workers, 40) == [draw(n) for n in range(40)]
     assert list(workers(draw, [])) == []
@@ -212,18 +203,6 @@ def test_no_more_is_held_than_the_workers_can_use() -> None:
     for _ in Threads(2)(lambda _: Result(), range(10_000)):
         most = max(most, Result.alive)
     assert most < 12
-
-
-@pytest.mark.long
-def test_a_lost_process_is_replaced(tmp_path: Path) -> None:
-    found = dict(Processes(2)(die_once, [(tmp_path / "mark", n) for n in range(8)]))
-    assert found == {n: n for n in range(8)}
-
-
-@pytest.mark.long
-def test_a_task_that_loses_every_process_is_an_error() -> None:
-    with pytest.raises(RuntimeError, match="terminated abruptly"):
-        list(Processes(1)(die, [0]))
 
 
 @pytest.mark.parametrize(

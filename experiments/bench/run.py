@@ -22,7 +22,7 @@ import gpmodel as gp
 from experiments.bench.judge import judge
 from experiments.bench.robots import ROBOTS, Robot
 from experiments.methods.rows import GOAL, Row
-from gpmodel.executor import Processes, Threads
+from gpmodel.executor import Forks
 
 CHANGE = 0.02
 """Relative change of a ratio that counts: 0 is the same to the last digit, a seed of the noise gives 0.2 of it."""
@@ -139,7 +139,7 @@ def version() -> str:
 def judged(robots: list[Robot], jobs: int) -> Iterator[Row]:
     """Rows as they are done."""
     work = Path(tempfile.mkdtemp(prefix="bench_"))
-    side_by_side = Threads(1) if jobs == 1 else Processes(jobs)
+    side_by_side = Forks(jobs)
     for _, row in side_by_side(_judged, [(robot, work / robot.name) for robot in robots]):
         yield row
 

@@ -24,13 +24,13 @@ from experiments.blind.grading import summarise
 from experiments.blind.judge import save, saved
 from experiments.blind.product import Asked, Row, judge
 from experiments.methods.plug import METHODS
-from gpmodel.executor import Processes, Threads
+from gpmodel.executor import Forks
 
 
 def judged(jobs: list[tuple[str, int]], work: Path, workers: int, asked: Asked) -> Iterator[Row]:
     """Rows as they are done: one robot after the other, or several processes side by side."""
     calls = [(name, seed, work / f"{name}_{seed}", asked) for name, seed in jobs]
-    side_by_side = Threads(1) if workers == 1 else Processes(workers)
+    side_by_side = Forks(workers)
     for _, row in side_by_side(_judged, calls):
         yield row
 

@@ -21,7 +21,7 @@ from experiments.blind.cases import CASES
 from experiments.blind.grading import summarise
 from experiments.blind.judge import line, number, rule
 from experiments.blind.product import Asked, Row, judge
-from gpmodel.executor import Processes, Threads
+from gpmodel.executor import Forks
 
 WAYS = {"catalogue alone": ("--runs", "0"), "programs alone": ("--no-catalogue",), "both": ()}
 ROBOTS = (
@@ -53,7 +53,7 @@ def main() -> None:
     seeds = range(settings.first_seed, settings.first_seed + settings.seeds)
     asked = product(seeds, settings.only.split(","), settings.ways.split(","))
     calls = [(name, seed, way, settings.work) for seed, name, way in asked if (name, seed, way) not in done]
-    side_by_side = Threads(1) if settings.workers == 1 else Processes(settings.workers)
+    side_by_side = Forks(settings.workers)
     for _, row in side_by_side(judged, calls):
         rows.append(row)
         print(json.dumps(row), flush=True)

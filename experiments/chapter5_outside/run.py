@@ -18,7 +18,7 @@ from experiments.chapter5_outside.elastic_arm import PAYLOAD, PAYLOAD_CENTRE, PO
 from gpmodel.api.calibrate import CalibrationResult
 from gpmodel.api.discover import DiscoveryResult
 from gpmodel.evolution.linear import Linear
-from gpmodel.executor import Processes
+from gpmodel.executor import Forks
 from gpmodel.report.origin import versions
 
 HERE = Path(__file__).parent
@@ -99,7 +99,7 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     command = f"{parser.prog} --robots {chosen.robots} --rigid {chosen.rigid}"
     jobs = [*((seed, True) for seed in range(chosen.robots)), *((seed, False) for seed in range(chosen.rigid))]
     found: dict[int, dict[str, Any]] = {}
-    for number, robot in Processes(chosen.processes)(_one, jobs):
+    for number, robot in Forks(chosen.processes)(_one, jobs):
         found[number] = robot
         robots = [found[n] for n in sorted(found)]
         text = json.dumps({"command": command, "versions": versions(), **summary(robots)}, indent=1)

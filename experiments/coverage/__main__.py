@@ -19,7 +19,7 @@ import numpy as np
 
 from experiments.coverage.measure import FAMILIES, Row, found, known
 from gpmodel.discovery.search import Search
-from gpmodel.executor import Processes, Threads
+from gpmodel.executor import Forks
 
 
 def main() -> None:
@@ -44,7 +44,7 @@ def main() -> None:
         for name in FAMILIES[family]
         if (name, seed) not in done and (not settings.only or name in settings.only.split(","))
     ]
-    side_by_side = Threads(1) if settings.workers == 1 else Processes(settings.workers)
+    side_by_side = Forks(settings.workers)
     for _, row in side_by_side(judged, jobs):
         rows.append(row)
         if settings.out:

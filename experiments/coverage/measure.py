@@ -20,7 +20,7 @@ from gpmodel.api.arguments import load_mechanism
 from gpmodel.api.calibrate import checked_poses
 from gpmodel.api.discover import COMMAND, DiscoveryResult
 from gpmodel.api.table import dataset_of, read_table
-from gpmodel.application.matching import matched
+from gpmodel.application.kinematics import matched
 from gpmodel.application.model_file import saved_model
 from gpmodel.application.predict import coordinate_deviations
 from gpmodel.application.usable import usable

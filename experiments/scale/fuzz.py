@@ -18,7 +18,7 @@ from functools import cache
 from pathlib import Path
 
 from experiments.scale.readers import Reader, edited, outcome, random_edits, readers
-from gpmodel.executor import Processes
+from gpmodel.executor import Forks
 from gpmodel.files import to_json
 
 FILE = Path(__file__).parent / "fuzz.json"
@@ -112,7 +112,7 @@ def main() -> None:
     chosen = parser.parse_args()
     tally = Tally.read()
     chunks = missing(tally, chosen.inputs, chosen.only)
-    for done, (place, found) in enumerate(Processes(chosen.workers)(tried, chunks), 1):
+    for done, (place, found) in enumerate(Forks(chosen.workers)(tried, chunks), 1):
         tally.add(chunks[place], *found)
         if done % SAVED == 0 or done == len(chunks):
             tally.write()

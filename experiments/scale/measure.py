@@ -29,7 +29,7 @@ from gpmodel.evolution.projection import regression
 from gpmodel.evolution.runs import KeptRuns
 from gpmodel.evolution.search import evolve
 from gpmodel.evolution.settings import Budget, Settings
-from gpmodel.executor import Forks, Processes, Threads, Workers
+from gpmodel.executor import Forks, Threads, Workers
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects, sites_of
 from gpmodel.progress import Teller
@@ -91,8 +91,7 @@ def busy(seed: int) -> int:
 
 
 def overhead() -> dict[str, object]:
-    """Processor time of a thousand tasks through the executor, less that of the same tasks in a loop, as a share; and
-    seconds of them in two processes, their start included."""
+    """Processor time of a thousand tasks through the executor, less that of the same tasks in a loop, as a share."""
     out: dict[str, object] = {}
     for name, workers in (("threads", Threads(2)), ("one", Threads(1))):
         began = time.process_time()
@@ -102,9 +101,7 @@ def overhead() -> dict[str, object]:
         began = time.process_time()
         assert len(list(workers(busy, range(TASKS)))) == TASKS
         out[name] = (time.process_time() - began) / alone - 1.0
-    began = time.perf_counter()
-    list(Processes(2)(busy, range(TASKS)))
-    return {"tasks": TASKS, "task_s": TASK_SECONDS, "share": out, "processes_s": time.perf_counter() - began}
+    return {"tasks": TASKS, "task_s": TASK_SECONDS, "share": out}
 
 
 def small_run(seed: int) -> float:

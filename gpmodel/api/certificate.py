@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gpmodel.api.arguments import file_path, quantity, shown
-from gpmodel.api.display import Shown
 from gpmodel.api.model import Model, load_model
 from gpmodel.api.saved import record_of
+from gpmodel.api.table import Shown
 from gpmodel.api.verification import VerifyResult
 from gpmodel.checks.judge import computed_positions
 from gpmodel.errors import InputError

@@ -8,8 +8,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.api.arguments import MechanismLike, called, file_path, mechanism_of, texts
-from gpmodel.api.display import Shown
-from gpmodel.api.table import TableLike, read_table, specified, told_of_reading
+from gpmodel.api.table import Shown, TableLike, read_table, specified, told_of_reading
 from gpmodel.arrays import Array
 from gpmodel.checks.judge import Remark, check_dataset
 from gpmodel.errors import InputError

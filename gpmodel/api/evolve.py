@@ -25,10 +25,9 @@ from gpmodel.api.arguments import (
     whole,
 )
 from gpmodel.api.calibrate import checked_poses, named_group, split
-from gpmodel.api.display import Shown, aligned
 from gpmodel.api.model import Model, load_model
 from gpmodel.api.results import save_record, write_results
-from gpmodel.api.table import TableLike
+from gpmodel.api.table import Shown, TableLike, aligned
 from gpmodel.application.compensator import TrainingProblem, cartesian_task, slot_task
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import Models, step_of

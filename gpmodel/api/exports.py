@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from gpmodel.api.display import Shown
+from gpmodel.api.table import Shown
 from gpmodel.application.exports.make import Exports
 from gpmodel.files import finished_folder, write_text
 from gpmodel.report.fitted import optional

@@ -11,9 +11,8 @@ import pandas as pd
 from gpmodel._version import __version__
 from gpmodel.api.arguments import MechanismLike, called, file_path, listed, mechanism_of, share, whole
 from gpmodel.api.calibrate import CalibrationResult, checked_poses, named_group, split
-from gpmodel.api.display import Shown
 from gpmodel.api.results import save_model, write_results
-from gpmodel.api.table import TableLike
+from gpmodel.api.table import Shown, TableLike
 from gpmodel.calibration.comparison import Models, Step, climb, growing, step_of
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError

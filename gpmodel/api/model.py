@@ -21,8 +21,16 @@ from gpmodel.api.arguments import (
     text,
     whole,
 )
-from gpmodel.api.display import Shown, aligned
-from gpmodel.api.table import Described, TableLike, dataset_of, frame_to_extend, told_of_reading, with_numbers
+from gpmodel.api.table import (
+    Described,
+    Shown,
+    TableLike,
+    aligned,
+    dataset_of,
+    frame_to_extend,
+    told_of_reading,
+    with_numbers,
+)
 from gpmodel.application.compensate import compensated, of_frame, targets_in
 from gpmodel.application.exports.programs import LANGUAGES, Language, program_text
 from gpmodel.application.model_file import SavedModel, model_content, save_model

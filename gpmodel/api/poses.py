@@ -22,9 +22,8 @@ from gpmodel.api.arguments import (
     switch,
     whole,
 )
-from gpmodel.api.display import Shown
 from gpmodel.api.model import Model, load_model
-from gpmodel.api.table import TableLike, frame_to_extend
+from gpmodel.api.table import Shown, TableLike, frame_to_extend
 from gpmodel.application.compensate import beyond_limits, targets_in
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.next_poses import Outlook, Questioned, closing_pool
@@ -35,9 +34,18 @@ from gpmodel.families.candidate import without_phase
 from gpmodel.files import write_text
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.sites import names_of, translate
-from gpmodel.planning.design import Asked, Question, at_best, choose_for_all, deviations, in_units_of
+from gpmodel.planning.design import (
+    Asked,
+    Question,
+    Reach,
+    Sight,
+    at_best,
+    choose_for_all,
+    deviations,
+    in_units_of,
+    knows_its_shape,
+)
 from gpmodel.planning.poses import GOALS, geometric_question, least_deviation, pool_of, spacing, spread_among
-from gpmodel.planning.reach import Reach, Sight, knows_its_shape
 from gpmodel.progress import Say, Teller, silent
 from gpmodel.report.saved import NAME, read_report
 from gpmodel.report.schema import Report

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from gpmodel.api.arguments import file_path, number, shown, texts, whole
-from gpmodel.api.display import Shown, aligned
+from gpmodel.api.table import Shown, aligned
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError, choices
 from gpmodel.extras import extra_for

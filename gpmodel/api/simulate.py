@@ -19,9 +19,8 @@ from gpmodel.api.arguments import (
     texts,
     whole,
 )
-from gpmodel.api.display import Shown
 from gpmodel.api.model import Model
-from gpmodel.api.table import TableLike, dataset_of
+from gpmodel.api.table import Shown, TableLike, dataset_of
 from gpmodel.application.model_file import SavedModel, unfitted
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError

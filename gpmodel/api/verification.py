@@ -8,8 +8,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.api.arguments import file_path
-from gpmodel.api.display import Shown
-from gpmodel.api.table import Described, TableLike, cells_of, check_told_of, dataset_of, described, in_metres
+from gpmodel.api.table import Described, Shown, TableLike, cells_of, check_told_of, dataset_of, described, in_metres
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.possible_changes import SIGNIFICANCE
 from gpmodel.application.recheck import Session, errors_at

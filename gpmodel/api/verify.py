@@ -9,10 +9,9 @@ import pandas as pd
 
 from gpmodel import wording
 from gpmodel.api.arguments import called, switch
-from gpmodel.api.display import Shown
 from gpmodel.api.model import Model
 from gpmodel.api.saved import model_of
-from gpmodel.api.table import Described, TableLike, told_of_reading
+from gpmodel.api.table import Described, Shown, TableLike, told_of_reading
 from gpmodel.api.verification import VerifyResult, judged_by, later_table, verify_saved
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.next_check import FIRST, HiddenChange, Pool, significance

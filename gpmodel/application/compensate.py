@@ -7,8 +7,18 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from gpmodel.application.kinematics import LENGTH, REACHED, inverse, look_where_closed, solve, tips
-from gpmodel.application.matching import matched, matched_with_readings, remembered, turned
+from gpmodel.application.kinematics import (
+    LENGTH,
+    REACHED,
+    inverse,
+    look_where_closed,
+    matched,
+    matched_with_readings,
+    remembered,
+    solve,
+    tips,
+    turned,
+)
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.predict import point_deviation
 from gpmodel.application.usable import check_finite, of_the_mechanism, outside

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel.application.exports.sample import at_joint_values
-from gpmodel.application.matching import remembered
+from gpmodel.application.kinematics import remembered
 from gpmodel.application.model_file import saved_model
 from gpmodel.application.predict import point_columns
 from gpmodel.arrays import Array, Count, IntArray, NotNegative

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from gpmodel.application.matching import matched_with_readings
+from gpmodel.application.kinematics import matched_with_readings
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.usable import check_finite, outside
 from gpmodel.arrays import Array, IntArray

@@ -14,8 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gpmodel.application.kinematics import REACHED, tips
-from gpmodel.application.matching import matched, matched_with_readings
+from gpmodel.application.kinematics import REACHED, matched, matched_with_readings, tips
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.predict import batches
 from gpmodel.application.usable import check_finite

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpmodel.application.matching import remembered
+from gpmodel.application.kinematics import remembered
 from gpmodel.application.measured import Measured
 from gpmodel.application.model_file import SavedModel, needed
 from gpmodel.application.next_check import Pool

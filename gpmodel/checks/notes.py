@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gpmodel.calibration.nominal import CONDITION_LIMIT, linearised_at_nominal
+from gpmodel.calibration.comparison import CONDITION_LIMIT, linearised_at_nominal
 from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.unobservable import held_at_description, unseen
 from gpmodel.checks.warnings import orientation_left

@@ -32,7 +32,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import geometric_effects
-from gpmodel.numerics.allocation import give_back
+from gpmodel.numerics.least_squares import give_back
 from gpmodel.progress import Say, Teller, silent
 from gpmodel.table.bundles import JUDGED
 

@@ -1,5 +1,7 @@
 """Least squares of unit columns, few by pivoted QR, many by normal equations; without a column, or without rows."""
 
+import ctypes
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +10,15 @@ from scipy.spatial import cKDTree
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.numerics.rank import NEGLIGIBLE, factored
+
+
+def give_back() -> None:
+    """Give it to the system, where the C library can: glibc keeps what arrays of up to 32 MB had, hundreds of megabytes
+    after a search, beside which larger ones are allocated anew."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
+    if trim:
+        trim(0)
+
 
 OUTLIER_SIGMAS = 6.0
 """Robust standard deviations beyond which an error is an outlier: of the lengths of 3-D normal errors, one in 10⁵."""

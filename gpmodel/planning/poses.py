@@ -8,14 +8,13 @@ from scipy import linalg
 from scipy.spatial import cKDTree
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.calibration.nominal import CONDITION_LIMIT, linearised_at_nominal
+from gpmodel.calibration.comparison import CONDITION_LIMIT, linearised_at_nominal
 from gpmodel.mechanism.branches import joint_range
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.se3 import chain
-from gpmodel.planning.design import LITTLE, Determinant, Goal, Question, Smallest, Variance
-from gpmodel.planning.reach import Reach, candidates
+from gpmodel.planning.design import LITTLE, Determinant, Goal, Question, Reach, Smallest, Variance, candidates
 from gpmodel.table.dataset import unmeasured
 
 STEPS = 300

@@ -7,7 +7,7 @@ from itertools import groupby
 import numpy as np
 
 from gpmodel.application.exports.sample import at_joint_values
-from gpmodel.application.matching import remembered
+from gpmodel.application.kinematics import remembered
 from gpmodel.application.model_file import saved_model
 from gpmodel.application.usable import usable
 from gpmodel.arrays import Array

@@ -11,10 +11,20 @@ from matplotlib.figure import Figure
 
 from gpmodel.errors import InputError
 from joints import figures
-from joints.contact import Body, HertzContact, first_yield_pressure, hertz, published_hertz
+from joints.contact import (
+    Body,
+    HertzContact,
+    LoopPart,
+    allowed_temperature_change,
+    first_yield_pressure,
+    gap_growth,
+    growth,
+    hertz,
+    loop_growth,
+    published_hertz,
+)
 from joints.settings import DATA, load_settings, positive, quantity, read_toml
 from joints.studies.study import MICRO, N_PER_UM, Study, Table
-from joints.thermal import LoopPart, allowed_temperature_change, gap_growth, growth, loop_growth
 
 LENGTHS = ("predicted_max", "sphere_fit_max", "calibrated_max")
 

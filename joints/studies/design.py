@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 
 from gpmodel._version import __version__
 from joints import figures
+from joints.contact import LoopPart, allowed_temperature_change
 from joints.design import JointDesign, joint_design, moving_film
 from joints.film import design_film, displacement_at_inlet, film_geometry, orifice_law
 from joints.orifice import ATMOSPHERE, SCCM
 from joints.preload import MagnetRing, socket_fixed_limit, total_preload
 from joints.studies.study import MICRO, N_PER_UM, Study, Table, png
-from joints.thermal import LoopPart, allowed_temperature_change
 
 
 def design_study(path: Path | None = None, seed: int = 0) -> Study:

@@ -15,7 +15,7 @@ from model_cases import CASES, fitted, refused, sealed
 
 import gpmodel as gp
 from gpmodel.application.compensate import compensate, joint_targets
-from gpmodel.application.matching import matched
+from gpmodel.application.kinematics import matched
 from gpmodel.application.model_file import check_kept, load_model, model_text, save_model, unfitted
 from gpmodel.application.model_reader import LARGEST_FILE, EffectPart
 from gpmodel.application.predict import predicted_columns

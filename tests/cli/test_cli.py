@@ -15,7 +15,7 @@ from cli_cases import one_line, run, table, write
 from gpmodel.cli import main as cli
 from gpmodel.errors import GpModelError, InputError
 from gpmodel.families.catalogue import catalogue
-from gpmodel.files import finished_folder, to_json, write_text
+from gpmodel.files import to_json, write_text
 
 OURS = ["check", "calibrate", "predict", "compensate", "simulate", "poses"]
 
@@ -214,27 +214,6 @@ def test_predict_keeps_the_table_and_adds_the_prediction(tmp_path: Path) -> None
         .splitlines()[0]
         .endswith("note,predicted_x [mm],predicted_y [mm],predicted_z [mm],sigma [mm],outside")
     )
-
-
-def test_a_folder_is_finished_or_not_there(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-
-    def fails() -> None:
-        with finished_folder(out) as folder:
-            (folder / "a").write_text("half")
-            raise RuntimeError
-
-    with pytest.raises(RuntimeError):
-        fails()
-    assert list(tmp_path.iterdir()) == []
-    for text in ("first", "second"):
-        with finished_folder(out) as folder:
-            (folder / "figures").mkdir()
-            (folder / "figures" / "a").write_text(text)
-        (out / "mine").write_text("kept")
-    assert (out / "figures" / "a").read_text() == "second"
-    assert (out / "mine").read_text() == "kept"
-    assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
 def test_a_file_is_replaced_whole(tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ import os
 import random
 import shutil
 import signal
-import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
@@ -130,28 +129,3 @@ def test_a_disk_that_fills_up_is_told_and_loses_nothing(
         assert not any("draft" in p.name for p in (*out.rglob("*"), *tmp_path.iterdir()))
     resume(out)
     assert results(out) == whole[0]
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.getuid() != 0, reason="mounting a small disk takes root")
-@pytest.mark.parametrize("kilobytes", [4 * 2**k + 64 * j for k in range(5) for j in range(4)])
-def test_a_small_disk_is_told_and_loses_nothing(
-    kilobytes: int, cell: Path, whole: tuple[dict[str, Any], float], tmp_path: Path
-) -> None:
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={kilobytes}k", "tmpfs", disk], check=True)
-    try:
-        line = one_line(
-            run("discover", cell, "--mechanism", "irb6400r", *OPTIONS, "--out", disk / "out", "--quiet"), 2
-        )  # fmt: skip
-        assert "No space left on device" in line
-        assert str(disk / "out") in line
-        subprocess.run(["mount", "-o", "remount,size=64m", disk], check=True)
-        if (disk / "out" / FOLDER / REQUEST).exists():
-            resume(disk / "out")
-        else:
-            begun(cell, disk / "out").communicate()
-        assert results(disk / "out") == whole[0]
-    finally:
-        subprocess.run(["umount", disk], check=True)

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,6 @@ from unittest import mock
 import pytest
 from brief_results import brief
 from cli_cases import one_line, run
-from durable_cases import start
 from fleet_cases import two_joint_arms
 
 from gpmodel.families.candidate import Candidate
@@ -86,23 +84,6 @@ def cut(interrupted: Path, tables: Path, tmp_path: Path) -> Path:
     """A copy of it, and of the tables beside it."""
     shutil.copytree(tables, tmp_path / "tables")
     return Path(shutil.copytree(interrupted, tmp_path / "out"))
-
-
-@pytest.mark.long
-def test_killed_in_the_midst_of_a_write_it_goes_on_to_the_same_numbers(
-    tables: Path, expected: dict[str, Any], tmp_path: Path
-) -> None:
-    """Four writes touch the disk three times each: of the lock, the request and two machines, the last cut."""
-    out = tmp_path / "out"
-    process = start("fleet", tables, "--out", out, "--workers", 1, killed_at_write=9)
-    process.communicate()
-    assert process.returncode == -signal.SIGKILL
-    assert len(list((out / FOLDER).glob(".gpmodel-draft*"))) == 1
-    searched, said = resumed(out)
-    assert searched == MACHINES - 1, said
-    assert "going on from 1 finished machine in" in said
-    assert fleet_of(out) == expected
-    assert {p.name for p in out.iterdir()} == {"fleet.html", "fleet.json", "figures", "machines"}
 
 
 @pytest.mark.long

@@ -21,7 +21,7 @@ from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import ClosedLoops, closed
 from gpmodel.model.error_model import ErrorModel, Placement, closing, observe, prepare
 from gpmodel.model.sites import geometric_effects, standard_effects
-from gpmodel.planning.reach import candidates
+from gpmodel.planning.design import candidates
 from gpmodel.planning.simulate import simulate
 from gpmodel.report.fitted import tool_displacements
 from gpmodel.table.dataset import unmeasured

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gpmodel.errors import InputError
+from joints.contact import LoopPart, allowed_temperature_change, gap_growth, growth, loop_growth
 from joints.film import FilmGeometry, design_film
 from joints.orifice import ATMOSPHERE, SCCM, LinearOrifice, NozzleOrifice, Orifice
 from joints.stiffness import (
@@ -18,7 +19,6 @@ from joints.stiffness import (
     magnet_force,
     rest_displacement,
 )
-from joints.thermal import LoopPart, allowed_temperature_change, gap_growth, growth, loop_growth
 
 JOINT = FilmGeometry(25.4e-3, np.radians(75.95), np.radians(20), 10.01e-6)
 LOAD, STAND_OFF = 100.69, 0.794e-3

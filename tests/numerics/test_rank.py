@@ -11,9 +11,8 @@ from scipy.linalg import expm
 
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics import se3
-from gpmodel.numerics.allocation import give_back
 from gpmodel.numerics.interval import FREEDOMS, coverage_factor, freedom_of_sum, tails, with_far_ones
-from gpmodel.numerics.least_squares import LeaveOneOut, Omitted, in_company, outlier_limit
+from gpmodel.numerics.least_squares import LeaveOneOut, Omitted, give_back, in_company, outlier_limit
 from gpmodel.numerics.rank import orthonormal
 
 RNG = np.random.default_rng(0)

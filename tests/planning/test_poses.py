@@ -15,9 +15,18 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.source import load_mechanism
 from gpmodel.model.error_model import observe, prepare
 from gpmodel.numerics.se3 import chain
-from gpmodel.planning.design import Determinant, Question, Smallest, Variance, choose, deviations
+from gpmodel.planning.design import (
+    Determinant,
+    Question,
+    Reach,
+    Sight,
+    Smallest,
+    Variance,
+    candidates,
+    choose,
+    deviations,
+)
 from gpmodel.planning.poses import geometric_question, least_deviation, over_the_pool, spacing, spread_poses
-from gpmodel.planning.reach import Reach, Sight, candidates
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema_search import CandidateRecord, RoundRecord
 from gpmodel.table.cells import joint_table

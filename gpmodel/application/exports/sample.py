@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpmodel.application.matching import matched, remembered
+from gpmodel.application.kinematics import matched, remembered
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
