@@ -23,7 +23,7 @@ def one_machine(seed: int, folder: Path) -> dict[str, Any]:
     text, fault = table("hexapod", seed, True, POSES["hexapod"])
     measured, out = folder / f"{seed}.csv", folder / f"{seed}"
     measured.write_text(text, encoding="utf-8")
-    words = ["discover", measured, "--mechanism", MACHINES["hexapod"][0], "--runs", "0", "--out", out]
+    words = ["discover", measured, "--mechanism", MACHINES["hexapod"][0], "--runs", "0", "--workers", "1", "--out", out]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run([sys.executable, "-m", "gpmodel", *map(str, words)], capture_output=True, check=False)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
