@@ -23,8 +23,8 @@ from gpmodel.application.model_file import SavedModel, saved_model
 from gpmodel.application.predict import coordinate_deviations, observed_by
 from gpmodel.application.usable import usable
 from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.source import MechanismChoice
-from gpmodel.mechanism.workspace import random_poses
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.planning.simulate import simulate
