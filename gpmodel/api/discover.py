@@ -181,7 +181,7 @@ def discover(
             found = discover_by_folds(whole_run, [started(way) for way in ways], poses, parts, criteria, search.here)
         else:
             found = whole_run(poses, *hold_out(poses.dataset, fraction, np.random.default_rng(JUDGED)))
-    alone = alone_steps(known, found) if known else None
+    alone = alone_steps(found) if known else None
     return DiscoveryResult(found, Origin(command, seed, found.seconds, floor), note, alone)
 
 

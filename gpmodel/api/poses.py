@@ -22,6 +22,7 @@ from gpmodel.api.arguments import (
     switch,
     whole,
 )
+from gpmodel.api.calibrate import fleet_at
 from gpmodel.api.model import Model, load_model
 from gpmodel.api.table import Shown, TableLike, frame_to_extend
 from gpmodel.application.compensate import beyond_limits, targets_in
@@ -32,6 +33,7 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.families.candidate import without_phase
 from gpmodel.files import write_text
+from gpmodel.hierarchy.record import FleetPart, prior_model
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.sites import names_of, translate
 from gpmodel.planning.design import (
@@ -45,7 +47,15 @@ from gpmodel.planning.design import (
     in_units_of,
     knows_its_shape,
 )
-from gpmodel.planning.poses import GOALS, geometric_question, least_deviation, pool_of, spacing, spread_among
+from gpmodel.planning.poses import (
+    GOALS,
+    geometric_question,
+    least_deviation,
+    pool_of,
+    spacing,
+    spread_among,
+    typed_question,
+)
 from gpmodel.progress import Say, Teller, silent
 from gpmodel.report.saved import NAME, read_report
 from gpmodel.report.schema import Report
@@ -265,6 +275,7 @@ class PosesResult(Shown):
 def choose_poses(
     mechanism: MechanismLike | None = None, count: int = 40, *, criterion: Criterion | None = None,
     after: Model | str | Path | None = None, rejected: int | None = None, task: TableLike | None = None,
+    like: str | Path | FleetPart | None = None,
     above: str | float | None = None, box: str | Sequence[Sequence[float]] | None = None,
     instrument: str | Sequence[float] | None = None, normal: Sequence[float] = (0.0, 0.0, 1.0),
     cone: float | None = None, tool_point: str | Sequence[float] | None = None, collisions: bool = True,
@@ -280,18 +291,19 @@ def choose_poses(
     also be; by "effect", that shrink the ± of the worst known one; by "i-optimal" of the whole model; or by "spread".
     rejected: a candidate of that result by its number: the poses that decide it, instead of a criterion. task: targets
     as of `Model.compensate`: the poses that make the mean ± of the point smallest there, and tell rivals apart, instead
-    of a criterion; none of them may be out of reach. above: lowest height of the tool point in the root frame,
-    "200 mm". box: "800:1200,-200:200,300:700mm". instrument: its place in the root frame, "3000,0,1500mm" or m; the
-    target is seen within `cone` degrees (30) of its `normal` in the measured frame, and the arm does not stand between.
-    tool_point: in the measured frame; after a result its own. collisions: whether poses in which the arm meets itself
-    are left out, where its URDF has geometry. noise: of one coordinate, for the curve before a result. progress: called
-    with what is being done.
+    of a criterion; none of them may be out of reach. like: folder, file or record of a `fleet`: the first poses of a
+    further machine of its type, with what the type knows as prior, instead of a criterion. above: lowest height of the
+    tool point in the root frame, "200 mm". box: "800:1200,-200:200,300:700mm". instrument: its place in the root frame,
+    "3000,0,1500mm" or m; the target is seen within `cone` degrees (30) of its `normal` in the measured frame, and the
+    arm does not stand between. tool_point: in the measured frame; after a result its own. collisions: whether poses in
+    which the arm meets itself are left out, where its URDF has geometry. noise: of one coordinate, for the curve before
+    a result. progress: called with what is being done.
     Raises InputError: too few poses for the criterion, or too few that may be taken.
     """
     called(progress, "progress")
     wanted, tell, rng = whole(count, "count", 1, MOST), Teller(progress), np.random.default_rng(whole(seed, "seed"))
     model, record = (None, None) if after is None else read_result(after)
-    _one_of(model, criterion=criterion, rejected=rejected, task=task)
+    _one_of(model, criterion=criterion, rejected=rejected, task=task, like=like)
     if model is None and mechanism is None:
         raise InputError("missing, expected a mechanism, or a result to go on after", "mechanism")
     arm, collides = mechanism_of(mechanism) if model is None else model.mechanism, switch(collisions, "collisions")
@@ -300,7 +312,9 @@ def choose_poses(
     kind = None if criterion is None else among(criterion, BEFORE if model is None else AFTER, "criterion")
     tell(f"{wanted} poses of {arm.name}", passing=True)
     pool = closing_pool(None if model is None else model.saved, pool_of(arm, wanted, rng, reach))
-    if model is None:
+    if like is not None:
+        asked = _of_type(fleet_at(like, "like"), arm, pool)
+    elif model is None:
         asked = _before(arm, pool, wanted, ALIASES.get(kind or "spread", kind or "spread"), spread_of)
     elif rejected is not None:
         asked = of_rejected(model.saved, record, pool, whole(rejected, "rejected", 1), rng)
@@ -319,10 +333,22 @@ def choose_poses(
 def _one_of(model: Model | None, **given: object) -> None:
     """Raises InputError for two things that decide the poses, or one of a result without a result."""
     named = [name for name, value in given.items() if value is not None]
-    if model is None and (of_result := [name for name in named if name != "criterion"]):
+    of_result = [name for name in named if name in ("rejected", "task")]
+    if model is None and of_result:
         raise InputError("belongs to a result; expected one to go on after", of_result[0])
+    if model is not None and "like" in named:
+        raise InputError("is of a machine before it is measured; expected it or a result to go on after", "like")
     if len(named) > 1:
         raise InputError(f"decides the poses by itself; expected {' or '.join(named)}, not both", named[-1])
+
+
+def _of_type(fleet: FleetPart, arm: Mechanism, pool: Array) -> Asked:
+    try:
+        asked = (typed_question(prior_model(fleet, arm), pool),)
+    except InputError as error:
+        raise InputError(error.said, "like") from None
+    said = f"like {len(fleet.machines)} machines of the type"
+    return Asked(said, asked, asked, "± of the point over the workspace, with the prior of the type [mm]", 1e3)
 
 
 def _before(arm: Mechanism, pool: Array, count: int, kind: str, noise: float) -> Asked:

@@ -64,6 +64,8 @@ def _input(text: str) -> tuple[str, str]:
               help="With --after: poses that decide its rejected candidate N.")  # fmt: skip
 @click.option("--task", metavar="TARGETS", type=PATH,
               help="With --after: poses that lower the error at these targets, as of compensate.")  # fmt: skip
+@click.option("--like", metavar="DIR", type=PATH,
+              help="Result of fleet: first poses of a further machine of its type.")  # fmt: skip
 @click.option("--criterion", type=click.Choice(list(dict.fromkeys((*BEFORE, *AFTER)))),
               help="[default: spread; after a result rivals, effect or i-optimal]")  # fmt: skip
 @click.option("--above", metavar="HEIGHT", help="Lowest height over the root frame, as in 200mm.")
@@ -86,27 +88,27 @@ def _input(text: str) -> tuple[str, str]:
 @quiet_option
 def poses(
     mechanism: LoadedMechanism | None, count: int, criterion: Criterion | None, after: Path | None,
-    rejected: int | None, task: Path | None, above: str | None, box: str | None, instrument: str | None,
-    normal: tuple[float, float, float], cone: float | None, tool_point: str | None, collisions: bool, noise: str,
-    seed: int, out: Path | None, quiet: bool,
+    rejected: int | None, task: Path | None, like: Path | None, above: str | None, box: str | None,
+    instrument: str | None, normal: tuple[float, float, float], cone: float | None, tool_point: str | None,
+    collisions: bool, noise: str, seed: int, out: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Joint values within the limits worth measuring at, and the curve of what is known against their number.
 
     spread: every pose as different from the others as possible (the equal distribution criterion). d-optimal (or
     observability): all geometric errors as well determined as possible; e-optimal: their worst combination; i-optimal:
-    the point over the workspace. --after RESULT, beside the poses measured: rivals: what tells findings, and constants,
-    from what they could also be; effect: what shrinks the ± of the worst known one; i-optimal, spread. --task TARGETS
-    instead: what makes the ± of the point smallest there, and tells findings apart. The arm does not meet itself where
-    its URDF has geometry.
+    the point over the workspace. --like DIR: the same of a machine whose type is known. --after RESULT, beside the
+    poses measured: rivals: what tells findings, and constants, from what they could also be; effect: what shrinks the ±
+    of the worst known one; i-optimal, spread. --task TARGETS instead: what makes the ± of the point smallest there, and
+    tells findings apart. The arm does not meet itself where its URDF has geometry.
     """
     if after is not None and mechanism is not None:
         raise InputError(f"is that of the model in {after}; leave --mechanism away", "mechanism")
     path = place_for(out, "poses.csv")
     with progress_line(quiet) as say:
         chosen = choose_poses(
-            mechanism, count, criterion=criterion, after=after, rejected=rejected, task=task, above=above, box=box,
-            instrument=instrument, normal=normal, cone=cone, tool_point=tool_point, collisions=collisions, noise=noise,
-            seed=seed, progress=say,
+            mechanism, count, criterion=criterion, after=after, rejected=rejected, task=task, like=like, above=above,
+            box=box, instrument=instrument, normal=normal, cone=cone, tool_point=tool_point, collisions=collisions,
+            noise=noise, seed=seed, progress=say,
         )  # fmt: skip
     if path is None:
         echo(chosen.to_csv(), nl=False)

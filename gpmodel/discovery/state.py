@@ -80,6 +80,7 @@ class Discovery:
     confirmation: test of the findings on held-out poses; None without findings.
     final: model to ship: that of `fitted` if it is confirmed, else the standard model fitted to all poses.
     parts: the loop repeated without each fold; empty if some poses are held out for good.
+    alone: of a further machine of a type, the step of its own poses without the prior.
     """
 
     mechanism: Mechanism
@@ -96,6 +97,7 @@ class Discovery:
     seconds: float
     stopped: str
     parts: tuple["Discovery", ...] = ()
+    alone: tuple[Step, ...] = ()
 
     @property
     def folds(self) -> int:

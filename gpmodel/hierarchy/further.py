@@ -175,7 +175,9 @@ def from_the_type(
     found = loop(
         poses, train, heldout, standard=believed.effects, noise=believed.noise, condition_limit=LARGEST_LIMIT
     )  # fmt: skip
-    final = found.final
+    held = np.isin(poses.dataset.row[heldout], found.poses.dataset.row[found.heldout])
+    own = (replace(step, name=ALONE, heldout_error=step.heldout_error[held]) for step in machine.steps[1:-1])
+    found, final = replace(found, alone=tuple(own)), found.final
     noise = likeness(final, found.poses).noise
     if noise < LOUDER * fleet.noise:
         return found
@@ -185,19 +187,15 @@ def from_the_type(
     )
 
 
-def alone_steps(fleet: FleetPart, found: Discovery) -> tuple[Step, ...]:
+def alone_steps(found: Discovery) -> tuple[Step, ...]:
     """The machine's own poses without the prior, with the errors on those that `found` held out; none where they are
     too few."""
-    prior, rows = prior_model(fleet, found.mechanism), found.poses.dataset.row
-    held = np.full(len(rows), np.nan)
+    rows = found.poses.dataset.row
+    errors = np.full(len(rows), np.nan)
     for part in found.parts or (found,):
-        unseen = part.poses.subset(part.heldout)
-        _, *last = _own_poses(fleet, prior, part.poses.subset(part.train), unseen, 0)
-        for step in last:
-            held[np.isin(rows, unseen.dataset.row)] = step.heldout_error
-    seen = found.poses.subset(found.train)
-    _, *last = _own_poses(fleet, prior, seen, seen.subset(np.zeros(0, dtype=np.int64)), 0)
-    return tuple(replace(step, name=ALONE, heldout_error=held[found.heldout]) for step in last)
+        for step in part.alone:
+            errors[np.isin(rows, part.poses.dataset.row[part.heldout])] = step.heldout_error
+    return tuple(replace(step, heldout_error=errors[found.heldout]) for step in found.alone)
 
 
 def effects_alone(fleet: FleetPart, prior: ErrorModel) -> dict[str, Effect]:

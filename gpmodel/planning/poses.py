@@ -11,11 +11,12 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.comparison import CONDITION_LIMIT, linearised_at_nominal
 from gpmodel.mechanism.branches import joint_range
 from gpmodel.mechanism.protocol import Mechanism
+from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.se3 import chain
 from gpmodel.planning.design import LITTLE, Determinant, Goal, Question, Reach, Smallest, Variance, candidates
-from gpmodel.table.dataset import unmeasured
+from gpmodel.table.dataset import Dataset, unmeasured
 
 STEPS = 300
 """Multiplicative steps at most."""
@@ -110,18 +111,26 @@ def spacing(mechanism: Mechanism, q: Array) -> float:
     return float(cKDTree(where).query(where, k=2)[0][:, 1].min())
 
 
+def _at_points(mechanism: Mechanism, q: Array) -> Dataset:
+    """Poses (N, n) with points, wherever these are."""
+    return replace(unmeasured([j.name for j in mechanism.joints], q), position=np.zeros((len(q), 3)))
+
+
 def geometric_columns(mechanism: Mechanism, q: Array) -> Array:
     """Columns (N, 3, K) of the tip's position for registration, tool and the geometric errors poses can tell apart,
     scaled to unit RMS; at the nominal geometry with a tool point off the last axis."""
-    count = len(q)
-    measured = replace(unmeasured([j.name for j in mechanism.joints], q), position=np.zeros((count, 3)))
+    measured = _at_points(mechanism, q)
     problem = linearised_at_nominal(mechanism, geometric_effects(mechanism), measured)
     placed, errors = problem.columns[:, : problem.placement], problem.columns[:, problem.placement :]
     kept = ident.rank(placed, errors).kept(CONDITION_LIMIT)
     columns = np.hstack([placed[:, ident.rank(placed[:, :0], placed).kept(CONDITION_LIMIT)], errors[:, kept]])
-    blocks = np.zeros((count, 3, columns.shape[1]))
-    row = np.arange(len(columns)) - np.searchsorted(problem.pose_of_row, problem.pose_of_row)
-    blocks[problem.pose_of_row, row] = columns / np.sqrt(np.mean(columns**2, axis=0))
+    return _by_pose(problem.pose_of_row, columns / np.sqrt(np.mean(columns**2, axis=0)))
+
+
+def _by_pose(pose_of_row: IntArray, columns: Array) -> Array:
+    """Columns (M, K) of positions as blocks (N, 3, K)."""
+    blocks = np.zeros((pose_of_row.max() + 1, 3, columns.shape[1]))
+    blocks[pose_of_row, np.arange(len(columns)) - np.searchsorted(pose_of_row, pose_of_row)] = columns
     return blocks
 
 
@@ -146,3 +155,19 @@ def geometric_question(mechanism: Mechanism, pool: Array, noise: float) -> Quest
     columns = geometric_columns(mechanism, pool)
     goal = Variance(noise**2 * over_the_pool(columns))
     return Question(columns, np.zeros((columns.shape[2], columns.shape[2])), goal)
+
+
+def typed_question(prior: ErrorModel, pool: Array) -> Question:
+    """Pose the design question of the tool position, m, of a machine that is only known by its type: I-optimal over a
+    pool (P, n). Registration and tool are not known.
+
+    prior: effects with their deviation between machines, and the noise. Those that read more than a pose are left out.
+    """
+    mechanism, data, noise = prior.mechanism, _at_points(prior.mechanism, pool), prior.noise or 1.0
+    known = set(prepare(mechanism, data).states.columns)
+    effects = tuple(e for e in prior.effects if known.issuperset(e.inputs))
+    problem = linearised_at_nominal(mechanism, effects, data)
+    deviation = np.concatenate([np.full(problem.placement, np.inf), [e.prior for e in effects]])
+    scale = np.maximum(np.sqrt(np.mean(problem.columns**2, axis=0)), ident.NEGLIGIBLE) / noise
+    columns = _by_pose(problem.pose_of_row, problem.columns / (noise * scale))
+    return Question(columns, np.diag(1.0 / (deviation * scale) ** 2), Variance(noise**2 * over_the_pool(columns)))

@@ -52,6 +52,24 @@ def test_ten_poses_of_a_brother_are_enough(arms: Path) -> None:
     assert titles == ["registration only", "its own poses alone", "the prior of the fleet"]
 
 
+def test_poses_chosen_by_the_type_tell_a_further_machine_better_than_random_ones(arms: Path) -> None:
+    mechanism = MechanismChoice(str(arms / "arm.toml")).load()
+    chosen = gp.choose_poses(mechanism, 6, like=arms)
+    assert chosen.said == "like 6 machines of the type"
+
+    def error(q: np.ndarray, seed: int) -> float:
+        rng = np.random.default_rng(seed)
+        every = np.vstack([random_poses(mechanism, 200, rng), q])
+        table = simulate(mechanism, every, (GEAR,), rng, noise=NOISE, geometry_sigma=GEOMETRY).dataset
+        fit = gp.calibrate(mechanism, table.subset(np.arange(200, len(every))), fleet=arms, holdout=0.0)
+        return float(np.mean(fit.model.misses(table.subset(np.arange(200))) ** 2))
+
+    seeds = range(5)
+    drawn = [random_poses(mechanism, 6, np.random.default_rng(100 + seed)) for seed in seeds]
+    by_choice, by_chance = ([error(q, s) for s, q in zip(seeds, of, strict=True)] for of in ([chosen.q] * 5, drawn))
+    assert np.median(by_choice) < 0.8 * np.median(by_chance)
+
+
 def test_what_a_machine_alone_has_is_found_beside_its_type(arms: Path) -> None:
     found = like(arms, further(arms, 40, GEAR, "gear_harmonic J1=300 arcsec"))
     assert [f.name for f in found.findings] == ["gear error, 2 per turn, J1"]
@@ -70,6 +88,10 @@ def test_bad_input_is_one_line(arms: Path, tmp_path: Path) -> None:
     said = "--mechanism", "ur5", "--out", tmp_path / "out", "--like"
     assert "--like: is of machines of another type" in one_line(run("discover", tmp_path / "other.csv", *said, arms), 2)
     assert "cannot be read" in one_line(run("discover", tmp_path / "other.csv", *said, tmp_path / "none"), 2)
+    few = "poses", "--mechanism", "ur5", "--quiet", "--like"
+    assert "--like: is of machines of another type" in one_line(run(*few, arms), 2)
+    with_criterion = run(*few, arms, "--criterion", "spread")
+    assert "--like: decides the poses by itself" in one_line(with_criterion, 2)
     both = run("discover", tmp_path / "other.csv", *said, arms, "--joint", "J1=somewhere")
     assert "expected it or joints, not both" in one_line(both, 2)
     assert not (tmp_path / "out").exists()
