@@ -25,7 +25,7 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.report.origin import Origin, versions
 from gpmodel.table.foreign import import_file, read_map
-from gpmodel.table.layout import read_sheet
+from gpmodel.table.layout import read_sheets
 from gpmodel.table.read import dataset_from
 
 CONDITION_LIMIT = 50.0
@@ -50,7 +50,7 @@ def settings(description: str) -> argparse.Namespace:
 def load(file: Path, columns: Path, robot: str) -> Poses:
     """The poses of one original file, through the importer."""
     mechanism = MechanismChoice(robot).load()
-    return prepare(mechanism, dataset_from(import_file(read_sheet(file), read_map(columns)), file, mechanism))
+    return prepare(mechanism, dataset_from(import_file(read_sheets(file)[0], read_map(columns)), file, mechanism))
 
 
 def look(robot: str, poses: Poses, train: IntArray, heldout: IntArray, given: argparse.Namespace) -> Discovery:

@@ -26,19 +26,13 @@ TRIED_TOOLS = np.vstack([np.zeros(3), *(0.15 * sign * axis for axis in np.eye(3)
 """Tool points (7, 3), m, to start from: the flange, and as far off it as tools are, to every side."""
 
 
-def start_placement(poses: Poses) -> Placement:
+def start_placements(poses: Poses) -> Iterator[Placement]:
     """Registration by Kabsch for every tool point tried, the tool points by least squares over what is left.
 
-    Every observation starts its own unknowns from the tips that these give. Raises InputError when a setup has
-    fewer than 3 measured poses, or an observation too little for its own.
-    """
-    return next(start_placements(poses))
-
-
-def start_placements(poses: Poses) -> Iterator[Placement]:
-    """The start, as `start_placement`; of balls that were touched and nothing that places the tool one from each of
-    TRIED_TOOLS: a ball of unknown place fits touches by another tool as well, with another radius, in a minimum of its
-    own. Later ones from which a ball has no place are left out.
+    Of balls that were touched and nothing that places the tool one start from each of TRIED_TOOLS: a ball of unknown
+    place fits touches by another tool as well, with another radius, in a minimum of its own. Later ones from which a
+    ball has no place are left out. Every observation starts its own unknowns from the tips that these give. Raises
+    InputError when a setup has fewer than 3 measured poses, or an observation too little for its own.
     """
     data = poses.dataset
     slots = se3.chain(poses.transforms)

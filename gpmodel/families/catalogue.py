@@ -10,12 +10,10 @@ from importlib.metadata import entry_points
 
 from gpmodel.errors import InputError, choices
 from gpmodel.families import angle as families_angle
-from gpmodel.families import axis as families_axis
 from gpmodel.families import curves as families_curves
 from gpmodel.families import frequency_grid
 from gpmodel.families import instrument as families_instrument
 from gpmodel.families import load as families_load
-from gpmodel.families import memory as families_memory
 from gpmodel.families import session as families_session
 from gpmodel.families.candidate import Candidate, one
 from gpmodel.families.frequency_grid import FrequencyGrid
@@ -142,9 +140,9 @@ _OWN: tuple[Family, ...] = (
     Family("mesh_compliance", "the teeth in mesh yield to the torque, some more and some less: compliance that changes from tooth to tooth", "Kahraman and Singh 1991", frequency_grid.mesh_compliance, frequency_grid.mesh_grids, refit_constants=True),
     Family("joint_curve", "encoder and transmission together: a smooth error curve of the joint's own angle", "recorded discovery: the measured UR10 and UR5", families_angle.joint_curve, offered=families_curves.curves, clamped=True),
     Family("backlash_load", "the play of the gear falls to the side its gravity torque points to", "Gong 2000", families_load.backlash_load),
-    Family("play_last_move", "the play of the gear is on the side the joint last moved from", "ISO 230-2; Gong 2000", families_memory.play_last_move),
-    Family("friction_windup", "friction winds the transmission up against its last move, the more the higher its load", "Armstrong-Hélouvry 1991", families_memory.friction_windup),
-    Family("hysteresis", "the transmission yields along a loop: many small plays in series (Prandtl-Ishlinskii)", "Visintin 1994, ch. III", families_memory.hysteresis),
+    Family("play_last_move", "the play of the gear is on the side the joint last moved from", "ISO 230-2; Gong 2000", families_session.play_last_move),
+    Family("friction_windup", "friction winds the transmission up against its last move, the more the higher its load", "Armstrong-Hélouvry 1991", families_session.friction_windup),
+    Family("hysteresis", "the transmission yields along a loop: many small plays in series (Prandtl-Ishlinskii)", "Visintin 1994, ch. III", families_session.hysteresis),
     Family("backlash_approach", "the play of the gear depends on the direction of approach", "ISO 230-2", families_angle.backlash_approach),
     Family("gear_ratio", "the transmission ratio differs from the nominal one", "Mooring 1991", families_angle.gear_ratio),
     Family("wrist_coupling", "one wrist axis drags another through its gears", "Mooring 1991", families_angle.wrist_coupling),
@@ -152,7 +150,7 @@ _OWN: tuple[Family, ...] = (
     Family("balancing_spring", "the balancing spring leaves a torque over the angle of its axis", "Schröer 1997", families_load.balancing_spring),
     Family("hardening_stiffness", "stiffness grows with load: strain-wave gear", "Harmonic Drive catalogue, torsional stiffness K1-K3", families_load.hardening),
     Family("thermal_growth", "links grow with temperature", "Slocum 1992, ch. 2", families_session.thermal_growth),
-    Family("lagged_growth", "thick parts follow the room's temperature late, in the first order", "Slocum 1992, ch. 2; ISO 230-3", families_memory.lagged_growth),
+    Family("lagged_growth", "thick parts follow the room's temperature late, in the first order", "Slocum 1992, ch. 2; ISO 230-3", families_session.lagged_growth),
     Family("thermal_zero", "a joint's zero drifts with temperature", "Gong 2000", families_session.thermal_zero),
     Family("instrument_range", "the instrument's distances are off by a scale or an offset", "ISO 10360-10", families_instrument.instrument_range, offered=families_instrument.or_beyond(families_instrument.instrument_range)),
     Family("instrument_azimuth", "the encoder of the instrument's standing axis runs out", "Muralikrishnan et al. 2009", families_instrument.instrument_azimuth, offered=families_instrument.or_beyond(families_instrument.instrument_azimuth)),
@@ -167,8 +165,8 @@ _OWN: tuple[Family, ...] = (
     Family("settling", "after an event of the session a part approaches its new state exponentially", "ISO 230-3", families_session.settling),
     Family("axis_wobble", "the axis tilts as it turns", "ISO 230-7", families_angle.axis_wobble),
     Family("axis_motion", "the axis wobbles or runs out along a smooth curve of its angle", "ISO 230-7", families_angle.axis_motion),
-    Family("linear_axis", "straightness, pitch, yaw, roll and positioning of a linear axis along its travel", "ISO 230-1", families_axis.linear_curves),
-    Family("cyclic_error", "a screw, rack or scale errs once every lead or pitch", "ISO 230-2; Slocum 1992, ch. 10", families_axis.cyclic, families_axis.cyclic_grids, refit_constants=True),
+    Family("linear_axis", "straightness, pitch, yaw, roll and positioning of a linear axis along its travel", "ISO 230-1", families_angle.linear_curves),
+    Family("cyclic_error", "a screw, rack or scale errs once every lead or pitch", "ISO 230-2; Slocum 1992, ch. 10", families_angle.cyclic, families_angle.cyclic_grids, refit_constants=True),
     Family("axis_run_out", "the axis shifts as it turns", "ISO 230-7", families_angle.run_out),
     Family("ball_lobes", "an out-of-round ball lifts in its socket as it turns", "ISO 12181-1; Robertson 2003, 3.3.2", families_angle.ball_lobes),
     Family("support_sag", "the part sinks into its support along the gravity direction of the pose", "Robertson 2003, 4.2 (stiffness of the contact)", families_load.support_sag),

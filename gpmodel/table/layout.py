@@ -132,11 +132,6 @@ def read_sheets(path: Path, header: bool = True) -> list[Sheet]:
     return [replace(sheet, said=(f"{encoding}, {named} between cells, decimal '{decimal}'", *sheet.said))]
 
 
-def read_sheet(path: Path, header: bool = True) -> Sheet:
-    """Read the first of `read_sheets`."""
-    return read_sheets(path, header)[0]
-
-
 def name_and_unit(header: str, own: str | None = None) -> tuple[str, str | None, bool]:
     """Split what a header says into a name and a unit; whether the unit is in brackets or in a line of units (`own`).
 

@@ -13,7 +13,7 @@ from gpmodel.calibration.comparison import climb, growing
 from gpmodel.calibration.gauge import stands_still, still_joints
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
-from gpmodel.calibration.start import start_placement
+from gpmodel.calibration.start import start_placements
 from gpmodel.calibration.weigh import hang_payload
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import Expression
@@ -283,7 +283,7 @@ SEEN = {
 @pytest.mark.parametrize("see", ["position", "pose", "all"])
 def test_an_innocent_robot_is_placed_exactly(name: str, see: str) -> None:
     truth = measure(name, (), (), 4, count=25, noise=0.0, geometry=0.0, see=SEEN[see])
-    start = start_placement(truth.poses)
+    start = next(start_placements(truth.poses))
     seen = observe(truth.model, truth.poses, truth.theta, start)
     np.testing.assert_allclose(seen.tip[:, :3, 3], truth.poses.dataset.position, atol=1e-6)
     np.testing.assert_allclose(start.tool[""][:3, 3], truth.placement.tool[""][:3, 3], atol=1e-5)
@@ -297,7 +297,7 @@ def test_an_innocent_robot_is_placed_exactly(name: str, see: str) -> None:
 @pytest.mark.parametrize("see", ["position", "pose"])
 def test_several_setups_and_tools_are_placed_together(see: str) -> None:
     truth = measure("irb6400r", (), (), 4, count=60, noise=0.0, geometry=0.0, setups=3, tools=2, see=SEEN[see])
-    start = start_placement(truth.poses)
+    start = next(start_placements(truth.poses))
     assert list(start.registration) == ["s0", "s1", "s2"]
     assert list(start.tool) == ["t0", "t1"]
     for label, frame in truth.placement.registration.items():
@@ -308,7 +308,7 @@ def test_several_setups_and_tools_are_placed_together(see: str) -> None:
 
 def test_a_joint_error_of_a_robot_leaves_a_start_of_its_size() -> None:
     truth = measure("irb6400r", (), (), 4, count=40, geometry=1e-3)
-    seen = observe(truth.model, truth.poses, np.zeros_like(truth.theta), start_placement(truth.poses))
+    seen = observe(truth.model, truth.poses, np.zeros_like(truth.theta), next(start_placements(truth.poses)))
     assert np.linalg.norm(seen.tip[:, :3, 3] - truth.poses.dataset.position, axis=1).max() < 0.02
 
 
@@ -317,14 +317,14 @@ def test_too_few_poses_name_the_setup(name: str) -> None:
     truth = measure(name, (), (), 4, count=5, setups=2)
     data = replace(truth.poses.dataset, labels={"setup": np.array(["s0", "s0", "s0", "s0", "later"])})
     with pytest.raises(InputError, match="setup 'later': 1 poses with x, y and z; registration needs at least 3"):
-        start_placement(prepare(truth.model.mechanism, data))
+        next(start_placements(prepare(truth.model.mechanism, data)))
 
 
 def test_too_few_distances_name_the_column() -> None:
     truth = measure("ur5", (), (), 4, count=20, see=("position", "distance"))
     few = {k: np.where(np.arange(20) < 3, v, np.nan) for k, v in truth.poses.dataset.distances.items()}
     with pytest.raises(InputError, match="column 'distance_0': 3 distances; its anchor needs at least 4"):
-        start_placement(prepare(truth.model.mechanism, replace(truth.poses.dataset, distances=few)))
+        next(start_placements(prepare(truth.model.mechanism, replace(truth.poses.dataset, distances=few))))
 
 
 @pytest.mark.long

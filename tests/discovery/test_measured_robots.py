@@ -14,7 +14,7 @@ from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.table.bundles import hold_out
 from gpmodel.table.foreign import import_file, read_map
-from gpmodel.table.layout import read_sheet
+from gpmodel.table.layout import read_sheets
 from gpmodel.table.read import dataset_from
 from robots import load_mechanism
 
@@ -34,7 +34,7 @@ def load(name: str) -> Poses:
     mechanism = load_mechanism(robot)
     assert mechanism is not None
     columns = read_map(ROOT / "experiments" / f"{robot}_measured" / "columns.toml")
-    return prepare(mechanism, dataset_from(import_file(read_sheet(DATA / file), columns), DATA / file, mechanism))
+    return prepare(mechanism, dataset_from(import_file(read_sheets(DATA / file)[0], columns), DATA / file, mechanism))
 
 
 def curves(robot: str, poses: Poses) -> ErrorModel:

@@ -12,7 +12,7 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, residual_of
 from gpmodel.evidence.score import best_nats, scores
-from gpmodel.families import memory
+from gpmodel.families import session as memory
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates, catalogue
 from gpmodel.families.frequency_grid import FrequencyGrid

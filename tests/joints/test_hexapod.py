@@ -15,7 +15,7 @@ from gpmodel.api.check import effects as families_on
 from gpmodel.application.compensate import not_reached
 from gpmodel.arrays import Array
 from gpmodel.calibration.linearise import linearise
-from gpmodel.calibration.start import start_placement
+from gpmodel.calibration.start import start_placements
 from gpmodel.errors import InputError
 from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import ClosedLoops, closed
@@ -147,7 +147,7 @@ def test_forty_two_constants_less_the_places_of_base_and_platform_can_be_told_ap
     assert len(effects) == 42
     poses = prepare(arm, gp.read_table(pd.read_csv(io.StringIO(table(0, False)[0]), dtype=str), arm))
     model, everyone = ErrorModel(arm, effects), np.ones(len(poses), dtype=bool)
-    problem = linearise(model, poses, np.zeros(42), start_placement(poses), 0.1, everyone)
+    problem = linearise(model, poses, np.zeros(42), next(start_placements(poses)), 0.1, everyone)
     scaled = problem.columns / np.linalg.norm(problem.columns, axis=0)
     assert problem.placement == 12
     assert np.linalg.matrix_rank(scaled, tol=1e-6) == 42

@@ -11,7 +11,7 @@ from gpmodel.cli.import_ import import_table
 from gpmodel.errors import InputError
 from gpmodel.table.foreign import ColumnMap, import_file, read_map, unread
 from gpmodel.table.join import read_files
-from gpmodel.table.layout import read_sheet
+from gpmodel.table.layout import read_sheets
 from gpmodel.table.read import dataset_from
 from robots import load_mechanism
 
@@ -46,7 +46,7 @@ def test_separator_and_decimal_sign_are_found_out(tmp_path: Path, separator: str
     file, mapping = write(tmp_path, f"[columns]\n{JOINTS}\n{POINT}", separator=separator, decimal=decimal)
     mechanism = load_mechanism("ur5")
     assert mechanism is not None
-    dataset = dataset_from(import_file(read_sheet(file), read_map(mapping)), file, mechanism)
+    dataset = dataset_from(import_file(read_sheets(file)[0], read_map(mapping)), file, mechanism)
     assert dataset.q[2] == pytest.approx([2.1, 2.2, 2.3, 2.4, 2.5, 2.6], abs=1e-12)
     assert dataset.position[1] == pytest.approx([0.1015, -0.20025, 0.3], abs=1e-12)
 
@@ -54,17 +54,17 @@ def test_separator_and_decimal_sign_are_found_out(tmp_path: Path, separator: str
 def test_arithmetic_labels_and_inputs(tmp_path: Path) -> None:
     mapping = f'[columns]\n{JOINTS}\nx = "px - 2*dx [mm]"\nwarmth = "px/100 [degC]"\ngroup = "day"'
     file, path = write(tmp_path, mapping)
-    frame = import_file(read_sheet(file), read_map(path))
+    frame = import_file(read_sheets(file)[0], read_map(path))
     assert frame["x [mm]"].astype(float).tolist() == [99.5, 100.5, 101.5]
     assert frame["warmth [degC]"].astype(float).tolist() == [1.005, 1.015, 1.025]
     assert frame["group"].tolist() == ["day 0", "day 1", "day 2"]
-    assert unread(read_sheet(file), read_map(path)) == ("not in map.toml: py, pz, a, b, c, d",)
+    assert unread(read_sheets(file)[0], read_map(path)) == ("not in map.toml: py, pz, a, b, c, d",)
 
 
 def test_an_empty_cell_stays_empty_through_a_formula(tmp_path: Path) -> None:
     file, path = write(tmp_path, f'[columns]\n{JOINTS}\nx = "px - dx [mm]"')
     file.write_text(file.read_text().replace("101.5", "", 1))
-    assert import_file(read_sheet(file), read_map(path))["x [mm]"].tolist() == ["100.0", "", "102.0"]
+    assert import_file(read_sheets(file)[0], read_map(path))["x [mm]"].tolist() == ["100.0", "", "102.0"]
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_orientations_become_rotation_vectors(tmp_path: Path, convention: str, u
     columns = [f'"{c}{f" [{unit}]" if unit else ""}"' for c in "abcd"[: numbers.shape[1]]]
     mapping = f'[columns]\n{JOINTS}\n[orientation]\ncolumns = [{", ".join(columns)}]\nconvention = "{convention}"'
     file, path = write(tmp_path, mapping, numbers)
-    frame = import_file(read_sheet(file), read_map(path))
+    frame = import_file(read_sheets(file)[0], read_map(path))
     vectors = np.radians(frame[["rx [deg]", "ry [deg]", "rz [deg]"]].astype(float).to_numpy())
     assert np.abs((Rotation.from_rotvec(vectors) * truth.inv()).magnitude()).max() < 1e-12
 
@@ -101,7 +101,7 @@ def test_intrinsic_xyz_is_the_product_of_the_three_turns(tmp_path: Path) -> None
         f'[columns]\n{JOINTS}\n[orientation]\ncolumns = ["a [rad]", "b [rad]", "c [rad]"]\nconvention = "intrinsic XYZ"'
     )
     file, path = write(tmp_path, mapping)
-    frame = import_file(read_sheet(file), read_map(path))
+    frame = import_file(read_sheets(file)[0], read_map(path))
     vector = np.radians(frame.loc[1, ["rx [deg]", "ry [deg]", "rz [deg]"]].astype(float).to_numpy())
     a, b, c = ANGLES[1]
     product = turn(0, a) @ turn(1, b) @ turn(2, c)
@@ -131,7 +131,7 @@ def test_intrinsic_xyz_is_the_product_of_the_three_turns(tmp_path: Path) -> None
 def test_a_bad_map_is_one_clear_line(tmp_path: Path, mapping: str, said: str) -> None:
     file, path = write(tmp_path, mapping)
     with pytest.raises(InputError) as caught:
-        import_file(read_sheet(file), read_map(path))
+        import_file(read_sheets(file)[0], read_map(path))
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -157,7 +157,7 @@ def test_the_file_itself_is_never_overwritten(tmp_path: Path) -> None:
 def test_a_column_is_named_with_its_unit_without_it_or_by_number(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text("J1 [deg],X (mm),J 3 [deg]\n1,2,3\n4,5,6\n")
     for text in ("J1 [deg]", "J1 [deg] [deg]", "c1 [deg]", "1 [deg]", "c3 - X [deg]", "J_3__deg_ - c2 [deg]"):
-        sheet = read_sheet(tmp_path / "t.csv")
+        sheet = read_sheets(tmp_path / "t.csv")[0]
         assert import_file(sheet, ColumnMap({"J1": text})).iloc[0, 0] == "1.0", text
     with pytest.raises(InputError, match=r"'J1 \[deg\]' is in \[deg\]; expected that, or 'J1 \[deg\] \[rad\]'"):
         import_file(sheet, ColumnMap({"J1": "J1 [rad]"}))
@@ -167,7 +167,7 @@ def test_a_file_without_a_header_goes_by_numbers(tmp_path: Path) -> None:
     (tmp_path / "t.txt").write_text("a b c\n1 2 3\n4 5 6\n")
     (tmp_path / "m.toml").write_text('header = false\n[columns]\nJ1 = "2 [deg]"\nx = "c3 - c1 [mm]"\n')
     columns = read_map(tmp_path / "m.toml")
-    sheet = read_sheet(tmp_path / "t.txt", columns.header)
+    sheet = read_sheets(tmp_path / "t.txt", columns.header)[0]
     assert sheet.names == ("", "", "")
     assert import_file(sheet, columns)["x [mm]"].tolist() == ["2.0", "2.0"]
 
@@ -213,7 +213,7 @@ def test_joint_values_of_a_program_are_read_and_positions_of_its_controller_are_
 ) -> None:
     file = tmp_path / "cell.txt"
     file.write_text("\n".join(line.format(k) for k in range(1, 9) for line in (joints, own)))
-    sheet = read_sheet(file)
+    sheet = read_sheets(file)[0]
     assert len(sheet.cells) == 8
     assert "8 positions of the controller left out" in sheet.said[0]
     assert {"2", "3", "4", "5", "6"} <= {str(cell).removesuffix(".0") for cell in sheet.cells.iloc[0]}
@@ -221,7 +221,7 @@ def test_joint_values_of_a_program_are_read_and_positions_of_its_controller_are_
     with pytest.raises(
         InputError, match="8 positions that the controller computed, and no joint values; expected joint"
     ):
-        read_sheet(file)
+        read_sheets(file)[0]
 
 
 @pytest.mark.parametrize(("kind", "what"), [("PULSE", "pulses of the encoders"), ("USER", "positions that the contr")])
@@ -230,4 +230,4 @@ def test_a_job_of_yaskawa_is_refused_by_the_kind_of_its_positions(kind: str, wha
     points = "\n".join(f"C{k:05d}={k},15170,-34133,0,-36409,0" for k in range(8))
     file.write_text(f"/JOB\n//POS\n///NPOS 8,0,0,0,0,0\n///POSTYPE {kind}\n{points}\n//INST\nNOP\nEND\n")
     with pytest.raises(InputError, match=f"{what}.*expected joint values in degrees"):
-        read_sheet(file)
+        read_sheets(file)[0]
