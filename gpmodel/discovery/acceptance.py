@@ -88,15 +88,19 @@ def eliminate(
 ) -> tuple[dict[str, Hypothesis], Calibration]:
     """Eliminate candidates that fail a test given all others, the weaker half of those that fail at a time.
 
-    judge: tests candidates given all others of a calibration. fit: calibrates with candidates, starting from a fit.
-    Returns the last verdict on each candidate, and the calibration with the accepted ones.
+    Those that passed are tested again once none fails. judge: tests candidates given all others of a calibration. fit:
+    calibrates with candidates, starting from a fit. Returns the last verdict on each candidate, and the calibration
+    with the accepted ones.
     """
     inside, judged = dict(offered), dict[str, Hypothesis]()
+    asked: Mapping[str, Candidate] = inside
     while True:
-        judged.update(now := judge(calibration, inside))
+        judged.update(now := judge(calibration, asked))
         failed = [name for name, hypothesis in now.items() if not hypothesis.accepted]
-        if not failed:
+        if not failed and len(asked) == len(inside):
             return judged, calibration
         for name in sorted(failed, key=lambda name: now[name].score.nats)[: max(1, len(failed) // 2)]:
             inside.pop(name)
-        calibration = fit(tuple(inside.values()), calibration)
+        if failed:
+            calibration = fit(tuple(inside.values()), calibration)
+        asked = {name: inside[name] for name in failed if name in inside} or inside
