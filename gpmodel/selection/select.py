@@ -66,10 +66,10 @@ def select(
                 new = [group for found in called(workers, sources) for group in found if group.name not in known]
             if new and step is grow:
                 continue
-            if not new and (chosen.names == settled or not chosen.kept):
+            if not new and (settled is not None or not chosen.kept):
                 further, curves = propose(chosen) if propose and chosen.kept else ((), frozenset())
                 new = [group for group in further if group.name not in known]
-                if not new:
+                if not new and (chosen.names == settled or not chosen.kept):
                     return chosen
                 chosen = replace(chosen, offered=chosen.offered.with_formulas_of(curves))
             step = partial(exchange, new=frozenset(group.name for group in new)) if new else exchange
