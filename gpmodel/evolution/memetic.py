@@ -12,7 +12,7 @@ Source: Moscato (1989), memetic algorithms; Golub and Pereyra (1973), variable p
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -93,7 +93,7 @@ class Formulas:
         """The shortest descriptions, one of those that differ in constants alone."""
         of_form: dict[tuple[Node, ...], Solution] = {}
         for one in sorted(self.found, key=lambda solution: description_length(solution, self.problem)):
-            form = (replace(node, value=None) if node.operator == "constant" else node for node in one.program.nodes)
+            form = (node._replace(value=None) if node.operator == "constant" else node for node in one.program.nodes)
             of_form.setdefault(tuple(form), one)
         return list(of_form.values())[:count]
 

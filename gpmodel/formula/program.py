@@ -5,7 +5,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from keyword import iskeyword
-from typing import Protocol
+from math import isfinite
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -23,8 +24,7 @@ class Named(Protocol):
     def __getitem__(self, name: str, /) -> Array: ...
 
 
-@dataclass(frozen=True)
-class Node:
+class Node(NamedTuple):
     """A leaf (``input`` with its name, ``constant`` with its value) or an operator over earlier nodes."""
 
     operator: str
@@ -129,7 +129,7 @@ class Program:
         changed = tuple(nodes)
         leaves = [node for node in changed if not node.arguments]
         for node in leaves:
-            if node.operator == "constant" and not np.isfinite(float(node.value or 0.0)):
+            if node.operator == "constant" and not isfinite(float(node.value or 0.0)):
                 raise InputError(f"program: constant {node.value} is not finite")
         other = Program(changed, self.outputs)
         return other if len(set(leaves)) == len(leaves) else other.rebuilt(Builder.add)
@@ -215,7 +215,7 @@ class Builder:
 
     def constant(self, value: float) -> int:
         """The number of the node that is a constant. Raises InputError where it is not finite."""
-        if not np.isfinite(value):
+        if not isfinite(value):
             raise InputError(f"program: constant {value} is not finite")
         return self._intern(Node("constant", (), float(value)))
 

@@ -33,9 +33,9 @@ _TYPES = {
 
 def encode(value: Any) -> Any:
     """JSON content of a value made of these types, arrays, tuples, lists and numbers, infinite ones as well."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {f.name: encode(getattr(value, f.name)) for f in dataclasses.fields(value)}
-        return {"type": type(value).__name__, "fields": fields}
+    if isinstance(value, Node) or (dataclasses.is_dataclass(value) and not isinstance(value, type)):
+        names = value._fields if isinstance(value, Node) else [f.name for f in dataclasses.fields(value)]
+        return {"type": type(value).__name__, "fields": {name: encode(getattr(value, name)) for name in names}}
     match value:
         case np.ndarray():
             return {"array": encode(value.tolist())}
