@@ -40,7 +40,7 @@ def polish(
     columns = np.array([inputs[name] for name in names], dtype=float).reshape(-1, place.poses)
     constants = np.array(program.constants)
     gain = fit_constants(
-        _nodes(program, names), columns, constants, free, place.weight[0], place.cross[0], place.pull[0],
+        _nodes(program, names), columns, constants, free, place.weight[0], place.cross[0], place.begins, place.pull[0],
         float(place.energy), place.unique_share, (SMALLEST, LARGEST, IDLE), steps,
     )  # fmt: skip
     return program.with_constants(constants.tolist()), gain

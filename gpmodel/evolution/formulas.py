@@ -37,6 +37,8 @@ from gpmodel.formula.program import Program, length
 
 STARTED, STARTED_OF_SEVERAL = 200, 120
 """Short forms whose constants are fitted, of one input alone, and of one piece of a formula of several inputs."""
+KEPT = 40
+"""Formulas of one input alone, fitted on a few values of it, whose constants are fitted on all poses."""
 PIECES, PRODUCTS = 8, 48
 """Formulas of each factor, summand, weighted sum or distance, the shortest descriptions; products of them at most."""
 BEHIND = 40.0
@@ -60,7 +62,8 @@ def formulas_at(
     asked = there.only(0, names)
     population = Formulas(there)
     if len(names) == 1:
-        population.add([parse(repr(names[0])), *founders(names[0], asked.inputs.values[0], asked.targets, STARTED)])
+        column = asked.inputs.values[0]
+        population.add(_of_column(names[0], column, asked.targets, there.parsimony, (STARTED, KEPT)))
     else:
         structures = _of_two(asked, there) if len(names) == 2 else _of_more(asked)
         population.add(itertools.chain.from_iterable(structure.programs() for structure in structures))
@@ -198,12 +201,14 @@ def _of_each(problem: SlotProblem, *targets: Targets) -> list[list[Program]]:
     return [_of_column(name, column, seen, problem.parsimony) for name, column, seen in inputs]
 
 
-def _of_column(name: str, column: Array, targets: Targets, parsimony: float) -> list[Program]:
-    """Formulas of a column (N,) of a name, the shortest descriptions."""
+def _of_column(
+    name: str, column: Array, targets: Targets, parsimony: float, most: tuple[int, int] = (STARTED_OF_SEVERAL, PIECES)
+) -> list[Program]:
+    """Formulas of a column (N,) of a name, the shortest descriptions. most: founders that are fitted; formulas."""
     few, seen = binned(column, targets)
     population = Formulas(SlotProblem(Inputs((name,), few[None]), seen, parsimony=parsimony))
-    population.add([parse(repr(name)), *founders(name, column, targets, STARTED_OF_SEVERAL)])
-    return [one.program for one in population.best(PIECES)]
+    population.add([parse(repr(name)), *founders(name, column, targets, most[0])])
+    return [one.program for one in population.best(most[1])]
 
 
 def _of_weighted_sum(problem: SlotProblem) -> _Structure:

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gpmodel.arrays import Array
+from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.evolution.rows import independent, row_products, unit_rows
 
@@ -78,6 +78,11 @@ class Targets:
     def by_column(self) -> Array:
         """``cross`` as (K, S, N): sums over the columns then run over all sites at once."""
         return np.ascontiguousarray(self.cross.swapaxes(0, 1))
+
+    @cached_property
+    def begins(self) -> IntArray:
+        """First number (K,) of each row of ``cross`` at the first site that is not zero: many after a QR."""
+        return np.asarray(np.argmax(self.cross[0] != 0.0, axis=1), dtype=np.int64)
 
     @cached_property
     def components(self) -> int:

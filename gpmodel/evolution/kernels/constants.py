@@ -52,8 +52,9 @@ def _limited(row: Array, limit: float) -> bool:
 
 @compiled
 def explained(
-    row: Array, weight: Array, cross: Array, pull: Array, energy: float, unique_share: float, smallest: float
-) -> tuple[float, float]:
+    row: Array, weight: Array, cross: Array, begins: IntArray, pull: Array, energy: float, unique_share: float,
+    smallest: float,
+) -> tuple[float, float]:  # fmt: skip
     """Gain of one basis (N,) and its coefficient, as ``Targets.set_gain`` has them of one."""
     if not _limited(row, np.inf) or energy <= 0.0:
         return 0.0, 0.0
@@ -64,7 +65,7 @@ def explained(
     total = _product(weight, scaled * scaled)
     unique = total
     for k in range(len(cross)):
-        unique -= _product(cross[k], scaled) ** 2
+        unique -= _product(cross[k, begins[k] :], scaled[begins[k] :]) ** 2
     if not unique > unique_share * total:
         return 0.0, 0.0
     pulled = _product(pull, scaled)
@@ -77,6 +78,7 @@ def _normal_equations(
     coefficient: float,
     weight: Array,
     cross: Array,
+    begins: IntArray,
     pull: Array,
     idle: float,
     normal: Array,
@@ -85,9 +87,9 @@ def _normal_equations(
     the last; whether they are usable."""
     size = len(columns)
     seen, stays = np.empty((size, len(cross))), np.zeros(size, np.bool_)
-    for i in range(size):
-        for k in range(len(cross)):
-            seen[i, k] = _product(cross[k], columns[i])
+    for k in range(len(cross)):
+        for i in range(size):
+            seen[i, k] = _product(cross[k, begins[k] :], columns[i, begins[k] :])
     for i in range(size):
         weighted = columns[i] * weight
         for j in range(i):
@@ -124,6 +126,7 @@ def fit_constants(
     free: Mask,
     weight: Array,
     cross: Array,
+    begins: IntArray,
     pull: Array,
     energy: float,
     unique_share: float,
@@ -132,15 +135,16 @@ def fit_constants(
 ) -> float:
     """Move the free ones of the constants (C,) to where the last node of a program explains most; its gain there.
 
-    nodes: as ``carry_tangents`` has them. weight, pull (N,), cross (K, N): of one place. limits: what a basis has to
-    exceed, what a column may not, and the share of it that has to lie outside the enabled columns.
+    nodes: as ``carry_tangents`` has them. weight, pull (N,), cross (K, N): of one place. begins (K,): the first number
+    of each row of cross that is not zero. limits: what a basis has to exceed, what a column may not, and the share of
+    it that has to lie outside the enabled columns.
     """
     poses, size = inputs.shape[1], nodes.shape[1]
     smallest, largest, idle = limits
     moving = np.flatnonzero(free)
     values, tangents = np.empty((size, poses)), np.zeros((len(constants), size, poses))
     carry_tangents(nodes, inputs, constants, values, tangents)
-    gain, coefficient = explained(values[-1], weight, cross, pull, energy, unique_share, smallest)
+    gain, coefficient = explained(values[-1], weight, cross, begins, pull, energy, unique_share, smallest)
     columns = np.empty((len(moving) + 1, poses))
     normal, sizes = np.empty((len(columns), len(columns) + 1)), np.empty(len(columns))
     damping = 1e-3
@@ -151,7 +155,7 @@ def fit_constants(
         for column in columns:
             if not _limited(column, largest):
                 return gain
-        if not _normal_equations(columns, coefficient, weight, cross, pull, idle, normal):
+        if not _normal_equations(columns, coefficient, weight, cross, begins, pull, idle, normal):
             return gain
         before = gain
         for _ in range(TRIALS):
@@ -162,7 +166,7 @@ def fit_constants(
                 trial[moving] += damped[1:, -1]
                 if _distinct(trial):
                     carry_tangents(nodes, inputs, trial, values, tangents)
-                    found, scale = explained(values[-1], weight, cross, pull, energy, unique_share, smallest)
+                    found, scale = explained(values[-1], weight, cross, begins, pull, energy, unique_share, smallest)
                     if found > gain:
                         constants[:] = trial
                         gain, coefficient = found, scale
