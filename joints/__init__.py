@@ -24,7 +24,7 @@ def mechanism_names() -> tuple[str, ...]:
 
 def spherical_joint() -> PassiveJoint:
     """The thesis' joint on its test rig."""
-    from joints.description import spherical_joint as described
+    from joints.passive_joint import spherical_joint as described
 
     return described()
 
@@ -48,8 +48,8 @@ def load_mechanism(
 
 
 def _described(name: str) -> PassiveJoint | Hexapod | Tau | None:
-    from joints.description import kind_of, read_joint
     from joints.hexapod import hexapod
+    from joints.passive_joint import kind_of, read_joint
     from joints.tau import tau
 
     if name == SPHERICAL_JOINT:

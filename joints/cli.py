@@ -80,7 +80,7 @@ for _name in _HELP:
 @click.argument("toml", required=False, type=PATH)
 @click.option("--defaults", is_flag=True, help="Print the TOML file of the built-in joint and stop.")
 def _mechanism(toml: Path | None, defaults: bool) -> None:
-    from joints.description import read_joint, spherical_joint
+    from joints.passive_joint import read_joint, spherical_joint
     from joints.settings import DATA
 
     if defaults:

@@ -9,12 +9,11 @@ import numpy as np
 from gpmodel.errors import InputError, choices
 from joints.budget import KINDS, error_budget, sources_of
 from joints.contact import Body, LoopPart, first_yield_pressure, gap_growth, hertz, loop_growth
-from joints.description import SECTIONS, read_joint, spherical_joint
 from joints.dynamics import ball_mass, magnet_stiffness
 from joints.fed_film import FedFilm, fed_film, left_a_cycle_later
 from joints.film import design_film, edge_gap, film_geometry, orifice_law
 from joints.orifice import ATMOSPHERE
-from joints.passive_joint import JOINTS, PassiveJoint
+from joints.passive_joint import JOINTS, SECTIONS, PassiveJoint, read_joint, spherical_joint
 from joints.preload import (
     MagnetRing,
     contact_directions,

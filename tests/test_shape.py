@@ -118,7 +118,7 @@ FROM_TEXT = {
     "records/unfinished.py",
     "texts.py",
     "joints/studies/contact.py",
-    "joints/description.py",
+    "joints/passive_joint.py",
     "joints/settings.py",
     "table/units.py",
 }

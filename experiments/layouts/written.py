@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import gpmodel as gp
 from gpmodel.arrays import Array
-from gpmodel.checks.misfit import flange, registered
+from gpmodel.checks.notes import flange, registered
 from gpmodel.mechanism.protocol import Mechanism
 
 

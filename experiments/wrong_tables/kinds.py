@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import gpmodel as gp
 from gpmodel.arrays import Array
-from gpmodel.checks.misfit import flange, tips
+from gpmodel.checks.notes import flange, tips
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import observe, prepare
 from gpmodel.planning.simulate import simulate

@@ -24,8 +24,8 @@ from gpmodel.api.fitted import FittedResult
 from gpmodel.api.model import Model, model_file
 from gpmodel.api.table import TableLike, read_table, specified
 from gpmodel.application.heldout import with_discrepancy
-from gpmodel.application.joint_posterior import of_the_ball
 from gpmodel.application.model_file import check_table, load_model, saved_model
+from gpmodel.application.over_causes import of_the_ball
 from gpmodel.arrays import IntArray
 from gpmodel.calibration.comparison import climb, growing
 from gpmodel.calibration.gauss_newton import calibrate as fit_model

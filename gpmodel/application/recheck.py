@@ -23,9 +23,9 @@ from gpmodel.calibration.gauss_newton import without_outliers
 from gpmodel.calibration.iterate import Fitting, iterate
 from gpmodel.calibration.linearise import Linearised, linearise
 from gpmodel.calibration.noise import Whitening, blocks_of
-from gpmodel.calibration.placing import placement_after
 from gpmodel.calibration.result import uncertainty
 from gpmodel.calibration.size import without_frame
+from gpmodel.calibration.start import placement_after
 from gpmodel.calibration.unmeasured_joints import free_joints
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import Placement, Poses, observe, pose_error, prepare

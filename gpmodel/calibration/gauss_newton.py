@@ -10,10 +10,9 @@ from gpmodel.calibration.gauge import LARGEST_LIMIT, choose
 from gpmodel.calibration.iterate import REASONS, Fitted, Fitting, iterate, linear_step
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.noise import pose_ratio
-from gpmodel.calibration.placing import placement_after
 from gpmodel.calibration.priors import residual_sigma
 from gpmodel.calibration.result import Calibration, uncertainty
-from gpmodel.calibration.start import start_placements
+from gpmodel.calibration.start import placement_after, start_placements
 from gpmodel.calibration.unmeasured_joints import check_points, free_joints
 from gpmodel.model.effect import REGISTRATION, TOOL, Effect, TakenUp
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, pose_error

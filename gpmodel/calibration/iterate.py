@@ -8,8 +8,8 @@ from scipy import linalg
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised, linearise, linearise_about, residual_at
 from gpmodel.calibration.noise import decorrelate
-from gpmodel.calibration.placing import placement_after
 from gpmodel.calibration.priors import TOOL_REACH, ReadJoints, beliefs, noise_sigma, off_mean
+from gpmodel.calibration.start import placement_after
 from gpmodel.errors import OpenLoopsError
 from gpmodel.model.error_model import ErrorModel, Placement, Poses
 from gpmodel.model.observed import Observed

@@ -7,7 +7,7 @@ import numpy as np
 from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray, Mask
-from gpmodel.calibration.placing import placement_columns
+from gpmodel.calibration.start import placement_columns
 from gpmodel.calibration.unmeasured_joints import (
     TRUNCATION,
     Complement,

@@ -13,7 +13,7 @@ from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.linearise import Linearised, effect_columns
-from gpmodel.calibration.placing import placement_columns
+from gpmodel.calibration.start import placement_columns
 from gpmodel.model.error_model import ErrorModel, Placement, observe
 from gpmodel.model.inclination import Inclination
 from gpmodel.model.observation import Observation, Orientation, Point

@@ -7,10 +7,10 @@ import numpy as np
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.linearise import effect_columns
-from gpmodel.calibration.placing import placement_columns
 from gpmodel.calibration.priors import of_the_description
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.calibration.size import TOLERANCE, relative, shows_size
+from gpmodel.calibration.start import placement_columns
 from gpmodel.calibration.undeclared import Undeclared
 from gpmodel.calibration.unmeasured_joints import free_joints
 from gpmodel.families import catalogue

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.checks.misfit import Registered, flange, least_misfit, registered, spread_of
 from gpmodel.checks.mixed_up import FEWEST_ROWS, GOOD_SHARE, MOST_ROWS, POOR_LENGTH, typical
+from gpmodel.checks.notes import Registered, flange, least_misfit, registered, spread_of
 from gpmodel.checks.readings import LENGTHS, OF_ANOTHER_SIZE, Reading, of_joints, of_zeros_and_signs
 from gpmodel.mechanism.protocol import Mechanism, closed
 from gpmodel.numerics.least_squares import OUTLIER_SHARE, root_mean_square

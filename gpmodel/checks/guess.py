@@ -11,8 +11,8 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.checks.assign import SI_UNIT, Assigner, Columns, Fit, header_of, said_to_be, si_of, windows
-from gpmodel.checks.misfit import flange
 from gpmodel.checks.mixed_up import COARSE, FAR_BETTER, FEWEST_ROWS, POOR_LENGTH, PROPER, TAIT_BRYAN, miss
+from gpmodel.checks.notes import flange
 from gpmodel.checks.readings import ENOUGH, FINEST, rounding
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism

@@ -12,9 +12,8 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, resolved, without_outlier_marks
 from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
 from gpmodel.calibration.weigh import weighed
-from gpmodel.checks.misfit import spread_of
 from gpmodel.checks.mixed_up import mixed_up, of_the_rows, rotations_flaw
-from gpmodel.checks.notes import measured_values, not_read, notes, unknowns
+from gpmodel.checks.notes import measured_values, not_read, notes, spread_of, unknowns
 from gpmodel.checks.readings import computed, written_to_a_digit
 from gpmodel.checks.warnings import POOR, built_wrong, poor_fit, warnings_of
 from gpmodel.checks.weak_columns import misread, scaled

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.checks.misfit import Registered, core, flange, gross, least_misfit, registered, spread_of
+from gpmodel.checks.notes import Registered, core, flange, gross, least_misfit, registered, spread_of
 from gpmodel.checks.readings import Reading, of_joints, of_lengths, of_orders, of_signs, of_the_mechanism, of_two_joints
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Mechanism, closed

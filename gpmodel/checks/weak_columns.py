@@ -10,8 +10,8 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.calibration.size import MOST, spread
-from gpmodel.checks.misfit import Registered, flange, least_misfit, registered
 from gpmodel.checks.mixed_up import FEWEST_ROWS, MOST_ROWS, comparable_rows, typical
+from gpmodel.checks.notes import Registered, flange, least_misfit, registered
 from gpmodel.checks.readings import Reading, of_joints
 from gpmodel.families.catalogue import candidates, catalogue
 from gpmodel.formula.expression import Expression

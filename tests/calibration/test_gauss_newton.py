@@ -9,9 +9,9 @@ from effect_cases import NOISE, Truth, bare, measure, mechanism, residuals, true
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.iterate import STEP_TOLERANCE, Fitting, iterate
 from gpmodel.calibration.linearise import linearise
-from gpmodel.calibration.placing import placement_after
 from gpmodel.calibration.priors import GEOMETRY_REACH, beliefs
 from gpmodel.calibration.result import errors_on
+from gpmodel.calibration.start import placement_after
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, drive_effect, effect_at

@@ -8,9 +8,8 @@ import pytest
 from cli_cases import robot, run, table, write
 
 from gpmodel.checks.judge import check_dataset, refuse
-from gpmodel.checks.misfit import flange, least_misfit, misfit
 from gpmodel.checks.mixed_up import mixed_up
-from gpmodel.checks.notes import unknowns
+from gpmodel.checks.notes import flange, least_misfit, misfit, unknowns
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import effect_at

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import gpmodel as gp
 from gpmodel.arrays import Array
 from gpmodel.checks.guess import Guess, guess_files
-from gpmodel.checks.misfit import flange, registered
+from gpmodel.checks.notes import flange, registered
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.table.dataset import Dataset

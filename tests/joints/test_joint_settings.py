@@ -18,7 +18,7 @@ from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3
 from gpmodel.table.cells import frame_of
-from joints.description import read_joint
+from joints.passive_joint import read_joint
 from joints.settings import DATA, load_settings, quantity, read_curve
 
 TABLES = ["preload", "contact", "thermal", "film", "stiffness", "dynamics"]

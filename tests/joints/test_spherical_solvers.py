@@ -10,7 +10,7 @@ from spherical_cases import JOINT, OFFSETS, PUBLISHED, published_table
 import gpmodel as gp
 from experiments.spherical_joint.reductions import algebraic_sphere, fit_sphere
 from experiments.spherical_joint.rig import Rig
-from gpmodel.application.joint_posterior import of_the_ball
+from gpmodel.application.over_causes import of_the_ball
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on, resolved
 from gpmodel.calibration.unmeasured_joints import eliminate, joint_columns, solve_joints

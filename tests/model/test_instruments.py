@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 import gpmodel as gp
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import linearise
-from gpmodel.calibration.placing import placement_after
+from gpmodel.calibration.start import placement_after
 from gpmodel.calibration.unobservable import unseen
 from gpmodel.calibration.weigh import weighed
 from gpmodel.errors import InputError

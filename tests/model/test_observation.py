@@ -10,8 +10,8 @@ from loop_cases import QUICK
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import linearise
-from gpmodel.calibration.placing import placement_after
 from gpmodel.calibration.result import errors_on
+from gpmodel.calibration.start import placement_after
 from gpmodel.discovery.loop import discover
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import Expression

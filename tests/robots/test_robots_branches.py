@@ -16,8 +16,8 @@ from gpmodel.application.exports.sample import Place
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import linearise
-from gpmodel.calibration.placing import placement_after
 from gpmodel.calibration.result import Calibration
+from gpmodel.calibration.start import placement_after
 from gpmodel.errors import InputError
 from gpmodel.families.load import base_compliance, joint_compliance
 from gpmodel.mechanism.branches import assembled, lineage, random_poses
