@@ -6,7 +6,7 @@ number of it, 1 m, 1 rad or the whole of an effect. With x = m + L u, L Lᵀ tha
     [F  K L; 0  σ] (ρ, u) = (r, -σ u)         F, K, r, σ: as of `application.recheck`; the registration ρ has no prior
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -98,12 +98,12 @@ def repaired(found: Verified, pool: Pool) -> Repaired | None:
     named, before = {(change.name, change.kind) for change in found.changes}, found.session.saved
     changes = [change for change in possible_changes(found.found) if (change.name, change.kind) in named]
     fit = _fitted(found, changes)
-    aside = {e.terms for change in changes if change.kind == SET_UP for e in change.effects}
-    lasting = np.array([e.terms not in aside for e in fit.session.saved.model.effects], dtype=bool)
+    aside = {e.name for change in changes if change.kind == SET_UP for e in change.effects}
+    lasting = np.array([e.name not in aside for e in fit.session.saved.model.effects], dtype=bool)
     saved = _kept(fit, pool.saved, lasting)
     ahead = _ahead(fit, saved, lasting, _before(before, fit.problem), pool)
     was = replace(before, placement=replace(before.placement, tool=pool.saved.placement.tool))
-    called = {c.effects[0].terms: c.name for c in changes if len(c.effects) == 1}
+    called = [(c.effects[0].terms, c.name) for c in changes if len(c.effects) == 1]
     return Repaired(saved, tuple(_numbers(was, fit, lasting, called)), *ahead)
 
 
@@ -133,15 +133,14 @@ def _fitted(found: Verified, changes: Sequence[PossibleChange]) -> _Fit:
 def _with(session: Session, problem: Linearised, changes: Sequence[PossibleChange]) -> tuple[Session, Array]:
     """The session with the effects that changes add, and D; an effect of the model's terms is the model's own."""
     saved, count = session.saved, problem.placement
-    own = {effect.terms: count + k for k, effect in enumerate(saved.model.effects)}
-    added: list[Effect] = []
+    known, added = [effect.terms for effect in saved.model.effects], list[Effect]()
     columns: list[dict[int, float]] = []
     for change in changes:
         for effect in change.effects:
-            if effect.terms not in own:
-                own[effect.terms] = count + len(saved.model.effects) + len(added)
+            if effect.terms not in known:
+                known.append(effect.terms)
                 added.append(effect)
-            columns.append({own[effect.terms]: 1.0})
+            columns.append({count + known.index(effect.terms): 1.0})
         if change.kind == "size":
             columns.append({k: float(saved.theta[k - count]) for k in change.at})
         else:
@@ -220,7 +219,9 @@ def _both(before: SavedModel, saved: SavedModel, data: Dataset) -> Dataset:
     )  # fmt: skip
 
 
-def _numbers(before: SavedModel, fit: _Fit, lasting: Mask, called: Mapping[tuple[Term, ...], str]) -> Iterator[Renewed]:
+def _numbers(
+    before: SavedModel, fit: _Fit, lasting: Mask, called: Sequence[tuple[tuple[Term, ...], str]]
+) -> Iterator[Renewed]:
     """Yield every number of what changed but the set-up: effects, and tool points in the axes of the flange. called:
     names of changes by the terms of their one effect."""
     now, problem = fit.session.saved, fit.problem
@@ -230,7 +231,7 @@ def _numbers(before: SavedModel, fit: _Fit, lasting: Mask, called: Mapping[tuple
     old, new = (np.sqrt(np.diag(values)) for values in both)
     for k in np.flatnonzero(lasting & fit.changed[count:].any(axis=1)):
         effect, at = now.model.effects[k], count + k
-        name = translate(called.get(effect.terms, effect.name), joints)
+        name = translate(next((name for terms, name in called if terms == effect.terms), effect.name), joints)
         yield Renewed(name, effect.unit, (float(theta[k]), float(old[at])), (float(now.theta[k]), float(new[at])))
     for label, frame in now.placement.tool.items():
         title = f"tool {label}".rstrip()

@@ -134,6 +134,19 @@ def test_the_expected_error_of_a_repaired_model_is_the_one_it_makes(fitted: Fitt
     assert 0.5 < np.mean(squares) < 2.0
 
 
+def test_a_model_with_an_effect_of_its_session_is_repaired_too(fitted: Fitted, tmp_path: Path) -> None:
+    _, made = fitted
+    arm, rng = made.model.mechanism, np.random.default_rng(5)
+    model = gp.calibrate(arm, made.dataset, ["base_compliance", "J1.moving:Rz:row/60"], holdout=0.0).model
+    later = read_later(made, made.dataset.q[20:32], placed_anew(made, rng), rng, 2, 5e-4)
+    repair = gp.verify_next(model, later).repaired
+    assert repair is not None
+    assert [n.name for n in repair.found.numbers] == ["zero of J3"]
+    repair.model.save(tmp_path / "now.json")
+    again = gp.load_model(tmp_path / "now.json")
+    assert errors(again, made, 2, 5e-4) < min(2.5e3 * repair.found.expected, 0.3 * errors(model, made, 2, 5e-4))
+
+
 def test_a_machine_that_did_not_change_gets_no_repaired_model(fitted: Fitted) -> None:
     assert checked(fitted)[0].repaired is None
 
