@@ -35,15 +35,19 @@ class Later:
         place = np.concatenate([self.rng.normal(0.0, 3.0, 3), self.rng.uniform(-1.5, 1.5, 3)])
         self.placement = Placement({"": se3.exp(place)}, {"": tool}, {})
 
+    def table(self, q: Array, noise: bool = True) -> Dataset:
+        """Poses (N, n), measured."""
+        poses = unmeasured([j.name for j in ARM.joints], q)
+        tip = observe(self.truth, prepare(ARM, poses), self.theta, self.placement).tip[:, :3, 3]
+        return replace(poses, position=tip + noise * self.rng.normal(0.0, NOISE, tip.shape), source="later")
+
     def measured(self, before: Dataset | None, q: Array) -> Dataset:
         """The table with one more pose (n,)."""
-        one = unmeasured([j.name for j in ARM.joints], q[None])
-        tip = observe(self.truth, prepare(ARM, one), self.theta, self.placement).tip[:, :3, 3]
-        position = tip + self.rng.normal(0.0, NOISE, tip.shape)
-        if before is not None:
-            one = unmeasured([j.name for j in ARM.joints], np.vstack([before.q, q]))
-            position = np.vstack([before.position, position])
-        return replace(one, position=position, source="later")
+        one = self.table(q[None])
+        if before is None:
+            return one
+        both = unmeasured([j.name for j in ARM.joints], np.vstack([before.q, q]))
+        return replace(both, position=np.vstack([before.position, one.position]), source="later")
 
 
 def trials(robots: list[Robot], case: str) -> Iterator[Mapping[str, object]]:
