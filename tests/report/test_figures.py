@@ -46,6 +46,16 @@ def test_every_picture_the_numbers_allow_is_a_png_of_its_size(tmp_path: Path) ->
         assert np.allclose(struct.unpack(">II", content[16:24]), expected, atol=1.0)
 
 
+@pytest.mark.long
+def test_no_text_of_a_picture_is_cut_at_its_edge() -> None:
+    for picture in figures.pictures(discovered()):
+        drawing = figures.figure(picture)
+        figures.svg_of(drawing)
+        box = drawing.get_tightbbox()
+        assert min(box.x0, box.y0) > -0.02, picture.name
+        assert max(box.x1 - picture.width, box.y1 - picture.height) < 0.02, picture.name
+
+
 @pytest.mark.parametrize("case", REPORTS)
 def test_each_kind_of_result_has_its_pictures(case: str) -> None:
     assert {p.name for p in figures.pictures(REPORTS[case]())} >= SOME
