@@ -2,6 +2,7 @@
 
 import ast
 import sys
+import threading
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Protocol
@@ -29,6 +30,8 @@ MOST_PARTS = 5_000
 """Operators, inputs and numbers of a text."""
 DEEPEST = 300
 """Parts within each other: a sequence of 256 instructions without a part used twice."""
+_ALONE = threading.RLock()
+"""Held while a text is parsed: Python 3.11 counts the depth of syntax trees for all threads together."""
 
 
 def parse(text: str, what: str = "program") -> Program:
@@ -41,7 +44,8 @@ def parse(text: str, what: str = "program") -> Program:
     if len(text) > LONGEST_TEXT:
         raise InputError(f"{what} {text[:40]!r}…: {len(text)} characters, expected at most {LONGEST_TEXT}")
     try:
-        statements = ast.parse(text.strip()).body
+        with _ALONE:
+            statements = ast.parse(text.strip()).body
     except SyntaxError as error:
         raise InputError(f"{what} {_short(text)}: {error.msg} near column {error.offset}") from None
     except (ValueError, RecursionError, MemoryError):

@@ -1,5 +1,8 @@
 """Programs as objects: text, algebra, source, size."""
 
+import gc
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from effect_cases import bare, mechanism
@@ -335,3 +338,32 @@ def test_a_call_is_known_by_its_function_and_argument_however_it_is_spaced(text:
 def test_equal_parts_are_worked_out_once() -> None:
     assert Expression("sin(J1)*sin(J1)").program.operator_counts == {"sin": 1, "multiply": 1}
     assert Expression("sin(J1)*sin(J1)").length == 5
+
+
+class Round:
+    """Found by the collector alone, which runs code here and lets other threads in."""
+
+    def __init__(self) -> None:
+        self.own = self
+
+    def __del__(self) -> None:
+        for _ in range(50):
+            pass
+
+
+def test_texts_are_parsed_in_many_threads_at_once() -> None:
+    def parsed(thread: int) -> set[str]:
+        found = set()
+        for _ in range(300):
+            Round()
+            found.add(str(parse("(J1 - 1)*sin(J2*2 + 3)")))
+        return found
+
+    before = gc.get_threshold()
+    gc.set_threshold(5, 2, 2)
+    try:
+        with ThreadPoolExecutor(6) as pool:
+            texts = list(pool.map(parsed, range(6)))
+    finally:
+        gc.set_threshold(*before)
+    assert texts == [{str(parse("(J1 - 1)*sin(J2*2 + 3)"))}] * 6
