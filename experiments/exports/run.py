@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pinocchio as pin
 
 import gpmodel as gp
@@ -20,8 +19,11 @@ from gpmodel.application.exports.program_reading import program_read
 from gpmodel.application.exports.programs import LANGUAGES
 from gpmodel.application.exports.rigid import measured_link
 from gpmodel.application.exports.sample import Place, fresh_poses
+from gpmodel.arrays import Array
 from gpmodel.files import to_json, write_text
 from gpmodel.numerics import se3
+from gpmodel.table.cells import joint_table
+from gpmodel.table.dataset import Dataset
 from robots.library import EXAMPLE_ARMS
 
 HERE, POINT = Path(__file__).parent, ["x [mm]", "y [mm]", "z [mm]"]
@@ -49,27 +51,31 @@ def geometry(arm: str) -> dict[str, float | str | None]:
 def by_pinocchio(model: gp.Model, exports: Exports) -> float:
     """Largest distance of calibrated.urdf from predict, µm, its mimic joints moved by Pinocchio."""
     text = next(e.text for e in exports.made if e.file == "calibrated.urdf")
-    arm, placed = pin.buildModelFromXML(text, mimic=True), model.saved.placement
-    data, at, tips = arm.createData(), arm.getFrameId(measured_link(text), pin.FrameType.BODY), []
-    poses = fresh_poses(model.saved, 100, np.random.default_rng(1))
+    placed, poses = model.saved.placement, fresh_poses(model.saved, 100, np.random.default_rng(1))
+    tips = (placed.registration[""] @ pinocchio_frames(text, measured_link(text), poses) @ placed.tool[""])[:, :3, 3]
+    wanted = model.predict(joint_table(model.mechanism, poses.q))
+    return float(1e6 * np.linalg.norm(tips - wanted[POINT].to_numpy() / 1e3, axis=1).max())
+
+
+def pinocchio_frames(urdf: str, link: str, poses: Dataset) -> Array:
+    """The frame (N, 4, 4) of a link in the root at poses as Pinocchio has it, which reads <mimic>."""
+    arm = pin.buildModelFromXML(urdf, mimic=True)
+    data, at, frames = arm.createData(), arm.getFrameId(link, pin.FrameType.BODY), []
     for row in poses.q:
         q = pin.neutral(arm)
         for name, value in zip(poses.joints, row, strict=True):
             joint = arm.joints[arm.getJointId(name)]
             q[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
         pin.framesForwardKinematics(arm, data, q)
-        tips.append((placed.registration[""] @ data.oMf[at].homogeneous @ placed.tool[""])[:3, 3])
-    headers = [f"{j.name} [{'rad' if j.kind == 'revolute' else 'm'}]" for j in model.mechanism.joints]
-    wanted = model.predict(pd.DataFrame(poses.q, columns=headers))
-    return float(1e6 * np.linalg.norm(tips - wanted[POINT].to_numpy() / 1e3, axis=1).max())
+        frames.append(data.oMf[at].homogeneous)
+    return np.array(frames)
 
 
 def programs(model: gp.Model) -> dict[str, float | str]:
     """Distance, µm, of predict at the joint values read in a program from that at corrected targets, or its frames."""
     poses = fresh_poses(model.saved, 50, np.random.default_rng(2))
     joints, found = model.mechanism.joints, dict[str, float | str]()
-    headers = [f"{j.name} [{'rad' if j.kind == 'revolute' else 'm'}]" for j in joints]
-    corrected = model.compensate(pd.DataFrame(poses.q, columns=headers))
+    corrected = model.compensate(joint_table(model.mechanism, poses.q))
     there = corrected.filter(like="corrected_").dropna()
     wanted = model.predict(there.rename(columns=lambda header: header.removeprefix("corrected_")))[POINT].to_numpy()
     for language in LANGUAGES:
@@ -82,7 +88,7 @@ def programs(model: gp.Model) -> dict[str, float | str]:
         q = np.array([values[row + 1] for row in there.index])[:, : len(joints)] / scales
         here = np.array([frames[row + 1][:3, 3] for row in there.index])
         off = here - se3.chain(model.mechanism.transforms(q))[-1][:, :3, 3]
-        apart = model.predict(pd.DataFrame(q, columns=headers))[POINT].to_numpy() - wanted
+        apart = model.predict(joint_table(model.mechanism, q))[POINT].to_numpy() - wanted
         found[f"program in {language}"] = float(np.linalg.norm([1e6 * off, 1e3 * apart], axis=2).max())
     return found
 

@@ -6,7 +6,6 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 import yaml
 from cli_cases import robot
@@ -14,6 +13,7 @@ from robots_cases import ODD_URDF
 from scipy.spatial.transform import Rotation
 from ur_cases import ur_urdf
 
+from experiments.exports.run import pinocchio_frames
 from gpmodel.api.calibrate import calibrate
 from gpmodel.application.exports.against import Check, PredictedPoints
 from gpmodel.application.exports.chain import chain_of
@@ -115,21 +115,6 @@ def tool_said(text: str) -> tuple[str, np.ndarray]:
     return found[1], np.array([float(v) for v in found[2].split(",")]) / 1e3
 
 
-def frames_of(urdf: str, link: str, case: Case) -> np.ndarray:
-    """The frame (N, 4, 4) of a link in the root as Pinocchio has it, which reads <mimic>."""
-    model = pin.buildModelFromXML(urdf, mimic=True)
-    data, out = model.createData(), []
-    data_set = case.predicted.dataset
-    for row in data_set.q:
-        q = pin.neutral(model)
-        for name, value in zip(data_set.joints, row, strict=True):
-            joint = model.joints[model.getJointId(name)]
-            q[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
-        pin.framesForwardKinematics(model, data, q)
-        out.append(data.oMf[model.getFrameId(link, pin.FrameType.BODY)].homogeneous)
-    return np.array(out)
-
-
 def with_origins(urdf: str, frames: dict[str, tuple[list[float], list[float]]]) -> str:
     """A URDF with other origins of its joints, xyz and rpy."""
     root = ET.fromstring(urdf)
@@ -196,14 +181,14 @@ def read_elsewhere(case: Case, file: str, text: str) -> float:
         return case.missed(robodk_frames(text, case), tool)
     if file == URDF:
         link = text.partition("Measured link: ")[2].partition("\n")[0]
-        return case.missed(frames_of(text, link, case), tool)
+        return case.missed(pinocchio_frames(text, link, case.predicted.dataset), tool)
     if file == "exports/ur_kinematics.yaml":
         assert yaml.safe_load(text)["kinematics"]["hash"]
         urdf = ur_urdf({name: (*xyz, *rpy) for name, (xyz, rpy) in rows_of(text).items()})
-        return case.missed(frames_of(urdf, link, case), tool)
+        return case.missed(pinocchio_frames(urdf, link, case.predicted.dataset), tool)
     rows = rows_of(text) if file == "exports/kinematics.yaml" else offset_origins(nominal, text)
     assert len(rows) >= 3
-    return case.missed(frames_of(with_origins(nominal, rows), link, case), tool)
+    return case.missed(pinocchio_frames(with_origins(nominal, rows), link, case.predicted.dataset), tool)
 
 
 @pytest.mark.parametrize("file", [URDF, *DH, *OF_URDF])
