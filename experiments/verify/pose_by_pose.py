@@ -15,6 +15,7 @@ import numpy as np
 
 import gpmodel as gp
 from experiments.verify.run import ARM, NOISE, Robot, robot
+from gpmodel.api.verify import NextCheck
 from gpmodel.arrays import Array
 from gpmodel.files import to_json, write_text
 from gpmodel.model.error_model import Placement, observe, prepare
@@ -50,16 +51,21 @@ class Later:
         return replace(both, position=np.vstack([before.position, one.position]), source="later")
 
 
+def checked(own: Robot, later: Later) -> tuple[NextCheck, Dataset]:
+    """The check to its end, and its table."""
+    found, table = gp.verify_next(own.model), None
+    while found.next is not None and (table is None or len(table) < MOST):
+        table = later.measured(table, np.radians(found.next.to_numpy()[0]))
+        found = gp.verify_next(own.model, table)
+    return found, table
+
+
 def trials(robots: list[Robot], case: str) -> Iterator[Mapping[str, object]]:
     """Yield for each robot the answer, after how many poses, and whether it is right."""
     for k, own in enumerate(robots):
         joint = 1 + k % 5
         changed = {"zero": {"joint": joint, "moved": ZERO}, "tool": {"slip": SLIP}}.get(case, {})
-        later, table = Later(own, k, **changed), None
-        found = gp.verify_next(own.model)
-        while found.next is not None and (table is None or len(table) < MOST):
-            table = later.measured(table, np.radians(found.next.to_numpy()[0]))
-            found = gp.verify_next(own.model, table)
+        found, _ = checked(own, Later(own, k, **changed))
         record = found.judged.record if found.judged else None
         named = [change.name for change in record.changes] if record else []
         wanted = {"zero": f"zero of J{joint + 1}", "tool": "tool point"}.get(case)

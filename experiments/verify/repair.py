@@ -1,4 +1,4 @@
-"""How good is the model that `gpmodel verify --next` repairs, against a calibration of the changed arm from nothing?
+"""Compare the model that `gpmodel verify --next` repairs with a calibration of the changed arm from nothing.
 
 The arms and changes of `experiments.verify.pose_by_pose`. Each check goes on to its end, and then by the poses that the
 repaired model asks for. Errors are of the true point at 100 other random poses, without noise, less a registration.
@@ -12,9 +12,8 @@ from pathlib import Path
 import numpy as np
 
 import gpmodel as gp
-from experiments.verify.pose_by_pose import MOST, SLIP, ZERO, Later
+from experiments.verify.pose_by_pose import SLIP, ZERO, Later, checked
 from experiments.verify.run import ARM, NAMES, POSES, Robot, robot
-from gpmodel.api.verify import NextCheck
 from gpmodel.application.recheck import settled
 from gpmodel.application.usable import usable
 from gpmodel.files import to_json, write_text
@@ -23,15 +22,6 @@ from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.dataset import Dataset
 
 OTHERS, ROUNDS = 100, 3
-
-
-def checked(own: Robot, later: Later) -> tuple[NextCheck, Dataset]:
-    """The check to its end, and its table."""
-    found, table = gp.verify_next(own.model), None
-    while found.next is not None and (table is None or len(table) < MOST):
-        table = later.measured(table, np.radians(found.next.to_numpy()[0]))
-        found = gp.verify_next(own.model, table)
-    return found, table
 
 
 def error(model: gp.Model, others: Dataset) -> float:
