@@ -9,7 +9,6 @@ From the root of the repository: python -m experiments.prediction_sigma.run [--r
 
 import argparse
 import json
-import platform
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -28,6 +27,7 @@ from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.planning.simulate import simulate
+from gpmodel.report.origin import versions
 from gpmodel.table.cells import frame_of
 
 NOISE, GEOMETRY, FRESH = 3e-5, 3e-4, 300
@@ -102,8 +102,7 @@ if __name__ == "__main__":
     found = {"standard": [standard(n, SIZES[n % 4]) for n in numbers[0]]}
     found["searched"] = [searched(n, SIZES[n % 4]) for n in numbers[1]]
     command = " ".join(["python -m experiments.prediction_sigma.run", *sys.argv[1:]])
-    versions = {"python": platform.python_version(), "numpy": np.__version__}
     within = {f"{kind}, share of each": sorted(round(r["with"], 3) for r in rows) for kind, rows in found.items()}
     summary = {kind: summed(rows) for kind, rows in found.items()}
-    asked.out.write_text(json.dumps({"command": command, "versions": versions, **summary, **within}, indent=1))
+    asked.out.write_text(json.dumps({"command": command, "versions": versions(), **summary, **within}, indent=1))
     print(json.dumps(summary, indent=1))

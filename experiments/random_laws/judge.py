@@ -187,7 +187,7 @@ def surface(robot: Robot) -> Array:
 
     y: coordinates that a geometric fit leaves; G: its columns, whose beta nobody knows; S: motion of the tool by a unit
     twist at the place, one column a pose.  Lengths, s and the noise by marginal likelihood and its gradient (Rasmussen,
-    Williams 2006, chapter 5) of what is left of y beside G, in the N directions that S has there.
+    Williams 2006, chapter 5) of what G does not explain of y, in the N directions that S has there.
     """
     arm, train, fresh = robot.machine.arm, robot.train, robot.fresh
     with threadpool_limits(1, "blas"):

@@ -34,7 +34,7 @@ MICRO = 1e6
 
 
 def referenced_chart(figure: Figure, histogram: Mapping[str, Any]) -> None:
-    """Inputs that the evolved programs reference, beside the search on shuffled residuals (Fig 5.13)."""
+    """Inputs that the evolved programs reference, with those of searches on shuffled residuals (Fig 5.13)."""
     ax = figure.subplots()
     at = np.arange(len(histogram["inputs"]))
     for k, name in enumerate(("linear", "tree", "shuffled")):

@@ -35,7 +35,7 @@ def effects(mechanism: Mechanism) -> pd.DataFrame:
     """One row a family: family, explanation, source, instances, the inputs of the first, its name as an example, and
     whether it takes a payload for any of them.
 
-    On random poses within the limits, read by an instrument beside the mechanism, with a payload that varies, a
+    On random poses within the limits, read by an instrument near the mechanism, with a payload that varies, a
     temperature, a time and directions of approach, rows in order.
     """
     rng = np.random.default_rng(0)

@@ -178,7 +178,7 @@ def tellable_causes(model: Model, record: Report) -> frozenset[str]:
 
 
 def findings_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
-    """The findings of a report with their close rivals; without one every effect beside the geometry by itself."""
+    """The findings of a report with their close rivals; without one every effect but the geometry, each by itself."""
     saved = outlook.saved
     effects = saved.model.effects
     names = names_of(outlook.measured.dataset)

@@ -92,7 +92,7 @@ class NextCheck(Shown):
 
     @property
     def holds(self) -> bool | None:
-        """Whether the model holds; None while it is not decided."""
+        """True if the model holds; None while it is not decided."""
         return None if self.judged is None or not self.decided else self.judged.holds
 
     def summary(self) -> str:
