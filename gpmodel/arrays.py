@@ -13,5 +13,7 @@ Mask = NDArray[np.bool_]
 NotNegative = Annotated[float, Meta(ge=0)]
 Count = Annotated[int, Meta(ge=0)]
 ROUNDING = 1e-9
-"""Shares and correlations are quotients of sums; they may leave [-1, 1] by this much."""
+"""Metres, radians, N·m or a share: rounding of double precision, for machines of metres, stays below it."""
+LARGEST = 1e100
+"""Values beyond it have squares that overflow a double."""
 Share = Annotated[float, Meta(ge=0, le=1 + ROUNDING)]

@@ -12,7 +12,7 @@ _QUOTED = re.compile(rf"(?<!\w)'([^'/\\]{{{QUOTED}}})[^'/\\]+'(?!\w)")
 """A long one, without the quotes that end one short text and begin the next."""
 
 LISTED, NEAREST = 6, 3
-"""Names of which all are listed, and those listed of more: the most alike."""
+"""Names of one sentence: all are listed up to so many; of more, so many of the most alike."""
 
 
 def choices(name: object, known: Iterable[object]) -> str:

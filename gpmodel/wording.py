@@ -6,8 +6,8 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-WIDTH = 80
-"""Characters of a line on a terminal."""
+WIDTH, NAME = 80, 24
+"""Characters of a line on a terminal, and of a name in a table of such lines."""
 
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 OF_LISTS = {"m": (1e3, "mm"), "rad": (1e3, "mrad")}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gpmodel.arrays import Array, Mask
+from gpmodel.arrays import ROUNDING, Array, Mask
 from gpmodel.extras import extra_for
 from gpmodel.mechanism.protocol import AXES, Joint
 from gpmodel.numerics import se3
@@ -21,9 +21,6 @@ from robots.urdf_tree import has_geometry, read_tree
 
 if TYPE_CHECKING:
     from robots.collision import Shape
-
-ROUNDING = 1e-9
-"""N·m; less than this at every pose is zero."""
 
 _COMPONENTS = ("force_{}_x", "force_{}_y", "force_{}_z", "moment_{}_x", "moment_{}_y", "moment_{}_z")
 

@@ -15,11 +15,10 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.protocol import LARGEST, checked, checked_mass
+from gpmodel.mechanism.source import LARGEST_FILE
 from gpmodel.texts import read_limited
 from robots.links import placement
 
-LARGEST_FILE = 16 << 20
-"""Bytes; a humanoid with its hands has 0.3 MB."""
 MOST_JOINTS = 300
 """Largest number of joints of a chain; a humanoid with its hands has 100."""
 

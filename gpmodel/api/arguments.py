@@ -13,15 +13,13 @@ from typing import TypeGuard, TypeVar
 import numpy as np
 
 from gpmodel.arrays import Array
-from gpmodel.errors import InputError
+from gpmodel.errors import QUOTED, InputError
 from gpmodel.mechanism.protocol import LARGEST, SI, Mechanism
 from gpmodel.mechanism.source import LoadedMechanism, MechanismChoice
 from gpmodel.table.units import parse_quantity
 
 NOISIEST = {"length": 1.0, "angle": 0.2, "pixels": 1e3}
 """In SI: of no reading of an instrument."""
-SHOWN = 60
-"""Characters of a value that a message shows; of a longer one it says the type."""
 LONGEST_NAME = 255
 """Bytes of the name of a file, and of a folder, on Linux, Windows and macOS."""
 LARGEST_FLOAT = sys.float_info.max
@@ -33,7 +31,7 @@ Choice = TypeVar("Choice", bound=str)
 def shown(value: object) -> str:
     """A value in a message of one line: itself, or its type where that is long."""
     text = repr(value)
-    return text if len(text) <= SHOWN and "\n" not in text else f"a {type(value).__name__}"
+    return text if len(text) <= QUOTED and "\n" not in text else f"a {type(value).__name__}"
 
 
 @contextmanager
@@ -164,7 +162,7 @@ def point(value: object, argument: str) -> tuple[float, ...]:
         words = [word.strip() for word in value.split(",")]
         for word in words:
             if not re.match(r"[-+]?\.?\d", word):
-                raise InputError(f"{word[:SHOWN]!r} is no number; expected three lengths, as in 0,0,120mm", argument)
+                raise InputError(f"{word[:QUOTED]!r} is no number; expected three lengths, as in 0,0,120mm", argument)
         unit = words[-1].lstrip("+-.0123456789eE").strip()
         parts = tuple(w if w.endswith(unit) else f"{w}{unit}" for w in words)
     else:

@@ -60,7 +60,7 @@ from gpmodel.report.origin import Origin
 from gpmodel.report.schema import Report, StepRecord
 from gpmodel.report.schema_search import CandidateRecord
 from gpmodel.report.verdict import of_discovery
-from gpmodel.table.bundles import JUDGED, USUAL, bundles, different_poses, hold_out
+from gpmodel.table.bundles import FOLDS, JUDGED, USUAL, bundles, different_poses, hold_out
 from gpmodel.table.dataset import Dataset
 
 COMMAND = "gpmodel.discover"
@@ -262,9 +262,9 @@ def _checked_offers(offers: Sequence[Offer], arm: Mechanism, states: States) -> 
     return offers
 
 
-ENOUGH_HELD, FOLDS = 45, 5
-"""Poses held out below which what they prove costs more than it is worth to those that choose, and folds where the
-usual share is fewer: of 88 poses a law of two inputs was missed on 62 and found on 84 (``experiments.random_laws``)."""
+ENOUGH_HELD = 45
+"""Least number of held-out poses of the usual share; with fewer, cross-validation takes its place. Of 88 poses a
+formula of two inputs was missed on 62 and found on 84 (``experiments.random_laws``)."""
 
 
 def _split(holdout: object, folds: object, dataset: Dataset) -> tuple[float, int]:

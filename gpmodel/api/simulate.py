@@ -22,6 +22,7 @@ from gpmodel.api.arguments import (
 from gpmodel.api.model import Model
 from gpmodel.api.table import Shown, TableLike, dataset_of
 from gpmodel.application.model_file import SavedModel, unfitted
+from gpmodel.application.model_reader import MOST_ROWS
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
@@ -37,10 +38,6 @@ from gpmodel.table.units import convert, known_unit, split_header
 from gpmodel.texts import toml_text
 
 Values = str | Sequence[float] | Array
-
-
-MOST = 1_000_000
-"""Poses: what a measured table may hold."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -105,7 +102,7 @@ def simulate(
     arm = mechanism_of(mechanism)
     planted = texts(effects, "effects", "['gear_harmonic J4=20 arcsec']")
     given = None if isinstance(poses, int) else dataset_of(poses, arm, need_measurement=False, argument="poses")
-    count = len(given) if given is not None else whole(poses, "poses", 1, MOST)
+    count = len(given) if given is not None else whole(poses, "poses", 1, MOST_ROWS)
     if not isinstance(inputs, Mapping | None):
         raise InputError(f"{shown(inputs)}, expected columns, as in {{'temperature [degC]': '20:30'}}", "inputs")
     columns = [_column(header, values, count, rng) for header, values in (inputs or {}).items()]

@@ -8,7 +8,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gpmodel.application.kinematics import (
-    LENGTH,
     REACHED,
     inverse,
     look_where_closed,
@@ -22,7 +21,8 @@ from gpmodel.application.kinematics import (
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.predict import point_deviation
 from gpmodel.application.usable import check_finite, of_the_mechanism, outside
-from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.arrays import ROUNDING, Array, IntArray, Mask
+from gpmodel.calibration.unmeasured_joints import ROTATION_WEIGHT
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import closing, prepare
@@ -42,13 +42,11 @@ MAX_MOVE = float(np.radians(2.0))
 """Radians or metres that a joint may be moved by to compensate: an error of the model is far smaller."""
 FULL_TURN = float(np.radians(361.0))
 """Largest rotation of a target: a full turn, and rounding."""
-LIMIT_TOLERANCE = 1e-9
-"""Radians or metres by which a joint may pass its limit: rounding."""
 DAMPED_ITERATIONS = 12
 """Levenberg steps of each damping."""
 DAMPINGS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
-"""Metres a radian of joint move counts against a radian of orientation (times LENGTH): each holds the move about three
-times shorter than the one before."""
+"""Metres a radian of joint move counts against a radian of orientation (times ROTATION_WEIGHT). Each holds the move
+about three times shorter than the one before."""
 
 
 @dataclass(frozen=True)
@@ -187,7 +185,7 @@ def cartesian_targets(saved: SavedModel, dataset: Dataset, rng: np.random.Genera
 
 
 def compensate(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MOVE) -> Compensation:
-    """The solution nearest the start of each target, no joint farther from it than `max_move` (rad; metres at LENGTH).
+    """The solution nearest the start of each target, no joint farther from it than `max_move`, rad or scaled metres.
 
     Where the whole pose would need a larger move, near a singular pose, the position is reached and as much of the
     orientation as the limit allows. Raises InputError where an effect is not finite at a target.
@@ -260,15 +258,15 @@ def corrected(
 
 
 def _moves(mechanism: Mechanism, change: Array) -> Array:
-    """The largest move (N,) of any joint, rad; a metre of a prismatic one is 1 / LENGTH rad."""
-    scale = np.array([1.0 if joint.kind == "revolute" else 1.0 / LENGTH for joint in mechanism.joints])
+    """The largest move (N,) of any joint, rad; a metre of a prismatic one is 1 / ROTATION_WEIGHT rad."""
+    scale = np.array([1.0 if joint.kind == "revolute" else 1.0 / ROTATION_WEIGHT for joint in mechanism.joints])
     return np.asarray(np.abs(change * scale).max(axis=1))
 
 
 def beyond_limits(mechanism: Mechanism, q: Array) -> Mask:
     """Return the rows (N,) of joint values (N, n) in which a joint is beyond its limits."""
     lower, upper = np.array([(j.lower, j.upper) for j in mechanism.joints]).T
-    return np.asarray(((q < lower - LIMIT_TOLERANCE) | (q > upper + LIMIT_TOLERANCE)).any(axis=1))
+    return np.asarray(((q < lower - ROUNDING) | (q > upper + ROUNDING)).any(axis=1))
 
 
 def _damped(saved: SavedModel, targets: TargetPoses, max_move: float) -> tuple[Array, Mask]:
@@ -289,7 +287,9 @@ def _damped(saved: SavedModel, targets: TargetPoses, max_move: float) -> tuple[A
 def _position_first(saved: SavedModel, targets: TargetPoses, rows: IntArray, damping: float) -> tuple[Array, Array]:
     """Joint values (M, n) with the position reached, and metres left of it (M,):
 
-    dq = J_p⁺ m_p + N z,   min_z |LENGTH (J_o dq - m_o)|² + damping² |N (q + dq - q_start)|²,   N = 1 - J_p⁺ J_p
+    dq = J_p⁺ m_p + N z,   min_z |w (J_o dq - m_o)|² + damping² |N (q + dq - q_start)|²,   N = 1 - J_p⁺ J_p
+
+    with w = ROTATION_WEIGHT.
     """
     start, frames = targets.dataset.subset(rows), targets.frames[rows]
     q = np.array(start.q)
@@ -297,12 +297,12 @@ def _position_first(saved: SavedModel, targets: TargetPoses, rows: IntArray, dam
     for _ in range(DAMPED_ITERATIONS):
         miss, jacobian = look_where_closed(saved, replace(start, q=q.copy()), frames, nominal=False)
         miss[~np.isfinite(miss)] = 0.0
-        first, second = jacobian[:, :3], LENGTH * jacobian[:, 3:]
+        first, second = jacobian[:, :3], ROTATION_WEIGHT * jacobian[:, 3:]
         inverse_first = np.linalg.pinv(first, rcond=1e-6)
         step = (inverse_first @ miss[:, :3, None])[:, :, 0]
         free = eye - inverse_first @ first
         turning = second @ free
-        wanted = LENGTH * miss[:, 3:] - (second @ step[:, :, None])[:, :, 0]
+        wanted = ROTATION_WEIGHT * miss[:, 3:] - (second @ step[:, :, None])[:, :, 0]
         pull = damping**2 * (free @ (q + step - start.q)[:, :, None])[:, :, 0]
         square = np.swapaxes(turning, 1, 2) @ turning + damping**2 * eye
         right = (np.swapaxes(turning, 1, 2) @ wanted[:, :, None])[:, :, 0] - pull

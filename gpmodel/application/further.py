@@ -18,13 +18,11 @@ from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.errors import InputError
 from gpmodel.mechanism.branches import drawn_between
 from gpmodel.model.error_model import Poses, closing, observe, prepare
-from gpmodel.numerics.interval import Tails, with_far_ones
+from gpmodel.numerics.interval import COVERAGE, Tails, with_far_ones
 
 POSES = 1000
 WORLDS = 400
 """Poses of a world; worlds, of which the 95 % quantile is itself known to about a percent."""
-CONFIDENCE = 0.95
-"""The usual level of a tolerance bound."""
 LARGEST_LEVERAGE = 0.95
 """A pose that settles so much of the fit by itself has a residual of rounding."""
 FEWEST = 10
@@ -113,8 +111,8 @@ def _over_worlds(
     off = np.moveaxis(columns @ drawn, 2, 0) + excess * noise.drawn((WORLDS, len(columns), 3), rng)
     distance = np.linalg.norm(off, axis=2)
     rms, within = np.sqrt(np.mean(distance**2, axis=1)), np.percentile(distance, 95, axis=1)
-    return ErrorBounds(len(columns), CONFIDENCE, _bound(rms), _bound(within), _bound(distance.max(axis=1)))
+    return ErrorBounds(len(columns), COVERAGE, _bound(rms), _bound(within), _bound(distance.max(axis=1)))
 
 
 def _bound(worlds: Array) -> Bound:
-    return Bound(1e3 * float(np.median(worlds)), 1e3 * float(np.quantile(worlds, CONFIDENCE)))
+    return Bound(1e3 * float(np.median(worlds)), 1e3 * float(np.quantile(worlds, COVERAGE)))

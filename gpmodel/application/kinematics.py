@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.calibration.unmeasured_joints import ROTATION_WEIGHT
 from gpmodel.checks.mixed_up import FEWEST_OF_A_PART, MOST_ROWS, POOR_LENGTH, comparable_rows, mixed_up, typical
 from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.branches import branched, random_poses
@@ -22,8 +23,6 @@ from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.bundles import SAME_JOINT
 from gpmodel.table.dataset import Dataset, with_payload
 
-LENGTH = 0.3
-"""Metres that a radian of the tool's orientation counts: the lever of a tool of ordinary size."""
 REACHED = 1e-7
 """Metres within which a target is reached: a tenth of the micrometre that is promised."""
 ITERATIONS = 60
@@ -77,12 +76,12 @@ def _jacobian(mechanism: Mechanism, observed: Observed) -> Array:
 
 
 def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, nominal: bool) -> tuple[Array, Array]:
-    """Joint values (N, n) near those of `dataset`, and what is left (N,), m, rotations weighed by LENGTH.
+    """Joint values (N, n) near those of `dataset`, and what is left (N,), m, rotations weighed by ROTATION_WEIGHT.
 
     Levenberg-Marquardt for every row by itself. Source: Moré (1978). whole: position and orientation, or position. What
     is left is infinite where the loops of a mechanism do not close.
     """
-    weight = np.array([1.0] * 3 + [LENGTH if whole else 0.0] * 3)
+    weight = np.array([1.0] * 3 + [ROTATION_WEIGHT if whole else 0.0] * 3)
 
     def look(q: Array, rows: IntArray) -> tuple[Array, Array]:
         miss, slopes = look_where_closed(saved, replace(dataset.subset(rows), q=q.copy()), target[rows], nominal)
@@ -146,8 +145,8 @@ def inverse(
 
 
 def _place(frames: Array, whole: bool) -> Array:
-    """Points whose distances are those of tool poses: position, and the axes times LENGTH."""
-    axes = LENGTH * frames[:, :3, :3].reshape(len(frames), 9)
+    """Points whose distances are those of tool poses: position, and the axes times ROTATION_WEIGHT."""
+    axes = ROTATION_WEIGHT * frames[:, :3, :3].reshape(len(frames), 9)
     return np.hstack([frames[:, :3, 3], axes]) if whole else frames[:, :3, 3]
 
 

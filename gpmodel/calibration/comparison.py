@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.calibration.gauss_newton import ROTATION_WEIGHT, calibrate
+from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import Linearised, linearise
 from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
 from gpmodel.calibration.undeclared import apart_from_effects
+from gpmodel.calibration.unmeasured_joints import ROTATION_WEIGHT
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, prepare

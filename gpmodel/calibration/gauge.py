@@ -14,7 +14,7 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel
 from gpmodel.model.sites import Site, sites_of
 from gpmodel.numerics import rank as ident
-from gpmodel.table.bundles import SAME_JOINT, folds
+from gpmodel.table.bundles import FOLDS, SAME_JOINT, folds
 from gpmodel.table.dataset import Dataset
 
 MINIMUM_SHARE = 1e-3
@@ -22,11 +22,6 @@ MINIMUM_SHARE = 1e-3
 
 LARGEST_LIMIT = 1e4
 """Condition limit where none was chosen, because nothing constant is fitted."""
-
-FOLDS = 5
-"""Folds of the cross-validation that chooses the condition limit; five leave 80 % of the poses to fit (Hastie et al.
-2009, 7.10).
-"""
 
 
 def still_joints(mechanism: Mechanism, dataset: Dataset) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from gpmodel.calibration.noise import pose_ratio
 from gpmodel.calibration.priors import residual_sigma
 from gpmodel.calibration.result import Calibration, uncertainty
 from gpmodel.calibration.start import placement_after, start_placements
-from gpmodel.calibration.unmeasured_joints import check_points, free_joints
+from gpmodel.calibration.unmeasured_joints import ROTATION_WEIGHT, check_points, free_joints
 from gpmodel.model.effect import REGISTRATION, TOOL, Effect, TakenUp
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, pose_error
 from gpmodel.model.observed import Observed
@@ -114,9 +114,6 @@ def _with(effect: Effect, problem: Linearised, share: Array) -> Effect:
                 known[of, label] = known.get((of, label), 0.0) + twist
     return replace(effect, taken_up=tuple(TakenUp(*key, tuple(twist.tolist())) for key, twist in known.items()))
 
-
-ROTATION_WEIGHT = 0.3
-"""Metres a radian of measured rotation counts at first: instruments resolve 0.01 mm and 0.03 mrad."""
 
 FREE_JOINTS_LIMIT = 50.0
 """Condition limit beside free joints. Source: Robertson (2003), 3.4."""

@@ -11,6 +11,7 @@ from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.priors import prior_rows
 from gpmodel.calibration.result import Calibration, problem_at
+from gpmodel.errors import LISTED
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.mechanism.branches import random_poses
@@ -93,9 +94,6 @@ POOL = 400
 SHOWN = 4
 """Random poses within the limits; how many of them are named as those that tell most."""
 
-
-MOST = 6
-"""In a report."""
 
 AT_ONCE = 50
 """Candidates whose columns are there at once: of thousands of poses megabytes each."""
@@ -207,7 +205,7 @@ def _looked_at(here: FittedColumns, offered: Sequence[Candidate]) -> Iterator[tu
 
 
 def hidden_rivals(calibration: Calibration, poses: Poses) -> tuple[Rival, ...]:
-    """Return the alternatives to significant constants, one a constant and at most MOST.
+    """Return the alternatives to significant constants, one a constant and at most LISTED.
 
     Of all that the catalogue has of at most UNKNOWNS unknowns: for every constant the plausible one that moves the
     point least and that other measurements would tell from it; what nothing would is but another name for it. What
@@ -226,7 +224,7 @@ def hidden_rivals(calibration: Calibration, poses: Poses) -> tuple[Rival, ...]:
     best: dict[str, Rival] = {}
     for rival in found:
         best.setdefault(rival.constant, rival)
-    return tuple(best.values())[:MOST]
+    return tuple(best.values())[:LISTED]
 
 
 def _session(poses: Poses, mechanism: Mechanism, candidate: Candidate) -> tuple[str, ...]:

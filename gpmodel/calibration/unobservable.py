@@ -13,6 +13,7 @@ from gpmodel.calibration.size import TOLERANCE, relative, shows_size
 from gpmodel.calibration.start import placement_columns
 from gpmodel.calibration.undeclared import Undeclared
 from gpmodel.calibration.unmeasured_joints import free_joints
+from gpmodel.errors import LISTED
 from gpmodel.families import catalogue
 from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import Mechanism
@@ -88,10 +89,6 @@ def unobservable_families(calibration: Calibration, poses: Poses) -> tuple[str, 
     return (*names, *(name.replace("_", " ") for name, gone in families.items() if gone))
 
 
-MOST_NAMED = 6
-"""Constants that a sentence names."""
-
-
 def held_at_description(fit: Calibration, poses: Poses, *, searched: bool = False) -> Iterator[str]:
     """Say the error inside and outside the measured region, with undeclared effects if these stand out, and the
     constants that the readings do not show; nothing where points in an instrument's frame were read.
@@ -121,12 +118,12 @@ def held_at_description(fit: Calibration, poses: Poses, *, searched: bool = Fals
     if weak.any():
         called = names_of(poses.dataset)
         names = [translate(fit.model.effects[i].name, called) for i in at[weak]]
-        more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+        more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
         lengths = np.array([fit.model.effects[i].unit == "m" for i in at])
         yield (
             f"these readings do not show {int((weak & lengths).sum())} of {int(lengths.sum())} lengths and "
             f"{int((weak & ~lengths).sum())} of {int((~lengths).sum())} angles to 1 mm or 1 mrad, which stay near the "
-            f"description: {', '.join(names[:MOST_NAMED])}{more}"
+            f"description: {', '.join(names[:LISTED])}{more}"
         )
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from gpmodel.api.discover import ENOUGH_HELD, FOLDS, DiscoveryResult, check_split
+from gpmodel.api.discover import ENOUGH_HELD, DiscoveryResult, check_split
 from gpmodel.api.discover import discover as look
 from gpmodel.api.table import read_table
 from gpmodel.cli import options as shared
@@ -25,7 +25,7 @@ from gpmodel.hierarchy.record import fleet_file
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Progress, Say
 from gpmodel.records.unfinished import RunFiles
-from gpmodel.table.bundles import USUAL
+from gpmodel.table.bundles import FOLDS, USUAL
 
 FEW = math.ceil(ENOUGH_HELD / USUAL)
 """Poses below which every one is held out once."""

@@ -19,8 +19,8 @@ from gpmodel.evolution.description_length import fit_nats
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import family
 from gpmodel.families.curves import continued
-from gpmodel.families.inner import DIGITS, Constant, NonlinearParameters, law_name, numbered
-from gpmodel.formula.expression import Expression
+from gpmodel.families.inner import Constant, NonlinearParameters, law_name, numbered
+from gpmodel.formula.expression import DIGITS, Expression
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.states import States
 from gpmodel.numerics import rank as ident

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.arrays import LARGEST, Array, IntArray, Mask
 from gpmodel.calibration.gauge import of_one_fold
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.priors import beliefs
@@ -65,9 +65,6 @@ def reordered(problem: Linearised, values: Array, unit: IntArray, rng: np.random
         out[:, b] = turned[present]
     return out
 
-
-LARGEST = 1e100
-"""A column of larger numbers is not scored: their squares would not be numbers."""
 
 STEPS, SETTLED = 30, 1.01
 """Largest number of iterations for the noise, and the factor on σ that ends them."""

@@ -5,13 +5,11 @@ from itertools import count
 
 import numpy as np
 
-from gpmodel.arrays import Array, IntArray
+from gpmodel.arrays import LARGEST, Array, IntArray
 from gpmodel.evolution.projection import SMALLEST, Targets
 from gpmodel.formula.operators import BY_NAME, INPUT
 from gpmodel.formula.program import Program
 
-LARGEST = 1e100
-"""A value whose square is still a number."""
 IDLE = 1e-12
 """Share of its column outside the enabled ones up to which a constant stays: what it does they do."""
 

@@ -17,7 +17,7 @@ from functools import partial
 
 import numpy as np
 
-from gpmodel.arrays import Array
+from gpmodel.arrays import LARGEST, Array
 from gpmodel.evolution.constants import polish
 from gpmodel.evolution.founders import ELEMENTS, constant, joined
 from gpmodel.evolution.pareto import Solution, description_length
@@ -36,8 +36,6 @@ FIRST_STEPS = 4
 """Steps in which constants are fitted before the better half goes on."""
 IMPROVED = 1.0
 """Nats that a generation has to save for the next one."""
-WIDEST = 1e100
-"""Spread of a formula beyond which, and below whose inverse, its square may be no number."""
 DIGITS = 1e-4
 """Difference of normalised projected columns below which two formulas are one."""
 
@@ -188,7 +186,7 @@ def _of_each_text(nats: Array, build: Callable[[int], Program]) -> Iterator[_Tri
 def _composed(population: Formulas, program: Program, values: Array) -> Iterator[_Trial]:
     """Elements of a formula, of none whose spread has no square."""
     problem, low, width = population.problem, float(values.min()), float(np.ptp(values))
-    if not 1.0 / WIDEST < width < WIDEST:
+    if not 1.0 / LARGEST < width < LARGEST:
         return
     with np.errstate(all="ignore"):
         gains = problem.targets.gains(ELEMENTS.on_grid(values[None])[0])[:, 0]

@@ -7,14 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpmodel.arrays import NotNegative
-from gpmodel.formula.expression import Expression
+from gpmodel.formula.expression import DIGITS, Expression
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.memory import constant_of, word
 
 SYMBOL = "CONSTANT"
-
-DIGITS = 6
-"""Significant digits of a constant as it is written: a millionth of it is far below its standard error."""
 
 
 @dataclass(frozen=True)

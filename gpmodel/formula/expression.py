@@ -24,6 +24,8 @@ _BINARY: dict[type, str] = {
 }
 
 LARGEST_NUMBER = sys.float_info.max
+DIGITS = 6
+"""Significant digits of a written constant: a millionth of it is far below its standard error."""
 LONGEST_TEXT = 50_000
 """Characters; a sequence of 256 instructions, the longest that is evolved, has 10 000."""
 MOST_PARTS = 5_000

@@ -10,14 +10,12 @@ import sympy
 
 from gpmodel.characters import harmless
 from gpmodel.formula.algebra import LARGEST_PIECE, from_sympy, hypot, in_pieces, logical_not
+from gpmodel.formula.expression import DIGITS
 from gpmodel.formula.program import Program
 
 _ONE_LETTER = re.compile(r"[A-Za-z]\d*$")
 """Names that mathematics sets as they are; of longer ones each letter would be a factor."""
 _STEP, _NOT = sympy.Function("step"), sympy.Function("not")
-
-DIGITS = 6
-"""Digits of numbers in LaTeX; no fitted number is known to more."""
 
 
 def latex(program: Program) -> str:

@@ -10,10 +10,7 @@ import numpy as np
 from scipy import optimize, special
 
 from gpmodel.arrays import Array, Mask
-from gpmodel.numerics.interval import SIGNIFICANCE, holm
-
-INTERVAL = 0.95
-"""Coverage of the interval of a spread."""
+from gpmodel.numerics.interval import COVERAGE, SIGNIFICANCE, holm
 
 SMALLEST = 1e-300
 """Chance, below which none is told from zero."""
@@ -25,7 +22,7 @@ nothing is ever improbable."""
 
 @dataclass(frozen=True)
 class Shared:
-    """mean ± stderr of the type; spread: τ between machines, low to high its interval of INTERVAL coverage."""
+    """mean ± stderr of the type; spread: τ between machines, low to high its interval of COVERAGE coverage."""
 
     mean: float
     stderr: float
@@ -55,7 +52,7 @@ def between(values: Array, variances: Array) -> Shared:
     DerSimonian and Kacker 2007); its interval where Q is a quantile of χ² with m - 1 degrees of freedom (Viechtbauer
     2007).
     """
-    tail = (1.0 - INTERVAL) / 2.0
+    tail = (1.0 - COVERAGE) / 2.0
     quantiles = special.chdtri(len(values) - 1, [tail, 1.0 - tail])
     low, high = (float(np.sqrt(_variance(values, variances, float(q)))) for q in quantiles)
     return Shared(*_pooled(values, variances), low, high)

@@ -14,8 +14,9 @@ from scipy import optimize, special
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.result import Calibration
-from gpmodel.hierarchy.between import INTERVAL, chance_of
+from gpmodel.hierarchy.between import chance_of
 from gpmodel.model.effect import Effect
+from gpmodel.numerics.interval import COVERAGE
 
 TOLD = 1.0
 """Information on a direction, in that of the prior, from where the poses say more of it than the prior does; others
@@ -86,9 +87,9 @@ def block_information(fits: Sequence[Calibration], effects: tuple[Effect, ...]) 
 
 
 def shared(of: BlockInformation) -> tuple[float, float, float]:
-    """τ and its interval of INTERVAL coverage, as `between` has them: Q(τ²) is as large as expected, and its quantiles
+    """τ and its interval of COVERAGE coverage, as `between` has them: Q(τ²) is as large as expected, and its quantiles
     those of χ² with m - 1 degrees of freedom, as if all effects of a machine differed in one proportion."""
-    tail, free = (1.0 - INTERVAL) / 2.0, len(of.values) - 1
+    tail, free = (1.0 - COVERAGE) / 2.0, len(of.values) - 1
     low, high = (_common(of, float(special.chdtri(free, q)) / free).spread for q in (tail, 1.0 - tail))
     return _common(of).spread, low, high
 

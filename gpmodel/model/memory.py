@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gpmodel.arrays import Array, IntArray
+from gpmodel.arrays import ROUNDING, Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.table.bundles import SAME_JOINT
 from gpmodel.table.dataset import Dataset
@@ -25,8 +25,6 @@ from gpmodel.table.units import is_time
 
 OFTEN = 0.05
 """Share of rows: of poses drawn from a range of 0.2 rad one in two hundred is within SAME_JOINT of the one before."""
-ROUNDING = 1e-9
-"""rad or m: of a number that is computed."""
 _LAST_MOVE = re.compile(r"last_move_(?P<of>\w+)$")
 _WITH_CONSTANT = re.compile(r"(?P<what>play|stop|lag)_(?P<of>\w+)_(?P<size>\d+(?:p\d+)?)$")
 FEWEST_ROWS = 10

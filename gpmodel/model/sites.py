@@ -7,7 +7,7 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 
-from gpmodel.arrays import Array
+from gpmodel.arrays import ROUNDING, Array
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.branches import branched, stands
@@ -83,10 +83,6 @@ def _renamed(term: Term, names: Mapping[str, str]) -> Term:
     return replace(term, slot=translate(term.slot, names), basis=basis)
 
 
-SAME = 1e-9
-"""m and rad that a unit twist has along another axis by rounding alone."""
-
-
 @dataclass(frozen=True)
 class Site:
     """A place where a twist may act: one axis of one slot, or the drive of a joint (several under one unknown)."""
@@ -140,7 +136,7 @@ def _is_new(step: Array, axis: str) -> bool:
     """
     along = step[:3, "xyz".index(axis[1])]
     turned = np.cross(step[:3, 3], along) if axis[0] == "R" else np.zeros(3)
-    return int(np.sum(np.abs([*along, *turned]) > SAME)) > 1
+    return int(np.sum(np.abs([*along, *turned]) > ROUNDING)) > 1
 
 
 def geometric_effects(mechanism: Mechanism) -> tuple[Effect, ...]:

@@ -21,7 +21,7 @@ from gpmodel.report.poses import pose_errors
 from gpmodel.report.schema import STANDARD, ParameterRecord, Report
 from gpmodel.report.schema_search import EffectRecord, Repeatability
 from gpmodel.report.verdict import farthest_tool_point
-from gpmodel.wording import millimetres
+from gpmodel.wording import NAME, millimetres
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -288,10 +288,6 @@ def _record(report: Report) -> tuple[Line, ...]:
         ("seed", str(report.seed)), ("versions", versions), ("fit", f"{report.status}: {report.reason}".strip(": ")),
     )  # fmt: skip
     return tuple((name, value) for name, value in lines if value)
-
-
-NAME = 24
-"""Characters of a name beside its value; below a longer one the value has a line of its own."""
 
 
 def text(found: Certificate) -> str:

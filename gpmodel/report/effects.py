@@ -12,7 +12,7 @@ from gpmodel.application.model_file import saved_model
 from gpmodel.application.usable import usable
 from gpmodel.arrays import Array
 from gpmodel.calibration.result import Calibration, resolved
-from gpmodel.errors import InputError
+from gpmodel.errors import LISTED, InputError
 from gpmodel.families.candidate import NAMED, Candidate, without_phase
 from gpmodel.families.catalogue import explained, family
 from gpmodel.mechanism.branches import random_poses
@@ -72,10 +72,6 @@ def _picture(moved: Moved, anywhere: bool) -> MovedRecord:
     return MovedRecord(anywhere, fitted.vectors(np.round(points, 1)), fitted.vectors(moves))
 
 
-MOST_TERMS = 6
-"""Effects whose terms are listed of one finding; a curve has dozens and its basis says so."""
-
-
 def effect_records(
     final: Calibration,
     poses: Poses,
@@ -117,7 +113,7 @@ def effect_records(
                 explanation=_explanation(candidate, number, poses),
                 terms=tuple(
                     TermRecord(translate(t.slot, names), t.axis, translate(str(t.basis), names), t.weight)
-                    for effect in candidate.effects[:MOST_TERMS]
+                    for effect in candidate.effects[:LISTED]
                     for t in effect.terms
                 ),
                 correlated_with=fitted.correlations(final, candidate.effects[:2], names),

@@ -161,11 +161,10 @@ def _map(figure: Figure, fleet: FleetPart) -> None:
 
 
 PAGE = "fleet.html"
-NAME = 25
 MOST_SAID = 3
 WELL_KNOWN = 3.0
 NOT_TESTED = f"Which machine stands out is not tested: that needs {FEWEST} machines"
-"""Characters of a name in a table of 80 columns; outliers and effects that the verdict names; standard deviations from
+"""Outliers and effects that the verdict names; standard deviations from
 zero from where a mean is one that spreads are shares of."""
 
 
@@ -296,7 +295,7 @@ def _parameters(parts: list[SharedPart]) -> Iterator[str]:
     for part in parts:
         value = said(part)
         cells = f"{value.value:>10} ± {value.deviation or wording.UNKNOWN:<8}{value.unit:<11}"
-        yield f"    {wording.shortened(part.name, NAME - 1):<{NAME}}{cells} spread {spread(part)}"
+        yield f"    {wording.shortened(part.name, wording.NAME):<{wording.NAME + 1}}{cells} spread {spread(part)}"
 
 
 def _blocks(fleet: FleetPart) -> Iterator[str]:

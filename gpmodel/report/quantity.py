@@ -8,15 +8,13 @@ import numpy as np
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.result import Calibration, resolved
 from gpmodel.calibration.unmeasured_joints import what_is_left
+from gpmodel.errors import LISTED
 from gpmodel.families.candidate import Candidate
 from gpmodel.mechanism.protocol import AXES, places
 from gpmodel.model.error_model import Poses, measured_minus, observe
 from gpmodel.model.states import PAYLOAD_SHARE, States
 from gpmodel.report.fitted import finite
 from gpmodel.report.schema_search import ShapeRecord
-
-MOST_WRITTEN = 6
-"""Bases of a curve that are written out one by one; more are counted."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,7 @@ def _basis_in_words(candidate: Candidate, theta: Array) -> str:
         return f"{first[:-1]} {float(np.arctan2(theta[1], theta[0])):+.3f})"
     if candidate.kind != "curve":
         return first
-    if len(candidate.bases) > MOST_WRITTEN:
+    if len(candidate.bases) > LISTED:
         return _curve_in_words(candidate)
     return " + ".join(f"{t:.4g}*{b}" for t, b in zip(theta, candidate.bases, strict=True)).replace("+ -", "- ")
 
@@ -70,7 +68,7 @@ def _basis_in_words(candidate: Candidate, theta: Array) -> str:
 def _curve_in_words(candidate: Candidate) -> str:
     """A curve of many bases: its input and what it is a sum of."""
     inputs, count = candidate.inputs, len(candidate.bases)
-    of = ", ".join(inputs) if len(inputs) <= MOST_WRITTEN else f"{len(inputs)} inputs"
+    of = ", ".join(inputs) if len(inputs) <= LISTED else f"{len(inputs)} inputs"
     waves = all(str(basis).startswith(("sin(", "cos(")) and str(basis).endswith(")") for basis in candidate.bases)
     return f"curve of {of}, {f'{count // 2} harmonics' if waves else f'a sum of {count} terms'}"
 

@@ -6,9 +6,8 @@ from gpmodel import wording
 from gpmodel.report import verdict, words
 from gpmodel.report.schema import ErrorsMm, Report
 from gpmodel.report.schema_search import EffectRecord
-from gpmodel.wording import WIDTH, wrapped
+from gpmodel.wording import NAME, WIDTH, wrapped
 
-NAME = 24
 MOST_LISTED = 12
 """Characters of a name in a table of 80 columns; names listed before the rest is counted."""
 

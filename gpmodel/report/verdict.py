@@ -8,13 +8,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from gpmodel import wording
+from gpmodel.errors import LISTED
 from gpmodel.hierarchy.further import PRIOR
 from gpmodel.model.memory import read_by
 from gpmodel.report.schema import STANDARD, Report
 
 COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
-MOST_NAMED = 6
-"""Inputs that are named; of more their number is said."""
 MOST_SIZED = 2
 """Effects that the verdict of a calibration names; of more it says the number."""
 SURE = 0.9
@@ -108,9 +107,9 @@ def inputs_in_words(report: Report) -> Iterator[str]:
         if own:
             yield f"the {what}{'s' * (len(own) > 1 and what == 'angle')} of {spans(tuple(own), joints)}"
     others = list(dict.fromkeys(s for x in inputs if x not in (*loads, *angles) for s in read_by(x) or (x,)))
-    yield from (f"the motion of {x}" if x in joints else x.replace("_", " ") for x in others[:MOST_NAMED])
-    if len(others) > MOST_NAMED:
-        yield f"{len(others) - MOST_NAMED} more inputs"
+    yield from (f"the motion of {x}" if x in joints else x.replace("_", " ") for x in others[:LISTED])
+    if len(others) > LISTED:
+        yield f"{len(others) - LISTED} more inputs"
 
 
 def spans(names: Sequence[str], order: Sequence[str]) -> str:

@@ -16,14 +16,15 @@ from scipy.special import logsumexp
 from gpmodel.arrays import Array
 from gpmodel.families.candidate import SMOOTH_TERM
 from gpmodel.model.sites import Site
+from gpmodel.numerics.interval import COVERAGE
 from gpmodel.selection.group import Group, is_curve
 from gpmodel.selection.posterior import Active
 from gpmodel.selection.scan import Scan
 from gpmodel.selection.smooth_terms import nats_without_a_name
 from gpmodel.selection.sparse_bayes import prune, reestimate
 
-COVERED, NEAR, MOST, ALIKE = 0.95, 9.0, 40, 1e-3
-"""Least probability of a credible set. Nats below the best within which the model is estimated again with a candidate:
+NEAR, MOST, ALIKE = 9.0, 40, 1e-3
+"""Nats below the best within which the model is estimated again with a candidate:
 a farther one has a probability below 0.0001. Such candidates at most, the best first. Relative difference of two
 contributions below which no measurement at these poses distinguishes their causes."""
 
@@ -65,7 +66,7 @@ def credible_set(products: Scan, g: int, sites: Sequence[Site] = (), inputs: Seq
     lines = [(p, line) for line, p in _lines(model.without(g), named)]
     lines.append((1.0 - sum(named.values()), ()))
     lines.sort(key=lambda line: -line[0])
-    kept = lines[: 1 + int(np.searchsorted(np.cumsum([p for p, _ in lines]), COVERED))]
+    kept = lines[: 1 + int(np.searchsorted(np.cumsum([p for p, _ in lines]), COVERAGE))]
     groups = model.pool.groups
     causes = tuple(Cause(tuple(groups[h] for h in line), p, g in line) for p, line in kept if line)
     return CredibleSet(causes, next((p for p, line in kept if not line), 0.0))

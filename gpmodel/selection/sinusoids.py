@@ -15,6 +15,7 @@ from gpmodel.arrays import Array
 from gpmodel.evidence.score import best, rotated
 from gpmodel.families.catalogue import Family, Offer
 from gpmodel.families.frequency_grid import FrequencyGrid
+from gpmodel.formula.expression import DIGITS
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.states import States
 from gpmodel.selection.group import CAP, Group, Shapes, group_of
@@ -31,9 +32,8 @@ MOST_WAVES = 12
 ROUNDING = 0.5
 """Nats that a constant written with fewer digits may cost: one standard deviation."""
 
-MOST_DIGITS = 6
 REFINEMENTS = 30
-"""Significant digits of a frequency at most; steps of its refinement."""
+"""Largest number of steps of the refinement of a frequency."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ def _peak(there: Spectrum) -> tuple[float, float]:
 def _written(there: Spectrum, rate: float, gain: float, shapes: Shapes) -> Group | None:
     """Return the sinusoid of a frequency, written in as few digits as the data determine."""
     grid = there.grid
-    for digits in range(1, MOST_DIGITS):
+    for digits in range(1, DIGITS):
         value = float(f"{grid.value(rate):.{digits}g}")
         near = grid.value(value)
         if abs(near - rate) < grid.step and there.gain(near) > gain - ROUNDING:

@@ -237,6 +237,9 @@ def _renumbered(codes: IntArray, order: IntArray) -> IntArray:
 FEWEST_HELD, USUAL = 5, 0.3
 """Poses held out at least, of tables whose usual share has as many: the p-value of fewer, all better, is above 3 %."""
 
+FOLDS = 5
+"""Folds where a whole fit or search is repeated: 80 % of the poses are left to each (Hastie et al. 2009, 7.10)."""
+
 JUDGED = 0
 """Seed of every split, fold and permutation that a discovery is judged by: the same for every seed of its search, so
 that what is found does not hang on which poses a number happened to hold out (experiments/seeds)."""

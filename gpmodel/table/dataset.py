@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.errors import InputError
+from gpmodel.errors import QUOTED, InputError
 from gpmodel.table.units import convert, joint_column, parse_quantity
 
 LARGEST = 1.0
@@ -21,8 +21,6 @@ EXPECTED = (
     "expected the largest error of a coordinate, an offset and a slope or one of them, at most 1 m and 1 m/m, "
     "as in '15um + 6um/m'"
 )
-SHOWN = 60
-"""Characters of a text that a message shows."""
 COVERAGE = 2.0
 """Standard deviations that a stated limit stands for. Source: JCGM 100 (2008), 6.2: expanded uncertainty, k = 2."""
 
@@ -66,7 +64,7 @@ def specification(text: str) -> Specification:
     except InputError:
         offset = math.nan
     if not (math.isfinite(offset + slope) and min(offset, slope) >= 0.0 < max(offset, slope) <= LARGEST):
-        raise InputError(f"{text[:SHOWN]!r}, {EXPECTED}", "instrument")
+        raise InputError(f"{text[:QUOTED]!r}, {EXPECTED}", "instrument")
     return Specification(offset, slope)
 
 

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.protocol import LARGEST, Mechanism
+from gpmodel.mechanism.source import LARGEST_FILE
 from gpmodel.numerics import se3
 from gpmodel.table.cells import numbers, read_frame
 from gpmodel.table.dataset import LABELS
@@ -19,8 +20,6 @@ from gpmodel.table.foreign import ColumnMap, Imported, OrientationColumns, cells
 from gpmodel.table.units import JOINT_UNITS, split_header
 from gpmodel.texts import read_text
 
-LARGEST_OFFSETS = 16 << 20
-"""Bytes of a URDF."""
 OFFSETS = "robot_calibration's offsets, a line `NAME: number` each, of at most 1000 m or rad"
 
 
@@ -36,7 +35,7 @@ def calibrated_urdf(path: Path, nominal: Path) -> Imported:
     """
     offsets = _offsets(path)
     try:
-        robot = ET.fromstring(read_text(nominal, LARGEST_OFFSETS, "a URDF file"))
+        robot = ET.fromstring(read_text(nominal, LARGEST_FILE, "a URDF file"))
     except ET.ParseError as error:
         raise InputError(f"{nominal.name}: is no XML ({error}); expected the URDF that was calibrated") from None
     if robot.tag != "robot":
@@ -62,7 +61,7 @@ def calibrated_urdf(path: Path, nominal: Path) -> Imported:
 
 def _offsets(path: Path) -> dict[str, float]:
     out: dict[str, float] = {}
-    for number, line in enumerate(read_text(path, LARGEST_OFFSETS, OFFSETS).splitlines(), 1):
+    for number, line in enumerate(read_text(path, LARGEST_FILE, OFFSETS).splitlines(), 1):
         if not (text := line.partition("#")[0].strip()) or text == "---":
             continue
         name, found, value = text.rpartition(":")
@@ -247,8 +246,6 @@ def figaroh_map(path: Path, mechanism: Mechanism | None) -> ColumnMap:
     return ColumnMap(joints | points["1"], oriented, f"the joints of {mechanism.name}")
 
 
-LARGEST_FILE = 1 << 20
-"""Bytes; the file has a thousand."""
 ROWS = ("theta", "d", "a", "alpha")
 NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 """Joints, as ROS calls them, with `_joint`."""

@@ -12,7 +12,7 @@ import numpy as np
 import pint
 
 from gpmodel.arrays import Array
-from gpmodel.errors import InputError, choices
+from gpmodel.errors import QUOTED, InputError, choices
 from gpmodel.mechanism.protocol import SI, checked
 
 _HEADER = re.compile(r"^\s*(?P<name>.*?)\s*\[\s*(?P<unit>[^\]]*?)\s*\]\s*$")
@@ -23,8 +23,6 @@ _DEVIATION = re.compile(r"\s*±\s*[0-9.]+")
 _TIMES_TEN = re.compile(r"\s*×10(-?[0-9]+)")
 _POWER = re.compile(r"(?:[^\W\d_]|[°%])\s*(?:\*\*|\^)\s*[-+]?\d{1,2}(?![\d.])(?!\s*(?:\*\*|\^))")
 _RAISED = re.compile(r"\*\*|\^|[\d)][⁻⁰¹²³⁴-⁹]|[⁰¹²³⁴-⁹]{3}")
-LONGEST = 60
-"""Characters of a unit."""
 DIMENSIONS = {unit: dimension for dimension, unit in SI.items()}
 
 
@@ -63,7 +61,7 @@ def _spelled(unit: str) -> str:
     Raises ValueError if it is too long or raises anything but a name to a power: the units library would evaluate
     9**9**9.
     """
-    if len(unit) > LONGEST or len(_POWER.findall(unit)) != len(_RAISED.findall(unit)):
+    if len(unit) > QUOTED or len(_POWER.findall(unit)) != len(_RAISED.findall(unit)):
         raise ValueError(unit)
     return unit
 

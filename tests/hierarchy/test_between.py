@@ -15,13 +15,13 @@ from gpmodel.evidence.score import scores
 from gpmodel.executor import ALONE
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates
-from gpmodel.hierarchy.between import INTERVAL, Deviations, between, deleted, deviations
+from gpmodel.hierarchy.between import Deviations, between, deleted, deviations
 from gpmodel.hierarchy.fleet import Information, _expectation_maximisation
 from gpmodel.hierarchy.found import FleetSearch, Found, KeptMachines, Searched, found_on_type, select_for_type
 from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.model.error_model import prepare
-from gpmodel.numerics.interval import SIGNIFICANCE, holm
+from gpmodel.numerics.interval import COVERAGE, SIGNIFICANCE, holm
 from gpmodel.planning.simulate import simulate
 from gpmodel.progress import Teller, silent
 from gpmodel.report.fleet import summary
@@ -49,8 +49,8 @@ def test_mean_and_spread_are_covered_as_often_as_they_say(spread: float) -> None
     t = np.abs([(b.mean - 5.0) / b.stderr for b in found])
     inside = [b.low <= spread <= b.high for b in found]
     sure = 3.0 * np.sqrt(0.05 * 0.95 / len(found))
-    assert np.mean(t < stats.t.ppf(0.975, MACHINES - 1)) > INTERVAL - sure
-    assert np.mean(inside) > INTERVAL - sure
+    assert np.mean(t < stats.t.ppf(0.975, MACHINES - 1)) > COVERAGE - sure
+    assert np.mean(inside) > COVERAGE - sure
     estimated = np.mean([b.spread**2 for b in found])
     assert estimated == pytest.approx(
         spread**2, abs=3.0 * (spread**2 + 1.0) * np.sqrt(2.0 / (MACHINES - 1) / len(found)) + 0.2

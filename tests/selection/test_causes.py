@@ -13,7 +13,8 @@ from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import prepare
 from gpmodel.model.sites import sites_of
-from gpmodel.selection.causes import COVERED, CredibleSet, credible_set
+from gpmodel.numerics.interval import COVERAGE
+from gpmodel.selection.causes import CredibleSet, credible_set
 from gpmodel.selection.group import Shapes
 from gpmodel.selection.offers import Offering
 from gpmodel.selection.pool import GroupPool
@@ -52,7 +53,7 @@ def test_the_planted_effect_is_in_a_set_that_holds_what_it_says(name: str, seed:
     sets = [credible_set(Scan(model), g) for g in model.found]
     assert any(name in found.names for found in sets)
     for found in sets:
-        assert COVERED <= sum(cause.probability for cause in found.causes) + found.none <= 1.0 + 1e-9
+        assert COVERAGE <= sum(cause.probability for cause in found.causes) + found.none <= 1.0 + 1e-9
         assert sum(cause.own for cause in found.causes) <= 1
 
 
@@ -88,5 +89,5 @@ def test_an_effect_that_no_family_describes_is_none_of_these() -> None:
     g = number["joint compliance, J3"]
     model = reestimate(model.added(g, 1e-8))
     found = credible_set(Scan(model), g, sites_of(arm), ("J2", "J4"))
-    assert found.none > COVERED
+    assert found.none > COVERAGE
     assert found.causes == ()

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpmodel.arrays import Array
+from gpmodel.arrays import ROUNDING, Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.branches import branched, random_poses
 from gpmodel.mechanism.protocol import AXES, Mechanism
@@ -12,9 +12,6 @@ from gpmodel.numerics import se3
 
 PROBES = 8
 """Random poses at which the chain must be the mechanism."""
-
-SAME = 1e-9
-"""Metres and radians: rounding."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +93,6 @@ def chain_of(mechanism: Mechanism) -> Chain:
     rest = mechanism.transforms(np.zeros((1, len(joints))))[:, 0]
     found = Chain(slots, rest, tuple(axes), weights)
     q = random_poses(mechanism, PROBES, np.random.default_rng(0))
-    if not np.allclose(found.transforms(q), mechanism.transforms(q), atol=SAME, rtol=0):
+    if not np.allclose(found.transforms(q), mechanism.transforms(q), atol=ROUNDING, rtol=0):
         raise InputError(f"{mechanism.name}: no chain of single motions; expected a serial chain")
     return found

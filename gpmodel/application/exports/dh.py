@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gpmodel.application.exports.chain import Chain
-from gpmodel.arrays import Array
+from gpmodel.arrays import ROUNDING, Array
 from gpmodel.characters import commented, harmless
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES, Joint, Mechanism
@@ -162,10 +162,6 @@ def _degrees(angle: float) -> str:
     return repr(float(np.degrees((angle + np.pi) % (2 * np.pi) - np.pi)))
 
 
-PARALLEL = 1e-9
-"""Radians up to which axes are written as parallel: at two metres 2 nm."""
-
-
 def robodk_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array], note: str) -> str:
     """CSV of a chain with constant error twists (6,), m and rad, by slot: rx, rz in deg, tx, tz in mm, and the joint
     whose value times its sense is added. note: its first comment.
@@ -182,9 +178,9 @@ def robodk_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array],
             "exports/dh_modified.toml has the coupling"
         )
     base, between, tool = along_z(chain, twists)
-    steps = [across(frame, PARALLEL) for frame in between]
+    steps = [across(frame, ROUNDING) for frame in between]
     for frame, step, pair in zip(between, steps, pairwise(names), strict=True):
-        if abs(step.beta) > PARALLEL:
+        if abs(step.beta) > ROUNDING:
             raise InputError(
                 f"axes of {' and '.join(pair)} are {np.degrees(tilt(frame)):.2g} deg from parallel, which puts their "
                 f"common normal beyond {FAR:g} m; expected it nearer, exports/dh_modified.toml has a fifth column"

@@ -27,7 +27,7 @@ from gpmodel.application.model_file import SavedModel
 from gpmodel.application.usable import check_finite
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.formula.printing import DIGITS
+from gpmodel.formula.expression import DIGITS
 from gpmodel.mechanism.branches import branched
 from gpmodel.model.error_model import prepare
 from gpmodel.numerics.least_squares import root_mean_square

@@ -25,11 +25,8 @@ from gpmodel.mechanism.protocol import INSTRUMENT, ExportsUrdf, Mechanism, bare_
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, prepare
 from gpmodel.model.sites import translate
 from gpmodel.numerics.least_squares import root_mean_square
-from gpmodel.table.bundles import JUDGED, bundles, folds
+from gpmodel.table.bundles import FOLDS, JUDGED, bundles, folds
 from gpmodel.wording import length
-
-FOLDS = 5
-"""Parts that are left out in turn where no poses were held out, as of `discover`."""
 
 
 @dataclass(frozen=True)
