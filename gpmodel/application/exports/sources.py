@@ -57,7 +57,7 @@ def c_text(forward: Forward, note: str, cases: Array) -> str:
     moves, (registration, tool) = _moves(forward), _placed(forward)
     return _filled("model.c.txt", _said(forward, note) | {
         "N": len(joints), "M": len(forward.inputs), "S": len(moves), "B": len(bodies),
-        "ASKED": 6 if np.any(forward.chain.weights, axis=0).sum() >= 6 else 3, "ROTATION_WEIGHT": ROTATION_WEIGHT,
+        "ASKED": 6 if np.any(forward.chain.weights, axis=0).sum() >= 6 else 3, "LENGTH": ROTATION_WEIGHT,
         "FIXED": _braces(forward.chain.fixed.tolist()), "AXES": _braces([axis for axis, _ in moves]),
         "MOVES": _braces([weights for _, weights in moves]), "AT": _braces([b.slot for b in bodies]),
         "MASS": _braces([b.mass for b in bodies]), "CENTRE": _braces([b.centre.tolist() for b in bodies]),
