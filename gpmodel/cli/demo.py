@@ -12,9 +12,8 @@ from gpmodel.api.simulate import SimulationResult, simulate
 from gpmodel.characters import shell_quoted
 from gpmodel.checks.notes import unknowns
 from gpmodel.cli.console import command_line, place_for, progress_line, what_next
-from gpmodel.cli.discover import discover_request, settings
+from gpmodel.cli.discover import looked, search_of, write_results
 from gpmodel.cli.options import PATH, quiet_option, seed_option, workers_option
-from gpmodel.cli.request import Request
 from gpmodel.cli.terminal import echo
 from gpmodel.discovery.search import Search
 from gpmodel.executor import Forks
@@ -66,8 +65,9 @@ def demo(
             table = place_for(folder / "table.csv", "") or shipped
             made = like_mine(mine, seed)
             made.save(table, command=command_line(), seed=seed)
-        request = Request("discover", table, MechanismChoice(mine or MECHANISM), options, settings())
-        found = discover_request(request, folder, say, Forks(workers or 0))
+        search = search_of(options, None, Forks(workers or 0))
+        found = looked(MechanismChoice(mine or MECHANISM).load(), table, options, say, search)
+        write_results(found, folder, say)
     if not quiet:
         echo(found.summary())
         if mine:

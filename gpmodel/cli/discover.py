@@ -1,6 +1,7 @@
 """`gpmodel discover`: the whole loop, from a measured table to the report."""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, progress_line, what_next
 from gpmodel.cli.evolve import strategies_named
 from gpmodel.cli.options import SIGHTS
-from gpmodel.cli.request import Request, Typed
+from gpmodel.cli.request import keeping, resume_option
 from gpmodel.cli.terminal import echo
 from gpmodel.cluster import scheduled
 from gpmodel.discovery.search import Search
@@ -21,7 +22,6 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.executor import Workers
 from gpmodel.families.catalogue import catalogue
 from gpmodel.files import folder_for
-from gpmodel.hierarchy.record import fleet_file
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Progress, Say
 from gpmodel.records.unfinished import RunFiles
@@ -32,8 +32,8 @@ FEW = math.ceil(ENOUGH_HELD / USUAL)
 
 
 @click.command()
-@click.argument("table", type=shared.PATH, required=False)
-@shared.mechanism_options(required=False)
+@shared.table_argument
+@shared.mechanism_options()
 @click.option("--runs", type=click.IntRange(0), default=Search().runs, show_default=True,
               help="GP runs of each representation in a round; 0: catalogue, smooth terms, formulas.")  # fmt: skip
 @shared.representation_option("linear")
@@ -54,64 +54,60 @@ FEW = math.ceil(ENOUGH_HELD / USUAL)
 @shared.seed_option
 @shared.workers_option
 @shared.scheduler_option
-@click.option("--out", "folder", type=shared.PATH, help="Folder of the results. [default: discovery]")
-@shared.resume_option
+@click.option("--out", "folder", type=shared.PATH, default=Path("discovery"), show_default=True,
+              help="Folder of the results.")  # fmt: skip
+@resume_option()
 @shared.quiet_option
 def discover(
-    table: Path | None, mechanism: LoadedMechanism | None, workers: int | None, scheduler: str | None,
-    folder: Path | None, resume: Path | None, quiet: bool, **asked: Any,
+    table: Path, mechanism: LoadedMechanism, workers: int | None, scheduler: str | None, minutes: float | None,
+    folder: Path, quiet: bool, **asked: Any,
 ) -> None:  # fmt: skip
     """Find what the model of MECHANISM is missing on the poses of TABLE."""
     check_split(asked["holdout"], asked["folds"])
-    asked["like"] = asked["like"] and str(fleet_file(Path(asked["like"])))
-    request = Typed(table, mechanism, folder, resume, asked).request(settings())
-    if request is None:
-        return
-    folder = folder_for(resume or folder or Path("discovery"))
-    with progress_line(quiet) as say, scheduled(scheduler, workers or 0) as executor:
-        found = discover_request(request, folder, say, executor)
+    folder_for(folder)
+    with (
+        progress_line(quiet) as say,
+        scheduled(scheduler, workers or 0) as executor,
+        keeping(RunFiles, mechanism, (Search(), Criteria()), say) as kept,
+    ):
+        found = looked(mechanism, table, asked, say, search_of(asked, minutes, executor), kept)
+        write_results(found, folder, say)
     if not quiet:
         echo(found.summary())
         echo(what_next(folder, found.record))
 
 
-def discover_request(request: Request, folder: Path, say: Say, executor: Workers) -> DiscoveryResult:
-    """Run what was asked, keeping what is finished in `folder`, and leave the results there."""
-    with request.kept_in(folder, say, RunFiles) as kept:
-        found = looked(request, say, executor, kept)
-        say(Progress("writing the report"))
-        found.report(folder)
-    return found
+def write_results(found: DiscoveryResult, folder: Path, say: Say) -> None:
+    """Write the report, and say so."""
+    say(Progress("writing the report"))
+    found.report(folder)
 
 
-def settings() -> object:
-    """Return the search settings that have no option."""
-    return Search(), Criteria()
+def search_of(asked: Mapping[str, Any], minutes: float | None, executor: Workers) -> Search:
+    """Build the search from the options. minutes: after which no new round begins."""
+    strategies = strategies_named(asked["representation"], "slot")
+    ends = None if minutes is None else 60 * minutes
+    return Search(runs=asked["runs"], strategies=strategies, stop_after=ends, executor=executor)
 
 
-def search_of(request: Request, executor: Workers) -> Search:
-    """Build the search from the options."""
-    ends = None if request.minutes is None else 60 * request.minutes
-    strategies = strategies_named(request.options["representation"], "slot")
-    return Search(runs=request.options["runs"], strategies=strategies, stop_after=ends, executor=executor)
-
-
-def looked(request: Request, say: Say, executor: Workers, kept: RunFiles | None) -> DiscoveryResult:
-    """Run the request; finished runs are kept."""
-    options, mechanism = request.options, request.choice.load()
+def looked(
+    mechanism: LoadedMechanism, table: Path, asked: Mapping[str, Any], say: Say, search: Search,
+    kept: RunFiles | None = None,
+) -> DiscoveryResult:  # fmt: skip
+    """Run what the options ask for; finished runs are kept."""
     return look(
         mechanism,
-        read_table(request.table, mechanism, in_order=options["in_order"], **{k: options.get(k) for k in SIGHTS}),
-        holdout=options["holdout"],
-        folds=options["folds"],
-        seed=options["seed"],
-        search=search_of(request, executor),
-        candidates=() if options["no_catalogue"] else catalogue,
-        condition_limit=options["condition_limit"],
-        joints=options.get("joints", ()),
-        like=options.get("like"),
-        noise=options["noise"],
-        instrument=options["instrument"],
+        read_table(table, mechanism, in_order=asked["in_order"], **{k: asked.get(k) for k in SIGHTS}),
+        holdout=asked["holdout"],
+        folds=asked["folds"],
+        seed=asked["seed"],
+        search=search,
+        candidates=() if asked["no_catalogue"] else catalogue,
+        condition_limit=asked["condition_limit"],
+        joints=asked.get("joints", ()),
+        like=asked.get("like"),
+        noise=asked["noise"],
+        instrument=asked["instrument"],
         progress=say,
         kept=kept,
         command=command_line(),

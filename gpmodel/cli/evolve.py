@@ -8,21 +8,18 @@ from typing import Any
 
 import click
 
-from gpmodel.api.evolve import SPACES, Effort, EvolutionResult, Space, default_strategies, settings_for
+from gpmodel.api.evolve import SPACES, Effort, Space, default_strategies, settings_for
 from gpmodel.api.evolve import evolve as run
 from gpmodel.api.table import read_table
 from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, progress_line
-from gpmodel.cli.request import Request, Typed
+from gpmodel.cli.request import keeping, resume_option
 from gpmodel.cli.terminal import echo
 from gpmodel.cluster import scheduled
 from gpmodel.errors import InputError
 from gpmodel.evolution.representation import Representation, label
-from gpmodel.evolution.runs import KeptRuns
 from gpmodel.evolution.settings import SelectionScheme, Tournament, Truncation
-from gpmodel.executor import Workers
 from gpmodel.mechanism.source import LoadedMechanism
-from gpmodel.progress import Say
 from gpmodel.records.unfinished import RunFiles
 
 VARIED = ("operators", "crossover", "mutation", "length", "depth")
@@ -30,8 +27,8 @@ VARIED = ("operators", "crossover", "mutation", "length", "depth")
 
 
 @click.command()
-@click.argument("table", type=shared.PATH, required=False)
-@shared.mechanism_options(required=False)
+@shared.table_argument
+@shared.mechanism_options()
 @click.option("--model", type=shared.PATH, help="Result or model.json to start from, in place of the standard model.")
 @click.option(
     "--effect", "effects", multiple=True, metavar="NAME", help="Effect of the starting model, as in calibrate."
@@ -59,11 +56,11 @@ VARIED = ("operators", "crossover", "mutation", "length", "depth")
 @shared.workers_option
 @shared.scheduler_option
 @shared.out_folder_option
-@shared.resume_option
+@resume_option()
 @shared.quiet_option
 def evolve(
-    table: Path | None, mechanism: LoadedMechanism | None, workers: int | None, scheduler: str | None,
-    folder: Path | None, resume: Path | None, quiet: bool, **asked: Any,
+    table: Path, mechanism: LoadedMechanism, workers: int | None, scheduler: str | None, folder: Path | None,
+    quiet: bool, **asked: Any,
 ) -> None:  # fmt: skip
     """Evolve programs on the residual of TABLE; count the inputs they refer to.
 
@@ -71,43 +68,27 @@ def evolve(
     shuffled errors: an input counts only where it stands out of those.
     With --out: programs.txt, report.json and report.html.
     """
-    asked |= {name: list(asked[name]) for name in ("standard", "effects")}
-    asked["model"] = None if asked["model"] is None else str(asked["model"])
-    request = Typed(table, mechanism, folder, resume, asked).request(settings())
-    if request is None:
-        return
-    folder = resume or folder
+    settings = [settings_for(space, default_strategies(space), Effort()) for space in SPACES]
     with (
         progress_line(quiet) as say,
         scheduled(scheduler, workers or 0) as executor,
-        request.kept_in(folder, say, RunFiles) as kept,
+        keeping(RunFiles, mechanism, settings, say) as kept,
     ):
-        result = evolved(request, kept, executor, say)
+        sights = {name: asked.pop(name) for name in shared.SIGHTS}
+        dataset = read_table(table, mechanism, in_order=asked.pop("in_order"), **sights)
+        names, *schemes = (asked.pop(name) for name in ("representation", "truncation", "tournament"))
+        varied = {name: asked.pop(name) for name in VARIED}
+        strategies = strategies_named(names, asked["space"], {k: v for k, v in varied.items() if v is not None})
+        result = run(
+            mechanism, dataset, strategies=strategies, selection=selection_of(*schemes), **asked,
+            executor=executor, kept=kept, progress=say, command=command_line(),
+        )  # fmt: skip
         if folder is not None:
             result.report(folder)
     if not quiet:
         echo(result.summary())
         if folder is not None:
             echo(f"programs.txt and report.html are in {folder}")
-
-
-def settings() -> object:
-    """Return the search settings that have no option."""
-    return [settings_for(space, default_strategies(space), Effort()) for space in SPACES]
-
-
-def evolved(request: Request, kept: KeptRuns | None, executor: Workers, say: Say) -> EvolutionResult:
-    """Run what was asked."""
-    options, mechanism = dict(request.options), request.choice.load()
-    sights = {name: options.pop(name) for name in shared.SIGHTS}
-    dataset = read_table(request.table, mechanism, in_order=options.pop("in_order"), **sights)
-    names, truncation, tournament = (options.pop(name) for name in ("representation", "truncation", "tournament"))
-    varied = {name: options.pop(name) for name in VARIED}
-    strategies = strategies_named(names, options["space"], {k: v for k, v in varied.items() if v is not None})
-    return run(
-        mechanism, dataset, strategies=strategies, selection=selection_of(truncation, tournament), **options,
-        executor=executor, kept=kept, progress=say, command=command_line(),
-    )  # fmt: skip
 
 
 def selection_of(truncation: float | None, tournament: int | None) -> SelectionScheme | None:

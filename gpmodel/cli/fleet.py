@@ -10,7 +10,7 @@ from gpmodel.api.fleet import fleet as calibrate_fleet
 from gpmodel.characters import shell_quoted
 from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, progress_line
-from gpmodel.cli.request import Typed
+from gpmodel.cli.request import keeping, resume_option
 from gpmodel.cli.terminal import echo
 from gpmodel.cluster import scheduled
 from gpmodel.discovery.search import Search
@@ -23,7 +23,7 @@ from gpmodel.report.fleet import PAGE
 
 
 @click.command()
-@click.argument("tables", metavar="DIR", type=shared.PATH, required=False)
+@click.argument("tables", metavar="DIR", type=shared.PATH)
 @shared.mechanism_options(required=False)
 @click.option(
     "--effect",
@@ -37,11 +37,11 @@ from gpmodel.report.fleet import PAGE
 @shared.workers_option
 @shared.scheduler_option
 @shared.out_folder_option
-@shared.resume_option
+@resume_option(NAME)
 @shared.quiet_option
 def fleet(
-    tables: Path | None, mechanism: LoadedMechanism | None, workers: int | None, scheduler: str | None,
-    folder: Path | None, resume: Path | None, quiet: bool, **asked: Any,
+    tables: Path, mechanism: LoadedMechanism | None, effects: tuple[str, ...], workers: int | None,
+    scheduler: str | None, folder: Path | None, quiet: bool, **asked: Any,
 ) -> None:  # fmt: skip
     """Calibrate the machines whose tables are in DIR together: what the type has in common, how its machines spread,
     each with the others' help, and which of them stands out in what.
@@ -50,26 +50,19 @@ def fleet(
     as its file. With --out: fleet.html, machines/SERIAL/ with the page and model.json of each, and fleet.json, which
     calibrate --fleet takes for a further machine.
     """
-    if mechanism is None and tables is not None and resume is None:
+    if mechanism is None:
         mechanism = load_mechanism(folder_of_tables(tables).said_mechanism)
-    asked["effects"] = list(asked["effects"])
-    if "none" in asked["effects"] and len(asked["effects"]) > 1:
+    if "none" in effects and len(effects) > 1:
         raise InputError("none beside other effects; expected it alone", "effects")
-    typed = Typed(tables, mechanism, folder, resume, asked, NAME)
-    request = typed.request((Search(), Criteria()))
-    if request is None:
-        return
-    options, folder = dict(request.options), resume or folder
-    effects = options.pop("effects")
     named = [name for name in effects if name != "none"] if effects else None
     with (
         progress_line(quiet or named is not None) as say,
         scheduled(scheduler, workers or 0) as executor,
-        request.kept_in(folder, say, KeptMachines) as journal,
+        keeping(KeptMachines, mechanism, (Search(), Criteria()), say) as journal,
     ):
         found = calibrate_fleet(
-            request.choice.load(), request.table, named, **options, executor=executor,
-            journal=journal, progress=say, command=command_line(),
+            mechanism, tables, named, **asked, executor=executor, journal=journal, progress=say,
+            command=command_line(),
         )  # fmt: skip
         if folder is not None:
             found.report(folder)

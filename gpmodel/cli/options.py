@@ -61,9 +61,6 @@ scheduler_option = click.option(
     "--scheduler", metavar="ADDRESS",
     help="Executor: local:N processes, or dask at tcp://host:8786. [default: here]",
 )  # fmt: skip
-resume_option = click.option(
-    "--resume", type=PATH, help="Folder of an interrupted run to resume; nothing else is needed."
-)
 out_folder_option = click.option(
     "--out", "folder", type=PATH, help="Folder for the results; nothing is written without it."
 )

@@ -139,8 +139,8 @@ def test_finding_nothing_is_a_success_which_is_said_with_what_was_tried_and_what
 
 
 BAD: dict[str, tuple[list[str], str]] = {
-    "no table": (["--mechanism", "irb6400r"], "expected TABLE and --mechanism M, or --resume DIR"),
-    "no mechanism": (["{table}"], "expected TABLE and --mechanism M, or --resume DIR"),
+    "no table": (["--mechanism", "irb6400r"], "Missing argument 'TABLE'"),
+    "no mechanism": (["{table}"], "Missing option '--mechanism'"),
     "no such table": (["missing.csv", "--mechanism", "irb6400r"], "missing.csv"),
     "unknown mechanism": (["{table}", "--mechanism", "irb9"], "irb9"),
     "holdout": (["{table}", "--mechanism", "irb6400r", "--holdout", "30"], "--holdout: 30.0, expected a share"),
@@ -168,7 +168,6 @@ BAD: dict[str, tuple[list[str], str]] = {
     "noise without a unit": (["{table}", "--mechanism", "irb6400r", "--noise", "0.03"], "--noise"),
     "minutes": (["{table}", "--mechanism", "irb6400r", "--minutes", "-1"], "--minutes"),
     "workers": (["{table}", "--mechanism", "irb6400r", "--workers", "0"], "--workers"),
-    "two folders": (["--resume", "nowhere"], "leave --out away"),
 }
 
 

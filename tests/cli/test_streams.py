@@ -29,7 +29,7 @@ from gpmodel.model.described import KINDS, SOLVED
 from gpmodel.table.dataset import LABELS, READINGS
 
 COMMANDS = sorted((Path(__file__).parents[2] / "gpmodel" / "cli").glob("*.py"))
-SAVING = ("report", "save", "write_text", "write_frame", "write_report", "discover_request")
+SAVING = ("report", "save", "write_text", "write_frame", "write_report", "write_results")
 
 
 @pytest.mark.parametrize("path", COMMANDS, ids=lambda p: p.stem)
