@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from distributed import Future as DaskFuture
 
 PATIENCE = 10.0
-"""Seconds for which a scheduler may be silent, or have no workers."""
+"""Seconds that a scheduler may take to answer, or to have workers."""
 
 
 @dataclass(frozen=True)

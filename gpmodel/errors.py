@@ -5,9 +5,9 @@ import re
 from collections.abc import Iterable
 
 LONGEST = 1000
-"""Characters of a message; what it quotes may be a whole file."""
+"""Characters of a message, which may quote a whole file."""
 QUOTED = 60
-"""Characters of a text in quotes."""
+"""Characters of a text in quotes; a longer one is cut."""
 _QUOTED = re.compile(rf"(?<!\w)'([^'/\\]{{{QUOTED}}})[^'/\\]+'(?!\w)")
 """A long one, without the quotes that end one short text and begin the next."""
 

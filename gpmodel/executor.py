@@ -26,14 +26,14 @@ Task = TypeVar("Task")
 Found = TypeVar("Found")
 
 SWITCH = 1e-4
-"""Seconds after which a thread gives way to another that waits for the interpreter. The compiled loops of a generation
-take about a millisecond each: with Python's 5 ms a thread that comes out of one would wait longer than it worked."""
+"""Seconds after which a thread yields the interpreter. A compiled loop of a generation takes about a millisecond; with
+Python's 5 ms a finished thread would wait longer than it works."""
 
 AHEAD = 2
-"""Tasks handed out for each worker: enough that none waits, few enough that memory does not grow with their number."""
+"""Tasks handed out per worker: two keep every worker busy, and memory does not grow with the number of tasks."""
 
 ATTEMPTS = 3
-"""Number of lost processes in a row before the task is blamed, as in dask (`allowed-failures`)."""
+"""Lost processes in a row after which the task counts as their cause, as in dask (`allowed-failures`)."""
 
 
 def read_only(columns: dict[str, object]) -> MappingProxyType[str, object]:
@@ -211,7 +211,7 @@ def _copies() -> bool:
 
 
 ALONE = Forks(1)
-"""One task after another."""
+"""Workers that run one task after another."""
 
 
 def called_beside(

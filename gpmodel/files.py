@@ -24,7 +24,7 @@ _DRAFT = ".gpmodel-draft"
 _held = set[Path]()
 """Folders whose lock this process holds."""
 SYNCHRONIZE, STILL_RUNNING = 0x100000, 0x102
-"""Right to wait for a process of Windows, and the answer of one that runs (WAIT_TIMEOUT)."""
+"""Windows API: access right to wait for a process, and the answer for one that still runs (WAIT_TIMEOUT)."""
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 

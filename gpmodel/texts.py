@@ -47,7 +47,7 @@ def read_text(path: Path, largest: int, expected: str) -> str:
 
 SEAL = "sha256"
 LARGEST_TOML = 1 << 20
-"""Bytes; a description of an arm has some thousand."""
+"""Bytes of a TOML file; a description of an arm has some thousand."""
 LARGEST_INTEGER = 2**63
 """Largest integer of TOML; a float cannot hold one of hundreds of digits."""
 

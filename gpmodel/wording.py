@@ -11,7 +11,7 @@ WIDTH, NAME = 80, 24
 
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 OF_LISTS = {"m": (1e3, "mm"), "rad": (1e3, "mrad")}
-"""Factor and unit of every length and every angle of a list."""
+"""Factor and unit of lengths and angles in a list."""
 _LEADING = re.compile(r"^(rad|m)(?=$|[/*·])")
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 UNKNOWN = "–"

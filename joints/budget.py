@@ -31,11 +31,10 @@ from joints.settings import Settings, load_settings, not_negative
 STEPS, SETTLED = 50, 1e-10
 """Largest number of Gauss-Newton steps, and the change of every angle that ends them, rad: picometres at a lever."""
 DIFFERENCE = 1e-5
-"""rad, of the central differences; their error is ten digits below the lever."""
+"""Step of central differences, rad; their error is ten digits below the lever."""
 IDLE = 1e-3
-"""Fraction of the lever per radian below which an angle is not turned, as a turn about the lever moves the ball by
-nothing.
-"""
+"""Least motion of the ball per radian over the lever for an angle that is adjusted. A turn about the lever moves the
+ball by nothing."""
 
 
 def realigned(q: Array, parameters: Array, tooling_ball: Array, held: Array, reach: float, stiffness: Array) -> Array:
@@ -88,7 +87,7 @@ def thesis_columns(joint: PassiveJoint, q: Array, *, angles_known: bool = True) 
 
 
 MOST_DRAWS = 1_000_000
-"""Largest number of draws over all poses; a quarter of a gigabyte."""
+"""Largest number of draws over all poses: a quarter of a gigabyte."""
 KINDS = ("systematic", "stochastic")
 DISTRIBUTIONS = ("uniform", "normal")
 

@@ -9,18 +9,18 @@ from gpmodel.arrays import Array
 from gpmodel.numerics import se3
 
 STEPS = 50
-"""Newton's method doubles the digits a step; a machine that needs more than this does not close."""
+"""Largest number of Newton steps. Each doubles the digits; a machine that needs more does not close."""
 
 PROGRESS, STALLED = 0.9, 6
-"""A pose is given up after so many steps in which its worst miss has not fallen by a tenth: it has left the assembly it
-started from. At half no pose of 2161 with tilts up to 15 deg is lost and one of 671 at 45 deg, at double a pose that
-cannot close takes twice the time."""
+"""A pose is given up after so many steps in which its largest gap has not fallen by a tenth: it has left its assembly.
+At half no pose of 2161 with tilts up to 15 deg is lost and one of 671 at 45 deg; at double a pose that cannot close
+takes twice the time."""
 
 CLOSED = 1e-13
-"""m; a length of a metre is a root of squares that double precision resolves to 2e-16 each."""
+"""Largest gap of a closed loop, m. A length of a metre is a root of squares with a rounding of 2e-16 each."""
 
 LONGEST_STEP = 0.1
-"""m and rad a step of Newton's method: part of the machine's size, so that it stays in the assembly it starts from."""
+"""Longest step of Newton's method, m and rad: a part of the machine's size, so that it stays in its assembly."""
 
 
 def newton(pose: Array, lower: Array, balls: Array, lengths: Array) -> tuple[Array, Array]:

@@ -29,7 +29,7 @@ from joints.stiffness import layer_stiffness
 
 CONTACTS = ("point", "rolling", "sliding", "fluid")
 BUDGET_POSES, BUDGET_DRAWS = 40, 200
-"""Enough for two digits of the mean plus three standard deviations."""
+"""Poses and draws of the error budget: two digits of the mean plus three standard deviations."""
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,9 @@ from joints.film import FilmGeometry
 from joints.settings import not_negative, positive, require
 
 SPAN = (0.01, 20.0)
-"""Range of frequencies searched for peak and bandwidth, in units of sqrt(k/m) / 2 pi."""
+"""Range of frequencies searched for peak and bandwidth, over sqrt(k/m) / 2 pi."""
 STEPS = 400
-"""Frequencies over that span, 2 % apart; what lies between two is refined."""
+"""Frequencies over that span, 2 % apart; the best is refined."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,8 @@ Half as many odd harmonics are used. Amplitudes are accurate to 0.5 % at any fre
 128.
 """
 SETTLED, SWEEPS = 1e-5, 20_000
-"""Share of the friction by which no instant changes any more; sweeps, of which a few hundred are needed."""
+"""Change of every instant that ends the iteration, over the friction; and the largest number of sweeps, of which a few
+hundred are needed."""
 
 
 @dataclass(frozen=True)

@@ -27,11 +27,11 @@ from joints.reynolds import compressible_film
 from joints.settings import not_negative, positive
 
 NODES = 120
-"""Nodes of equal angle within and beyond the ring; eigenvalues to three digits."""
+"""Nodes of equal angle inside and outside the ring: eigenvalues to three digits."""
 STEEPEST = 50.0
-"""Exponent beyond which a vibration is gone within a cycle, or not bounded."""
+"""Largest exponent of a vibration: beyond it the vibration is gone within a cycle, or unbounded."""
 POCKETS = np.geomspace(0.01, 100.0, 25)
-"""Pockets among which the smallest that hammers is sought, in volumes of the gap."""
+"""Pockets, in volumes of the gap, among which the smallest unstable one (pneumatic hammer) is sought."""
 
 
 @dataclass(frozen=True)

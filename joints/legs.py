@@ -23,8 +23,8 @@ from joints.settings import Settings, laid_over, read_toml
 
 LEGS = 6
 WEAKEST = 1e-3
-"""The smallest singular value of the legs' Jacobian at home, lengths in units of the platform's radius, under which the
-legs do not hold the platform: two similar hexagons have zero."""
+"""Least singular value of the legs' Jacobian at home, with lengths over the platform's radius. With a smaller one the
+legs do not hold the platform; two similar hexagons have zero."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

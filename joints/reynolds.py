@@ -172,7 +172,7 @@ def _load_integral_slope(geometry: FilmGeometry, displacement: ArrayLike) -> Arr
 
 
 CELLS = 800
-"""Cells of the arc from the pole to the edge; twice as many change the stiffness by 1e-5."""
+"""Cells of the arc from the pole to the edge. Twice as many change the stiffness by 1e-5."""
 
 
 def lateral_stiffness(

@@ -46,8 +46,8 @@ def angle_within(name: str, value: ArrayLike, upper: float) -> Array:
 
 
 LONGEST, MOST = 100.0, 1e15
-"""Metres of anything of a joint but the radius of what is nearly flat, and whatever else in SI: elastic moduli and
-resistances of orifices are some 1e11."""
+"""Largest length of a joint, m, but for the radius of a nearly flat surface; and the largest other number in SI.
+Elastic moduli and orifice resistances are some 1e11."""
 
 DATA = Path(__file__).parent / "data"
 

@@ -17,7 +17,7 @@ from joints.orifice import Orifice
 from joints.settings import not_negative, positive, require
 
 HIGHEST = 1e-3
-"""m: a ball that a film lifts further is lost."""
+"""Largest lift of the ball by the film, m."""
 
 
 def layer_stiffness(elastic_modulus: ArrayLike, radius: ArrayLike, thickness: ArrayLike) -> Array:

@@ -21,7 +21,7 @@ from joints.passive_joint import vector
 from joints.settings import Settings, require
 
 ARMS = (0, 0, 0, 1, 1, 2)
-"""The arm of each link: clusters of three, two and one."""
+"""Arm of each link: clusters of three, two and one."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ DRIVES = {"turned": ("revolute", "turn"), "pushed": ("prismatic", "travel")}
 """Type of each drive in the joint table, and the key of its range."""
 
 FRAMES = {"x": np.eye(3)[:, [1, 2, 0]], "y": np.eye(3)[:, [2, 0, 1]], "z": np.eye(3)}
-"""Frames whose z is that axis of the base."""
+"""Frames whose z axis is the named axis of the base."""
 
 
 def tau(path: Path | None = None) -> Tau:

@@ -56,14 +56,15 @@ def _quiet() -> Iterator[list[str]]:
 
 
 ALWAYS = 0.95
-"""Share of random poses from which two parts that meet are built into one another: what MoveIt's assistant takes."""
+"""Share of random poses from which two colliding parts count as built into one another, as in MoveIt's setup
+assistant."""
 
 PROBES = 200
 CLEARANCE = 0.01
-"""Metres that parts keep from one another: a reflector's nest and cables are not in the description."""
+"""Least distance between parts, m: reflector nest and cables are not in the description."""
 
 BEAM = 0.02
-"""Metres, radius of the beam with the reflector at its end: of a 1.5 inch one."""
+"""Radius of the beam with the reflector at its end, m: that of a 1.5 inch reflector."""
 
 
 @dataclass(frozen=True, eq=False)

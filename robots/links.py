@@ -27,7 +27,7 @@ def placement(xyz: ArrayLike, rpy: ArrayLike) -> Array:
 
 
 LONGEST_CHAIN = 64
-"""Moving joints; work and memory grow with their square. A snake robot has 20."""
+"""Largest number of moving joints. Time and memory grow with its square; a snake robot has 20."""
 DOWN = (0.0, 0.0, -GRAVITY)
 
 

@@ -20,7 +20,7 @@ from robots.urdf_tree import MOVING, UrdfJoint, UrdfTree, read_tree
 FINGER_DEPTH = 3
 ARM_DEPTH = 3
 MOST_TURN = 30.0
-"""Radians: five turns either way are more than the cables of an arm allow, and 30 degrees less than its joints do."""
+"""Limit of a joint, rad, beyond which the description means degrees: cables allow at most five turns either way."""
 
 
 def read_urdf(

@@ -20,7 +20,7 @@ from gpmodel.texts import read_limited
 from robots.links import placement
 
 MOST_JOINTS = 300
-"""Largest number of joints of a chain; a humanoid with its hands has 100."""
+"""Largest number of joints of a chain; a humanoid with hands has 100."""
 
 ELEMENTS = ("link", "joint", "inertial", "mass", "origin", "parent", "child", "axis", "limit", "mimic", "calibration")
 """That are read; XML tells capital letters from small ones."""
@@ -65,7 +65,7 @@ MOVING = ("revolute", "continuous", "prismatic")
 KINDS = (*MOVING, "fixed", "floating", "planar")
 
 LONGEST_TITLE = 60
-"""Characters."""
+"""Characters of the name of a robot."""
 
 
 @dataclass(frozen=True)

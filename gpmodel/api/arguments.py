@@ -19,7 +19,7 @@ from gpmodel.mechanism.source import LoadedMechanism, MechanismChoice
 from gpmodel.table.units import parse_quantity
 
 NOISIEST = {"length": 1.0, "angle": 0.2, "pixels": 1e3}
-"""In SI: of no reading of an instrument."""
+"""Largest accepted noise, in SI: no instrument reads with a larger standard deviation."""
 LONGEST_NAME = 255
 """Bytes of the name of a file, and of a folder, on Linux, Windows and macOS."""
 LARGEST_FLOAT = sys.float_info.max

@@ -25,10 +25,10 @@ from gpmodel.table.dataset import Dataset, unmeasured
 from gpmodel.wording import counted, wrapped
 
 POSES = 40
-"""Random poses a family is tried on: enough for every instance to show, none is fitted."""
+"""Random poses at which a family is tried. Every instance shows at 40; nothing is fitted."""
 
 INSTRUMENT_AT = (1.0, 3.5, -0.5)
-"""The mechanism's root in the frame of the instrument, m: as a tracker stands."""
+"""Root of the mechanism in the frame of the instrument, m: a typical tracker position."""
 
 
 def effects(mechanism: Mechanism) -> pd.DataFrame:

@@ -64,9 +64,9 @@ Compensators use the thesis' size (section 5.2.2), and an eighth as many trees, 
 one formula of one input is sought, smaller populations suffice.
 """
 GENERATIONS = 100
-"""The thesis names none; after a hundred its populations are of one kind."""
+"""Generations of a run. The thesis gives no number; after a hundred the programs of a population are alike."""
 UNLIMITED, NO_END = 1_000_000, 1e9
-"""Generations of a run that only the clock ends, and seconds of one that only its generations end."""
+"""Generations of a run that ends by the clock, and seconds of a run that ends by its generations."""
 
 
 @dataclass(frozen=True)

@@ -63,17 +63,16 @@ from gpmodel.table.cells import CONTROLLER_DECIMALS, joint_table, table_text
 from gpmodel.wording import wrapped
 
 POOLED = 40
-"""Poses that a pool is made for where none are chosen: the default of choosing them."""
+"""Poses to choose where no number is given: the default of `choose_poses`."""
 TOLD_APART = 2.0
-"""Standard deviations that all poses of the pool must put between rivals for any of them to be taken for it."""
+"""Distance of two explanations over all candidate poses, in standard deviations, from which poses are chosen to
+separate them."""
 WITHIN = 1.2
-"""Deviation at a task over that which all poses of the pool would leave, at which as much is done for it as for rivals
-that are TOLD_APART."""
+"""Goal of the deviation at the task, over its value with all candidate poses. Each next pose serves the goal farthest
+off, this one or TOLD_APART."""
 MOST_RIVALS = 3
-"""Largest number of alternatives of each finding, the closest first.
-
-Later ones predict worse and become distinguishable on the way.
-"""
+"""Largest number of alternatives of each finding, the closest first. Later ones predict worse, and the same poses
+separate them."""
 
 
 def read_result(after: Model | str | Path) -> tuple[Model, Report | None]:
@@ -218,11 +217,11 @@ ALIASES = {"observability": "d-optimal"}
 BEFORE = ("spread", *GOALS, *ALIASES)
 AFTER = ("rivals", "effect", "i-optimal", "spread")
 CONE = 30.0
-"""Degrees from its normal within which a corner cube reflects."""
+"""Half-angle within which a corner-cube reflector returns the beam, degrees."""
 DRAWS = 5
-"""Random choices from the same pool whose mean the curve is held against."""
+"""Random selections from the candidate poses whose mean the printed curve is compared with."""
 MOST = 10_000
-"""Poses that may be asked for: twice as many as are chosen in a minute."""
+"""Largest number of poses that may be asked for: twice as many as are chosen in a minute."""
 ROWS = 9
 """Rows of the printed curve."""
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from gpmodel.evolution.regression import Law
 
 FEWEST = 5
-"""Rows below which the shortest law with two constants fits anything."""
+"""Least number of rows: with fewer, the shortest formula with two constants fits anything."""
 
 
 @dataclass(frozen=True, repr=False)

@@ -65,7 +65,7 @@ Described = Mapping[str, object] | str | Path | None
 """Content of a TOML file, or its path."""
 
 LARGE = 4 << 20
-"""Bytes of a table that takes a second to read: some 30 000 poses."""
+"""Bytes of a table that takes a second to read, about 30 000 poses. Larger ones are announced."""
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,9 @@ from gpmodel.table.bundles import different_poses
 from gpmodel.table.cells import CONTROLLER_DECIMALS, joint_table, table_text
 
 NAMED_BY = 12
-"""Poses by which a change is named; where it is not, no single one explains it."""
+"""Poses after which a change is named. If none is named by then, no single change explains the poses."""
 TWICE = 2.0
-"""Times the expected error of the model, by which the tool may move unseen where no tolerance is given."""
+"""Largest undetected motion of the tool, in expected errors of the model, where no tolerance is given."""
 
 
 @dataclass(frozen=True, repr=False)

@@ -39,14 +39,14 @@ Words = NDArray[np.object_]
 GIVEN = (OK, SINGULAR, RANGE, SIDE)
 """Statuses of rows that have corrected values."""
 MAX_MOVE = float(np.radians(2.0))
-"""Radians or metres that a joint may be moved by to compensate: an error of the model is far smaller."""
+"""Largest change of a joint by a compensation, radians or metres. An error of the model is far smaller."""
 FULL_TURN = float(np.radians(361.0))
-"""Largest rotation of a target: a full turn, and rounding."""
+"""Largest rotation of a target, radians: a full turn and its rounding."""
 DAMPED_ITERATIONS = 12
-"""Levenberg steps of each damping."""
+"""Levenberg-Marquardt steps with each damping."""
 DAMPINGS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
-"""Metres a radian of joint move counts against a radian of orientation (times ROTATION_WEIGHT). Each holds the move
-about three times shorter than the one before."""
+"""Weights of a radian of joint motion against a radian of tool orientation (times ROTATION_WEIGHT), m. Each shortens
+the joint motion about threefold."""
 
 
 @dataclass(frozen=True)

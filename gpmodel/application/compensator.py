@@ -29,8 +29,8 @@ class TrainingProblem:
 
 
 MILLIMETRE = 1e3
-"""Compensators read and write points in millimetres. The constants of Table 5.1 and the values of sin, cos and atan are
-of order one, and so is what is to be compensated in millimetres; in metres it is a thousandth of that."""
+"""Millimetres per metre. Compensators read and write millimetres: the constants of Table 5.1 and the values of sin, cos
+and atan are of order one, and so is the error in millimetres."""
 
 
 def cartesian_task(

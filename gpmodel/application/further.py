@@ -21,12 +21,13 @@ from gpmodel.model.error_model import Poses, closing, observe, prepare
 from gpmodel.numerics.interval import COVERAGE, Tails, with_far_ones
 
 POSES = 1000
+"""Poses of each simulated session."""
 WORLDS = 400
-"""Poses of a world; worlds, of which the 95 % quantile is itself known to about a percent."""
+"""Simulated sessions. The 95 % quantile over 400 is known to about a percent."""
 LARGEST_LEVERAGE = 0.95
-"""A pose that settles so much of the fit by itself has a residual of rounding."""
+"""Largest leverage of a pose that counts. With a larger one the pose fits itself and its residual is rounding."""
 FEWEST = 10
-"""Independent coordinates beyond the unknowns from which anything is said."""
+"""Least degrees of freedom of the residuals for a bound on further poses."""
 
 
 @dataclass(frozen=True)

@@ -24,22 +24,22 @@ from gpmodel.table.bundles import SAME_JOINT
 from gpmodel.table.dataset import Dataset, with_payload
 
 REACHED = 1e-7
-"""Metres within which a target is reached: a tenth of the micrometre that is promised."""
+"""Largest distance from a target that counts as reached, m: a tenth of the stated micrometre."""
 ITERATIONS = 60
-"""Steps at most; near a solution each squares what is left, and what has not arrived by then is called not
-reached."""
+"""Largest number of Newton steps to a target. Near a solution every step squares the error, so that more do not
+help."""
 DAMPING = 1e-12
-"""Least damping, relative to metres squared a radian squared: below rounding, so that good steps are Newton's."""
+"""Smallest damping, m²/rad²: below rounding, so that steps near a solution are Newton steps."""
 LONGEST_STEP = 0.3
-"""Radians or metres of any joint in one step: the linear picture of an arm of turning joints is true about so far."""
+"""Largest change of a joint in one step, radians or metres. Beyond it the linearised arm is wrong."""
 POOL = 4096
-"""Random joint values among which starts for Cartesian targets are sought: six joints, four values each."""
+"""Random joint values among which starts for Cartesian targets are sought: four values for each of six joints."""
 NEAREST = 6
-"""Number of nearest starts tried first for a target, as many as the joints of most arms."""
+"""Starts tried first for a target, the nearest ones: as many as most arms have joints."""
 SEEDS = 24
-"""Starts in all before a target is called not reached."""
+"""Starts tried before a target counts as unreachable."""
 UNSOLVED = 1e3
-"""Cost of joint values that do not reach a target, far above any distance from the middle of the ranges."""
+"""Cost of joint values that miss their target: above every distance from the middle of the joint ranges."""
 
 
 def tips(saved: SavedModel, dataset: Dataset, *, nominal: bool) -> tuple[Poses, Observed]:

@@ -18,26 +18,29 @@ from gpmodel.mechanism.protocol import AXES, LARGEST
 from gpmodel.texts import SEAL, parse_json, read_limited, seal
 
 KIND, SCHEMA = "gpmodel model", 3
+"""Kind and schema that model.json states."""
 SCHEMAS = (2, SCHEMA)
-"""That are read: before 3 the covariance was whole, now its rows end at the diagonal."""
+"""Schemas that can be read. Before schema 3 the covariance was stored as a full matrix; now a row ends at the
+diagonal."""
 LARGEST_FILE = 64 << 20
-"""Bytes: a hundred times a model of all families, with the description of a humanoid in it."""
+"""Bytes: a hundred times a model with all families and the description of a humanoid."""
 MOST_EFFECTS = 2000
-"""Ten times as many as the largest model of an arm with all families."""
+"""Largest number of effects: ten times that of the largest model of an arm with all families."""
 MOST_TERMS = 64
-"""Places that one effect acts at; those of all masses act at every joint of a chain."""
+"""Largest number of sites of one effect. Effects of all masses act at every joint of a chain."""
 MOST_COLUMNS = 500
-"""Columns of a table, as spreadsheets of a session have them, and labels of one kind."""
+"""Largest number of columns of a table, and of labels of one kind."""
 MOST_UNKNOWNS = 5000
-"""Largest number of unknowns of registration, tools and observations: five for every bar position."""
+"""Largest number of unknowns of registration, tools and observations. A bar position has five."""
 MOST_ROWS = 1_000_000
-"""Poses of a table, a hundred times those of the largest measured."""
+"""Largest number of rows of a table: a hundred times the largest measured table."""
 LARGEST_NUMBER = 1e13
-"""In SI: no length, stiffness or coordinate of a machine is larger, nor a moment in milliseconds since 1970."""
+"""Largest absolute value, in SI. Lengths, stiffnesses and coordinates of machines are smaller, and so is a time in
+milliseconds since 1970."""
 CORRELATION_TOLERANCE = 1e-6
-"""By which a correlation may leave -1 to 1: rounding."""
+"""Rounding of a correlation outside [-1, 1]."""
 ROTATION_TOLERANCE = 1e-6
-"""By which the axes of a frame that was written with all its digits may miss being orthonormal: rounding."""
+"""Rounding of the axes of a frame that was written with all digits: their largest deviation from orthonormal."""
 
 Finite = Annotated[float, msgspec.Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
 Deviation = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST_NUMBER)]

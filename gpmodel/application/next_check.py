@@ -23,13 +23,14 @@ from gpmodel.model.error_model import Poses, observe, prepare
 from gpmodel.planning.poses import spread_among
 
 FALSE_ALARM = 0.05
-"""Chance that a check of a machine that did not change ends with a change, however long it goes on."""
+"""Probability that the check of an unchanged machine ends with a change, over any number of poses."""
 FIRST = 6
-"""Different poses of the first look: one of them may be misread, and five still tell the registration and the tool."""
+"""Different poses before the first decision. If one of them is misread, five remain, which determine registration and
+tool."""
 SEEN = 1e-6
-"""Share of what the poses show of a zero that is left beside the registration, below which no pose shows it."""
+"""Least share of a joint zero's motion that registration does not absorb. Below it the poses do not show the zero."""
 SAME = 1e-4
-"""Radians or metres between two poses that are one."""
+"""Largest difference of joint values of one pose, radians or metres."""
 
 
 @dataclass(frozen=True)

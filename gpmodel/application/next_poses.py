@@ -22,10 +22,11 @@ from gpmodel.planning.poses import over_the_pool
 from gpmodel.table.dataset import Dataset
 
 BUILT = 1e-3
-"""Metres or radians: standard deviation of a geometric error before anything is measured."""
+"""Prior standard deviation of a geometric error, metres or radians."""
 
 LITTLE = 1e-9
-"""Smallest information of the measured poses about an unknown, as a fraction of the pool's; less counts as none."""
+"""Least information of the measured poses on an unknown, as a fraction of that of all candidate poses. Less counts as
+none."""
 
 
 @dataclass(frozen=True)

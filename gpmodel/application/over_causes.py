@@ -25,7 +25,7 @@ from gpmodel.selection.causes import Cause
 from gpmodel.table.bundles import JUDGED
 
 ALONG = 0.7
-"""Least cosine between an effect and a direction of the ball that it is taken for: under 45 degrees."""
+"""Least cosine between an effect and the direction of the ball that stands for it: under 45 degrees."""
 
 
 def of_the_ball(name: str, joint: SavedModel, machine: Mechanism) -> tuple[Effect, ...]:
@@ -85,11 +85,11 @@ def _weights(terms: Sequence[Term], shift: Shift) -> Array | None:
 
 
 UNLIKELY = 0.01
-"""Probability below which a cause moves nothing that anybody would notice."""
+"""Probability of a cause below which it is left out of a standard error."""
 
 RARE = 1e-3
-"""Probability below which a candidate of the catalogue is passed over: what moves a number by ten of its standard
-errors adds a hundredth to its variance ten times as often."""
+"""Probability of a candidate of the catalogue below which it is left out. One that moves a number by ten standard
+errors adds a tenth to its variance at this probability."""
 
 
 def spreads(discovery: Discovery) -> list[dict[str, float]]:

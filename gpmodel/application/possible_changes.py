@@ -27,7 +27,7 @@ Kind = Literal["zero", "tool", "size", "geometry", "catalogue", "set-up"]
 SHARES: dict[Kind, float] = {
     "zero": 1 / 3, "tool": 1 / 6, "size": 1 / 6, "geometry": 1 / 6, "catalogue": 1 / 12, "set-up": 1 / 12
 }  # fmt: skip
-"""Share of the significance of each kind of change; frequent causes (slips, crashes) get the most."""
+"""Share of the significance of each kind of change. Frequent causes (slips, crashes) get the most."""
 LEAST = 1e-3
 """Smallest remaining fraction of a column's length; below it registration or tool absorb the column."""
 STANDING = "base"
@@ -35,7 +35,7 @@ STANDING = "base"
 PIXELS = lens.NAMES[:4]
 """Numbers of a lens that are pixels."""
 HALF_WAVES, POSES_A_WAVE = 6, 16
-"""A set-up that wanders does so by as many half waves along the rows at most, each of as many poses."""
+"""Largest number of half waves of a drifting set-up along the rows, and the least number of poses of each."""
 
 
 @dataclass(frozen=True)
@@ -201,15 +201,15 @@ def _seen(found: Recheck, raw: PossibleChange) -> Iterator[PossibleChange]:
 
 SET_UP: Kind = "set-up"
 SIGNIFICANCE = 0.005
-"""Significance of each of the two tests of a valid model, of the whole residual and of named changes: 1 % together."""
+"""Significance of each of two tests: of the whole residual, and of named changes. Together 1 %."""
 MOST = 4
-"""Changes named at most: where more would be, nothing is what it was."""
+"""Largest number of named changes. With more, the machine is another one."""
 AS_LIKELY = 4.0
 """Difference of chi-square below which another change explains the poses as well: two standard deviations."""
 LARGEST = 0.01
-"""Radians or metres: a zero that is only seen from there on is not seen."""
+"""Shift of a joint zero, radians or metres, that counts as invisible if only larger ones can be detected."""
 POWER = 0.9
-"""Chance with which a change is seen that is called visible."""
+"""Probability of detection of a change that is called visible."""
 
 
 @dataclass(frozen=True)

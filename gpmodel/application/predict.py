@@ -70,7 +70,7 @@ def placement_columns(saved: SavedModel, poses: Poses, observed: Observed) -> Ar
 _MEASURED = re.compile(r"r?[xyz]|distance_.*")
 """Names of columns that an instrument fills, or that are given as a target."""
 AT_ONCE = 5000
-"""Poses that are predicted together: their columns take a tenth of a gigabyte."""
+"""Poses predicted together: their columns take a tenth of a gigabyte."""
 
 
 def predicted_columns(saved: SavedModel, dataset: Dataset, say: Say = silent) -> dict[str, Array]:

@@ -37,7 +37,8 @@ from gpmodel.table.bundles import different_poses, sharing
 from gpmodel.table.dataset import Dataset
 
 PASSES = 8
-"""Steps of Gauss-Newton for the registration, each without what then stands far out: three settle it."""
+"""Largest number of Gauss-Newton steps for the registration, each without the outliers of the one before. Three
+suffice."""
 
 
 @dataclass(frozen=True)
@@ -175,8 +176,8 @@ def errors_at(session: Session, dataset: Dataset) -> Array:
 NORMAL = 3.0
 """Kurtosis of a normal distribution."""
 LEAST_POSES, LEAST_FREEDOM = 4, 6
-"""Different poses, and degrees of freedom, below which nothing is judged: what four poses of three coordinates leave a
-registration."""
+"""Least number of different poses and of degrees of freedom of a verdict: what four poses of three coordinates leave
+after registration."""
 
 
 @dataclass(frozen=True)

@@ -36,9 +36,10 @@ from gpmodel.table.bundles import sharing
 from gpmodel.table.dataset import Dataset
 
 ENOUGH = 1.2
-"""Expected error over that before the change, from which no further pose is needed. At 1.1 the poses double."""
+"""Expected error over the error before the change at which no further pose is needed. At 1.1 twice as many poses are
+needed."""
 MOST_MORE = 30
-"""Further poses at most: with more a calibration is little dearer."""
+"""Largest number of further poses. With more, a new calibration costs little more."""
 KEPT_LABELS = ("setup", "tool", "tip")
 """Labels that rows of the fit keep beside those of the check."""
 

@@ -20,14 +20,14 @@ from gpmodel.numerics import se3
 from gpmodel.table.units import clock_names
 
 MARGIN = 0.01
-"""Share of a range's width by which an input may lie outside it unsaid: the extremes of a sample of poses are about
-one part in its number short of the limits the poses were drawn from."""
+"""Share of the width of a trained range by which an input may lie outside it without a note. The extremes of N poses
+fall short of the joint limits by about 1/N."""
 
 REACHES = (0.1, 0.05)
-"""Shares of a range's width by which a law that nobody named goes on beyond it, the first by which it may: twenty or
-forty poses leave as much of the limits they were drawn from unseen."""
+"""Shares of the width of a trained range by which a formula without a name is extended: at most the first. Twenty or
+forty poses leave as much of their limits unsampled."""
 LOOKS = 400
-"""At how many places a law is looked at within the ranges of its inputs, and beyond every edge and corner."""
+"""Points at which a formula is evaluated within the ranges of its inputs, and beyond each edge and corner."""
 
 
 @dataclass(frozen=True)

@@ -35,16 +35,17 @@ from gpmodel.table.dataset import Dataset
 
 Verdict = Literal["holds", "drifted", "another machine"]
 HALF = 0.5
-"""Largest residual of a valid model as a fraction of the nominal error."""
+"""Largest error of a valid model, over the error of the nominal model."""
 UNEXPLAINED = 0.01
-"""Share of chi-square that changes may leave which are all that changed: their squares, when a joint was crashed."""
+"""Largest share of chi-square that named changes leave unexplained if they are all that changed: the second order of a
+crash."""
 
 COMPUTED = 0.02
-"""Share of the noise that readings miss the model by which were computed with it: no instrument is fifty times better
-than that of the fit."""
+"""Residual over the noise of the fit below which readings were computed by the model: no instrument is fifty times
+better."""
 FAR = 5e-4
-"""Metres, RMS, beyond which a tool point is found anew and not corrected: half a millimetre on an arm of 0.2 m turns by
-what its square moves the point by, a micrometre."""
+"""RMS residual, m, beyond which the tool point is estimated anew and not corrected. At half a millimetre on a 0.2 m arm
+the second order of a turn is a micrometre."""
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,9 @@ from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
 
 TOOL_POINT = (0.05, 0.07, 0.11)
-"""Metres from the flange: off every axis, so that the last joint's errors show."""
+"""Tool point for the comparison, m from the flange: off every axis, so that errors of the last joint show."""
 CONDITION_LIMIT = 1e4
-"""Condition number beyond which combinations of errors are one: rounding in joint values of a controller's display."""
+"""Condition number beyond which a combination of errors is not determined: rounding of displayed joint values."""
 
 
 def linearised_at_nominal(mechanism: Mechanism, effects: tuple[Effect, ...], data: Dataset) -> Linearised:

@@ -23,15 +23,17 @@ from gpmodel.numerics import rank
 from gpmodel.table.bundles import sharing
 
 MOST_POSES = 200
-"""Poses that the noise is estimated from, drawn evenly along the rows: 600 coordinates know it to 3 %."""
+"""Poses from which noise and discrepancy are estimated, drawn evenly along the rows. Their 600 coordinates give the
+noise to 3 %."""
 FEWEST = 10
-"""Coordinates beyond the unknowns from which noise and discrepancy are told apart at all."""
+"""Least degrees of freedom for separating noise and discrepancy."""
 LENGTHS = (0.3, 0.08)
-"""Correlation lengths of an unknown function in ranges of a joint: those of one period over the range, and of four."""
+"""Correlation lengths of the discrepancy, in ranges of a joint: those of one period over the range, and of four."""
 ORDER = 4
-"""Joints that an unknown function reads at most; with two, one more robot in a hundred lies outside two sigma."""
+"""Largest number of joints that a term of the discrepancy reads. With two, one more robot in a hundred lies outside two
+sigma."""
 RATIOS = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 41)])
-"""Values of γ that are tried: below a hundredth the discrepancy is a tenth of the noise and moves no σ."""
+"""Grid of γ. Below 0.01 the discrepancy is a tenth of the noise and changes no standard error."""
 
 
 def noise_within(fit: Calibration, poses: Poses) -> float:

@@ -26,11 +26,11 @@ STEPS = 10
 """Largest number of steps of the split; three are usual."""
 
 SETTLED = 1e-8
-"""Metres that a last step moves a reading by: what instruments resolve is a hundred times that."""
+"""Motion of every reading by the last step, m: a hundredth of what instruments resolve."""
 
 WEAKEST = 1e-3
-"""Least singular value of the columns of registration and tool, of length one, along which they take up anything: a
-millimetre of readings would be a metre of them."""
+"""Smallest singular value of the unit columns of registration and tool along which they absorb a residual. A smaller
+one turns a millimetre of reading into a metre of tool."""
 
 
 def with_taken_up(model: ErrorModel, known: ErrorModel) -> ErrorModel:
@@ -116,19 +116,20 @@ def _with(effect: Effect, problem: Linearised, share: Array) -> Effect:
 
 
 FREE_JOINTS_LIMIT = 50.0
-"""Condition limit beside free joints. Source: Robertson (2003), 3.4."""
+"""Condition limit in a fit with unmeasured joints. Source: Robertson (2003), 3.4."""
 
 ATTEMPTS = 4
-"""Fits in all, each without the outliers of the one before."""
+"""Largest number of fits, each without the outliers of the one before."""
 
 RATIO_SETTLED = 0.1
-"""Change of the logarithm of a pose's whole variance that moves no standard deviation by more than a twentieth."""
+"""Change of the logarithm of a pose's variance at which the weights have settled. It moves standard errors by less than
+a twentieth."""
 
 UNSETTLED = 1.1
-"""Factor on σ for which a fit that converges is preferred to one of another limit that does not."""
+"""Factor on σ up to which a converged fit is preferred to an unconverged one with another limit."""
 
 ROUNDING = 1e-6
-"""Relative rise of a sum of squares that is rounding and no worse fit."""
+"""Relative rise of a sum of squares that is rounding."""
 
 
 @dataclass(frozen=True)

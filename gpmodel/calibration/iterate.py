@@ -77,28 +77,25 @@ def linear_step(
 
 
 MAX_ITERATIONS = 30
-"""Steps of a calibration at most; six to ten are usual."""
+"""Largest number of steps of a calibration; six to ten are usual."""
 MAX_HALVINGS = 10
-"""Largest number of halvings of a step: to a thousandth, where rounding decides whether the cost falls."""
+"""Largest number of halvings of a step. At a thousandth, rounding decides whether the cost falls."""
 REGAINED = 2
-"""Halvings of the step before that the next one tries without: where a step is cut it is long before one is whole."""
+"""Halvings that a step gives back to the next one: short steps come in long sequences."""
 SUFFICIENT = 0.5
-"""Share of what the linear problem foresees of a step that the cost has to fall by (Armijo 1966). A step that only just
-lowers it goes from side to side of a valley and down it by little."""
+"""Least fall of the cost, over the fall that the linear problem predicts (Armijo 1966). Steps with a smaller fall
+oscillate across a valley."""
 CORRECTIONS = 2
-"""Largest number of corrections of a step by the error of its linear prediction, before it is halved.
-
-In a curved valley, as where a twist, an offset and the tool are nearly equivalent, a straight step is too short.
-"""
+"""Largest number of corrections of a step by the error of its linear prediction, before it is halved. In a curved
+valley a straight step is too short. Twist, offset and tool that are nearly equivalent make one."""
 NEAR, BENT = 1e-6, 1e-4
-"""Columns stay as they are over steps that move no reading by more, metres, while what they foresee of each is right to
-such a share: of residuals of a tenth of a millimetre that moves where the iterations end by less than
-STEP_TOLERANCE."""
+"""Largest motion of a reading, m, and largest relative error of the predicted motion, with which the columns are kept
+for the next step. With residuals of 0.1 mm this moves the result by less than STEP_TOLERANCE."""
 STEP_TOLERANCE = 1e-9
-"""Metres: a step that moves no reading by more ends the iterations; instruments resolve a hundred times that."""
+"""Motion of every reading by a step that ends the iteration, m: a hundredth of what instruments resolve."""
 FREE_JOINTS_TOLERANCE = 1e-8
-"""Likewise of a step that is taken whatever the cost where free joints are eliminated: what their errors turn the
-columns by is of second order, and smaller steps than that go by it from side to side."""
+"""The tolerance in a fit with eliminated joints, m. Smaller steps oscillate: errors of the joints turn the columns by a
+second-order amount."""
 
 REASONS = {
     "converged": f"the last step moved no pose by more than {STEP_TOLERANCE * 1e6:g} µm",

@@ -26,11 +26,11 @@ from gpmodel.model.observed import Observed
 from gpmodel.numerics import rank as ident
 
 LEAST_ERROR = 1e-6
-"""Smallest error in units of prior_sigmas, 3.6 mas: smaller differences are rounding."""
+"""Smallest error of a description that counts, in units of prior_sigmas: 3.6 milliarcseconds."""
 LEAST_SIGMA = 1e-12
-"""Metres, far below any noise: exact tables."""
+"""Smallest noise, m: below that of every table with rounding."""
 ROUNDING = 1e-14
-"""Smallest information about a column, as a fraction; less is rounding."""
+"""Smallest information on a column, relative to the largest."""
 
 
 @dataclass(frozen=True)

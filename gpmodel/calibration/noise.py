@@ -10,7 +10,8 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.linearise import Linearised
 
 LARGEST_RATIO = 1e4
-"""Where measurements of a pose agree to a hundredth of what they share, their difference says nothing more."""
+"""Largest ratio of the variance that repeats share to the variance within them. Beyond it the difference of repeats
+carries no information."""
 
 
 @dataclass(frozen=True)

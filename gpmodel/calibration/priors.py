@@ -11,11 +11,12 @@ from gpmodel.model.error_model import ErrorModel, Placement
 from gpmodel.numerics import rank as ident
 
 TOOL_REACH = 1.0
-"""Metres: no tool point is much farther from the flange. It decides only where the poses say nothing of the tool."""
+"""Prior standard deviation of a tool point, m from the flange. It matters only where the poses do not determine the
+tool."""
 
 GEOMETRY_REACH = 0.01
-"""Metres or radians: a description of a mechanism is right to about so much. It decides only where the poses say nearly
-nothing of a length or a twist, as of those that hundreds of harmonics have taken over."""
+"""Prior standard deviation of a length or twist of the description, metres or radians. It matters only where the poses
+hardly determine it, as beside hundreds of harmonics."""
 
 
 def prior_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask) -> tuple[Array, Array]:

@@ -21,8 +21,8 @@ from gpmodel.numerics.least_squares import MANY_COLUMNS, inverse_gram, inverse_o
 from gpmodel.numerics.rank import RankChoice
 
 CORRELATED = 0.8
-"""Correlation from which two numbers are said to stand for one another: together they are known far better than
-either, whose deviation is at least 1.7 times what it would be alone."""
+"""Correlation from which two numbers are reported as interchangeable. The standard error of each is then at least 1.7
+times that with the other known."""
 
 
 @dataclass(frozen=True)

@@ -76,19 +76,19 @@ class FittedColumns:
 
 
 SIGNIFICANT = 3.0
-"""Standard deviations from zero at which a constant is worth a second thought."""
+"""Standard errors from zero of a constant for which alternatives are sought."""
 
 TOLD_APART = 2.0
-"""Standard deviations by which two explanations must differ over all poses, or these poses cannot tell them apart."""
+"""Distance of two explanations over all poses, in standard deviations. Below it the poses do not separate them."""
 
 PLAUSIBLE = 3.0
-"""Standard deviations of its prior within which a candidate's size is believed."""
+"""Largest size of a candidate, in standard deviations of its prior."""
 
 UNKNOWNS = 2
-"""Largest number of unknowns of an alternative: a curve of many imitates any constant."""
+"""Largest number of unknowns of an alternative. A smooth term with many imitates every constant."""
 
 VISIBLE = 0.05
-"""A candidate of which the model leaves less than this share says nothing about a constant."""
+"""Least share of a candidate that the model does not absorb. With less it is no alternative to a constant."""
 
 POOL = 400
 SHOWN = 4
@@ -96,7 +96,7 @@ SHOWN = 4
 
 
 AT_ONCE = 50
-"""Candidates whose columns are there at once: of thousands of poses megabytes each."""
+"""Candidates whose columns are held in memory: megabytes each with thousands of poses."""
 
 ROW = "row"
 """The input of what follows the rows."""

@@ -69,16 +69,18 @@ def placement_after(observed: Observed, placement: Placement, step: Array) -> Pl
 
 
 START_POSES = 400
-"""Poses that the start is found from; all of them take part in the fit that follows."""
+"""Poses from which the start is computed. The fit that follows uses all."""
 
 TOOL_PULL = 1e-4
-"""Metres of error that a tool point a metre off the flange counts as: what decides where the poses leave it open."""
+"""Cost of a tool point one metre from the flange, as an error in metres. It decides where the poses leave the tool
+open."""
 
 GOOD_START = 1e-4
-"""Metres RMS below which no other start is tried; poses in one plane have a mirrored one that fits far worse."""
+"""RMS error of a start, m, with which no other is tried. Poses in one plane have a mirrored start, which fits far
+worse."""
 
 TRIED_TOOLS = np.vstack([np.zeros(3), *(0.15 * sign * axis for axis in np.eye(3) for sign in (1.0, -1.0))])
-"""Tool points (7, 3), m, to start from: the flange, and as far off it as tools are, to every side."""
+"""Tool points (7, 3) to start from, m: the flange, and 0.15 m from it to every side."""
 
 
 def start_placements(poses: Poses) -> Iterator[Placement]:

@@ -18,22 +18,23 @@ from gpmodel.model.observed import Observed
 from gpmodel.table.dataset import Dataset
 
 TRUNCATION = 1e-2
-"""A direction of the joints that moves the point this much less than the strongest one is left at its prior."""
+"""Least singular value over the largest of joint motions that the readings determine. Other directions keep their
+prior."""
 
 ELIMINATED = 1e-2
-"""A column of which the free angles leave less than this share cannot be told from them."""
+"""Least share of a column that free joint angles do not absorb. With less it cannot be estimated beside them."""
 
 ROUNDING = 1e-7
-"""Share of the largest singular value below which a combination is rounding: the root of the precision of a
-double."""
+"""Singular value over the largest below which a combination is rounding: the square root of double precision."""
 PRIOR_SIGMA = {"revolute": np.radians(1.0), "prismatic": 1e-3}
-"""Radians and metres that approximate joint values are off by, where nobody says: what is read off a scale by eye."""
+"""Standard deviation of approximate joint values where none is stated, radians and metres: read from a scale by eye."""
 ROTATION_WEIGHT = 0.3
-"""Metres that a radian of orientation counts as where joints are solved: about the lever from a wrist to its tool."""
+"""Metres that count as a radian of orientation: a typical lever from the wrist to the tool. The fit of a table replaces
+it by the ratio of its residuals."""
 MAX_ITERATIONS = 20
-"""Steps at most for a pose's joints; three are usual."""
+"""Largest number of steps for the joints of a pose; three are usual."""
 STEP_TOLERANCE = 1e-9
-"""Radians or metres: a smaller step ends the iterations; 1e-9 moves a tool by less than a nanometre."""
+"""Step that ends the iteration, radians or metres: less than a nanometre at the tool."""
 MINIMUM_POSES = 4
 """Poses that fix a sphere: fewer points lie on many."""
 

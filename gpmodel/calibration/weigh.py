@@ -49,9 +49,9 @@ def _tool_point(mechanism: Mechanism, poses: Poses) -> Array:
 
 
 FITS = 2
-"""The second with the weights that the first says."""
+"""Number of fits; the second uses weights estimated by the first."""
 TRUSTED = 0.95
-"""Share of the rows that their spread is taken from: one in twenty may be wrong."""
+"""Share of the rows from which their spread is estimated: one in twenty may be wrong."""
 
 
 def weighed(mechanism: Mechanism, poses: Poses) -> Poses:

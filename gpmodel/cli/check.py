@@ -49,7 +49,7 @@ def completion(context: click.Context, shell: str) -> None:
 
 
 UNFIT = 2
-"""Exit status where nothing should be fitted to a table."""
+"""Exit status for a table that nothing should be fitted to."""
 
 
 @click.command()

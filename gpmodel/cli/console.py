@@ -24,7 +24,7 @@ from gpmodel.table.cells import read_frame, table_text
 from gpmodel.table.units import split_header
 
 PATIENCE = 10.0
-"""Seconds between passing lines where they cannot take each other's place."""
+"""Seconds between lines of progress on an output that cannot overwrite them."""
 NOISE = {"px": "0.1px", "deg": "0.002deg"}
 """Examples of `--noise` for readings that are no lengths."""
 CLEAR = "\r\x1b[K"

@@ -25,12 +25,12 @@ from gpmodel.table.cells import table_text
 TABLE = "demo.csv"
 MECHANISM = "irb6400r"
 VALUES, TEN = 6, 10
-"""Measured values for each unknown of the standard model, and the step to which the number of poses is rounded up. With
-half as many an effect of 40 arcsec is often not confirmed; twice as many halve its variance."""
+"""Measured values for each unknown of the standard model, and the multiple to which the number of poses is rounded up.
+With half as many, an effect of 40 arcsec is often not confirmed; twice as many halve its variance."""
 EFFECT = "joint_compliance J2=2e-7 rad/Nm"
 """Undeclared effect in the example files: about 0.1 mm at the tool, three times the noise."""
 REPEATED = 5
-"""Poses measured three times: 30 coordinates give the noise floor to a seventh."""
+"""Poses measured three times. Their 30 degrees of freedom give the noise to a seventh."""
 
 
 @click.command()

@@ -26,7 +26,7 @@ from gpmodel.table.ros_bag import bag_table, is_bag
 from gpmodel.texts import toml_text
 
 SHOWN = 5
-"""Rows of a table that are shown with the reading of its columns."""
+"""Rows of a table that are printed with the columns as read."""
 
 
 @click.command("import")

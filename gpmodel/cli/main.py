@@ -50,11 +50,11 @@ COMMANDS = {
 }
 PLUGINS = "gpmodel.commands"
 DONE, DEFECT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-"""Statuses of the program; 130 is what shells give an interrupted one."""
+"""Exit statuses of the program; shells give an interrupted one 130."""
 
 
 PLUGIN_HELP = 60
-"""Characters of a plugin's own help beside its name: what 80 columns leave."""
+"""Characters of a plugin's help beside its name: what 80 columns leave."""
 
 
 class CommandGroup(click.Group):

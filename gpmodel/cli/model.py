@@ -153,7 +153,7 @@ def export(
 
 
 CHANGED, UNDECIDED = 3, 4
-"""Status of a model that does not hold, or not within the tolerance; of a check that needs a further pose."""
+"""Exit status of a model that does not hold, or not within the tolerance; and of a check that needs a further pose."""
 
 
 @click.command()

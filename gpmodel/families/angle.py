@@ -23,16 +23,17 @@ from gpmodel.model.sites import Site
 from gpmodel.model.states import States
 
 LENGTH, ANGLE = 5e-5, 5e-5
-"""m and rad over the travel: between a machine tool's 10 µm and a robot track's 0.2 mm."""
+"""Prior standard deviations of guideway errors over the travel, m and rad: between a machine tool (10 µm) and a robot
+track (0.2 mm)."""
 
 WAVES = 4
-"""Half waves over the travel: guideways bend and sag over parts of their length, not over less than its quarter."""
+"""Half waves over the travel: guideways bend and sag over a quarter of their length or more."""
 
 LEADS = (1, 2, 2.5, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 32, 40)
-"""mm, nominal leads of ball screws (ISO 3408-2)."""
+"""Nominal leads of ball screws, mm (ISO 3408-2)."""
 
 SHORTEST = 2e-3
-"""m: finer screws drive no robot, and poses repeat to a tenth of it at best."""
+"""Shortest period of a cyclic error, m. Finer screws drive no robot, and poses repeat to a tenth of it at best."""
 
 TURN = {"x": "A", "y": "B", "z": "C"}
 
@@ -109,17 +110,19 @@ def cyclic_grids(mechanism: Mechanism, states: States) -> Iterator[FrequencyGrid
 
 CURVE_SPREAD = 5e-4
 CURVE_CORNER = 15.0
-"""Radians, the standard deviation of a curve's sum of harmonics; and the harmonic at which they fall off."""
+"""Prior of the error curve of a joint: standard deviation of the sum of its harmonics, rad, and the harmonic at which
+the prior falls off."""
 
 SMOOTH = (10, 3.0)
-"""Harmonics of a smooth curve, and the one at which its prior falls off: eccentric and bent gears make the first
-few."""
+"""Harmonics of a smooth error curve, and the harmonic at which its prior falls off. Eccentric and bent gears cause the
+first few."""
 
 WOBBLE, RUN_OUT = 5e-5, 2e-5
-"""rad, 10 arc seconds; m, of a robot's crossed roller bearing (ISO 230-7; Slocum 1992, ch. 8)."""
+"""Tilt and radial run-out of a robot's crossed roller bearing, rad (10 arcsec) and m (ISO 230-7; Slocum 1992, ch.
+8)."""
 
 LOBES = (2, 3, 4)
-"""Lobes of a ball: oval, as from centreless grinding, and neighbours on either side."""
+"""Lobes of a ball: three as from centreless grinding, and their neighbours."""
 
 Curve = tuple[Effect, ...]
 

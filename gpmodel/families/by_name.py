@@ -11,7 +11,7 @@ from gpmodel.model.sites import in_mechanism_names
 from gpmodel.model.states import States
 
 MOST_INSTANCES = 12
-"""Instances of a family that its name alone may stand for, and that a message lists."""
+"""Largest number of instances that the name of a family alone may stand for, and that a message lists."""
 
 
 def effects_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:

@@ -16,12 +16,12 @@ from gpmodel.model.effect import Effect, Term, drive_effect, made_of
 from gpmodel.model.states import States, load_unit
 
 NO_LOAD, NEXT_TO_NONE = 1e-6, 1e-4
-"""N m or N: a load below it is rounding. Share of the largest load in the same unit below which another is as good as
-none: no joint is so soft beside the others that it would show, and at other poses the load may be a hundred times as
-large."""
+"""Load that counts as rounding, N·m or N; and the least share of the largest load of the same unit that counts at all.
+With less, a joint would have to be ten thousand times as soft as the others, and at other poses the load may be a
+hundred times as large."""
 
 STANDARD_TEMPERATURE = {"degC": 20.0, "K": 293.15, "degF": 68.0}
-"""Temperature at which dimensions are stated (ISO 1), by the unit of a column."""
+"""Temperature at which dimensions are stated (ISO 1), by the unit of the column."""
 
 Kind = Literal["single", "harmonic", "vector", "curve"]
 

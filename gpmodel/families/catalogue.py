@@ -77,8 +77,8 @@ def installed() -> tuple[Family, ...]:
 Offer = Family | Candidate | Effect
 
 PLAIN_COST = 4.0
-"""Nats of an effect given without a cost: as much as the plainest rows of the catalogue, e^4 = 55 of which would be
-as many as there are places in an arm with six joints."""
+"""Price of an effect without a stated one, nats: that of the plainest rows of the catalogue. exp(4) = 55 is about the
+number of sites of a six-joint arm."""
 
 
 def distinct(offers: Iterable[object]) -> tuple[Offer, ...]:

@@ -14,7 +14,8 @@ from gpmodel.model.sites import Site, sites_of
 from gpmodel.model.states import States
 
 FOLLOWING = (3, 1.5)
-"""Harmonics of a curve that follows another joint, and the one at which its prior falls off: smoother than gears."""
+"""Harmonics of an error curve over another joint, and the harmonic at which its prior falls off. It is smoother than
+that of a gear."""
 
 
 def continued(curve: Candidate) -> tuple[Effect, ...]:

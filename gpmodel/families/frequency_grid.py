@@ -14,8 +14,8 @@ from gpmodel.model.effect import drive_effect
 from gpmodel.model.states import States
 
 CLOSER = 4
-"""Rates in a width of 2π over the travel, within which two are not told apart: between rates a quarter of it apart the
-best one loses 5 % at most, (1 - sinc²(1/8))."""
+"""Frequencies per 2π over the travel. At a quarter of that spacing the best one loses at most 5 % of the gain, 1 -
+sinc²(1/8)."""
 
 
 @dataclass(frozen=True)
@@ -70,10 +70,10 @@ def frequency_grid(
 
 
 NAMED, HIGHEST = range(3, 13), 400
-"""Ripples per turn that are offered by name; up to where any number, whole or not, is looked for: twice the ratio of
+"""Ripples per turn offered by name; and the largest number per turn, whole or not, that is searched: twice the ratio of
 the slowest strain-wave gears."""
 COST = 4.0
-"""Nats of an effect with a name."""
+"""Price of an effect with a name, nats."""
 
 
 def transmission_ripple(mechanism: Mechanism, states: States) -> Iterator[Candidate]:

@@ -23,29 +23,30 @@ from gpmodel.model.effect import Effect, Term, effect_at
 from gpmodel.model.states import Seen, States
 
 ANGLE, LENGTH, SCALE = 3e-5, 5e-5, 2e-5
-"""rad, m, m a metre: a few times what makers state at worst, 15 µm + 6 µm/m, since what is found is out of order."""
+"""Prior standard deviations of instrument errors, rad, m and m/m: a few times the specification of the worst trackers,
+15 µm + 6 µm/m, since an instrument with an error is out of order."""
 
 OUT_OF_ORDER = float(np.log(1000.0))
-"""Nats of an error beyond the specification: one instrument in a thousand that measures is out of it unknown to its
-user, as the yearly verification of ISO 10360-10 leaves it."""
+"""Price of an error beyond the specification, nats: one instrument in a thousand is out of order without its user
+knowing, as yearly verification to ISO 10360-10 leaves it."""
 
 A, E, R = "instrument_azimuth", "instrument_elevation", "instrument_range"
 
 DEGREE = 3
-"""Degree of a smooth field over the volume: a bend and an s-shape along each direction."""
+"""Degree of the smooth error field over the volume: a bend and an S shape along each direction."""
 
 FINE, FINE_POSES = 5, 200
-"""Half waves, along all directions together, of a field with more detail, and the poses that can carry its numbers."""
+"""Half waves, over all directions together, of a detailed error field, and the least number of poses for it."""
 
 NEAREST, STEEPEST = 1.0, float(np.radians(85.0))
-"""Metres between an instrument that reads angles and a distance, and the nearest point that it measured; largest
-elevation that it reads. A table in the frame of the robot itself has its origin within the robot."""
+"""Least distance of a measured point from an instrument that reads angles and a distance, m; and its largest elevation.
+A table in the frame of the robot has its origin inside the robot."""
 
 WAVES = 8
-"""Waves of a walk along the rows: the eighth carries a 225th of the variance of the first."""
+"""Sine waves of a random walk along the rows. The eighth has 1/225 of the variance of the first."""
 
 FINE_WAVES = 32
-"""Waves of a walk in detail: eight leave a fortieth of its variance, in which a step passes for more than the rest."""
+"""Sine waves of a detailed random walk. Eight leave a fortieth of its variance, which a step would seem to explain."""
 
 
 @dataclass(frozen=True)

@@ -112,11 +112,13 @@ def support_sag(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 DEFLECTION = 7e-4
-"""rad; a shoulder of 4e6 N·m/rad under 3 kN·m, a forearm of 2e5 under 140 (Dumas 2011)."""
+"""Typical deflection of a joint, rad: a shoulder of 4e6 N·m/rad under 3 kN·m, a forearm of 2e5 under 140 N·m (Dumas
+2011)."""
 
 
 SECOND = 5.0
-"""Nats: wrong masses are a second finding in addition to the spring, and cost the least gain of one."""
+"""Price of wrong masses beside a joint's compliance, nats: they are a second finding, and cost the least gain of a
+finding."""
 
 
 def unknown_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:

@@ -13,10 +13,10 @@ from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect
 
 PRINTED = {"rad": (180.0 / math.pi, "deg"), "m": (1e3, "mm")}
-"""Factor and unit that lengths and angles are said in."""
+"""Factor and unit in which lengths and angles are printed."""
 
 LINEAR = {"tanh": ("step", 1.0), "logistic": ("step", 2.0), "deadzone": ("dead zone", 2.0)}
-"""Functions of (x - at) that have an outline: what it is, and its width where x counts once."""
+"""Functions of (x - at) with an outline: its name, and its width if x has the factor one."""
 
 
 @dataclass(frozen=True)

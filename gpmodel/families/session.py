@@ -22,16 +22,17 @@ from gpmodel.model.memory import read_by, temperatures
 from gpmodel.model.states import States
 
 EXPANSION = 2e-5
-"""Per kelvin: between steel, 12e-6, and aluminium, 23e-6."""
+"""Thermal expansion, 1/K: between steel, 12e-6, and aluminium, 23e-6."""
 
 TILT = 2e-5
-"""rad per kelvin: a steel column of a metre, 0.3 m wide, whose sides differ by half a kelvin for every kelvin."""
+"""Tilt of the base, rad/K: a steel column 1 m high and 0.3 m wide, whose sides differ by half a kelvin for every
+kelvin."""
 
 ZERO = 1e-5
-"""rad per kelvin of an encoder's zero: Gong 2000 has up to 0.2 mrad over 20 K."""
+"""Drift of an encoder zero, rad/K. Gong (2000) reports up to 0.2 mrad over 20 K."""
 
 SHORTEST = 0.02
-"""m; a shorter link grows by less than 5 µm in 10 K."""
+"""Shortest link that is offered thermal growth, m. A shorter one grows by less than 5 µm in 10 K."""
 
 
 def arm_growth(
@@ -56,14 +57,13 @@ def _along(slot: str, link: Array, basis: Basis) -> tuple[Term, ...]:
 
 
 MOST_STEPS = 200
-"""Places of a step offered along the rows at most, evenly chosen."""
+"""Largest number of rows at which a step is offered, evenly spaced."""
 
 EVENTS = 12
-"""Moments at which something may have started to settle; a time constant of a twentieth of the session or more does not
-need them closer."""
+"""Moments at which settling may begin. Time constants of a twentieth of the session or more need no closer ones."""
 
 SETTLED = 1e-4
-"""rad, or share of a link's length: 5 K of steel (Slocum 1992, ch. 2)."""
+"""Prior standard deviation of settling, rad or share of a link's length: 5 K of steel (Slocum 1992, ch. 2)."""
 
 
 def _steps(states: States) -> list[int]:
@@ -189,14 +189,14 @@ def _measured_temperatures(states: States) -> list[str]:
 
 
 PLAY = 1e-4
-"""Half the play of a drive, rad or, over a pitch radius of 0.1 m, a tenth of it in m."""
+"""Half the play of a drive, rad; of a linear axis a tenth of it in m, over a pitch radius of 0.1 m."""
 
 WIDTHS = (0.02, 0.05, 0.1, 0.2)
-"""Half-widths of stop operators, as shares of a joint's travel or of a torque's span: what is narrower looks like play,
-what is wider like a smooth curve."""
+"""Half-widths of stop operators, over the travel of a joint or the span of a torque. Narrower ones act as play, wider
+ones as a smooth curve."""
 
 LAGS = 8
-"""Time constants offered, in equal ratios from a row to the session."""
+"""Time constants offered, in equal ratios from the time of one row to that of the session."""
 
 
 def _play(joint: Joint) -> float:

@@ -15,7 +15,7 @@ from gpmodel.formula.program import Builder, Node, Program
 _LARGEST_POWER = 64
 Pieces = Mapping[sympy.Symbol, sympy.Expr]
 LARGEST_PIECE = 30
-"""Operators and leaves of one expression; algebra on longer ones takes minutes."""
+"""Operators and leaves of one expression in SymPy. Longer ones take minutes."""
 
 logical_not = sympy.Function("not_")
 """1 where its argument is 0, else 0: left alone by the algebra."""

@@ -27,11 +27,11 @@ LARGEST_NUMBER = sys.float_info.max
 DIGITS = 6
 """Significant digits of a written constant: a millionth of it is far below its standard error."""
 LONGEST_TEXT = 50_000
-"""Characters; a sequence of 256 instructions, the longest that is evolved, has 10 000."""
+"""Characters of a formula. A sequence of 256 instructions, the longest that is evolved, has 10 000."""
 MOST_PARTS = 5_000
-"""Operators, inputs and numbers of a text."""
+"""Operators, inputs and numbers of a formula."""
 DEEPEST = 300
-"""Parts within each other: a sequence of 256 instructions without a part used twice."""
+"""Nesting of a formula: that of a sequence of 256 instructions whose parts are each used once."""
 _ALONE = threading.RLock()
 """Held while a text is parsed: Python 3.11 counts the depth of syntax trees for all threads together."""
 
@@ -148,7 +148,7 @@ def raise_to(builder: Builder, base: int, power: int) -> int:
 
 
 LARGEST_WRITTEN = 50_000
-"""Parts of a basis with every name replaced by what it stands for; each name may double it."""
+"""Parts of a basis with every name expanded; each name may double it."""
 
 
 class Columns(Protocol):

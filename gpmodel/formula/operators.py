@@ -79,7 +79,7 @@ INPUT, LOAD, STORE = 0, 1, 2
 """Op-codes that move data and compute nothing."""
 
 WRITTEN = 23
-"""From this op-code on operators are written, read and fitted, and never evolved."""
+"""First op-code of the operators that are written, read and fitted, but not evolved."""
 
 ARITHMETIC: tuple[Operator, ...] = (
     Operator(3, "add", 2, True, np.add, lambda a, b: (_ones(a), _ones(b))),

@@ -13,11 +13,11 @@ from gpmodel.arrays import Array, Mask
 from gpmodel.numerics.interval import COVERAGE, SIGNIFICANCE, holm
 
 SMALLEST = 1e-300
-"""Chance, below which none is told from zero."""
+"""Smallest chance that is told from zero."""
 
 FEWEST = 4
-"""Machines of which one can stand out: the others must leave their spread two degrees of freedom, with one of which
-nothing is ever improbable."""
+"""Least number of machines for an outlier test. With three, the spread of the others has one degree of freedom, and
+nothing is improbable."""
 
 
 @dataclass(frozen=True)

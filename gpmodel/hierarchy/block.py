@@ -19,8 +19,8 @@ from gpmodel.model.effect import Effect
 from gpmodel.numerics.interval import COVERAGE
 
 TOLD = 1.0
-"""Information on a direction, in that of the prior, from where the poses say more of it than the prior does; others
-would only dilute what is asked of a machine."""
+"""Information of the poses on a direction, over that of the prior, from which the direction is tested. Others would
+dilute the test."""
 
 
 @dataclass(frozen=True)

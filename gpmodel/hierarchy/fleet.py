@@ -20,14 +20,12 @@ from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import table_names, translate
 
 WIDE = 3e-3
-"""Metres and radians of geometry that no machine is built worse than; it is taken off again before anything is learned,
-and remains only of what no machine's poses show."""
+"""Prior standard deviation of geometry in the fit of one machine, m and rad: more than any machine's. It is removed
+before the type is estimated and remains only where no machine's poses determine a number."""
 
 STEPS, SETTLED = 500, 1e-4
-"""Largest number of iterations, and the relative change of every τ² at which they end.
-
-The change is a hundredth of the standard error of τ² with hundreds of machines.
-"""
+"""Largest number of iterations, and the relative change of every τ² that ends them: a hundredth of the standard error
+of τ² with hundreds of machines."""
 
 
 @dataclass(frozen=True)

@@ -28,11 +28,11 @@ from gpmodel.numerics.interval import SIGNIFICANCE, holm
 from gpmodel.wording import length
 
 LARGEST = 1e3
-"""Largest s, and largest σ over the noise of the type, that are sought."""
+"""Upper bound of s, and of σ over the noise of the type."""
 
 DOUBTFUL, TWICE = 1e-3, 2.0
-"""Chance and s from where a machine is no brother; the chance counts the prior as known, which machines only estimate,
-so that s has to be 2 as well."""
+"""Chance and s from which a machine counts as different from its type. The chance takes the prior for exact; it is
+estimated, so that s has to be 2 as well."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ PRIOR, ALONE = "the prior of the fleet", "its own poses alone"
 """Names of the last step of a further machine, and of the step before it."""
 
 LOUDER = 1.1
-"""Noise over that of the type from where the last fit is repeated."""
+"""Noise over that of the type from which the last fit is repeated."""
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ TABLES = (".csv", ".txt", ".xlsx")
 HIDDEN = (".", "~$")
 """Prefixes of files that are not tables; Excel leaves the latter next to an open table."""
 LONGEST_NAME = 60
-"""Characters of the name of a machine's folder."""
+"""Characters of the folder name of a machine."""
 ABOUT = "fleet.toml"
 EXPECTED = "mechanism = NAME and, below [serials], FILE = SERIAL"
 
@@ -126,7 +126,7 @@ MACHINES = "machines"
 NOISE = "noise of one coordinate"
 """The last of the parameters: its values are logarithms of metres."""
 MOST_MACHINES = 10_000
-"""A type of which more were built is known well enough from these."""
+"""Largest number of machines. A type with more is known well enough from these."""
 
 PerMachine = Annotated[tuple[Finite, ...], msgspec.Meta(max_length=MOST_MACHINES)]
 

@@ -14,11 +14,10 @@ from gpmodel.numerics.se3 import chain
 
 FREE_TURN = np.pi
 FREE_TRAVEL = 0.5
-"""Radians and metres to each side that an unlimited joint is taken to move: all directions, and the room of a
-machine."""
+"""Travel to each side of a joint without limits, radians and metres."""
 
 MOST_DRAWS = 100
-"""Times as many random joint values as are asked for: where one in a hundred closes, hardly any machine does."""
+"""Random joint values drawn for each pose at most. If fewer than one in a hundred closes the loops, the search ends."""
 
 
 def joint_range(joint: Joint) -> tuple[float, float]:
@@ -67,7 +66,7 @@ def links(mechanism: Mechanism) -> dict[str, Array]:
 
 
 TIP_TOLERANCE = 1e-7
-"""m, by which two descriptions of one machine may differ: rounding."""
+"""Largest distance between the tips of two descriptions of one machine, m: rounding."""
 
 
 def probe(mechanism: Mechanism) -> Array:

@@ -9,14 +9,15 @@ from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError
 
 GRAVITY = 9.81
-"""m/s²: that of middle latitudes. Standard gravity is 9.80665; on Earth it is 9.78 to 9.83, so that loads, and with
-them compliances, are right to 0.3 % anywhere."""
+"""Acceleration of gravity at middle latitudes, m/s². Standard gravity is 9.80665, and the range on Earth 9.78 to 9.83:
+loads and compliances are right to 0.3 %."""
 
 SI = {"length": "m", "angle": "rad", "mass": "kg", "acceleration": "m/s**2", "pixels": "px"}
 """Units by dimension."""
 
 LARGEST = {"length": 1e3, "angle": 1e3, "mass": 5e4, "acceleration": 1e2, "pixels": 1e5}
-"""In SI: more than any part, joint, link, payload, gravity or image of a machine has; what is more is a wrong unit."""
+"""Largest accepted values, in SI: lengths, angles, masses, accelerations and pixels of every machine are smaller. A
+larger one has a wrong unit."""
 
 
 def checked(value: float, dimension: str, where: str) -> float:

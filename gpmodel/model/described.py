@@ -17,12 +17,12 @@ KINDS = ("cameras", "board", "surfaces")
 """Kinds of objects that a file may describe."""
 
 SOLVED = {"focal": (0, 1), "centre": (2, 3), "distortion": (4, 5, 6, 7), "distortion k3": (8,)}
-"""Numbers of a lens by what `solve` calls them."""
+"""Indices of the lens numbers that each word of `solve` stands for."""
 
 MOST_BENT = 1e4
-"""A coefficient of distortion; k3 of a narrow lens may be some hundreds."""
+"""Largest distortion coefficient; k3 of a narrow lens may be some hundreds."""
 MOST_MARKERS = 1000
-"""Along a side of a board."""
+"""Largest number of markers along a side of a board."""
 
 Slot = Callable[[str, str], int]
 """A link's name, and where it is written, to the slot that carries it."""

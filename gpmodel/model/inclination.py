@@ -17,9 +17,9 @@ from gpmodel.numerics import se3
 
 VERTICAL = "vertical"
 FEWEST = 4
-"""Readings of one inclinometer: each axis has three unknowns."""
+"""Least number of readings of one inclinometer: each axis has three unknowns."""
 STEEPEST = np.radians(89.9)
-"""Beyond it a sine hardly changes with the angle."""
+"""Largest inclination, radians. Beyond it the sine hardly changes with the angle."""
 
 
 @dataclass(frozen=True, eq=False)

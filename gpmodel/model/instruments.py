@@ -23,10 +23,10 @@ KNOWN = "surfaces"
 """The body of all surfaces whose places to each other a file gives."""
 
 SAME_VIEW = 1e-6
-"""Radians or metres up to which rows were seen in one pose: rounding of what was written."""
+"""Largest difference of joint values of one view, radians or metres: written digits."""
 
 METRES_A_PIXEL, METRES_A_RADIAN = 1e-3, 1.0
-"""Metres per pixel and per radian before the readings are weighed: a pixel at a metre, a radian at a lever of one."""
+"""Metres per pixel and per radian before the readings are weighted: a pixel at a metre, a lever of a metre."""
 
 
 def with_observations(

@@ -12,7 +12,7 @@ from gpmodel.arrays import Array
 
 NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 UNDISTORTING = 20
-"""Fixed-point steps that take distortion off; those of a usual lens gain two digits each."""
+"""Fixed-point steps that remove distortion; each gains two digits for a usual lens."""
 
 
 def pixels(points: Array, lens: Array) -> Array:

@@ -24,11 +24,13 @@ from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import is_time
 
 OFTEN = 0.05
-"""Share of rows: of poses drawn from a range of 0.2 rad one in two hundred is within SAME_JOINT of the one before."""
+"""Least share of rows close to the one before from which a joint counts as held. Of random poses in a range of 0.2 rad,
+one in two hundred is within SAME_JOINT."""
 _LAST_MOVE = re.compile(r"last_move_(?P<of>\w+)$")
 _WITH_CONSTANT = re.compile(r"(?P<what>play|stop|lag)_(?P<of>\w+)_(?P<size>\d+(?:p\d+)?)$")
 FEWEST_ROWS = 10
-"""Rows from which a column of times that never falls says that the rows are in order: by chance once in 10! tables."""
+"""Least number of rows with rising times from which the rows are in the order of measurement: by chance once in 10!
+tables."""
 
 
 def word(value: float, digits: int = 4) -> str:

@@ -19,14 +19,14 @@ from gpmodel.numerics import se3
 from gpmodel.numerics.se3 import by_pose, frame_of, numbers_of, turned
 
 REWEIGHTED = 10
-"""Fits of a homography, a body's pose or hand and eye, each with less weight on what stands far out of the one
+"""Fits of a homography, of the pose of a body, or of hand and eye, each with smaller weights on outliers of the one
 before."""
 IN_TURN = 20
-"""Steps of a body's pose between them."""
+"""Gauss-Newton steps for the pose of a body between two weightings."""
 TURNING = 1e-3
 """Smallest ratio of the second smallest singular value to the largest; below it all views turn about one axis."""
 FEWEST_VIEWS = 3
-"""Between them two turns, about two axes: fewer leave a hand-eye transform open."""
+"""Least number of views: their two turns about two axes determine a hand-eye transform."""
 
 
 def homography(flat: Array, seen: Array) -> Array:
@@ -159,14 +159,12 @@ def _trusted(off: Array) -> Array:
 
 
 WORLD = -1
-"""The carrier of what stands still."""
+"""Carrier of a body that does not move."""
 
 
 FEWEST_CORNERS, FEWEST_MARKERS = 4, 6
-"""Smallest number of corners and of markers in one view.
-
-Fewer corners leave the pose of a board open; fewer markers leave that of a body open if some are wrong.
-"""
+"""Least number of corners and of markers in one view. Fewer corners do not determine the pose of a board, and fewer
+markers not that of a body if some are wrong."""
 FLAT = 1e-3
 """Largest distance of a board's corners from one plane, as a fraction of its size."""
 

@@ -14,9 +14,8 @@ from gpmodel.errors import InputError
 from gpmodel.numerics import se3
 
 ALONG_A_LINE = 0.01
-"""Smallest width of the touches across a line as a fraction of their length; below it the turn of a plane about the
-line is unknown.
-"""
+"""Least width of the touches across a line over their length. With less, the turn of a plane about the line is
+unknown."""
 
 
 @dataclass(frozen=True)

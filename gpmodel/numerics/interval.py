@@ -8,12 +8,12 @@ from scipy import special
 from gpmodel.arrays import Array
 
 FREEDOMS = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 1000.0)
-"""Degrees of freedom that are weighed against each other, all alike beforehand; the last is the normal distribution."""
+"""Degrees of freedom of Student's t with equal prior weights; the last one is the normal distribution."""
 NODES = 40
 """Nodes of Student's t as a mixture of normal distributions."""
 STEPS = 100
 SETTLED = 1e-3
-"""Iterations of a scale at most; its relative change that ends them."""
+"""Largest number of iterations for the scale, and its relative change that ends them."""
 
 
 @dataclass(frozen=True)

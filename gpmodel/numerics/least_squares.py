@@ -21,21 +21,21 @@ def give_back() -> None:
 
 
 OUTLIER_SIGMAS = 6.0
-"""Robust standard deviations beyond which an error is an outlier: of the lengths of 3-D normal errors, one in 10⁵."""
+"""Robust standard deviations beyond which an error is an outlier: one in 10⁵ lengths of 3-D normal errors."""
 
 OUTLIER_SHARE = 0.15
-"""At most this share of the poses is left out of a fit: more are no outliers but another model."""
+"""Largest share of poses that a fit leaves out. More of them are another model."""
 
 SMALLEST_SPREAD = 1e-9
-"""Metres: exact tables have no outliers of rounding."""
+"""Smallest spread of errors, m: exact tables have no outliers."""
 
 
 NEIGHBOURS = 5
-"""Poses beside one that are asked whether they stand far out as well: of every fiftieth pose at random three do so once
-in ten thousand."""
+"""Nearest poses that are compared with an outlier. If every fiftieth pose is one at random, three of five are with a
+probability of 1e-4."""
 
 ALIKE = 0.5
-"""Cosine between errors that point the same way: a quarter of all directions."""
+"""Least cosine between errors of one direction: a quarter of all directions."""
 
 MAD_SIGMAS = 1.4826
 """Standard deviation of a Gaussian over its median absolute deviation."""
@@ -73,7 +73,8 @@ def in_company(far: Mask, places: Array, errors: Array) -> Mask:
 
 
 MANY_COLUMNS = 100
-"""So many only priors bring, which keep normal equations regular; and those are far faster than pivoted QR."""
+"""Columns from which normal equations replace pivoted QR. So many come with priors, which keep the equations
+regular."""
 
 
 def solve(system: Array, target: Array) -> Array:
@@ -101,11 +102,11 @@ def root_mean_square(values: Array) -> float:
 
 
 REGULAR = 1e-13
-"""Smallest eigenvalue of products of unit columns relative to the largest; smaller ones are rounding."""
+"""Least eigenvalue of the products of unit columns over the largest. Smaller ones are rounding."""
 
 INSIDE = 1e-6
-"""Share of a unit vector of coefficients that combinations of columns which are zero, but for rounding, take up: above
-it the column lies in the span of the others."""
+"""Share of a unit vector of coefficients in the null space of the columns. Above it the column lies in the span of the
+others."""
 
 
 @dataclass(frozen=True)

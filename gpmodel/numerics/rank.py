@@ -11,7 +11,8 @@ from gpmodel.arrays import Array, Count, IntArray, Mask, NotNegative
 NEGLIGIBLE = 1e-7
 """Relative norm below which a column is rounding: a few times the root of the precision of a double."""
 LIMITS = (1.0, 20.0, 50.0, 200.0, 1000.0, 1e4, 1e6)
-"""Condition limits that cross-validation chooses from: between any two an arm's standard model changes its rank."""
+"""Condition limits among which cross-validation chooses. Between any two, the rank of an arm's standard model
+changes."""
 
 
 def orthonormal(columns: Array) -> Array:

@@ -10,7 +10,7 @@ from gpmodel.arrays import Array
 from gpmodel.numerics import se3
 
 JACOBIAN_TERMS = 16
-"""Most terms of the series of the Jacobian: exact to rounding up to turns of 1 rad, far beyond any error twist."""
+"""Terms of the series of the Jacobian: exact to rounding for turns up to 1 rad, far beyond every error twist."""
 
 
 def hat(vectors: Array) -> Array:

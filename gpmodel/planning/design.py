@@ -18,10 +18,10 @@ from gpmodel.mechanism.protocol import Collides, Mechanism, bare_of, closed
 from gpmodel.numerics.se3 import chain
 
 MARGIN = 0.02
-"""Share of a joint's range that is left free at its limits."""
+"""Share of a joint's range that poses keep free at each limit."""
 
 ATTEMPTS = 50
-"""Times as many random poses as are wanted are tried before it is said that there are too few."""
+"""Random poses tried for each wanted one before an error says that there are too few."""
 
 
 @dataclass(frozen=True)
@@ -103,23 +103,24 @@ def _unit(vectors: Array) -> Array:
 
 
 EXCHANGES = 200
-"""At most this many swaps of a chosen pose for another."""
+"""Largest number of exchanges of a chosen pose for another."""
 
 TRIED = 10
-"""Poses that gain most by entering are tried for a swap before none is found."""
+"""Poses tried for an exchange, those that gain most on entering."""
 
 ENOUGH = 1e-6
-"""A swap that improves the logarithm of a criterion by less is none."""
+"""Least improvement of the logarithm of the criterion by an exchange."""
 
 DETERMINED = 1e-12
-"""Smallest eigenvalue of M, its diagonal made 1, that is rounding: below it some unknown is not determined. What is
-only believed of geometry is a millionth of what is measured."""
+"""Least eigenvalue of M scaled to a unit diagonal. With a smaller one some unknown is not determined. The prior on
+geometry counts a millionth of a measurement."""
 
 LITTLE = 1e-6
-"""Added to what is known of every unknown, so that M is never singular: a millionth of what one pose tells."""
+"""Information added on every unknown, so that M is regular: a millionth of that of one pose."""
 
 SHORTLIST = 60
-"""Candidates that are looked at exactly for the smallest eigenvalue, of those that tell most of its eigenvector."""
+"""Candidate poses for which the smallest eigenvalue is computed exactly: those with most information on its
+eigenvector."""
 
 
 class Goal(Protocol):

@@ -19,10 +19,10 @@ from gpmodel.planning.design import LITTLE, Determinant, Goal, Question, Reach, 
 from gpmodel.table.dataset import Dataset, unmeasured
 
 STEPS = 300
-"""Multiplicative steps at most."""
+"""Largest number of multiplicative steps."""
 
 CLOSE = 0.01
-"""Share of the variance by which the bound may be short of the best measure: half a per cent of the deviation."""
+"""Largest relative gap between the bound and the best variance: half a per cent of the standard deviation."""
 
 
 def least_deviation(questions: Sequence[Question], count: int) -> float:
@@ -58,7 +58,8 @@ def _least(question: Question, count: int) -> float:
 
 
 POOL, SMALLEST_POOL, LARGEST_POOL = 20, 600, 10_000
-"""Candidate poses for each one wanted, at least, and at most where that is two for each."""
+"""Candidate poses for each wanted one; their least number; and their largest, as long as there are two for each wanted
+one."""
 
 
 def coordinates(mechanism: Mechanism, q: Array) -> Array:

@@ -18,15 +18,15 @@ INSTRUMENTS = ("tracker", "camera", "hand camera", "planes", "spheres", "points"
 NOISE = {"camera": ("pixels", "0.1 px"), "hand camera": ("pixels", "0.1 px"), "inclinometer": ("angle", "0.002 deg")}
 """Dimension and usual size of their noise; of all others that of a tracker."""
 POOL = 60
-"""Random poses drawn for every one that is taken: a board faces a camera at one in ten."""
+"""Random poses drawn for every one that is kept. A board faces the camera at one in ten."""
 FOCAL, IMAGE, BOARD, PITCH = 2400.0, (2448.0, 2048.0), (5, 4), 0.02
-"""A camera of 5 megapixels: focal length and image, px; columns and rows of its board, and metres between them."""
+"""A camera of 5 megapixels: focal length and image, px; columns and rows of its board, and their distance, m."""
 TILTED = np.cos(np.radians(55.0))
-"""Beyond it corners of a board are no longer found well."""
+"""Cosine of the largest tilt of a board whose corners are found well."""
 BAR, BALL, TOUCHES = 0.3, 0.025, 4
-"""Metres of a bar and of a sphere's radius; touches of a shared point."""
+"""Length of a bar and radius of a sphere, m; touches of a shared point."""
 NEARBY = 30
-"""Random poses of which the nearest, or one of them, is taken."""
+"""Random poses from which the nearest, or one of the nearest, is taken."""
 
 
 @dataclass(frozen=True)

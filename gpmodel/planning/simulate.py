@@ -23,7 +23,7 @@ from gpmodel.table.dataset import Dataset, unmeasured
 from gpmodel.table.units import convert
 
 CLOSE, STEPS, REDRAWN = 1e-9, 25, 12
-"""Metres a touch may be off; steps from one start; starts."""
+"""Largest distance of a simulated touch from its surface, m; steps from one start; starts."""
 
 
 @dataclass(frozen=True)
@@ -105,10 +105,10 @@ def _reached(scene: Scene, real: Real, empty: Dataset, noise: float, rng: np.ran
 INSTRUMENT_DISTANCE = 3.0
 TOOL_OFFSET = 0.15
 LEVER = 1.0
-"""Metres, the standard deviation of each coordinate of the instrument's place; metres a tool point is off the flange;
-and metres at which a radian of geometry counts as a metre."""
+"""Standard deviation of each coordinate of the instrument's place, m; distance of the tool point from the flange, m;
+and metres that count as a radian of geometry."""
 FARTHEST = 1.0
-"""Metres, or radians, that errors may move a frame by: beyond, it is another machine."""
+"""Largest motion of a frame by simulated errors, m or rad."""
 
 
 @dataclass(frozen=True)

@@ -154,7 +154,7 @@ def _predicted(ladder: Ladder) -> PredictedRecord | None:
 
 
 OWN_UNIT = {"m": ("mm", 1e3), "rad": ("deg", float(np.degrees(1.0))), "px": ("px", 1.0)}
-"""Unit in which readings are written, and its number per SI unit."""
+"""Unit in which readings are printed, and its number per SI unit."""
 
 
 Judged = tuple[Calibration, Poses]

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 
 BINS, MOST_BINS = 12, 96
-"""Bars up to the largest error after calibration, and at most up to the largest of all; half as many hide the shape."""
+"""Bars up to the largest error after calibration, and at most up to the largest of all errors. Half as many hide the
+shape."""
 
 Heads = tuple[str, bool]
 """Heading of the errors before, and whether those after are predicted."""

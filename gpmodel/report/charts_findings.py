@@ -32,13 +32,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_PARAMETERS = 36
-"""Lines of a picture of parameters that can still be read."""
+"""Lines that a picture of parameters has room for."""
 KINDS = (("parameters_angles", "Angles", "rad", 1e6, "µrad"), ("parameters_lengths", "Lengths", "m", 1e6, "µm"))
 """Name, title, unit, scale and shown unit of a picture."""
 
 
 FEWEST_RANKS = 4
-"""Points from which a curve of error against rank says anything."""
+"""Least number of points of a curve of error against rank."""
 
 
 def pictures(report: Report) -> Iterator[Picture]:

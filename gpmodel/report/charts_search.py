@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 FILLED = (True, False, True, False)
 """Fill of the bars of each representation."""
 MOST_INPUTS = 18
-"""Bars of a histogram that can still be read."""
+"""Bars that a histogram has room for."""
 
 
 def pictures(report: Report) -> Iterator[Picture]:

@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SHARE_OF_SPAN = 0.13
-"""Length of a typical arrow as a share of the workspace: neighbours do not overlap."""
+"""Length of a typical arrow over the size of the workspace: neighbours do not overlap."""
 ARROWS = 250
-"""At most this many poses are drawn, evenly chosen along the rows."""
+"""Largest number of poses drawn, evenly spaced along the rows."""
 
 
 def pictures(report: Report) -> Iterator[Picture]:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 MOST = 40
-"""Changes of a picture that can still be read, the largest."""
+"""Changes that a picture has room for, the largest first."""
 
 
 def picture(changes: Sequence[Change]) -> Picture | None:

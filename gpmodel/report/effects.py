@@ -30,11 +30,11 @@ from gpmodel.report.schema import ErrorsMm, Report
 from gpmodel.report.schema_search import EffectRecord, MovedRecord, TermRecord
 
 POSES = 400
-"""Random joint values within the limits: an RMS over them is known to 4 % (1 / √(2·400))."""
+"""Random joint values for the RMS of an effect over the workspace: known to 4 %, 1 / √(2·400)."""
 
 
 SHOWN = 120
-"""Arrows in the picture of an effect: neighbours can still be told from one another."""
+"""Arrows in the picture of an effect."""
 Moved = tuple[Array, Array]
 """Points (K, 3), m, and by how much an effect moves each, m, and turns the tool, rad (K, 6), in the root frame."""
 
@@ -132,7 +132,7 @@ def effect_records(
 
 
 AGAINST = 2.0
-"""Standard errors below zero from which a compliance is no compliance."""
+"""Standard errors below zero from which a compliance is impossible."""
 
 
 def _explanation(candidate: Candidate, number: Quantity, poses: Poses) -> str:

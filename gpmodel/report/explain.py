@@ -152,9 +152,10 @@ def _cause(effect: EffectRecord) -> str:
 
 
 LOW_SHARE = 0.3
-"""Below this unique share σ is more than three times what it would be without the other unknowns (1 / share)."""
+"""Unique share below which the standard error is more than three times what it would be with the other unknowns known
+(1 / share)."""
 WELL_KNOWN = 10.0
-"""Standard deviations from zero: its value is then known to a tenth."""
+"""Standard errors from zero of a value that is known to a tenth."""
 
 MEASURES = {
     "clock": "measure the first poses once more at the end, and once after a night: an event of the session does not "

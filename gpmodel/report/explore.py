@@ -12,15 +12,15 @@ from gpmodel.wording import millimetres
 
 PAGE = "explore.html"
 CAMERA = {"eye": {"x": 1.5, "y": 1.5, "z": 0.9}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
-"""From where nothing of the axes is cut."""
+"""Viewpoint from which no axis is cut."""
 SCALE = [[0.0, "#3d8fd6"], [0.5, "#b98a2f"], [1.0, "#d0452b"]]
-"""Small errors blue, large ones red."""
+"""Colours from small errors (blue) to large ones (red)."""
 WORST = 30
-"""Poses of the list beside the view, the worst first."""
+"""Poses in the list beside the view, the largest error first."""
 LONGEST = 0.12
-"""The 90th percentile of the residuals before is drawn this share of the span of the poses long."""
+"""Length of the arrow of the 90th percentile of the residuals before, over the span of the poses."""
 MOST = 3000
-"""At most this many poses are shown, evenly chosen along the rows: the file stays under 6 MB."""
+"""Largest number of poses shown, evenly spaced along the rows: the file stays below 6 MB."""
 COLOURS = {"before": "#868d98", "after": "#3d8fd6", "arm": "#8e63ce", "slot": "#868d98"}
 """Each has a contrast of at least 3 with the light and with the dark paper; the arm's is none of SCALE's."""
 

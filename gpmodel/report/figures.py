@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Made = TypeVar("Made")
 
 DOTS_PER_INCH = 192
-"""Twice a screen's: text stays sharp where a page is enlarged."""
+"""Resolution of figures: twice a screen's, so that text stays sharp when enlarged."""
 _LINK = rf'<a xlink:href="({EXPLORE}#row=(\d+))"[^>]*>'
 FONT = "DejaVu Sans"
 Setting = str | float | bool | list[str]

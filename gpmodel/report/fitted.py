@@ -20,7 +20,7 @@ from gpmodel.report.schema_search import Correlation, PlotRecord, SideErrors, Ve
 from gpmodel.table.dataset import Dataset
 
 CHAIN_POSES = 300
-"""At most this many poses are drawn as a whole arm, evenly chosen along the rows."""
+"""Largest number of poses drawn as a whole arm, evenly spaced along the rows."""
 
 
 def statistics_mm(error: Array) -> ErrorsMm:

@@ -37,11 +37,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PANELS = 9
-"""Parameters drawn one by one, three in a row; the map has all of them."""
+"""Parameters with a panel of their own, three in a row; the map has all."""
 MOST_MACHINES = 60
-"""Columns of the map that can still be told apart."""
+"""Columns that the map has room for."""
 MOST_NAMES = 20
-"""Along an axis."""
+"""Names that an axis has room for."""
 
 
 def pictures(fleet: FleetPart) -> Iterator[Picture]:

@@ -26,11 +26,11 @@ from gpmodel.report.schema import REGISTRATION, STANDARD, Report, StepRecord
 
 PAGE = "report.html"
 NAME = 80
-"""Characters of the name of a candidate."""
+"""Longest name of a candidate on the page, in characters."""
 _INSIDE = re.compile(r"(?<=\d) (?=[→±%]|[nµmk]?(?:m|rad|N|px|deg)\b)|(?<=[→±]) ")
 """Spaces at which a line of a title must not end."""
 MOST_POSES = 400
-"""The page lists this many poses, the worst; poses.csv has all of them."""
+"""Poses that the page lists, the largest error first; poses.csv has all."""
 
 
 def pictures(report: Report) -> Iterator[Picture]:

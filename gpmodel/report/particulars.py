@@ -21,9 +21,9 @@ from gpmodel.table.dataset import Dataset
 from gpmodel.texts import read_toml
 
 FEWEST = 3
-"""Repeats of a pose from which they have a spread, and poses from which the spread between them is known."""
+"""Least number of repeats of a pose for their spread, and of poses for the spread between poses."""
 REPEATS = 30
-"""Repeats of every pose in the standard, table 7."""
+"""Repeats of every pose by ISO 9283, table 7."""
 
 
 def repeatability(data: Dataset) -> Repeatability | None:

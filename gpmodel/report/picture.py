@@ -25,14 +25,13 @@ BEFORE, AFTER, AFTER_LIGHT, NULL = "#868d98", "#1c5d99", "#5b93c7", "#c2700f"
 
 EXPLORE = "explore.html"
 CLIP = 3.0
-"""An axis ends at this many times the 98th percentile; what lies beyond is marked at its edge."""
+"""End of an axis, over the 98th percentile. Larger values are marked at its edge."""
 
 MOST_VECTORS = 1500
-"""Above this many poses dots are drawn as pixels inside the vector picture, which would be megabytes of text."""
+"""Poses from which dots are drawn as pixels; as vectors they would be megabytes of text."""
 
 GAP, FEW = 0.1, 9
-"""A line through measured poses says nothing over a gap of more than this share of its width; one through so few values
-has nothing but gaps."""
+"""Largest gap in a line through measured poses, over its width; and the least number of poses for a line."""
 
 
 @dataclass(frozen=True)

@@ -93,7 +93,7 @@ def read_columns(inputs: Sequence[str]) -> list[str]:
 
 
 WEAK = 0.05
-"""A pose where a unit twist moves the point by less than √0.05 = 22 % of the most says too little to be drawn."""
+"""Least squared motion of the point by a unit twist, over the largest, at a pose that is drawn: √0.05 = 22 %."""
 
 
 def shape_record(

@@ -14,7 +14,7 @@ from gpmodel.texts import parse_json, read_limited
 
 NAME = REPORT
 LARGEST_FILE = 256 << 20
-"""Bytes: a report of 200 000 poses has 130 MB."""
+"""Bytes of a result; a report of 200 000 poses has 130 MB."""
 REPRESENTATIONS = ("linear", "tree")
 """Those that report.json always counts."""
 EXPECTED = "expected the JSON that discover or calibrate wrote"

@@ -34,9 +34,9 @@ SCHEMA = 3
 """Since 3 histograms, runs of programs and the curve of ranks are kept as they are computed."""
 REGISTRATION, STANDARD = "registration", "standard"
 VISIBLE = 1e-3
-"""Share of an error by which another one has to differ to be stated beside it: the last digit that is printed."""
+"""Relative difference of two errors from which both are stated: the last printed digit."""
 MOST_REJECTED = 5
-"""Rejected candidates that are listed: a list to act on."""
+"""Largest number of rejected candidates that are listed."""
 NoiseSource = Literal["repeats", "instrument", "specification"]
 Kind = Literal["calibrate", "discover", "evolve"]
 

@@ -127,7 +127,7 @@ class InstrumentRecord:
 
 
 NOTICED = 0.01
-"""Least relative fall of the cross-validated error by a rejected candidate that is listed: the last digit shown."""
+"""Least relative fall of the cross-validated error by a listed rejected candidate: the last printed digit."""
 SIGNIFICANT = ("chance", "nats")
 """Tests of significance; the others ask how well a candidate predicts."""
 

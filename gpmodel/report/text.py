@@ -9,7 +9,7 @@ from gpmodel.report.schema_search import EffectRecord
 from gpmodel.wording import NAME, WIDTH, wrapped
 
 MOST_LISTED = 12
-"""Characters of a name in a table of 80 columns; names listed before the rest is counted."""
+"""Names listed before the rest is counted."""
 
 
 def summary(report: Report) -> str:

@@ -15,11 +15,11 @@ from gpmodel.report.schema import STANDARD, Report
 
 COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 MOST_SIZED = 2
-"""Effects that the verdict of a calibration names; of more it says the number."""
+"""Effects that the verdict of a calibration names; of more it states the number."""
 SURE = 0.9
 """Probability from which the verdict names no other cause."""
 STATED_TOO_LARGE = 3.0
-"""Times what is left of the error that a stated noise cannot be: it would leave a third of itself."""
+"""Stated noise over the residual from which the stated value is too large: the fit would leave a third of it."""
 _LOAD = re.compile(r"(?:payload_)?(?:torque|moment|force)_(?P<at>\w+)$")
 
 

@@ -33,7 +33,7 @@ NAME, KIND = "verify.json", "verify"
 SCHEMA = 1
 
 TOO_GOOD = 1e-6
-"""Chance of so small a chi-square below which it is remarked on: never by chance."""
+"""Probability of a chi-square as small, below which the page remarks on it."""
 
 
 @dataclass(frozen=True)

@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_ROWS, MOST_PRINTED = 400, 8
-"""Rows on the page and on a terminal, the worst; verify.csv has all of them."""
+"""Rows on the page and on a terminal, the largest error first; verify.csv has all."""
 UNLIKELY = 0.001
-"""Chance of a row below which it is marked: of twenty rows one in fifty tables."""
+"""Probability of a row's error below which the row is marked: in one of fifty tables with twenty rows."""
 NOMINAL = "nominal, as driven"
 """Nominal geometry at the joint values that were driven, in a table; it is not the machine before its calibration."""
 LOST = 50.0
-"""mm that nominal geometry leaves of no arm of the same type: joint columns, units or the type itself are others."""
+"""Error with nominal geometry, mm, that no arm of the right type has. Joint columns, units or the type are wrong."""
 
 
 def size(record: Verification, mm: float | None, bare: bool = False) -> str:

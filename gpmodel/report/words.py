@@ -24,8 +24,8 @@ from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import CandidateRecord, EffectRecord
 
 BEYOND = 2.0
-"""Times its specification from which an error of the instrument is beyond it: a limit is two standard deviations, and
-four of them nobody meets by chance."""
+"""Error of an instrument over its specification from which it is out of specification. A limit is two standard
+deviations, and four do not occur by chance."""
 _CAUSES = {
     "m": "a wrong reflector constant?", "1": "wrong air temperature or pressure, or another unit of length?",
     "rad": "it needs its own compensation, or the error is the mechanism's",
@@ -60,7 +60,7 @@ def beside_specification(effect: EffectRecord) -> str:
 COVERAGE_OF_CAUSES = "95 %"
 NO_NAME = "none of these, but an effect without a name"
 MOST_EXPLAINED = 3
-"""Inputs whose test is said in words; the table has all."""
+"""Inputs whose test is put into words; the table has all."""
 _FOUND_BY = {
     CATALOGUE: "the catalogue of effects", NAMED: "named beforehand",
     SMOOTH_TERM: "a smooth term of its inputs; no formula predicts as well",

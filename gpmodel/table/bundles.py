@@ -12,30 +12,32 @@ from gpmodel.numerics.least_squares import outlier_limit
 from gpmodel.table.dataset import READ, TOUCHED, Dataset
 
 SAME_JOINT = 5e-4
-"""Joint values, rad or m, up to which two rows are one pose: the last digits of a controller's display (0.01 deg)
-and what a servo at rest leaves (0.02 deg)."""
+"""Largest difference of joint values of one pose, rad or m: the last digit of a controller's display (0.01 deg) and the
+motion of a servo at rest (0.02 deg)."""
 
 NEAR = 5.0
-"""Distances to the nearest pose, in the median, within which the poses of a cluster lie: of ten or twenty poses spread
-over a small box three to five; poses spread over a workspace have no such gap."""
+"""Largest distance of poses in a cluster, over the median distance to the nearest pose. Of ten or twenty poses in a
+small box it is three to five; poses spread over a workspace have no such gap."""
 
 HARDLY_MORE = 1.5
-"""Times as many pairs of poses within twice a distance: one where they lie in clusters, two along a line."""
+"""Growth of the number of pairs when their distance doubles, below which poses lie in clusters: one in clusters, two
+along a line."""
 
 FAR_JOINT = 10 * SAME_JOINT
-"""Joint values, rad or m, beyond which rows labelled as repeats are not: 0.3 deg moves a tool by millimetres."""
+"""Difference of joint values, rad or m, beyond which rows with one label are no repeats: 0.3 deg moves a tool by
+millimetres."""
 
 FAR_POINT = 0.05
-"""Metres between the points of one pose beyond which they are no repeats: no play or slip moves a tool so far."""
+"""Distance of the points of one pose, m, beyond which they are no repeats: no play or slip is as large."""
 
 FEWEST_POSES = 20
-"""Poses below which a gap between their distances is chance."""
+"""Least number of poses for clusters: with fewer, a gap between their distances is chance."""
 
 FEW_TOUCHES = 12
-"""Touches of one surface, point or bar that say where it is only together; of more any half does."""
+"""Touches of one surface, point or bar up to which all are needed to locate it. Of more, any half suffices."""
 
 SAMPLE = 50
-"""Poses that are looked at first, so that thousands without clusters are not compared with each other."""
+"""Poses compared first, so that thousands of poses without clusters are not all compared."""
 
 
 def bundles(dataset: Dataset) -> IntArray:
@@ -235,14 +237,14 @@ def _renumbered(codes: IntArray, order: IntArray) -> IntArray:
 
 
 FEWEST_HELD, USUAL = 5, 0.3
-"""Poses held out at least, of tables whose usual share has as many: the p-value of fewer, all better, is above 3 %."""
+"""Least number of held-out poses, and the usual share. With fewer the p-value exceeds 3 % even if all improve."""
 
 FOLDS = 5
 """Folds where a whole fit or search is repeated: 80 % of the poses are left to each (Hastie et al. 2009, 7.10)."""
 
 JUDGED = 0
-"""Seed of every split, fold and permutation that a discovery is judged by: the same for every seed of its search, so
-that what is found does not hang on which poses a number happened to hold out (experiments/seeds)."""
+"""Seed of every split, fold and permutation by which a discovery is judged. It does not follow the seed of the search,
+so that findings do not depend on which poses are held out (experiments/seeds)."""
 
 
 def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tuple[IntArray, IntArray]:

@@ -23,7 +23,7 @@ from gpmodel.table.units import joint_column, split_header
 from gpmodel.texts import read_limited
 
 _DIGITS = {"deg": 9, "rad": 11}
-"""Decimals of an angle: a nanoradian or less."""
+"""Decimals of a written angle: a nanoradian or less."""
 CONTROLLER_DECIMALS = 4
 """Decimals of a degree or a millimetre that a controller takes."""
 
@@ -79,13 +79,13 @@ def _cells(values: np.ndarray, digits: int) -> list[str]:
 
 
 LARGEST = 1e20
-"""In whatever unit: nanoseconds since 1970 are smaller, nothing that is measured is larger."""
+"""Largest number in a cell, in any unit: a time in nanoseconds since 1970 is smaller."""
 
 LARGEST_FILE = 128 << 20
-"""Bytes, of an Excel table unpacked: a million poses. Reading takes about ten times as much memory."""
+"""Bytes of an unpacked Excel table: a million poses. Reading takes about ten times as much memory."""
 
 MOST_COLUMNS = 1000
-"""Largest number of columns of a table; reading time grows with it, and a model keeps 500 inputs."""
+"""Largest number of columns of a table. Reading time grows with it; a model keeps 500 inputs."""
 LONGEST_HEADER = 100_000
 """Characters of the first line: a hundred a column."""
 
@@ -95,13 +95,13 @@ COMMENTS = ("#", "//", "%", "!")
 """Prefixes of comments; no column name begins with one."""
 NAMES = "expected names with units, as J1 [deg]"
 MOST_ABOVE, FEWEST_UNITS = 50, 3
-"""Lines in which a header is looked for, and units that make one of a line: x, y and z have as many."""
+"""Lines among which the header is sought, and the least number of units on its line: x, y and z have three."""
 SEPARATORS, OF_TABLES = ("\t", ";", ",", "|", " "), ("\t", ";", ",")
 """Separators of files of any layout, and of tables, whose names have blanks."""
 FEWEST_NUMBERS = 3
-"""Numbers that make a line one of data: x, y and z have as many."""
+"""Least number of numbers on a line of data: x, y and z are three."""
 SNIFFED = 300
-"""Lines by which separator and decimal sign are chosen."""
+"""Lines by which separator and decimal sign are recognised."""
 _UNIT = re.compile(r"[\[(][^\W\d_][^\])]*[\])](?=\s*(?:[,;\t\"]|$))", re.MULTILINE)
 _NUMBER = re.compile(r"^[-+]?\d+,\d+(?:[eE][-+]?\d+)?$")
 

@@ -16,7 +16,7 @@ from gpmodel.errors import QUOTED, InputError
 from gpmodel.table.units import convert, joint_column, parse_quantity
 
 LARGEST = 1.0
-"""Metres, and metres a metre: of no instrument."""
+"""Largest instrument specification, m and m/m."""
 EXPECTED = (
     "expected the largest error of a coordinate, an offset and a slope or one of them, at most 1 m and 1 m/m, "
     "as in '15um + 6um/m'"
@@ -210,7 +210,7 @@ class Dataset:
 
 
 SAME_MASS = 1e-9
-"""Relative difference of masses written with nine digits or more."""
+"""Relative difference of equal masses: nine written digits."""
 
 
 def with_payload(dataset: Dataset, payload: float | None) -> Dataset:

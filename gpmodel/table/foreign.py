@@ -74,7 +74,7 @@ def rotation_vectors(read: Callable[[Array], Rotation], numbers: Array) -> Array
 
 EXAMPLE = 'x = "tracker_x [mm]" or x = "target_x - error_x [mm]"'
 FAR_FROM_ONE = 0.05
-"""Largest error of a quaternion's norm: two written digits are closer."""
+"""Largest deviation of a quaternion's norm from one; two written digits are closer."""
 _EULER = re.compile(r"^(intrinsic|fixed) ([XYZ])(?!\2)([XYZ])(?!\3)([XYZ])$")
 _NUMBERED = re.compile(r"^c?(\d+)$")
 

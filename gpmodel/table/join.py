@@ -16,7 +16,7 @@ from gpmodel.wording import some
 
 ORDER, ROWS = "order", "rows "
 COMMON = 0.5
-"""Share of the shorter file's rows that a column of both has to match."""
+"""Least share of the rows of the shorter file that a common column matches."""
 _STRETCH = re.compile(r"^\s*(\d{1,7})-(\d{1,7}) *= *(\d{1,7})-(\d{1,7})\s*$")
 _LAST_NUMBER = re.compile(r"(\d+)\D*$")
 

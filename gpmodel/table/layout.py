@@ -26,9 +26,9 @@ from gpmodel.table.units import known_unit
 from gpmodel.texts import read_limited
 
 MOST_HEADERS = 4
-"""Lines of one header: names, kinds and units one below the other."""
+"""Largest number of header lines: names, kinds and units one below the other."""
 LONGEST_NAME = 200
-"""Characters of a name in which units are looked for."""
+"""Characters of a name in which a unit is sought."""
 MISSING = {"", "-", "--", "---", "nan", "n/a", "na", "#n/a", "null", "none", "-nan", "-nan(ind)"}
 """Cells that say that nothing was measured."""
 UNITS = {

@@ -19,7 +19,7 @@ from gpmodel.table.dataset import LABELS, READINGS, TOUCHED, Dataset
 from gpmodel.table.units import factor, identifier, known_unit, split_header
 
 FARTHEST = 1e5
-"""Metres: no instrument measures points of a machine from so far."""
+"""Largest coordinate of a measured point, m."""
 
 ABSOLUTE_ZERO = {"degC": -273.15, "degF": -459.67, "K": 0.0}
 """By the units that temperatures come in."""

@@ -25,7 +25,7 @@ MEASURED = {
 }
 """Types of messages, and where in them are the point and the quaternion."""
 APART = 0.05
-"""Seconds between a measurement and the joint state taken for it: drives report 20 times a second or more."""
+"""Largest time between a measurement and its joint state, s. Drives report 20 times a second or more often."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from gpmodel.table.dataset import unmeasured
 from gpmodel.table.units import known_unit, split_header
 
 PAYLOAD = 10.0
-"""Kilograms, at most, that the poses of a check carry."""
+"""Largest payload of the poses of a check, kg."""
 
 INSTRUMENT_AT = (-1.0, -3.5, 0.5)
 """Origin of the mechanism's root in the instrument's frame in the checks, m: a typical tracker position."""

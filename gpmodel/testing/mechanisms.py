@@ -64,14 +64,15 @@ def _check_search(representation: Representation, inputs: Inputs, seed: int) -> 
 
 
 PAYLOAD = 10.0
-"""Kilograms at the tool point, whose weight shows in the loads."""
+"""Payload of a check, kg, whose weight shows in the loads."""
 DOWN = (0.0, 0.0, -1.0)
-"""Direction of gravity in the root frame where nobody says."""
+"""Direction of gravity in the root frame unless stated."""
 ERROR, STEP = 1e-3, 1e-5
-"""m and rad: errors larger than a machine's, and a step at which the third order of a difference is 1e-10."""
+"""Errors of a check, m and rad, larger than a machine's; and the step of central differences, whose third order is
+1e-10."""
 
 GRAVITY = (9.7, 9.9)
-"""Standard gravity on Earth, m/s²: 9.780 at the equator, 9.832 at the poles."""
+"""Range of gravity on Earth, m/s²: 9.780 at the equator, 9.832 at the poles."""
 
 
 def check_mechanism(mechanism: Mechanism, *, down: Sequence[float] = DOWN, poses: int = 12, seed: int = 0) -> None:

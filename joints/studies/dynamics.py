@@ -35,9 +35,9 @@ _HEADS = (
 )  # fmt: skip
 
 SOUGHT = 40
-"""Frequencies over the range of the response among which the largest motion is sought, before it is refined."""
+"""Frequencies over the response among which the largest motion is sought before it is refined."""
 RATIO_DIGITS = 5
-"""Digits of a damping ratio; it is zero up to rounding at the onset of hammer."""
+"""Digits of a damping ratio, which is zero up to rounding at the onset of hammer."""
 
 
 def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:

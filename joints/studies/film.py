@@ -35,7 +35,7 @@ from joints.settings import Settings, curve_of, load_settings, positive
 from joints.studies.study import MICRO, N_PER_UM, Study, Table
 
 APART = 1e4
-"""Condition of the two columns, scaled, above which the rows do not tell clearance from flow."""
+"""Condition number of the two scaled columns beyond which the rows do not separate clearance from flow."""
 
 
 Film = FilmDesign | SphericalFilm

@@ -11,7 +11,7 @@ from gpmodel.mechanism.protocol import AXES, Mechanism
 from gpmodel.numerics import se3
 
 PROBES = 8
-"""Random poses at which the chain must be the mechanism."""
+"""Random poses at which the exported chain is compared with the mechanism."""
 
 
 @dataclass(frozen=True)

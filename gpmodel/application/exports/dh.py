@@ -25,12 +25,13 @@ from gpmodel.numerics import se3
 Convention = Literal["standard", "modified"]
 
 NEARLY_PARALLEL = np.radians(1.0)
-"""Below this angle an error of 0.1 mrad moves the common normal of axes a metre apart by more than 6 mm."""
+"""Angle between axes, radians. Below it an error of 0.1 mrad moves the common normal of axes a metre apart by more than
+6 mm."""
 FAR = 10.0
-"""Metres that the common normal of two axes may be away: there 1 µm at the tool needs an angle to six decimals of a
-degree, which tables are entered with. At half of it arms of 3 m are nearly refused, at double it takes seven."""
+"""Largest distance of the common normal from the axes, m. At 10 m, 1 µm at the tool needs six decimals of a degree, as
+tables are entered with. At 5 m some arms of 3 m are refused; at 20 m seven decimals are needed."""
 ALONGSIDE = np.radians(45.0)
-"""Largest angle between axes whose common normal may be far for other reasons than the length of a rail."""
+"""Largest angle between two axes, radians, whose common normal may be far away for another reason than a long rail."""
 
 
 @dataclass(frozen=True)

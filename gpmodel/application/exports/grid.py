@@ -21,27 +21,28 @@ from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import joint_column
 
 NODES = 5
-"""Along each side of the box: errors of linear interpolation fall with its square."""
+"""Nodes along each side of the box. The error of linear interpolation falls with the square of their number."""
 
 MOST_NODES = 100
-"""A million corrections are more than any controller holds, and take an hour."""
+"""Largest number of nodes along a side. A million corrections exceed the memory of every controller and take an
+hour."""
 
 SIZES = (0.02, 0.03, 0.045, 0.07, 0.1, 0.15, 0.22)
-"""Half sides of a box where none is given, in spreads of the measured points: each holds about three times the one
-before, the last is nearly half of the workspace across."""
+"""Half sides of the box to try where none is given, over the spread of the measured points. Each box has three times
+the volume of the one before; the last is half as wide as the workspace."""
 
 PROBES, LEFT = 3, 0.2
-"""Nodes along each side at which a size is tried, and of what is missed without correction the most that may be left
-between them: with the five nodes of NODES it is a quarter of that."""
+"""Nodes along each side when a size is tried, and the largest accepted error between them over the uncorrected error.
+With NODES the error is a quarter of it."""
 
 NEAR, STEPS = 20, 5
-"""Poses near the middle that are looked at; steps from one to a node."""
+"""Poses near the middle that may start the grid, and steps from one node to the next."""
 
 TRIED = 5
-"""Number of poses, the farthest from singular, about which a box is sought."""
+"""Poses around which a box is tried, the farthest from singular first."""
 
 CHECKS, TRIALS = 1000, 200
-"""Random points at which interpolation in the grid is judged, and in a size that is tried."""
+"""Random points at which the interpolation is judged: of the exported grid, and of a size that is tried."""
 
 
 @dataclass(frozen=True)

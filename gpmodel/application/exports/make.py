@@ -40,7 +40,7 @@ OF_URDF = (
 """Files that hold what calibrated.urdf holds."""
 HEADER = "declarations of model.c, for C and C++"
 POSES = 1000
-"""Poses at which an export is held against `predict`: their RMS is known to 2 % (1 / √(2·1000))."""
+"""Poses at which an export is compared with `predict`. Their RMS is known to 2 %, 1 / √(2·1000)."""
 PRINTED = {"RMS": r"RMS (\S+) m", "largest": r"largest (\S+) m", "miss": r"miss (\S+) m", "us": r"(\S+) us"}
 """Patterns of the results that the test in a C file prints."""
 CASES = 20

@@ -26,9 +26,9 @@ Language = Literal["RAPID", "KRL"]
 LANGUAGES: tuple[Language, ...] = ("RAPID", "KRL")
 
 AXES = 6
-"""Number of axes of a robot in either format; further axes are external."""
+"""Axes of a robot in RAPID and KRL; further axes are external."""
 NAME = 24
-"""Characters of a name in KRL; RAPID has 32."""
+"""Longest name in KRL, in characters. RAPID allows 32."""
 
 
 def program_text(mechanism: Mechanism, corrected: pd.DataFrame, language: Language, name: str) -> str:
