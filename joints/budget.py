@@ -196,7 +196,7 @@ def error_budget(
     joint: PassiveJoint, sources: tuple[ErrorSource, ...], kind: str, rng: np.random.Generator,
     poses: int = 100, draws: int = 1000,
 ) -> Budget:  # fmt: skip
-    """The budget of one kind of error over poses spread by the equal distribution criterion.
+    """Compute the error budget of one kind over poses spread by the equal distribution criterion.
 
     Raises InputError where no source is of that kind, and for no poses or draws or too many.
     """

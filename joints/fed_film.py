@@ -77,7 +77,7 @@ class FedFilm:
         return complex(least.real, abs(least.imag))
 
     def hammering_pocket(self, mass: float, stiffness: float = 0.0) -> float:
-        """The smallest pocket [m^3], of all orifices together, with which the ball hammers; 0 where it does without
+        """Smallest total pocket volume [m^3] with pneumatic hammer; 0 if it occurs without a pocket
         any, and the largest of POCKETS where it does with none."""
 
         def grows(pocket: float) -> float:

@@ -23,7 +23,7 @@ from robots.urdf_export import write_arms_urdf
 class Branches:
     """Chains (A,) of one tree, which share the joints that carry several of them.
 
-    Slots are those of the first chain but its last, then what the others have beside them, FRAME.tool at the end of
+    Slots are those of the first chain but its last, then what the others have in addition, FRAME.tool at the end of
     each, and `tool`, the first one's.
     """
 

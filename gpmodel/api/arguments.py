@@ -222,7 +222,7 @@ def load_mechanism(
 
 
 def mechanism_of(given: MechanismLike | None) -> Mechanism:
-    """The mechanism itself, or that of a name or file. Raises InputError for what is neither."""
+    """Return a mechanism, or load it from a name or a file. Raises InputError for anything else."""
     if isinstance(given, str | Path):
         return load_mechanism(given)
     if not isinstance(given, Mechanism):

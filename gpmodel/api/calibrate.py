@@ -104,7 +104,7 @@ def calibrate(
 ) -> CalibrationResult:
     """Fit registration, tool point, the standard model and the named effects together; say what each gained.
 
-    mechanism, table: as loaded and read, or what they are loaded and read from.
+    mechanism, table: objects, or names and paths.
     effects: of the catalogue by name ("base_compliance", "gear_harmonic J4"), written out ("slot:axis:expression"),
     or Effect objects. standard: patterns of the geometric parameters, as "J* R?"; ("none",) for none.
     condition_limit: of the standard model, None for cross-validated. holdout: share of the poses that no step but the
@@ -150,7 +150,7 @@ def calibrate(
 
 
 def _fleet_of(fleet: object, effects: tuple[object, ...]) -> FleetPart:
-    """The machines whose prior is asked for. Raises InputError for what is none, or effects beside its own."""
+    """Machines of the type whose prior is used. Raises InputError for another kind of file, or for further effects."""
     if effects:
         raise InputError("a fleet says which effects its machines have, expected none beside them", "effects")
     return fleet_at(fleet, "fleet")

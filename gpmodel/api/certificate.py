@@ -57,7 +57,7 @@ class CertificateResult(Shown):
         return text(sheet)
 
     def report(self, folder: str | Path) -> None:
-        """Leave certificate.html in `folder`, a page that prints to A4. Raises InputError likewise."""
+        """Leave certificate.html in `folder`, a page that prints to A4. Raises InputError in these cases too."""
         sheet = self.sheet
         from gpmodel.report.certificate import html
 

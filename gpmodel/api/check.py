@@ -151,7 +151,7 @@ def check(
 ) -> CheckResult:
     """Judge a table: units and columns mixed up, poses out of reach, alike, repeated or too few, jumps, outliers.
 
-    mechanism, table: as loaded and read, or what they are loaded and read from.
+    mechanism, table: objects, or names and paths.
     standard: patterns of the geometric parameters that would be fitted, as "J* R?"; ("none",) for none. instrument: its
     specification, "15um + 6um/m", the largest error of a coordinate. progress: called with what is being done.
     command: what check.json says made it.

@@ -145,7 +145,7 @@ def discover(
 ) -> DiscoveryResult:
     """Find what the model of a mechanism is missing, name it, and prove it on poses held out.
 
-    mechanism, table: as loaded and read, or what they are loaded and read from. holdout: share of the poses that choose
+    mechanism, table: objects, or names and paths. holdout: share of the poses that choose
     nothing. folds: instead all poses choose, and the whole choice is repeated without each of so many parts, which says
     how well it predicts. Without either, a share of 0.3, or five folds where that would be fewer than ENOUGH_HELD
     poses. seed: of what is evolved; poses held out, folds and permutations are the same for every seed, so that a table
@@ -154,7 +154,7 @@ def discover(
     the geometric parameters. condition_limit: of the standard model, None for cross-validated. noise: standard
     deviation of one reading, "0.03 mm" or "0.1 px", without repeats. instrument: its specification, "15um + 6um/m", the
     largest error of a coordinate: no error of it is expected to be larger, and the noise half of it. joints:
-    "BALL=RESULT" as of `calibrate`, in the standard model. like: folder, file or record of a `fleet`
+    "BALL=RESULT" as in `calibrate`, in the standard model. like: folder, file or record of a `fleet`
     of the type, whose effects with mean and spread are then the standard model. progress: called with one Progress at a
     time; `print` will do. kept: finished runs of an interrupted search. command: what the report says made it.
     Raises InputError for an argument out of range, or a table that is not sound.
@@ -186,7 +186,7 @@ def discover(
 
 
 def _started(known: FleetPart | None, arm: Mechanism, loop: "partial[Discovery]") -> Loop:
-    """A loop that starts from the standard model, or from what is believed of the type where it is known."""
+    """Start the loop from the standard model, or from the prior of the machine's type."""
     return loop if known is None else partial(from_the_type, known, arm, loop)
 
 
@@ -200,7 +200,7 @@ def _type_of(like: object, joints: Sequence[str]) -> FleetPart | None:
 def _placed(
     arm: Mechanism, table: Dataset, geometry: tuple[Effect, ...], like: FleetPart | None
 ) -> tuple[Mechanism, Poses, FleetPart | None, str]:
-    """The mechanism, the table's poses, the type where the machine is one of it, and what is said of the two."""
+    """Mechanism, poses of the table, prior of the machine's type if there is one, and notes on them."""
     if like is None:
         return *checked_poses(arm, table, geometry), None, ""
     try:
@@ -287,7 +287,7 @@ def _repeating(search: Search, named: bool) -> list[Search]:
 
 
 def check_split(holdout: object, folds: object) -> None:
-    """Raises InputError where both are asked for, or one is out of range."""
+    """Raises InputError where both are given, or one is out of range."""
     if holdout is not None and folds is not None:
         raise InputError("every pose is held out once; expected holdout or folds, not both", "folds")
     if holdout is not None:

@@ -258,14 +258,14 @@ def evolve(
 ) -> EvolutionResult:
     """Evolve programs on the residual of a model; every run again on shuffled errors (thesis, chapter 5).
 
-    mechanism, table: as loaded and read, or what they are loaded and read from. model: of `calibrate` or `discover`, or
-    its folder or file, fitted again to the training poses; None for the standard model. effects: as of `calibrate`.
+    mechanism, table: objects, or names and paths. model: of `calibrate` or `discover`, or
+    its folder or file, fitted again to the training poses; None for the standard model. effects: as in `calibrate`.
     space: "cartesian", compensators of the tip; "slot", the shape and place of an effect. strategies: Linear and Tree,
     None for the thesis' own in Cartesian space and the defaults at a slot. runs: of each. population, generations,
     seconds: of one run, None for the defaults (64K sequences, 8K trees; 1024 and 512 at a slot; 100 generations).
     selection: gp.Truncation or gp.Tournament, None for the thesis' best 5 % and, at a slot, tournaments. norm: of a
     compensator's errors; its x, y, z are in mm. It is scored on every training pose, so that its model is fitted to all
-    of them, outliers included. workers, executor, kept: as of `discover`. Raises InputError for one out of range.
+    of them, outliers included. workers, executor, kept: as in `discover`. Raises InputError for one out of range.
     """
     fraction, seed, count = share(holdout, "holdout"), whole(seed, "seed"), whole(runs, "runs", 1)
     space, norm = among(space, SPACES, "space"), among(norm, NORMS, "norm")
@@ -291,7 +291,7 @@ def evolve(
 
 
 def _effects_of(model: object, arm: Mechanism, standard: tuple[str, ...]) -> tuple[Effect, ...]:
-    """The effects of a saved model of a mechanism. Raises InputError where it is of another, or beside `standard`."""
+    """Return the effects of a saved model. Raises InputError for another mechanism, or if `standard` is given too."""
     if standard != ("*",):
         raise InputError("a model says its geometry; expected no patterns beside it", "standard")
     known = model if isinstance(model, Model) else load_model(file_path(model, "model"), arm)
@@ -313,7 +313,7 @@ def _models(known: tuple[Effect, ...], groups: Models) -> Models:
 
 
 def _task(start: Ladder, held: IntArray, norm: Norm, space: Space, seed: int) -> TrainingProblem:
-    """The residual of the training poses as a problem of the search."""
+    """Make the search problem of the residual of the training poses."""
     if space == "cartesian":
         return cartesian_task(start.final, start.poses, start.train, held, norm)
     return slot_task(start.final, start.final.model.mechanism, start.of_final, seed)

@@ -15,7 +15,7 @@ from gpmodel.wording import wrapped
 
 @dataclass(frozen=True, repr=False)
 class ExportsResult(Shown):
-    """Files of a model and what they are off by. exports: as they were made."""
+    """Files of a model and their errors. exports: as they were made."""
 
     mechanism: str
     exports: Exports

@@ -83,8 +83,8 @@ OWN = "its own effects"
 
 @dataclass(frozen=True, repr=False)
 class FleetResult(Shown):
-    """Machines of one type calibrated together. record: the same as fleet.json has it. machines: by serial what each is
-    found to be, with the effects that it alone has, as of `calibrate` with the prior of the type."""
+    """Machines of one type calibrated together. record: the content of fleet.json. machines: by serial what each is
+    found to be, with the effects that it alone has, as in `calibrate` with the prior of the type."""
 
     record: FleetPart
     machines: Mapping[str, CalibrationResult]
@@ -158,13 +158,13 @@ def fleet(
     command: str = COMMAND,
 ) -> FleetResult:
     """Calibrate machines of one type together: mean of every parameter and its spread between machines, each machine
-    by itself and with the type's prior, and which of them stands out in what.
+    alone and with the type's prior, and which of them stands out in what.
 
     mechanism: of all of them; None where fleet.toml in the folder says it. tables: a folder with a table for each, or
-    tables by serial. effects: as of `calibrate`; () for the geometry alone; None for those that the evidence of all
+    tables by serial. effects: as in `calibrate`; () for the geometry alone; None for those that the evidence of all
     machines together selects from the catalogue, and for each machine those that its own poses show given these.
     holdout: share of each machine's poses by which its errors are judged, 0 for none; the numbers of the type are of
-    all poses. By itself a machine is what `calibrate` makes of its table; effects that come with priors, as a curve's
+    all poses. Alone a machine is what `calibrate` makes of its table; effects that come with priors, as a curve's
     harmonics, are judged between machines as one. workers: machines searched side by side, 0 for one a core; executor:
     searches elsewhere; no number depends on either. journal: keeps the findings of each machine, to go on from them to
     the same numbers.
@@ -221,7 +221,7 @@ def _judged(
     machines: Sequence[tuple[Mechanism, Poses]], rows: Sequence[Rows], models: Sequence[Models],
     effects: tuple[Effect, ...], seed: int,
 ) -> list[tuple[Step, ...]]:  # fmt: skip
-    """The steps of every machine, fitted to its training poses: by itself as `calibrate` climbs, then with the prior of
+    """The steps of every machine, fitted to its training poses: alone as `calibrate` climbs, then with the prior of
     the type."""
     seen = [(arm, poses.subset(train)) for (arm, poses), (train, _) in zip(machines, rows, strict=True)]
     held = [poses.subset(out) for (_, poses), (_, out) in zip(machines, rows, strict=True)]
@@ -236,7 +236,8 @@ def _judged(
 
 
 def _effects(given: tuple[object, ...] | None, search: FleetSearch) -> tuple[Models, Sequence[tuple[Effect, ...]], str]:
-    """Groups of effects beside the geometry, what each machine has beside them, and in words where they are from."""
+    """Groups of effects in addition to the geometry, what each machine has in addition, and in words where they are
+    from."""
     tasks = search.tasks
     if given is None and not all(len(task.rows[1]) for task in tasks):
         raise InputError("0 leaves no poses that confirm what is found; expected more, or effects by name", "holdout")

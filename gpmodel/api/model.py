@@ -83,7 +83,7 @@ class Model(Shown):
         errors of the instrument that were found are left out. as_measured: with these, what the instrument would read.
         session: the rows are those of the session itself, as measured. in_order: the rows are in the order in which the
         poses are taken, which play and hysteresis ask for. progress: called with what is being done. Beyond its ranges,
-        by more than a twentieth of their width, a law that nobody named keeps its value. Raises InputError where a
+        by more than a twentieth of their width, a law without a name keeps its value. Raises InputError where a
         column, a set-up or a tool does not fit the model.
         """
         return self.judged(poses, as_measured, session, in_order, progress)[0]
@@ -126,7 +126,7 @@ class Model(Shown):
 
         targets: joint values, whose nominal tool pose is to be reached; or x, y, z of the tool in the mechanism's root
         frame, with rx, ry, rz for its whole pose. max_move: degrees that no joint may be moved by more. point: that is
-        to be at x, y, z, and whose correction and rest are said: "tool", the measured point (the reflector) where the
+        to be at x, y, z, and whose correction and rest are stated: "tool", the measured point (the reflector) where the
         fit found it, slips included, or "frame", the origin of the measured link (the flange). session and in_order: as
         in `predict`. seed: of the starts from which Cartesian targets are solved.
         Raises InputError where they are neither, or do not fit the model.

@@ -177,7 +177,7 @@ def tellable_causes(model: Model, record: Report) -> frozenset[str]:
 
 
 def findings_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
-    """The findings of a report with their close rivals; without one every effect but the geometry, each by itself."""
+    """The findings of a report with their close rivals; without one every effect but the geometry, each alone."""
     saved = outlook.saved
     effects = saved.model.effects
     names = names_of(outlook.measured.dataset)
@@ -221,7 +221,7 @@ CONE = 30.0
 DRAWS = 5
 """Random selections from the candidate poses whose mean the printed curve is compared with."""
 MOST = 10_000
-"""Largest number of poses that may be asked for: twice as many as are chosen in a minute."""
+"""Largest number of poses that may be requested: twice as many as are chosen in a minute."""
 ROWS = 9
 """Rows of the printed curve."""
 
@@ -262,7 +262,7 @@ class PosesResult(Shown):
         return "\n".join([*lines, f"no set of {len(self.q)} poses can be below {self.limit:.4g}"])
 
     def save(self, file: str | Path) -> None:
-        """Write the poses as .csv, the curve beside them as .curve.csv. Raises InputError: they cannot be written."""
+        """Write the poses as .csv, the curve as .curve.csv. Raises InputError: they cannot be written."""
         path = file_path(file, "file")
         write_text(path, self.to_csv())
         write_text(path.with_suffix(".curve.csv"), self.curve.to_csv(index=False, lineterminator="\n"))
@@ -289,7 +289,7 @@ def choose_poses(
     measured, by "rivals" (the default where there are any), that best tell findings and constants from what they could
     also be; by "effect", that shrink the ± of the worst known one; by "i-optimal" of the whole model; or by "spread".
     rejected: a candidate of that result by its number: the poses that decide it, instead of a criterion. task: targets
-    as of `Model.compensate`: the poses that make the mean ± of the point smallest there, and tell rivals apart, instead
+    as in `Model.compensate`: the poses that make the mean ± of the point smallest there, and separate rivals, instead
     of a criterion; none of them may be out of reach. like: folder, file or record of a `fleet`: the first poses of a
     further machine of its type, with what the type knows as prior, instead of a criterion. above: lowest height of the
     tool point in the root frame, "200 mm". box: "800:1200,-200:200,300:700mm". instrument: its place in the root frame,

@@ -1,4 +1,4 @@
-"""Results on disk: report.json and the pages made of it, with what belongs beside them, all of them or none."""
+"""Results on disk: report.json and the pages made of it, with the files that belong to them, all of them or none."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -67,7 +67,7 @@ def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path) -
 
 
 def write_numbers(record: Report, model: Model, folder: Path) -> None:
-    """Leave report.json and model.json in `folder`, no pages and no exports. Raises InputError likewise."""
+    """Leave report.json and model.json in `folder`, no pages and no exports. Raises InputError in these cases too."""
     with finished_folder(folder) as draft:
         save_record(record, draft / REPORT)
         save_model(model, draft)
@@ -95,7 +95,7 @@ def save_model(model: Model, folder: Path) -> None:
 
 
 def save_fitted(record: Report, model: Model, file: str | Path) -> None:
-    """Write report.json of a fit to `file`, with the errors of every export. Raises InputError likewise."""
+    """Write report.json of a fit to `file`, with the errors of every export. Raises InputError in these cases too."""
     path = file_path(file, "file")
     save_record(replace(record, exports=_exports(model, path).records), path)
 

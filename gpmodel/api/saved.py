@@ -1,4 +1,4 @@
-"""Results read back from the folders that they were written to, and what is said of them."""
+"""Results read back from their folders: comparison, explanation, exports."""
 
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
@@ -218,7 +218,7 @@ def export(
 ) -> "ExportsResult":  # fmt: skip
     """The model of a result in the forms that others read; written to `folder` where one is given.
 
-    result: a Model, a result with one, a folder of one, or a model.json. Everything else as of `Model.export`.
+    result: a Model, a result with one, a folder of one, or a model.json. Everything else as in `Model.export`.
     Raises InputError where it has no model.
     """
     made = model_of(result, "result").export(box=box, setup=setup, tool=tool, seed=seed)

@@ -58,7 +58,7 @@ class SimulationResult(Shown):
     def save(self, file: str | Path, **more: object) -> Path:
         """Write the table as .csv and the truth beside it as .truth.json, whose path is returned.
 
-        What a camera and a board are is written beside them as .cameras.toml and .board.toml.
+        Cameras and boards are described in .cameras.toml and .board.toml.
         more: kept with the truth, as JSON, and ignored when it is read.
 
         Raises InputError when they cannot be written.

@@ -32,7 +32,7 @@ GIVEN_BESIDE = ("correction", "residual", "sigma", "outside", "status")
 
 @dataclass(frozen=True, repr=False)
 class VerifyResult(Shown):
-    """A model against poses measured afterwards. record: the same as verify.json has it."""
+    """A model against poses measured afterwards. record: the content of verify.json."""
 
     record: Verification
 

@@ -174,10 +174,10 @@ def verify(
     (zeros, tool, sizes of effects, geometry, the catalogue) is tested against z. Both tests together call one machine
     in a hundred changed that is not.
 
-    model: of a fit, or its folder or file. table: as of `read_table`; where it has the columns corrected_J1, ... that
-    `compensate` gives, these are where the machine went, and what is missed of the targets J1, ... is said as well.
-    tolerance: what no row may exceed, as "0.1 mm", of pixels "0.5 px". in_order: as of `predict`. cameras, board,
-    surfaces: as of `read_table`, where they are others than in the table of the fit. progress: called with what is
+    model: of a fit, or its folder or file. table: as in `read_table`; where it has the columns corrected_J1, ... that
+    `compensate` gives, these are where the machine went, and what is missed of the targets J1, ... is stated too.
+    tolerance: what no row may exceed, as "0.1 mm", of pixels "0.5 px". in_order: as in `predict`. cameras, board,
+    surfaces: as in `read_table`, where they are others than in the table of the fit. progress: called with what is
     being done. command: what verify.json says made it. The verdict rests on 2000 rows of more, in even stretches; the
     tolerance on all, where points were measured.
     Raises InputError where the table does not fit the model, reads in a unit that the fit did not, or has fewer than
@@ -205,7 +205,7 @@ def verify_next(
     that is seen worst. Where a change is named, `repaired` is the model fitted to these poses, its own numbers and
     their ± as prior, what changed free: `repaired.model.save(...)`; `repaired.more` are the poses that it lacks.
 
-    model, table, tolerance, in_order, cameras, board, surfaces: as of `verify`; no table, or fewer than six poses:
+    model, table, tolerance, in_order, cameras, board, surfaces: as in `verify`; no table, or fewer than six poses:
     the next of the first poses, far from the others. Raises InputError as `verify`, and where the model does not hold
     the table of its fit. Source: Robbins (1970), statistical methods related to the law of the iterated logarithm.
     """

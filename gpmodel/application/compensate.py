@@ -67,7 +67,7 @@ class Compensation:
     """Corrected joint values and what became of each target.
 
     q: (N, n), rad and m, NaN where the status gives none. status: (N,) one of the seven words. residual: (N,) m left at
-    the tool point; turn: (N,) rad left of the orientation, NaN where it was not asked for. correction: (N,) m the real
+    the tool point; turn: (N,) rad left of the orientation, NaN if not requested. correction: (N,) m the real
     tool point would have missed by without it. sigma: (N,) m, standard deviation of the reached point in the root
     frame. outside: (N,) inputs beyond the ranges of the model. The last five are NaN or empty where the nominal
     mechanism does not reach the target.
@@ -238,7 +238,7 @@ def corrected(
     """Joint values (N, n) and what became of each target (N,), as `compensate` has them, wherever it was measured.
 
     saved: without the errors of the instrument. part: near singular poses a part of the orientation is given up;
-    without it these are not reached, or far. Raises InputError likewise.
+    without it these are not reached, or far. Raises InputError in these cases too.
     """
     check_finite(saved, prepare(saved.mechanism, targets.dataset))
     dataset, start = targets.dataset, np.array(targets.dataset.q)

@@ -41,7 +41,7 @@ class Bound:
 @dataclass(frozen=True)
 class ErrorBounds:
     """Distance between measured and predicted point at so many further poses within the measured ranges of the joints:
-    root mean square, 95th percentile and maximum. Each bound holds by itself with that confidence."""
+    root mean square, 95th percentile and maximum. Each bound holds alone with that confidence."""
 
     poses: Count
     confidence: float

@@ -78,7 +78,7 @@ def _jacobian(mechanism: Mechanism, observed: Observed) -> Array:
 def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, nominal: bool) -> tuple[Array, Array]:
     """Joint values (N, n) near those of `dataset`, and what is left (N,), m, rotations weighed by ROTATION_WEIGHT.
 
-    Levenberg-Marquardt for every row by itself. Source: Moré (1978). whole: position and orientation, or position. What
+    Levenberg-Marquardt for each row separately. Source: Moré (1978). whole: position and orientation, or position. What
     is left is infinite where the loops of a mechanism do not close.
     """
     weight = np.array([1.0] * 3 + [ROTATION_WEIGHT if whole else 0.0] * 3)

@@ -36,7 +36,7 @@ class SavedModel:
     freedom, infinite where it is no estimate. pose: whether rotations were measured. input_units: of the extra columns
     the effects read. ranges: lowest and highest value, SI or the table's unit, of joints and columns the effects read,
     over the poses fitted. measured: the table fitted to, where it is kept. noise, discrepancy: m, one component, of the
-    instrument and of the model's form (see `calibration.discrepancy`); None and zero where nobody estimated them.
+    instrument and of the model's form (see `calibration.discrepancy`); None and zero if not estimated.
     """
 
     model: ErrorModel
@@ -103,12 +103,12 @@ def saved_model(fit: Calibration, poses: Poses, heldout: IntArray | None = None)
 
 
 def unfitted(effects: int) -> Covariance:
-    """The covariance of a model whose numbers nobody fitted, such as a simulation's truth."""
+    """The covariance of a model without fitted numbers, such as a simulation's truth."""
     return Covariance(np.zeros((effects, effects)), (), np.zeros(3))
 
 
 def needed(model: ErrorModel, dataset: Dataset) -> set[str]:
-    """The columns that a model's effects read: by themselves, those that what they remember is made of, and torques
+    """The columns that a model's effects read: alone, those that what they remember is made of, and torques
     that were measured."""
     direct = {name for effect in model.effects for name in effect.inputs}
     remembered = {source for name in direct - set(dataset.extras) for source in read_by(name)}

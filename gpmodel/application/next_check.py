@@ -78,7 +78,7 @@ class _Columns:
 
     @property
     def information(self) -> Array:
-        """What is left (n,) of it beside the registration."""
+        """Part (n,) of it that registration does not absorb."""
         placed, zeros = (part.reshape(-1, part.shape[2]) for part in (self.placed, self.zeros))
         basis = np.linalg.qr(placed)[0]
         return np.asarray(np.sum((zeros - basis @ (basis.T @ zeros)) ** 2, axis=0))

@@ -29,7 +29,7 @@ ALONG = 0.7
 
 
 def of_the_ball(name: str, joint: SavedModel, machine: Mechanism) -> tuple[Effect, ...]:
-    """The varying shifts of a joint's ball at the ball `name` of a machine, with the posterior as their prior.
+    """Varying shifts of a measured ball joint, moved to the ball `name` of a machine; their posterior is the prior.
 
     An effect of the joint with value θ ± s along a direction of its socket, over its first or second angle, is there
     N(θ, s²) along the same direction of that ball, over its roll or pitch: the ball stands on the machine as on its
@@ -59,7 +59,7 @@ def of_the_ball(name: str, joint: SavedModel, machine: Mechanism) -> tuple[Effec
 
 
 def _handed(effect: Effect, theta: float, stderr: float, one: Ball, there: Ball) -> Effect | None:
-    """One effect at the other ball; None where it is none of the ball, or nobody knows its size."""
+    """One effect at the other ball; None where it is none of the ball, or its size is unknown."""
     names = dict(zip(one.angles, there.angles, strict=False))
     if effect.constant or not set(effect.inputs) <= set(names) or not stderr > 0:
         return None

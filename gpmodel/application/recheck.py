@@ -325,7 +325,7 @@ def recheck(session: Session) -> Recheck:
 
 
 def in_covariance(saved: SavedModel, problem: Linearised) -> IntArray:
-    """Where each column of the problem (P + E,) stands in the covariance of the model; -1 where nobody fitted it."""
+    """Where each column of the problem (P + E,) stands in the covariance of the model; -1 if not fitted."""
     names = saved.covariance.placement
     placed = [names.index(name) if name in names else -1 for name in problem.placement_names]
     fitted = np.isfinite(saved.stderr)

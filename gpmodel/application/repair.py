@@ -3,7 +3,7 @@
 Tool and effects have the prior x ~ N(m, Σ) of model.json; what changed is free, Σ + D Dᵀ with a column of D for each
 number of it, 1 m, 1 rad or the whole of an effect. With x = m + L u, L Lᵀ that covariance, every Gauss-Newton step is
 
-    [F  K L; 0  σ] (ρ, u) = (r, -σ u)         F, K, r, σ: as of `application.recheck`; the registration ρ has no prior
+    [F  K L; 0  σ] (ρ, u) = (r, -σ u)         F, K, r, σ: as in `application.recheck`; the registration ρ has no prior
 """
 
 from collections.abc import Iterator, Sequence

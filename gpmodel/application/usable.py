@@ -112,7 +112,7 @@ def lasting(effect: Effect) -> bool:
 
 def usable(saved: SavedModel, *, session: bool = False, as_measured: bool = False) -> SavedModel:
     """The model for other poses: the tool as it is now, at the end of the session and without the errors of the
-    instrument. A law that nobody named is clamped: well beyond the ranges of its inputs it keeps its value. So does a
+    instrument. A law without a name is clamped: well beyond the ranges of its inputs it keeps its value. So does a
     creep of the set-up beyond the rows of the session: how it went on nobody saw.
 
     What wandered there and back, and what the instrument drifted by, is over with the session: where it stood on

@@ -18,7 +18,7 @@ from gpmodel.table.bundles import FOLDS, SAME_JOINT, folds
 from gpmodel.table.dataset import Dataset
 
 MINIMUM_SHARE = 1e-3
-"""An effect that varies and of which the others leave less than this cannot be told from them."""
+"""An effect that varies and of which the others leave less than this cannot be distinguished from them."""
 
 LARGEST_LIMIT = 1e4
 """Condition limit where none was chosen, because nothing constant is fitted."""

@@ -276,7 +276,7 @@ def _better(
 
 
 def without_outliers(observed: Observed, dataset: Dataset, use: Mask) -> Mask:
-    """The poses that count (N,), less those whose error stands far out alone; the worst first, OUTLIER_SHARE in all."""
+    """Mask (N,) of the poses without isolated outliers, the largest first, at most OUTLIER_SHARE of them."""
     error = pose_error(observed, dataset)
     far = error > outlier_limit(error[use])
     far &= use & ~in_company(far, dataset.q, measured_minus(observed, dataset))

@@ -46,7 +46,7 @@ class Whitening:
 
     @cached_property
     def shared(self) -> tuple[IntArray, IntArray, "Whitening"]:
-        """The rows that are not alone in their block, the numbers of their blocks, and these rows by themselves."""
+        """The rows that are not alone in their block, the numbers of their blocks, and these rows alone."""
         rows = np.flatnonzero(self.sizes[self.block] > 1)
         numbers, block = np.unique(self.block[rows], return_inverse=True)
         return rows, numbers, replace(self, block=block.reshape(-1))

@@ -151,9 +151,9 @@ def rivals_of_constants(calibration: Calibration, poses: Poses, pool: Iterable[C
     """Every significant constant that a candidate of `pool` mimics within the noise of these poses, best mimics first.
 
     With c the constant's column, C the candidate's, and ⊥ what the model's other columns leave, those of curves as far
-    as their priors let them: w minimises |θ c⊥ - C⊥ w|. The two cannot be told apart where that is below TOLD_APART σ.
-    All columns with c among them leave C⊥ - ĉ ĉᵀC of C, ĉ the unit vector along c⊥ and at right angles to it, so that
-    one projection of a candidate serves every constant, and its triangle R of QR R and ĉᵀC say all of C⊥.
+    as their priors let them: w minimises |θ c⊥ - C⊥ w|. The two cannot be distinguished where that is below TOLD_APART
+    σ. All columns with c among them leave C⊥ - ĉ ĉᵀC of C, ĉ the unit vector along c⊥ and at right angles to it, so
+    that one projection of a candidate serves every constant, and its triangle R of QR R and ĉᵀC say all of C⊥.
     """
     model, theta = calibration.model, calibration.theta
     here = FittedColumns.at(calibration, poses)

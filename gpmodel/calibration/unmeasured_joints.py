@@ -22,7 +22,7 @@ TRUNCATION = 1e-2
 prior."""
 
 ELIMINATED = 1e-2
-"""Least share of a column that free joint angles do not absorb. With less it cannot be estimated beside them."""
+"""Least share of a column that free joint angles do not absorb. With less it cannot be estimated together with them."""
 
 ROUNDING = 1e-7
 """Singular value over the largest below which a combination is rounding: the square root of double precision."""

@@ -87,7 +87,7 @@ def wander(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def session(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """A ramp along the rows at any place."""
+    """A linear drift along the rows at any site."""
     for site in sites_of(mechanism):
         name = f"drift along the rows, {site.name}"
         yield one(name, site.effect(name, Expression("row"), "1/row", "session_curve"), 6.0)
@@ -116,7 +116,7 @@ def compliances(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def all_torques(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """A joint under the torque of another: stiffness that is not where it is drawn."""
+    """Deflection of a joint by the torque of another joint."""
     for j in revolute(mechanism):
         for other in revolute(mechanism):
             if other is not j and loaded(states, f"torque_{other.name}"):

@@ -42,7 +42,7 @@ class FrequencyGrid:
         return float(self.rates[1] - self.rates[0])
 
     def at(self, rate: float, digits: int = 6) -> Candidate:
-        """The candidate at a rate, its constant to so many digits."""
+        """Return the candidate at a frequency, rounded to so many digits."""
         value = float(f"{self.value(rate):.{digits}g}")
         inner = NonlinearParameters(self.template.name, self.template.effects, (Constant("rate", "1", value),))
         return replace(self.template, name=inner.full_name, effects=inner.effects, inner=inner)

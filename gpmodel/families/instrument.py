@@ -5,7 +5,7 @@ With azimuth a and elevation e, a small turn about the standing axis shifts a po
 the registration's.
 
 Where the instrument's specification is known, each error alone reaches it at the table's distances with one standard
-deviation; what goes beyond it is a candidate by itself, with the price of an instrument that is out of order. A walk
+deviation; an error beyond it is a separate candidate, with the price of an instrument that is out of order. A walk
 along the rows is its stand's, of which a specification says nothing.
 """
 

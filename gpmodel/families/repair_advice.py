@@ -1,4 +1,4 @@
-"""What a family of the catalogue means at the machine: repair_advice.toml, read once."""
+"""Advice for the repair of each family of the catalogue, from repair_advice.toml."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -173,7 +173,7 @@ class Basis(Protocol):
 class Expression:
     """A basis written as text, `sin(2*J4)`: a program of one output over state columns.
 
-    What may be written and what it means is said by `gpmodel.formula.expression` and `gpmodel.formula.operators`.
+    What may be written and what it means is stated by `gpmodel.formula.expression` and `gpmodel.formula.operators`.
     Raises InputError for anything else: the text is read, never executed.
     """
 

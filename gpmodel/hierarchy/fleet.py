@@ -43,13 +43,13 @@ def learned(
 ) -> tuple[Effect, ...]:
     """The effects with the mean and the prior deviation √(τ² + var μ) of the type.
 
-    own: fits of the machines by themselves, whose noise weighs their poses, with at least the varying ones of the
+    own: fits of the machines alone, whose noise weighs their poses, with at least the varying ones of the
     effects. Constant effects of one unit have one τ, every other its own. Means are believed to be within WIDE of zero,
     within an effect's own prior, or of the size it has alone. Source: Laird and Ware (1982), by the EM algorithm.
 
         b_i ~ N(μ, T),  T = diag(τ²)                                b_i: all effects of machine i, geometry complete
 
-    Coordinates of the complete geometry stand for one another in part; machines differ independently in all of them,
+    Coordinates of the complete geometry are equivalent in part; machines differ independently in all of them,
     where in a set without such coordinates they would differ together.
     """
     constant = np.array([e.constant for e in effects])
@@ -97,7 +97,7 @@ def _expectation_maximisation(told: Information, kinds: IntArray, constant: Mask
 
     Expectation: C_i = (Λ_i + T⁻¹)⁻¹, b_i = C_i (η_i + T⁻¹ μ). Maximisation: μ their mean beside μ ~ N(0, 1), τ² that of
     (b_i - μ)² + diag C_i. The precision of μ is P = 1 + Σ (1 + Λ_i T)⁻¹ Λ_i; its variance diag P⁻¹, and 1 / diag P of
-    what is `constant` (E,): of parameters that stand for one another each is as well known as beside the others.
+    what is `constant` (E,): of equivalent parameters each is as well known as with the others in the model.
     """
     count = np.bincount(kinds)
     mean, variance = np.zeros(len(kinds)), np.ones(len(kinds))
@@ -130,7 +130,7 @@ class SharedBlock:
 
 @dataclass(frozen=True)
 class Fleet:
-    """Machines calibrated together. alone: each calibrated by itself. own: each by its poses alone, all with the same
+    """Machines calibrated together. alone: each calibrated alone. own: each by its poses alone, all with the same
     effects. shrunken: with the type's `prior` beside its poses, geometry complete.
 
     values, stderr: (m, K + 1) of the `effects` without priors of their own and, last, the logarithm of the noise.
@@ -154,11 +154,11 @@ class Fleet:
 def calibrate_fleet(
     machines: Sequence[tuple[Mechanism, Poses]], alone: Sequence[Calibration], effects: tuple[Effect, ...]
 ) -> Fleet:
-    """Empirical Bayes over machines with the same effects: each estimated by itself, mean and spread of what they
+    """Empirical Bayes over machines with the same effects: each estimated alone, mean and spread of what they
     share learned from that, then each estimated again with it as its prior.
 
-    effects: of the type. alone: each machine calibrated by itself, with these first and after them those that it alone
-    has, which stay in every fit of it. An effect's own prior holds for a machine by itself and
+    effects: of the type. alone: each machine calibrated alone, with these first and after them those that it alone
+    has, which stay in every fit of it. An effect's own prior holds for a machine alone and
     for the mean of the type. A machine that stands out in an effect, or in a block of effects with priors, keeps its
     own numbers there and teaches nothing of the type, unless fewer than two are left. Source: Efron and Morris (1975).
     Raises InputError where the poses of a machine are too few for the effects.

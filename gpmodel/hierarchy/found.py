@@ -32,7 +32,7 @@ from gpmodel.table.bundles import JUDGED
 from gpmodel.wording import listed
 
 Residuals = Callable[[Sequence[Candidate]], Sequence[Residual]]
-"""The residual of every machine, calibrated with some candidates beside the geometry."""
+"""The residual of every machine, calibrated with some candidates in addition to the geometry."""
 
 
 @dataclass(frozen=True)
@@ -215,12 +215,12 @@ class Searched:
         return Found(tuple(finding.candidate for finding in result.findings), result.confirmed)
 
     def fit(self, shared: Sequence[Candidate]) -> Calibration:
-        """Calibrate the training poses with effects beside the geometry."""
+        """Calibrate the training poses with effects in addition to the geometry."""
         effects = (*geometric_effects(self.mechanism), *(e for c in shared for e in c.effects))
         return calibrate(ErrorModel(self.mechanism, effects), self.poses.subset(self.rows[0]), seed=self.seed)
 
     def residual(self, shared: Sequence[Candidate], criteria: Criteria) -> Residual:
-        """Residual of the training poses with effects beside the geometry."""
+        """Residual of the training poses with effects in addition to the geometry."""
         return residual_of(self.fit(shared), self.poses.subset(self.rows[0]), criteria, JUDGED)
 
 
@@ -276,9 +276,9 @@ class FleetSearch:
 
 
 def found_on_type(search: FleetSearch) -> tuple[tuple[Effect, ...], tuple[tuple[Effect, ...], ...], str]:
-    """Effects of the type, of each machine what it has beside them, and in words where both are from.
+    """Effects of the type, of each machine what it has in addition, and in words where both are from.
 
-    Every machine is searched by itself. The type's effects are selected by the evidence of all machines together. A
+    Every machine is searched alone. The type's effects are selected by the evidence of all machines together. A
     machine whose findings are others than these is searched again given them: what is confirmed there is its own.
     """
     everyone = range(len(search.tasks))

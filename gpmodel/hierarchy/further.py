@@ -154,7 +154,7 @@ def further_machine(fleet: FleetPart, mechanism: Mechanism, seen: Poses, unseen:
 
 
 def _own_poses(fleet: FleetPart, prior: ErrorModel, seen: Poses, unseen: Poses, seed: int) -> tuple[Step, ...]:
-    """Registration and, where its own poses are enough, the machine by itself."""
+    """Registration and, where its own poses are enough, the machine alone."""
     bare = tuple(effects_alone(fleet, prior).values())
     try:
         return climb(prior.mechanism, growing(bare, ()), seen, unseen, seed=seed)
@@ -199,7 +199,7 @@ def alone_steps(found: Discovery) -> tuple[Step, ...]:
 
 
 def effects_alone(fleet: FleetPart, prior: ErrorModel) -> dict[str, Effect]:
-    """The effects that every machine's poses told, by name, as a machine by itself has them: with their own priors."""
+    """The effects that every machine's poses told, by name, as a machine alone has them: with their own priors."""
     own = {part.name: part.effect for block in fleet.blocks for part in block.effects}
     told = own.keys() | {part.name for part in fleet.effects}
     return {e.name: own.get(e.name, replace(e, mean=0.0, prior=np.inf)) for e in prior.effects if e.name in told}

@@ -1,6 +1,6 @@
 """fleet.json: what is known of machines of one type, with a bound for everything in it.
 
-Values are SI with their unit beside them; lengths that end in `_mm` are millimetres.
+Values are SI with their unit; lengths that end in `_mm` are millimetres.
 """
 
 import math
@@ -274,7 +274,7 @@ class FleetPart(msgspec.Struct, frozen=True):
         return sorted(range(len(self.machines)), key=lambda k: (self.worst(k).chances[k], -abs(self.worst(k).z[k])))
 
     def worst(self, machine: int) -> Part:
-        """The parameter or block in which a machine is farthest from the others."""
+        """Parameter or block in which a machine differs most from the others."""
         return min(self.parts, key=lambda part: (part.chances[machine], -abs(part.z[machine])))
 
 

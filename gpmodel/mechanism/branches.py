@@ -107,7 +107,7 @@ class Branched(Protocol):
         """Measured link -> the slot that carries it; the first is the one a row reads that names none."""
 
     def alone(self, tip: str) -> Mechanism:
-        """The chain that ends at a measured link, by itself: its slots by their names here, but the last, `tool`."""
+        """The chain that ends at a measured link, alone: its slots by their names here, but the last, `tool`."""
 
 
 def branched(mechanism: Mechanism) -> Branched | None:

@@ -129,7 +129,7 @@ class ClosedLoops(Protocol):
 
 
 def closed(mechanism: Mechanism) -> ClosedLoops | None:
-    """The mechanism, or what it was loaded from, where it has closed loops; None of a chain."""
+    """Return the mechanism with closed loops, or the one inside; None for a chain."""
     bare = bare_of(mechanism)
     return bare if isinstance(bare, ClosedLoops) else None
 

@@ -240,7 +240,7 @@ class States:
         return replace(self, columns=MappingProxyType({**self.columns, **seen_columns(points)}))
 
     def between(self, count: int = 2000) -> "Between":
-        """Columns (count,) at random places on straight lines between pairs of poses: where nobody measured."""
+        """Columns (count,) at random points on straight lines between pairs of poses."""
         rng = np.random.default_rng(0)
         first, second = rng.integers(0, len(self), (2, count))
         return Between(self, first, second, rng.random(count))

@@ -80,7 +80,7 @@ def with_far_ones(
     farthest distance. Any rate of failures has the same prior probability, so that F failures have F! M! / (F + M +
     1)!.
 
-    count: independent coordinates that the errors inside are worth. blurs: (M,) and (F,), as of `tails`.
+    count: independent coordinates that the errors inside are worth. blurs: (M,) and (F,), as in `tails`.
     """
     own, other = (np.repeat(np.broadcast_to(b, len(v)), 3) for b, v in zip(blurs, (inside, far), strict=True))
     alone = tails(inside.ravel(), count, own)

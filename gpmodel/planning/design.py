@@ -155,7 +155,7 @@ class Smallest:
         return -float(np.log(max(np.linalg.eigvalsh(information)[0], 1e-300)))
 
     def change(self, information: Array, columns: Array, sign: float) -> Array:
-        """The change of log λ_min, exact for those poses that tell most (or least) of its eigenvector."""
+        """Change of log λ_min, exact for the poses with most (or least) information on its eigenvector."""
         values, vectors = np.linalg.eigh(information)
         told = np.sum((columns @ vectors[:, 0]) ** 2, axis=1)
         near = np.argsort(-sign * told)[:SHORTLIST]

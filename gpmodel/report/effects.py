@@ -42,7 +42,7 @@ Moved = tuple[Array, Array]
 def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]) -> list[Moved | None]:
     """Return by how much groups of effects of a fit move the tool at joint values anywhere within the limits.
 
-    Everything else is as in random rows of the table; laws that nobody named keep their value well beyond the range
+    Everything else is as in random rows of the table; laws without a name keep their value well beyond the range
     they were fitted in, as `predict` has it. None for what ended with the session, for a mechanism whose
     joints are not all measured, or where the model remembers rows that nobody says are in order.
     """
@@ -155,7 +155,7 @@ def from_calibration(ladder: Ladder, origin: Origin) -> Report:
 
 
 def _together(named: tuple[Effect, ...]) -> Iterator[Candidate]:
-    """Each effect by itself, but for a sine and the cosine of the same, which are one finding as in a discovery."""
+    """Each effect alone, but for a sine and the cosine of the same, which are one finding as in a discovery."""
     for name, group in groupby(named, key=lambda effect: without_phase(effect.name)):
         effects = tuple(group)
         pair = Candidate(name, effects, effects[0].family, 0.0, found_by=NAMED)

@@ -111,7 +111,7 @@ def _drawn(picture: Picture, folder: Path | None) -> str:
 
 
 def figure(picture: Picture) -> Figure:
-    """A picture drawn, in the style of the pages."""
+    """Draw a picture in the style of the pages."""
     with drawing_style({}):
         out = Figure(figsize=(picture.width, picture.height), dpi=DOTS_PER_INCH, layout="constrained")
         picture.draw(out)

@@ -111,7 +111,7 @@ def script(name: str) -> str:
 
 
 def script_hash(name: str) -> str:
-    """The hash by which a page's security policy allows that script and no other."""
+    """Compute the hash that allows this one script in the security policy of a page."""
     digest = hashlib.sha256(script(name).encode()).digest()
     return f"sha256-{base64.b64encode(digest).decode()}"
 

@@ -84,7 +84,7 @@ def log_axis(axes: Axes, low: float, high: float, which: str = "x") -> None:
 
 
 def rows_only(axes: Axes, count: int, above: float = 0.75) -> None:
-    """A picture of `count` horizontal rows, the first on top, without a vertical scale."""
+    """Draw `count` horizontal rows, the first on top, without a vertical scale."""
     axes.set_ylim(count - 0.5, -above)
     axes.set_yticks([])
     axes.spines["left"].set_visible(False)

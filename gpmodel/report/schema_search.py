@@ -223,7 +223,7 @@ class EffectRecord:
 
     kind: single, harmonic, vector or curve, as of a candidate; of a curve the value is the RMS over the measured poses.
     stderr: of the value, by the noise and over what the other findings could be in their places.
-    causes: the 95 % credible set, the most probable first; None where nobody looked. without_name: probability in the
+    causes: the 95 % credible set, the most probable first; None if not computed. without_name: probability in the
     set that the cause has no name. rivals: the other candidates in the set, with their cross-validated error. p_value:
     chance of it among `shuffles` of what was `shuffled`. gain: share of the residual energy that it removes where
     everything else is in the model.
@@ -290,7 +290,7 @@ class EffectRecord:
 
     @property
     def probability(self) -> float | None:
-        """Probability of the finding and of what no measurement distinguishes from it; None where nobody looked."""
+        """Probability of the finding and of what no measurement distinguishes from it; None if not computed."""
         if self.causes is None:
             return None
         return next((cause.probability for cause in self.causes if cause.own), self.without_name)

@@ -294,7 +294,7 @@ def operators(histogram: Histogram) -> list[tuple[str, ...]]:
 
 
 def removed(report: Report) -> str:
-    """How much the evolved programs explain, and how much they explain of shuffled errors; empty without runs."""
+    """Share of the errors, and of permuted errors, that evolved programs explain; empty without runs."""
     real, null = report.removed(shuffled=False), report.removed(shuffled=True)
     if real is None or null is None:
         return ""

@@ -101,8 +101,8 @@ class Dataset:
     ignored: columns of the file that hold text and are none of the labels. empty_rows: rows of it left out.
     joints_approximate: some joint has no sensor, so that equal joint values need not be one pose.
     kinds: of the joints, "revolute" where none are given.
-    in_order: the rows are said to be in the order of measurement, so that a pose may depend on those before it.
-    instrument: what its maker states of the instrument that measured, None where nobody said.
+    in_order: the rows are stated to be in the order of measurement, so that a pose may depend on those before it.
+    instrument: what its maker states of the instrument that measured, None unless stated.
     """
 
     joints: tuple[str, ...]

@@ -236,7 +236,7 @@ def _read_by(sheet: Sheet, text: str) -> tuple[int, ...]:
 
 
 def find(sheet: Sheet, name: str) -> int | None:
-    """The column of that name: as the header has it, without its unit, as an expression writes it, or by number, c7.
+    """Find a column by its header, its header without the unit, its name in an expression, or its number, c7.
 
     None where no column has it, or several have.
     """

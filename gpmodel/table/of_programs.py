@@ -94,7 +94,7 @@ def origin_of(joint: ET.Element, file: str) -> Array:
 
 
 def axis_of(joint: ET.Element, file: str) -> list[float]:
-    """The three numbers of a joint's axis. Raises InputError likewise."""
+    """The three numbers of a joint's axis. Raises InputError in these cases too."""
     return _given(joint, "axis", "xyz", "1 0 0", file)
 
 

@@ -1,4 +1,4 @@
-"""Recordings of ROS 1 and 2: joint states, and the points, poses or transforms that were measured beside them.
+"""Recordings of ROS 1 and 2: joint states, and the points, poses or transforms that were measured in addition.
 
 Sources: sensor_msgs/JointState; geometry_msgs/PointStamped, PoseStamped, TransformStamped; read by rosbags.
 """

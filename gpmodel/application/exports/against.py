@@ -16,7 +16,7 @@ from gpmodel.table.dataset import Dataset
 
 @dataclass(frozen=True)
 class PredictedPoints:
-    """Poses nobody measured, and the points (N, 3) that `predict` gives there, m."""
+    """Poses not measured, and the points (N, 3) that `predict` gives there, m."""
 
     dataset: Dataset
     points: Array

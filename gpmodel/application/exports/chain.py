@@ -64,7 +64,7 @@ def coupled(mechanism: Mechanism) -> dict[str, dict[str, float]]:
 
 def arm_of(mechanism: Mechanism, tip: str) -> Chain:
     """The chain that ends at a measured link, of several arms, moved by all coordinates of the table; of one arm the
-    chain itself. Raises InputError as `chain_of`, or where no link is said."""
+    chain itself. Raises InputError as `chain_of`, or where no link is stated."""
     tree = branched(mechanism)
     if tree is None:
         return chain_of(mechanism)

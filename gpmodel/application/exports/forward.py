@@ -34,7 +34,7 @@ class Forward:
     """T_register · Π T_s exp(Σ lines) · T_tool, of the set-up, the tool and the arm of `place`.
 
     computed: what the bases read besides joint values, x, y, z and the inputs, as arithmetic over `load` and `couple`.
-    inputs: names and units of what has to be given beside the joint values. bodies: the last one is 1 kg of payload.
+    inputs: names and units of what has to be given besides the joint values. bodies: the last one is 1 kg of payload.
     missing: effects left out, by the names of the table of the fit.
     """
 

@@ -1,4 +1,4 @@
-"""Poses within the measured ranges that nobody measured."""
+"""Poses within the measured ranges that were not measured."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -32,7 +32,7 @@ class Place:
 
     @classmethod
     def of(cls, saved: SavedModel, setup: str | None = None, tool: str | None = None) -> "Place":
-        """Those of these names, the first of the model for None. Raises InputError for a name that it does not know."""
+        """Set-up and tool of these names; the first of the model for None. Raises InputError for an unknown name."""
         placed = saved.placement
         chosen = _named(placed.tool, tool, "tool")
         return cls(_named(placed.registration, setup, "setup"), chosen, tips_of(saved).get(chosen, ""))
