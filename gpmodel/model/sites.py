@@ -63,7 +63,7 @@ def translate(text: str, names: Mapping[str, str]) -> str:
 
 
 def mechanism_names(mechanism: Mechanism, states: States) -> Mapping[str, str]:
-    """Map the names of joints and loads with J1 to Jn to the mechanism's, unless the poses have an input of that name."""
+    """Map the names of joints and loads with J1 to Jn to the mechanism's, unless the poses have such an input."""
     own = [joint.name for joint in mechanism.joints]
     numbered = [f"J{i}" for i in range(1, len(own) + 1)]
     known = {*own, *states.columns}
