@@ -196,7 +196,7 @@ def _payload_loads(mechanism: Mechanism, q: Array) -> dict[str, Array]:
 
 
 def _payload_centre(mechanism: Mechanism, q: Array, base: Array, moment: Array, weight: Array) -> Array:
-    """Centre of mass of a payload in the tool frame (3,), m: (p + R c - o) × m g = moment, least squares over the poses."""
+    """Centre of mass of a payload in the tool frame (3,), m: (p + R c - o) × m g = moment, by least squares."""
     tool = chain(mechanism.transforms(q))[-1]
     arm = tool[:, :3, 3] - base[:, :3, 3]
     left = moment / PAYLOAD - np.cross(arm, weight)
