@@ -37,7 +37,7 @@ ATTEMPTS = 3
 
 
 def read_only(columns: dict[str, object]) -> MappingProxyType[str, object]:
-    """Columns that nobody changes; as which they arrive at another process."""
+    """Read-only columns; as which they arrive at another process."""
     return MappingProxyType(columns)
 
 

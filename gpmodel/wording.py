@@ -132,7 +132,7 @@ def listed(names: Sequence[str]) -> str:
 
 
 def turned(mrad: float, lever: float) -> str:
-    """What an angle moves a tool point by that is so far from the flange, m; empty within half a mm of it."""
+    """Motion of a tool point at that distance from the flange by an angle, m; empty within half a mm of it."""
     return f": {length(lever * mrad)} at {1e3 * lever:.0f} mm from the flange" if lever > 5e-4 else ""
 
 

@@ -143,7 +143,7 @@ def first_yield_pressure(yield_stress: ArrayLike, poisson: float = 0.3) -> Array
 
 @dataclass(frozen=True)
 class PublishedContact(HertzContact):
-    """The rows of Table 3.3: Slocum's coefficients beside what follows from them, SI."""
+    """The rows of Table 3.3: Slocum's coefficients and the numbers that follow from them, SI."""
 
     equivalent_radius: float
     cos_theta: float

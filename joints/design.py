@@ -1,4 +1,4 @@
-"""A whole joint against what is asked of it: preload, contact, growth, film, stiffness, budget; which one governs."""
+"""A whole joint against its requirements: preload, contact, growth, film, stiffness, budget; which one governs."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -34,7 +34,7 @@ BUDGET_POSES, BUDGET_DRAWS = 40, 200
 
 @dataclass(frozen=True)
 class Limit:
-    """One thing that may fail: what is used of what is there, in one unit."""
+    """A limit of the joint: used and available amount in one unit."""
 
     topic: str
     quantity: str

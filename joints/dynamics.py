@@ -24,7 +24,7 @@ STEPS = 400
 class BallOnFilm:
     """m x'' + k x + Z(w) x = F: a film of static `stiffness` [N/m] and air that is squeezed as it moves.
 
-    air: Z [N/m], the complex stiffness beside the static one at frequencies [Hz]. mass: kg.
+    air: Z [N/m], the complex stiffness in addition to the static one at frequencies [Hz]. mass: kg.
     """
 
     mass: float

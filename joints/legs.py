@@ -90,7 +90,7 @@ class OnLegs:
 
     @cached_property
     def balls(self) -> tuple[Ball, ...]:
-        """The twelve, named by their slots; angles as of the thesis' joint whose axis stands along the link at home."""
+        """The twelve, named by their slots; angles of the thesis' joint, with its axis along the link at home."""
         out = []
         for i in range(1, LEGS + 1):
             for end in ("fixed", "platform"):

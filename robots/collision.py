@@ -146,7 +146,7 @@ class Shape:
         return rows
 
     def _forget_neighbours(self) -> None:
-        """Leave out parts of one body and of a body and the one it hangs on, and those that always meet."""
+        """Leave out pairs of parts of one body, of a body and its parent, and pairs that always collide."""
         parents = self.model.parents
         bodies = [g.parentJoint for g in self.geometry.geometryObjects]
         pairs = [(p.first, p.second) for p in self.geometry.collisionPairs]

@@ -23,7 +23,7 @@ MOST_JOINTS = 300
 """Largest number of joints of a chain; a humanoid with hands has 100."""
 
 ELEMENTS = ("link", "joint", "inertial", "mass", "origin", "parent", "child", "axis", "limit", "mimic", "calibration")
-"""That are read; XML tells capital letters from small ones."""
+"""Elements that are read; XML distinguishes capital letters."""
 
 
 class _Plain(ET.TreeBuilder):

@@ -95,7 +95,7 @@ def certificate(
 
 
 def _record(result: object) -> Report | Verification:
-    """Raises InputError where the positions were computed: by results of versions that did not refuse them."""
+    """Raises InputError for computed positions, as in results of earlier versions."""
     verified = result.record if isinstance(result, VerifyResult) else None
     if isinstance(result, str | Path):
         verified = read_verification(file_path(result, "result"))

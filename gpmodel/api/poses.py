@@ -125,8 +125,8 @@ def _rivals(outlook: Outlook, record: Report | None) -> tuple[dict[str, Question
 
 def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, rng: np.random.Generator) -> Asked:
     """Pose the design questions of a pool (P, n) of poses that lower the error at the targets of a task and tell rivals
-    apart. Each next pose is for the question farthest from its goal: WITHIN of the ± at the task that the whole pool
-    would leave, or TOLD_APART.
+    apart. Each next pose serves the goal that is farthest off: WITHIN times the ± at the task with all candidate poses,
+    or TOLD_APART between rivals.
 
     Raises InputError as `Model.compensate`, and for a target out of reach.
     """

@@ -126,7 +126,7 @@ def check_told_of(dataset: Dataset, given: Collection[str]) -> None:
     """Raises InputError, naming the argument, where cameras, a board or surfaces are given that no column reads."""
     for name, columns in (("cameras", ("u", "v")), ("board", ("u", "v")), ("surfaces", TOUCHED)):
         if name in given and not {*dataset.readings, *dataset.labels} & {*columns}:
-            raise InputError(f"{dataset.source} has no column {' or '.join(columns)} that it says something of", name)
+            raise InputError(f"{dataset.source} has no column {' or '.join(columns)} that it describes", name)
 
 
 def dataset_of(

@@ -131,8 +131,8 @@ class Pool:
     def next(self, taken: Array) -> Array:
         """Joint values (n,) of a pose that is not among those `taken` (M, n).
 
-        After it the zero that is seen worst, in what it moves the tool by, is seen best; without a session it is the
-        pose farthest from those taken.
+        After it the zero that was determined worst, by its motion of the tool, is determined best. Without a session it
+        is the pose farthest from the poses already measured.
         """
         left = self.not_among(taken)
         if self.session is None:

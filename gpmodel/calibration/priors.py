@@ -16,7 +16,7 @@ tool."""
 
 GEOMETRY_REACH = 0.01
 """Prior standard deviation of a length or twist of the description, metres or radians. It matters only where the poses
-hardly determine it, as beside hundreds of harmonics."""
+hardly determine it, as with hundreds of harmonics in the model."""
 
 
 def prior_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask) -> tuple[Array, Array]:

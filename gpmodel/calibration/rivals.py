@@ -32,7 +32,7 @@ class FittedColumns:
 
     @classmethod
     def at(cls, calibration: Calibration, poses: Poses) -> "FittedColumns":
-        """Those at poses of known set-ups and tools."""
+        """Rows at poses of known set-ups and tools."""
         return cls(calibration, problem_at(calibration, poses))
 
     @property

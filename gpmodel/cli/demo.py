@@ -44,7 +44,7 @@ REPEATED = 5
 def demo(
     folder: Path, mine: str | None, files: bool, no_open: bool, seed: int, workers: int | None, quiet: bool
 ) -> None:
-    """An IRB 6400R with an effect nobody declared: 90 poses in, the report out.
+    """An IRB 6400R with an undeclared effect: 90 poses in, the report out.
 
     --mine MECH does it with a mechanism of yours: it simulates the table that you would measure, with constant errors
     of 0.3 mm, a gear error of 40 arcsec and noise of 0.03 mm, and says how many poses of which kind to measure.

@@ -78,7 +78,7 @@ def discover(
 
 
 def write_results(found: DiscoveryResult, folder: Path, say: Say) -> None:
-    """Write the report, and say so."""
+    """Announce the report and write it."""
     say(Progress("writing the report"))
     found.report(folder)
 

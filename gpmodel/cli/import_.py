@@ -113,7 +113,7 @@ def _guessed(
 ) -> Imported:
     """Show a reading of the files, ask about its doubts and write its map. said: --join, --yes and --quiet.
 
-    Raises InputError where nothing fits, or a doubt stands and nobody can be asked.
+    Raises InputError if nothing fits, or if a question remains and there is no terminal to ask it on.
     """
     (join, yes, quiet), file = said, files[0]
     if mechanism is None:

@@ -102,7 +102,7 @@ SIGHTS = {
     "board": "The markers of boards, and what carries these.",
     "surfaces": "Planes, spheres and lines of a known artefact.",
 }
-"""TOML files beside a table of pixels or touches."""
+"""TOML files that belong to a table of pixels or touches."""
 
 
 def sights_options(command: Command) -> Command:

@@ -77,8 +77,8 @@ def certificate(
 ) -> None:
     """Write certificate.html, a page to print, of the calibration, discovery or verification in DIR.
 
-    Where DIR holds a verification (verify.json), that is certified: it was measured afterwards. Of a calibration or
-    a discovery the accuracy after is predicted, and the certificate says so. What is not given is left to fill in.
+    Where DIR holds a verification (verify.json), that is certified: it was measured afterwards. The accuracy after a
+    calibration or a discovery is predicted, and the certificate says so. What is not given is left to fill in.
     """
     target = folder or result
     certify(result, particulars, tolerance=tolerance, **given).report(target)

@@ -64,9 +64,9 @@ def without_phase(name: str) -> str:
 class Candidate:
     """One thing the model may be missing: effects that come together, each with its own unknown.
 
-    family: the name of its family, empty for what nobody has named. cost: nats of description beyond the data: the log
-    of how many alternatives it was chosen from. found_by: its maker. explanation: what it would be
-    physically and who says so, as its family has it. inner: the constants inside its bases, if there are any.
+    family: the name of its family, empty without one. cost: nats of description beyond the data: the log
+    of how many alternatives it was chosen from. found_by: its maker. explanation: its physical cause and source, as the
+    family states them. inner: the constants inside its bases, if there are any.
     believed: its priors are standard deviations that somebody stated, and no larger ones are tried.
     """
 

@@ -132,7 +132,7 @@ def law_name(effects: Sequence[Effect]) -> str:
 
 
 def numbered(effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """The effects of a law that nobody has named, called after it."""
+    """The effects of a formula without a name, called after it."""
     name = law_name(effects)
     return tuple(replace(e, name=f"{name} [{k}]" if len(effects) > 1 else name) for k, e in enumerate(effects, 1))
 

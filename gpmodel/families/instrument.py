@@ -5,8 +5,8 @@ With azimuth a and elevation e, a small turn about the standing axis shifts a po
 the registration's.
 
 Where the instrument's specification is known, each error alone reaches it at the table's distances with one standard
-deviation; an error beyond it is a separate candidate, with the price of an instrument that is out of order. A walk
-along the rows is its stand's, of which a specification says nothing.
+deviation; an error beyond it is a separate candidate, with the price of an instrument that is out of order. A random
+walk along the rows is that of its stand, which no specification covers.
 """
 
 from collections.abc import Callable, Iterator

@@ -117,8 +117,8 @@ DEFLECTION = 7e-4
 
 
 SECOND = 5.0
-"""Price of wrong masses beside a joint's compliance, nats: they are a second finding, and cost the least gain of a
-finding."""
+"""Price of wrong masses in addition to a joint's compliance, nats: they are a second finding, and cost the least gain
+of a finding."""
 
 
 def unknown_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
@@ -154,7 +154,7 @@ def base_unknown_masses(mechanism: Mechanism, states: States) -> Iterator[Candid
 
 
 def wrong_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """The drive of each joint under the weight of each link beyond it, every link with a number of its own."""
+    """The drive of each joint under the weight of each link beyond it; each link has its own number."""
     for j in revolute(mechanism):
         prefix = f"torque_{j.name}_of_"
         parts = [n for n in _unit_loads(states) if n.startswith(prefix) and not n.endswith(("_x", "_y", "_z"))]

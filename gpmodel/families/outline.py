@@ -51,7 +51,7 @@ def outline(basis: Expression) -> Outline | None:
 
 
 def in_words(candidates: Sequence[Candidate], units: Mapping[str, str]) -> tuple[Candidate, ...]:
-    """Candidates called by the outline of their law where nobody has named them and no other has the same.
+    """Name candidates without a name by the outline of their formula, if no other has it.
 
     units: of the inputs. As in `bump of J2 at -95.5°, width 11.2°`.
     """

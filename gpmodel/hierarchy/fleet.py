@@ -68,7 +68,7 @@ def learned(
 
 
 def beyond(fit: Calibration, effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """The effects of a fit that are none of those of the type: what the machine alone has."""
+    """The effects of a fit that the type does not have: what the machine alone has."""
     names = {effect.name for effect in effects}
     return tuple(effect for effect in fit.model.effects if effect.name not in names)
 
@@ -131,7 +131,7 @@ class SharedBlock:
 @dataclass(frozen=True)
 class Fleet:
     """Machines calibrated together. alone: each calibrated alone. own: each by its poses alone, all with the same
-    effects. shrunken: with the type's `prior` beside its poses, geometry complete.
+    effects. shrunken: by its poses and the type's `prior`, with complete geometry.
 
     values, stderr: (m, K + 1) of the `effects` without priors of their own and, last, the logarithm of the noise.
     shared: of each of these. blocks: of all other effects. deviations: of each machine in each of both. left_out:

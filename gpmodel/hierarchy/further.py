@@ -167,8 +167,8 @@ def from_the_type(
 ) -> Discovery:
     """Run the loop with what is believed of the type as its standard model.
 
-    Findings are beside the type's effects. The fit to all poses is repeated at the noise that the poses show, where
-    that is larger than the type's.
+    Findings are in addition to the type's effects. The fit to all poses is repeated at the noise that the poses show,
+    where that is larger than the type's.
     """
     machine = further_machine(fleet, mechanism, poses.subset(train), poses.subset(heldout))
     believed = replace(machine.final.model, noise=fleet.noise)

@@ -122,7 +122,7 @@ def _said(path: Path) -> tuple[str | None, dict[str, str]]:
 
 KIND, SCHEMA, NAME = "gpmodel fleet", 2, "fleet.json"
 MACHINES = "machines"
-"""The folder beside fleet.json with a folder for each machine."""
+"""The folder next to fleet.json, with a folder for each machine."""
 NOISE = "noise of one coordinate"
 """The last of the parameters: its values are logarithms of metres."""
 MOST_MACHINES = 10_000
@@ -133,8 +133,8 @@ PerMachine = Annotated[tuple[Finite, ...], msgspec.Meta(max_length=MOST_MACHINES
 
 class MachinePart(msgspec.Struct, frozen=True):
     """One machine: its table, σ of one coordinate, and RMS 3-D errors on held-out poses, of the standard model, of its
-    own poses alone and with the prior of the type; null where none was held out. effects: what it has beside those of
-    the type. folder: of its page and its model, below that of fleet.json."""
+    own poses alone and with the prior of the type; null where none was held out. effects: its effects in addition to
+    the type's. folder: of its page and its model, below that of fleet.json."""
 
     serial: Label
     folder: FileName
@@ -197,8 +197,8 @@ class PriorPart(msgspec.Struct, frozen=True):
 class BlockPart(msgspec.Struct, frozen=True):
     """Effects with priors of their own, as a curve's harmonics, judged together: the spread between machines (low to
     high, its 95 % interval) is a share of what these priors expect; z: root mean square distance of each machine from
-    the others over what its poses tell, and the chance of it anywhere in an innocent fleet; outliers: as of
-    SharedPart. effects: with their own priors."""
+    the others over what its poses tell, and the chance of it anywhere in an innocent fleet; outliers: as in SharedPart.
+    effects: with their own priors."""
 
     name: Label
     effects: Annotated[tuple[PriorPart, ...], msgspec.Meta(min_length=1, max_length=MOST_EFFECTS)]

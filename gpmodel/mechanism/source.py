@@ -25,10 +25,10 @@ def load_mechanism(name: str, *, frame: str | None = None, payload_com: Sequence
     """The mechanism that the first provider to know `name` builds.
 
     A provider is an entry point of the group `gpmodel.mechanisms`: a callable
-    load_mechanism(name, *, frame=None, payload_com=None) -> Mechanism | None. Where its module has a function
-    `mechanism_names`, those are listed when nobody knows the name. frame: what is measured (default: the last
-    link). payload_com: (3,) m, centre of mass of the payload in the measured frame.
-    Raises InputError when no provider knows the name.
+    load_mechanism(name, *, frame=None, payload_com=None) -> Mechanism | None. If its module has a function
+    `mechanism_names`, these names are listed for an unknown one. frame: what is measured (default: the last link).
+    payload_com: (3,) m, centre of mass of the payload in the measured frame. Raises InputError when no provider knows
+    the name.
     """
     known: list[str] = []
     broken: list[str] = []
@@ -96,7 +96,8 @@ class MechanismChoice:
 
 @cache
 def _unpacked(name: str, description: str) -> Path:
-    """A file of that name and content, for as long as this process lives: a mechanism may be asked to write itself."""
+    """A file of that name and content, for as long as this process lives: a mechanism may have to write its
+    description."""
     if Path(name).suffix.lower() not in FILES or len(description) > LARGEST_FILE:
         raise InputError(f"mechanism '{name}': expected a name that ends in {' or '.join(FILES)}, of a smaller file")
     folder = Path(tempfile.mkdtemp(prefix="gpmodel-"))

@@ -53,7 +53,7 @@ class TakenUp:
 class Effect:
     """A small twist per unit of one unknown: Σ weight φ(s) e_axis over its terms.
 
-    family: the catalogue's word for what it would be, empty for what nobody has named. prior: standard deviation
+    family: the family of the catalogue, empty without one. prior: standard deviation
     of the unknown around `mean` that is believed before measuring; infinite for none. taken_up: per unit of the
     unknown, the rigid motions that registrations and tools take up, so that it acts in the rest alone.
     """
@@ -111,7 +111,7 @@ def effect_at(
 
     slot: "J4.moving", "J4.fixed", "base", "tool", or "instrument". axis: "Tx" to "Tz", m, or "Rx" to "Rz", rad, of the
     slot's own frame. basis: φ, an Expression or any object with `inputs`, `str()` and a call that gives (N,). unit: of
-    the unknown θ, that of the axis where empty. family, prior: as of Effect. Raises InputError for an unknown axis.
+    the unknown θ, that of the axis where empty. family, prior: as in Effect. Raises InputError for an unknown axis.
     """
     return Effect(name, (Term(slot, axis, basis),), unit or axis_unit(axis), family, prior)
 

@@ -77,7 +77,7 @@ class Past:
         return self._known[name]
 
     def unit(self, name: str) -> str:
-        """That of the column it is made of; `1` for a direction."""
+        """Unit of the source column; `1` for a direction."""
         return "1" if _LAST_MOVE.match(name) else self.units[read_by(name)[0]]
 
     def _in_order(self, name: str, values: Array, order: IntArray) -> Array:

@@ -71,7 +71,7 @@ class Observation(Protocol):
 
     @property
     def kept(self) -> tuple[str, ...]:
-        """Keys of those that outlast a session: where a link carries something, and a lens."""
+        """Keys of the unknowns that outlast a session: where a link carries something, and a lens."""
 
     @property
     def readings(self) -> Mask:

@@ -40,7 +40,7 @@ class Observed:
 
     @property
     def components(self) -> int:
-        """Scalar readings a pose: 3 of position, 3 of rotation, then those of the other observations."""
+        """Scalar readings a pose: 3 of position, 3 of rotation, then the components of the other observations."""
         return sum(kind.components for kind in self.kinds)
 
     @property

@@ -334,8 +334,8 @@ def _of_the_payload(name: str) -> bool:
 
 
 def _carried(mechanism: Mechanism, dataset: Dataset, loads: Mapping[str, Array]) -> dict[str, Array]:
-    """Torques that the payload adds to those of the links: columns of their own where payloads differ, else derived,
-    for a model that was fitted where they did."""
+    """Torques of the payload, in addition to the torques of the links: columns of their own where payloads differ, else
+    derived, for a model that was fitted where they did."""
     bare = mechanism.loads(dataset.q, np.zeros(len(dataset)))
     torques = [f"torque_{joint.name}" for joint in mechanism.joints]
     return {f"{PAYLOAD_SHARE}{t}": loads[t] - bare.get(t, 0.0) for t in torques if t in loads}

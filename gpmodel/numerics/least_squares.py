@@ -54,8 +54,8 @@ def among_worst(errors: Array, spared: int = 0) -> Mask:
 
 
 def in_company(far: Mask, places: Array, errors: Array) -> Mask:
-    """Those (N,) that stand far out with most of their nearest NEIGHBOURS, the same way: there the model is wrong, not
-    the measurement, and leaving them out would hide it.
+    """Outliers (N,) of which most of the nearest NEIGHBOURS are outliers in the same direction: there the model is
+    wrong, not the measurement, and leaving them out would hide it.
 
     places: (N, n), compared over their ranges. errors: (N, m), NaN where nothing was measured.
     """

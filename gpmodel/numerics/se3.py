@@ -142,8 +142,8 @@ def fit_rotation(source: Array, target: Array) -> tuple[Array, Array]:
 
 
 def roll_pitch_yaw(rotation: Array) -> Array:
-    """The angles (3,), rad, of Rz(yaw) Ry(pitch) Rx(roll) for a rotation (3, 3); where the pitch is a right angle only
-    roll and yaw together are seen, and the roll is worked out beside the yaw that was taken."""
+    """The angles (3,), rad, of Rz(yaw) Ry(pitch) Rx(roll) for a rotation (3, 3); at a pitch of a right angle only the
+    sum of roll and yaw is determined; the yaw is chosen and the roll follows."""
     r = rotation
     yaw = np.arctan2(r[1, 0], r[0, 0])
     pitch = np.arctan2(-r[2, 0], np.hypot(r[0, 0], r[1, 0]))

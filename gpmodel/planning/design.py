@@ -242,14 +242,16 @@ class Question:
 
 
 def at_best(question: Question) -> float:
-    """√ of the variance asked about with every pose of the pool taken. Raises TypeError where no variance is."""
+    """Square root of the variance in question with every candidate pose measured. Raises TypeError where no variance
+    is."""
     every = np.arange(len(question.columns))
     whole = replace(question, known=question.known + np.einsum("pij,pik->jk", question.columns, question.columns))
     return float(_deviations(whole, every[:0])[0])
 
 
 def in_units_of(deviation: float, question: Question) -> Question:
-    """The question of a variance with that deviation as its unit. Raises TypeError where no variance is asked about."""
+    """The question of a variance with that deviation as its unit. Raises TypeError for a question without a
+    variance."""
     if not isinstance(question.goal, Variance):
         raise TypeError("a deviation is that of a Variance")
     return replace(question, goal=Variance(question.goal.weight / deviation**2))

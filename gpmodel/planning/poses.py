@@ -28,7 +28,7 @@ CLOSE = 0.01
 def least_deviation(questions: Sequence[Question], count: int) -> float:
     """√ of the variance that no `count` poses of the pool can bring the worst answered of questions below.
 
-    The same pose may be taken twice in what it is held against. Raises TypeError where no variance is asked about.
+    The same pose may be taken twice in what it is held against. Raises TypeError for a question without a variance.
 
     A choice of n poses is a measure of mass n over the pool; among all measures the variance is convex in the
     information M, so that the tangent at any measure bounds every choice, and the best measure nearly meets it.
@@ -162,7 +162,8 @@ def typed_question(prior: ErrorModel, pool: Array) -> Question:
     """Pose the design question of the tool position, m, of a machine that is only known by its type: I-optimal over a
     pool (P, n). Registration and tool are not known.
 
-    prior: effects with their deviation between machines, and the noise. Those that read more than a pose are left out.
+    prior: effects with their deviation between machines, and the noise. Effects that read more than a pose are left
+    out.
     """
     mechanism, data, noise = prior.mechanism, _at_points(prior.mechanism, pool), prior.noise or 1.0
     known = set(prepare(mechanism, data).states.columns)

@@ -77,7 +77,7 @@ _BROKEN = (ValueError, KeyError, TypeError, AttributeError, RecursionError)
 class Unfinished:
     """The subfolder `unfinished` of a folder of results, a file for each thing that is finished: KIND-NUMBER.json.
 
-    request: JSON content of what was asked. identity: what of it, and of the content of the files it names, the numbers
+    request: JSON content of the command. identity: what of it, and of the content of the files it names, the numbers
     depend on; only files written for the same are read. A file that is damaged is named through `say` and set aside,
     and what it held is done again.
     """
@@ -93,7 +93,7 @@ class Unfinished:
         return self.out / FOLDER
 
     def refuse_another(self) -> None:
-        """Raises InputError where something unfinished is here that was asked otherwise, by what differs."""
+        """Raises InputError for the unfinished parts of another command, with the differences."""
         before = unfinished(self.out)
         if before and (differing := _differing(before["identity"], self.identity)):
             raise InputError(

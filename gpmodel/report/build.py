@@ -31,7 +31,7 @@ class Ladder:
     """Fits to the rows `train` of `poses`, one after the other, and the model to ship.
 
     final: fitted to all poses, or to the rows `final_rows`.
-    named: effects beside the standard model that were asked for; they are no parameters of it.
+    named: requested effects in addition to the standard model; they are no parameters of it.
     saved: what is written as model.json; none where nothing is. shipped: number of its step.
     parts: fits of that step with the poses they have not seen; without them the step's own.
     """

@@ -1,4 +1,4 @@
-"""Pictures of the search: inputs beside their null, candidates beside what chance gives."""
+"""Pictures of the search: counts of inputs and gains of candidates, each with its permutation null."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequen
 
     Everything else is as in random rows of the table; laws without a name keep their value well beyond the range
     they were fitted in, as `predict` has it. None for what ended with the session, for a mechanism whose
-    joints are not all measured, or where the model remembers rows that nobody says are in order.
+    joints are not all measured, or where the model remembers rows whose order is not stated.
     """
     if poses.dataset.joints_approximate:
         return [None] * len(groups)

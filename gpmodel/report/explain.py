@@ -36,7 +36,7 @@ class Explanation:
 def explain(report: Report, number: int, tellable: Set[str] | None = None) -> Explanation:
     """Finding `number`, from 1, of a report. Raises InputError where it has none of that number.
 
-    tellable: the causes that further poses could tell from their findings, by name, where somebody asked.
+    tellable: names of the causes that further poses could distinguish from the findings, if requested.
     """
     if not 1 <= number <= len(report.effects):
         have = f"it has {len(report.effects)}" if report.effects else "it has none"
@@ -199,7 +199,7 @@ def _is_speed(unit: str) -> bool:
 
 
 def advice(report: Report, effect: EffectRecord, tellable: Set[str] | None) -> Iterator[str]:
-    """Sentences; tellable: the causes that further poses could tell from it, by name; None where nobody asked."""
+    """Sentences; tellable: the causes that further poses could tell from it, by name; None if not requested."""
     close = [cause.names[0] for cause in effect.others]
     told = [name for name in close if tellable is None or name in tellable]
     if told:

@@ -124,7 +124,7 @@ def moves_alone(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect
     registration and tool included, takes up: the residual of its displacement projected on their columns. By QR, which
     keeps all inner products, the rows are as few as the columns.
 
-    None beside free joints, which take up more at every pose, and where no point was read.
+    None with free joints, which absorb more at every pose, and without a measured point.
     """
     problem = problem_at(fit, poses)
     point = np.nonzero(problem.weights > 0)[1] < 3

@@ -90,7 +90,7 @@ def _left(fit: Calibration, poses: Poses, chosen: Sequence[IntArray]) -> Array:
 
 
 def _mean(values: Array) -> tuple[float, float]:
-    """With its standard uncertainty, by how the values differ."""
+    """Mean with its standard uncertainty, from the spread of the values."""
     return float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
 
 

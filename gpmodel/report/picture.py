@@ -1,4 +1,4 @@
-"""A picture of the report: what it is called, how large it is, what it says in words, and how it is drawn."""
+"""A picture of the report: its name, size, description in words, and drawing function."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ NAME = REPORT
 LARGEST_FILE = 256 << 20
 """Bytes of a result; a report of 200 000 poses has 130 MB."""
 REPRESENTATIONS = ("linear", "tree")
-"""Those that report.json always counts."""
+"""Representations that report.json always counts."""
 EXPECTED = "expected the JSON that discover or calibrate wrote"
 
 

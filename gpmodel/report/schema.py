@@ -1,7 +1,7 @@
 """report.json as a tree of frozen records, schema 3: what a calibration, a discovery or an evolution leaves behind.
 
-Field names are the keys of the file. Lengths that end in `_mm` are millimetres, every other value is SI with its unit
-beside it; names of joints and inputs are those of the table. None stands where a number does not exist.
+Field names are the keys of the file. Lengths that end in `_mm` are millimetres, every other value is SI, its unit in a
+field of its own; names of joints and inputs are those of the table. None stands where a number does not exist.
 """
 
 from dataclasses import dataclass, field
@@ -180,9 +180,9 @@ class Report:
     instrument's frame, number by number, rotations as vectors. unobservable: effects hidden by joint values solved at
     every pose. hidden: what a constant of the standard model could equally be, and the poses that would tell; mimics:
     the same by name. further: what is to be expected on further poses. predicted: the errors of `predict`.
-    discrepancy_mm: of one component, of the model's form. readings: each kind beside points in its own unit; unseen:
-    what they cannot show. sigma_mm: of one component; freedom: degrees of freedom of it. model_sha256: seal of the
-    model.json that belongs to it.
+    discrepancy_mm: of one component, of the model's form. readings: each kind of reading that is no point, in its own
+    unit; unseen: what they cannot show. sigma_mm: of one component; freedom: degrees of freedom of it. model_sha256:
+    seal of the model.json that belongs to it.
     """
 
     command: str = ""

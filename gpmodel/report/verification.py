@@ -1,4 +1,4 @@
-"""verify.json: what poses measured afterwards say of a model, as frozen records; lengths in mm, all else SI."""
+"""verify.json: the verdict of later poses on a model, as frozen records; lengths in mm, all else SI."""
 
 import dataclasses
 from collections.abc import Iterator

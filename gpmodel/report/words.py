@@ -83,7 +83,7 @@ def noise_floor(report: Report) -> str:
 
 
 def predicted(report: Report) -> str:
-    """State the error of plain `predict` beside that of the ladder; empty where they are equal."""
+    """State the error of plain `predict` and of the last step; empty where they are equal."""
     found = report.predicted
     if found is None or not found.differs:
         return ""
@@ -127,7 +127,7 @@ def confirmed(report: Report) -> str:
 
 
 def causes(effect: EffectRecord) -> str:
-    """State the credible set, each cause with its probability; empty if nobody looked."""
+    """State the credible set, each cause with its probability; empty if not computed."""
     if effect.causes is None:
         return ""
     if not effect.others and not effect.alike and not effect.without_name:

@@ -24,7 +24,7 @@ from gpmodel.texts import read_toml
 @dataclass(frozen=True)
 class Imported:
     """content: a table of text cells, the text of a mechanism's file, or cameras as a TOML file has them. described:
-    what stands beside a table, "cameras" and "board", likewise. left_out: parts of the file that are not in it, each
+    further descriptions, "cameras" and "board", in the same form. left_out: parts of the file that are not in it, each
     with the reason."""
 
     content: pd.DataFrame | str | dict[str, object]
@@ -94,7 +94,7 @@ class OrientationColumns:
 @dataclass(frozen=True)
 class ColumnMap:
     """columns: name in the table -> column of the file, or formula of its columns, with its unit in brackets; a column
-    is written by its name, or by its number as c7. tools: x, y and z likewise of several reflectors, by their names.
+    is written by its name, or by its number as c7. tools: columns of x, y and z of several reflectors, by their names.
     header: whether the file has one. join: how a second file is joined, see `gpmodel.table.join`."""
 
     columns: Mapping[str, str]

@@ -70,7 +70,7 @@ _BETWEEN_WORDS = re.compile(
 
 @dataclass(frozen=True)
 class Sheet:
-    """A file's cells. names: what the header says of each column, "" where it says nothing. cells: text (N, columns),
+    """A file's cells. names: name of each column in the header, "" without one. cells: text (N, columns),
     decimal points throughout, missing where empty; columns are numbered from 0. said: how the file was read."""
 
     names: tuple[str, ...]

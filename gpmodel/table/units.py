@@ -156,7 +156,7 @@ def parse_quantity(text: str, dimension: str, where: str) -> float:
 
 
 def convert(text: str, unit: str, where: str) -> float:
-    """The number in `text`, `20 arcsec` or `20`, in `unit`; without a unit of its own it is in `unit` already.
+    """The number in `text`, `20 arcsec` or `20`, in `unit`; without a unit it is in `unit`.
 
     Raises InputError when it is no number or its unit does not convert.
     """
