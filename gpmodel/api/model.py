@@ -42,6 +42,8 @@ from gpmodel.errors import InputError
 from gpmodel.extras import extra_for
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.progress import Say, silent
+from gpmodel.report.saved import NAME, read_report
+from gpmodel.report.schema import Report
 from gpmodel.table.read import dataset_from
 from gpmodel.texts import SEAL
 from gpmodel.wording import measured
@@ -277,3 +279,12 @@ def load_model(file: str | Path, mechanism: MechanismLike | None = None) -> Mode
     """
     path = model_file(file_path(file, "file"))
     return Model(read_saved(path, None if mechanism is None else mechanism_of(mechanism)))
+
+
+def read_result(after: Model | str | Path) -> tuple[Model, Report | None]:
+    """A model and, where it lies in a folder of discover or calibrate, its report. Raises InputError for neither."""
+    if isinstance(after, Model):
+        return after, None
+    path = file_path(after, "after")
+    folder = path if path.is_dir() else path.parent
+    return load_model(path), read_report(folder) if (folder / NAME).is_file() else None

@@ -31,11 +31,12 @@ none."""
 
 @dataclass(frozen=True)
 class Questioned:
-    """A finding by its name: the indices of its effects in the model, and its rivals' names and effects."""
+    """A finding by its name: the indices of its effects in the model, and its rivals' names, effects, and odds that the
+    finding is the cause and not they."""
 
     name: str
     effects: IntArray
-    rivals: tuple[tuple[str, tuple[Effect, ...]], ...] = ()
+    rivals: tuple[tuple[str, tuple[Effect, ...], float], ...] = ()
 
 
 def closing_pool(saved: SavedModel | None, pool: Array) -> Array:

@@ -58,7 +58,8 @@ def _input(text: str) -> tuple[str, str]:
 
 @click.command()
 @mechanism_options(required=False)
-@click.option("-n", "--count", default=40, show_default=True, type=click.IntRange(1, MOST), help="Number of poses.")
+@click.option("-n", "--count", type=click.IntRange(1, MOST),
+              help="Number of poses. [default: 40, or as many as decide between rivals]")  # fmt: skip
 @click.option("--after", metavar="RESULT", type=PATH, help="Next poses after a result of calibrate or discover.")
 @click.option("--rejected", type=click.IntRange(1), metavar="N",
               help="With --after: poses that decide its rejected candidate N.")  # fmt: skip
@@ -87,7 +88,7 @@ def _input(text: str) -> tuple[str, str]:
 @out_file_option
 @quiet_option
 def poses(
-    mechanism: LoadedMechanism | None, count: int, criterion: Criterion | None, after: Path | None,
+    mechanism: LoadedMechanism | None, count: int | None, criterion: Criterion | None, after: Path | None,
     rejected: int | None, task: Path | None, like: Path | None, above: str | None, box: str | None,
     instrument: str | None, normal: tuple[float, float, float], cone: float | None, tool_point: str | None,
     collisions: bool, noise: str, seed: int, out: Path | None, quiet: bool,
@@ -97,9 +98,10 @@ def poses(
     spread: every pose as different from the others as possible (the equal distribution criterion). d-optimal (or
     observability): all geometric errors as well determined as possible; e-optimal: their worst combination; i-optimal:
     the point over the workspace. --like DIR: the same of a machine whose type is known. --after RESULT, beside the
-    poses measured: rivals: what tells findings, and constants, from what they could also be; effect: what shrinks the ±
-    of the worst known one; i-optimal, spread. --task TARGETS instead: what makes the ± of the point smallest there, and
-    tells findings apart. The arm does not meet itself where its URDF has geometry.
+    poses measured: rivals: what tells findings, and constants, from what they could also be, and after how many poses
+    that is decided; effect: what shrinks the ± of the worst known one; i-optimal, spread. --task TARGETS instead: what
+    makes the ± of the point smallest there, and tells findings apart. The arm does not meet itself where its URDF has
+    geometry.
     """
     if after is not None and mechanism is not None:
         raise InputError(f"is that of the model in {after}; leave --mechanism away", "mechanism")

@@ -4,17 +4,19 @@ A pose adds JᵀJ to the information M of the unknowns, J (3, K) their columns o
 coordinate; M⁻¹ is then their covariance. Sources: Fedorov (1972); Pukelsheim (1993); Atkinson and Fedorov (1975).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
 from scipy import linalg
+from scipy.special import ndtri
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
 from gpmodel.mechanism.branches import joint_range, random_poses
 from gpmodel.mechanism.protocol import Collides, Mechanism, bare_of, closed
+from gpmodel.numerics.interval import COVERAGE
 from gpmodel.numerics.se3 import chain
 
 MARGIN = 0.02
@@ -282,6 +284,20 @@ def deviations(questions: Sequence[Question], order: IntArray) -> Array:
     return np.asarray(np.max([_deviations(question, order) for question in questions], axis=0))
 
 
+def decided_after(question: Question, order: IntArray, odds: float) -> int | None:
+    """Number of the poses `order` (n,) after which one of two causes is COVERAGE probable, whichever is true, in as
+    large a share of cases; None where so many do not suffice.
+
+    odds: of the causes now. The inverse deviation s is their distance in standard errors. Poses add ln odds
+    ~ N(d²/2, d²) for the true cause, d² = s² - s₀², to -|ln odds| at worst:
+    d²/2 - z d ≥ ln (COVERAGE / (1 - COVERAGE)) + |ln odds|, z the quantile of COVERAGE.
+    """
+    apart = np.nan_to_num(deviations((question,), order) ** -2.0)
+    z, lacking = float(ndtri(COVERAGE)), np.log(COVERAGE / (1.0 - COVERAGE)) + abs(np.log(odds))
+    enough = np.flatnonzero(np.sqrt(apart - apart[0]) >= z + np.sqrt(z**2 + 2.0 * lacking))
+    return int(enough[0]) if len(enough) else None
+
+
 def _deviations(question: Question, order: IntArray) -> Array:
     goal = question.goal
     if not isinstance(goal, Variance):
@@ -302,7 +318,7 @@ def _deviations(question: Question, order: IntArray) -> Array:
 class Asked:
     """said: in words. choose: what decides; none to spread them, away from those `taken` (M, n). measure: questions of
     variances whose worst is what the curve shows, as `label`: times `factor`, or its inverse where that is larger the
-    better."""
+    better. pairs: two causes by their names, with the question and the odds of them."""
 
     said: str
     choose: tuple[Question, ...]
@@ -311,6 +327,7 @@ class Asked:
     factor: float = 1.0
     inverse: bool = False
     taken: Array | None = None
+    pairs: Mapping[str, tuple[Question, float]] = field(default_factory=dict)
 
     def said_of(self, deviation: Array) -> Array:
         """Standard deviations (n,) as the curve shows them."""

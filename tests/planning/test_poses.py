@@ -24,6 +24,7 @@ from gpmodel.planning.design import (
     Variance,
     candidates,
     choose,
+    decided_after,
     deviations,
 )
 from gpmodel.planning.poses import geometric_question, least_deviation, over_the_pool, spacing, spread_poses
@@ -107,6 +108,32 @@ def test_the_limit_of_unknowns_that_are_measured_one_by_one_is_exact() -> None:
     columns[np.arange(5), 0, np.arange(5)] = 1.0
     question = Question(columns, np.zeros((5, 5)), Variance(np.diag([1.0, 4.0, 9.0, 16.0, 25.0])))
     assert least_deviation((question,), 30) == pytest.approx(15.0 / np.sqrt(30.0), rel=0.005)
+
+
+def test_two_causes_are_told_apart_after_as_many_poses_as_it_says() -> None:
+    """In 19 of 20 tables of so many poses the true cause is 95 % probable, and not in those of two poses fewer."""
+    rng = np.random.default_rng(3)
+    columns = rng.normal(size=(60, 3, 2)) * 0.9
+    columns[:, :, 1] = 0.8 * columns[:, :, 0] + 0.6 * columns[:, :, 1]  # the rival first, the finding last
+    question = Question(columns, 1e-9 * np.eye(2), Variance(np.diag([0.0, 1.0])))
+    order, odds = np.arange(60), 4.0
+    count = decided_after(question, order, odds)
+    assert count is not None
+    assert decided_after(question, order, 1.0) < count  # type: ignore[operator]
+    assert decided_after(question, order[: count - 1], odds) is None
+
+    def sure(number: int) -> float:
+        """Share of tables of the finding, begun at the odds of its rival, after which it is 95 % probable."""
+        rival, finding = columns[:number].reshape(-1, 2).T
+        measured = finding + rng.normal(size=(4000, len(finding)))
+
+        def left(column: np.ndarray) -> np.ndarray:
+            return np.sum(measured**2, axis=1) - (measured @ column) ** 2 / (column @ column)
+
+        return float(np.mean(0.5 * (left(rival) - left(finding)) - np.log(odds) > np.log(19.0)))
+
+    assert sure(count) > 0.94
+    assert sure(count - 2) < 0.96
 
 
 @pytest.mark.long
