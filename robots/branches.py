@@ -135,7 +135,7 @@ def check_arms(chains: tuple[SerialChain, ...], where: str) -> None:
     """Raises InputError for arms without names of their own, or that do not share what has one name."""
     names = [chain.tool_frame for chain in chains]
     if len(set(names)) < len(names) or "" in names:
-        raise InputError(f"{where}: arms {', '.join(map(repr, names))}; expected a name of its own of each")
+        raise InputError(f"{where}: arms {', '.join(map(repr, names))}; expected different names")
     parts: dict[str, tuple[str, ...]] = {}
     for chain in chains:
         for k, (link, limits) in enumerate(zip(chain.links, chain.limits.tolist(), strict=True)):

@@ -152,7 +152,7 @@ def calibrate(
 def _fleet_of(fleet: object, effects: tuple[object, ...]) -> FleetPart:
     """Machines of the type whose prior is used. Raises InputError for another kind of file, or for further effects."""
     if effects:
-        raise InputError("a fleet says which effects its machines have, expected none beside them", "effects")
+        raise InputError("a fleet defines the effects of its machines; expected no further ones", "effects")
     return fleet_at(fleet, "fleet")
 
 

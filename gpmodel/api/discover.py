@@ -225,7 +225,7 @@ def _geometry(arm: Mechanism, standard: Sequence[str]) -> tuple[Effect, ...]:
     found = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
     if not found:
         raise InputError(
-            f"{shown(standard)}, expected geometric parameters to look beside, as in ('J* R?',)", "standard"
+            f"{shown(standard)}, expected geometric parameters of the standard model, as in ('J* R?',)", "standard"
         )
     return found
 

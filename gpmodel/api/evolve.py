@@ -293,7 +293,7 @@ def evolve(
 def _effects_of(model: object, arm: Mechanism, standard: tuple[str, ...]) -> tuple[Effect, ...]:
     """Return the effects of a saved model. Raises InputError for another mechanism, or if `standard` is given too."""
     if standard != ("*",):
-        raise InputError("a model says its geometry; expected no patterns beside it", "standard")
+        raise InputError("a model has its own geometry; expected no patterns in addition", "standard")
     known = model if isinstance(model, Model) else load_model(file_path(model, "model"), arm)
     if [j.name for j in known.mechanism.joints] != [j.name for j in arm.joints]:
         raise InputError(f"is of {known.mechanism.name}; expected one of {arm.name}", "model")

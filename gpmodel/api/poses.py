@@ -99,7 +99,7 @@ def next_questions(
         none = f"no poses tell {alike}" if alike else "no finding has one of the catalogue that predicts about as well"
         raise InputError(f"rivals: {none}", "criterion")
     if not findings and criterion == "effect":
-        raise InputError("effect: the model has nothing beside its geometry", "criterion")
+        raise InputError("effect: the model has no effect in addition to its geometry", "criterion")
     if not findings:
         return point
     sizes: tuple[Question, ...] = tuple(outlook.of_finding(finding) for finding in findings)
@@ -341,7 +341,7 @@ def _one_of(model: Model | None, **given: object) -> None:
     if model is not None and "like" in named:
         raise InputError("is of a machine before it is measured; expected it or a result to go on after", "like")
     if len(named) > 1:
-        raise InputError(f"decides the poses by itself; expected {' or '.join(named)}, not both", named[-1])
+        raise InputError(f"decides the poses alone; expected {' or '.join(named)}, not both", named[-1])
 
 
 def _of_type(fleet: FleetPart, arm: Mechanism, pool: Array) -> Asked:
@@ -394,6 +394,6 @@ def _sight(instrument: str | Sequence[float] | None, normal: Sequence[float], co
     half = CONE if cone is None else number(cone, "cone", 1e-6, 180.0)
     if instrument is None:
         if cone is not None:
-            raise InputError("is about the line to the instrument; expected --instrument beside it", "cone")
+            raise InputError("concerns the line to the instrument; expected --instrument too", "cone")
         return None
     return Sight(np.array(point(instrument, "instrument")), axis, float(np.radians(half)))

@@ -116,7 +116,7 @@ def simulate(
     scene = None
     if instrument != "tracker":
         if given is not None:
-            raise InputError(f"{instrument} takes poses of its own; expected how many", "poses")
+            raise InputError(f"{instrument} draws its own poses; expected their number", "poses")
         scene = scene_of(instrument, arm, random_poses(arm, POOL * count, rng), count, tool_point, rng)
     q = scene.q if scene else random_poses(arm, count, rng) if given is None else given.q
     _check_columns(columns, q, arm)

@@ -283,7 +283,7 @@ def _check_report(path: Path, digest: str) -> None:
         return
     said = report.get(REPORTED) if isinstance(report, dict) else None
     if said and said != digest:
-        raise InputError(f"{path}: is not the model that {REPORT} beside it tells of ({REPORTED} {str(said)[:12]}…)")
+        raise InputError(f"{path}: is not the model that {REPORT} next to it states ({REPORTED} {str(said)[:12]}…)")
 
 
 def _content(path: Path, expected: str) -> object:

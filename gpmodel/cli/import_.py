@@ -95,7 +95,7 @@ def import_table(
             f"{file}: of no layout that is known here; expected --map MAP.toml, or --guess with --mechanism M"
         )
     if surplus := [name for name, value in given.items() if value is not None and name not in read]:
-        raise InputError(f"says nothing of {file.name}; leave it away", surplus[0])
+        raise InputError(f"does not apply to {file.name}; leave it out", surplus[0])
     _check(made, file)
     for text in () if quiet else made.left_out:
         echo(f"left out, {text}", err=True)

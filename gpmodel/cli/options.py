@@ -136,7 +136,7 @@ def mechanism_options(*, required: bool = True) -> Callable[[Command], Command]:
         ) -> object:  # fmt: skip
             said = {"frame": frame, "payload": payload, "payload_com": payload_com}
             if mechanism is None and (alone := next((name for name, value in said.items() if value is not None), None)):
-                raise InputError("belongs to a mechanism; expected --mechanism M beside it", alone)
+                raise InputError("belongs to a mechanism; expected --mechanism M too", alone)
             loaded = (
                 None if mechanism is None else load_mechanism(mechanism, payload, frame=frame, payload_com=payload_com)
             )

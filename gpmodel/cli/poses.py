@@ -64,7 +64,7 @@ def _input(text: str) -> tuple[str, str]:
 @click.option("--rejected", type=click.IntRange(1), metavar="N",
               help="With --after: poses that decide its rejected candidate N.")  # fmt: skip
 @click.option("--task", metavar="TARGETS", type=PATH,
-              help="With --after: poses that lower the error at these targets, as of compensate.")  # fmt: skip
+              help="With --after: poses that lower the error at these targets, as in compensate.")  # fmt: skip
 @click.option("--like", metavar="DIR", type=PATH,
               help="Result of fleet: first poses of a further machine of its type.")  # fmt: skip
 @click.option("--criterion", type=click.Choice(list(dict.fromkeys((*BEFORE, *AFTER)))),

@@ -121,7 +121,7 @@ def _of_family(instance: Candidate | Effect, family: Family) -> Candidate:
                 f"family '{family.name}' yields a {type(instance).__name__}; expected candidates or effects"
             )
     if found.family != family.name:
-        raise InputError(f"family '{family.name}': candidate '{found.name}' says it is of family '{found.family}'")
+        raise InputError(f"family '{family.name}': candidate '{found.name}' belongs to family '{found.family}'")
     return replace(found, explanation=f"{family.explanation} ({family.source})")
 
 
@@ -130,8 +130,8 @@ _OWN: tuple[Family, ...] = (
     Family("base_compliance", "the foundation tilts under the gravity moment of the arm", "Robertson et al. 2002", families_load.base_compliance, yields=True),
     Family("joint_compliance", "gearbox and structure twist about the joint under its gravity torque", "Robertson et al. 2002 (as joint bending); Dumas 2011", families_load.joint_compliance, yields=True),
     Family("wrong_masses", "the joint yields to weights that are not those of the description", "Khalil and Dombre 2002, ch. 9", families_load.wrong_masses),
-    Family("unknown_masses", "the joint yields to weights that nobody knows: torques of unit moments of mass", "Khalil and Dombre 2002, ch. 9", families_load.unknown_masses),
-    Family("base_unknown_masses", "the foundation tilts under weights that nobody knows", "Khalil and Dombre 2002, ch. 9; Robertson et al. 2002", families_load.base_unknown_masses),
+    Family("unknown_masses", "the joint yields to unknown weights: torques of unit moments of mass", "Khalil and Dombre 2002, ch. 9", families_load.unknown_masses),
+    Family("base_unknown_masses", "the foundation tilts under unknown weights", "Khalil and Dombre 2002, ch. 9; Robertson et al. 2002", families_load.base_unknown_masses),
     Family("payload_deflection", "the controller allows for the arm's own weight, not for what it carries", "Dumas 2011", families_load.payload_deflection, yields=True),
     Family("joint_bending", "the bearing tilts across the joint's axis under the gravity moment", "Klimchik 2014", families_load.joint_bending, yields=True),
     Family("eccentricity", "encoder disc or gear off its centre: one cycle a turn", "Slocum 1992, ch. 6", families_angle.eccentricity),
@@ -195,9 +195,7 @@ def candidates(mechanism: Mechanism, states: States, offers: Iterable[Offer] = c
     for c in found:
         if [e.terms for e in first.setdefault(c.name, c).effects] != [e.terms for e in c.effects]:
             families = " and ".join(dict.fromkeys((first[c.name].family, c.family)))
-            raise InputError(
-                f"family {families}: two effects are called '{c.name}'; expected names that tell them apart"
-            )
+            raise InputError(f"family {families}: two effects are called '{c.name}'; expected different names")
     return found
 
 

@@ -282,7 +282,7 @@ def found_on_type(search: FleetSearch) -> tuple[tuple[Effect, ...], tuple[tuple[
     machine whose findings are others than these is searched again given them: what is confirmed there is its own.
     """
     everyone = range(len(search.tasks))
-    search.say("searching every machine by itself", passing=True)
+    search.say("searching every machine alone", passing=True)
     alone = search.found(everyone)
     search.say("selecting the effects of the type by all machines together", passing=True)
     shared = search.shared([alone[k] for k in everyone])

@@ -58,7 +58,7 @@ class Folder:
     def said_mechanism(self) -> str:
         """The mechanism of all. Raises InputError where the folder does not say it."""
         if self.mechanism is None:
-            raise InputError(f"is not said; expected a name or a file, here or in {ABOUT}", "mechanism")
+            raise InputError(f"is missing; expected a name or a file, here or in {ABOUT}", "mechanism")
         return self.mechanism
 
 

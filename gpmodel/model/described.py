@@ -102,7 +102,7 @@ def features_of(content: object) -> tuple[tuple[Feature, ...], tuple[Feature, ..
         centre = table.quantity("centre", "length", None, 3)
         frame = se3.shift(np.zeros(3) if centre is None else centre)
         if centre is not None and np.isnan(radius):
-            raise InputError(f"{table.where}: expected diameter_mm beside centre_mm")
+            raise InputError(f"{table.where}: expected diameter_mm with centre_mm")
         (free if centre is None else fixed).append(Feature("on_sphere", name, frame, radius))
     whole.done()
     return tuple(fixed), tuple(free)

@@ -101,7 +101,7 @@ def _bars(dataset: Dataset) -> Iterator[Touches]:
         given = np.full(2, np.nan) if lengths is None else lengths[rows]
         given = given[np.isfinite(given)]
         if not len(given) or np.ptp(given) > 0 or given[0] <= 0:
-            raise InputError(f"{where} has no length of its own; expected one in 'length [mm]'")
+            raise InputError(f"{where} has no length; expected one in 'length [mm]'")
         far = se3.shift([0.0, 0.0, given[0]])
         bodies.append(Artefact(f"pair {name}", SURFACES["end"].axes, (Feature("end", "1"), Feature("end", "2", far))))
         end[rows] = 0, 1
@@ -114,7 +114,7 @@ def _pixels(dataset: Dataset, mechanism: Mechanism) -> Iterator[Pixels]:
         return
     for name, option in (("cameras", "--cameras"), ("board", "--board")):
         if name not in dataset.described:
-            raise InputError(f"{dataset.source}: columns u and v are pixels; expected {option} FILE.toml beside them")
+            raise InputError(f"{dataset.source}: columns u and v are pixels; expected {option} FILE.toml too")
     values = np.column_stack([dataset.readings.get(c, np.full(len(dataset), np.nan)) for c in "uv"])
     values[~np.isfinite(values).all(axis=1)] = np.nan
     seen = np.isfinite(values[:, 0])

@@ -146,8 +146,8 @@ def clock_of(dataset: Dataset) -> str | None:
         if dataset.in_order and np.any(steps < 0):
             row = np.sort(dataset.row)[int(np.argmax(steps < 0)) + 1]
             raise InputError(
-                f"{dataset.source}: rows are said to be in the order of measurement, but '{name}' falls at row {row}; "
-                "sort the rows, or do not say so"
+                f"{dataset.source}: rows are stated to be in the order of measurement, but '{name}' falls at row "
+                f"{row}; sort the rows, or leave that statement out"
             )
     return "row" if dataset.in_order else None
 

@@ -183,7 +183,7 @@ def sentences(fleet: FleetPart) -> list[str]:
     parts = [f"{len(fleet.machines)} machines share {named}{more}" if named else f"{len(fleet.machines)} machines"]
     own, both = (rms(numbers([getattr(m, k) for m in fleet.machines])) for k in ("own_mm", "fleet_mm"))
     if own == own:
-        parts.append(f"{wording.length(own)} RMS on held-out poses each by itself, {wording.length(both)} together")
+        parts.append(f"{wording.length(own)} RMS on held-out poses each alone, {wording.length(both)} together")
     found = fleet.outliers()
     told = "; ".join(
         f"{fleet.machines[k].serial} in {p.name} (chance {wording.chance(p.chances[k])})" for k, p in found[:MOST_SAID]

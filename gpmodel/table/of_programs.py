@@ -130,7 +130,7 @@ def camera_or_corners(path: Path, joints: Path | None, square: float | None) -> 
     if "image_points" not in content:
         return Imported({"camera": {_camera_name(content, path): _lens(content, path)}})
     if joints is None or square is None:
-        raise InputError(f"{path.name}: holds corners; expected --joints POSES.csv and --square SIZE beside them")
+        raise InputError(f"{path.name}: holds corners; expected --joints POSES.csv and --square SIZE too")
     points = _matrix(content, "image_points", path)
     columns, rows = _side(content, "board_width", path), _side(content, "board_height", path)
     corners = columns * rows

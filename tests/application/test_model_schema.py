@@ -214,7 +214,7 @@ def test_the_report_beside_it_must_tell_of_it(content: dict[str, Any], tmp_path:
     (tmp_path / "report.json").write_text(json.dumps({"model_sha256": content[SEAL]}))
     load_model(path)
     (tmp_path / "report.json").write_text(json.dumps({"model_sha256": 64 * "0"}))
-    refused(json.dumps(content), "is not the model that report.json beside it tells of", path)
+    refused(json.dumps(content), "is not the model that report.json next to it states", path)
     load_model(path.rename(tmp_path / "t.truth.json"))  # as `simulate --out` in the folder of a result writes it
 
 

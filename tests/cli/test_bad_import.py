@@ -86,7 +86,7 @@ IMPORTS: dict[str, tuple[dict[str, str], tuple[str, ...], str]] = {
     "an option that is not read": (
         {"f.txt": "a,b\n1,2\n", "m.toml": MAP},
         ("--map", "m.toml", "--square", "24mm"),
-        "--square: says nothing of f.txt; leave it away",
+        "--square: does not apply to f.txt; leave it out",
     ),
 }
 
@@ -169,7 +169,7 @@ def test_what_is_refused_is_one_line_with_its_row(tmp_path: Path) -> None:
     table, options = simulated("camera", tmp_path)
     frame = pd.read_csv(table, dtype=str)
     said = one_line(run("check", table, "--mechanism", ARM), 2)
-    assert "expected --cameras FILE.toml beside them" in said
+    assert "expected --cameras FILE.toml too" in said
     few = write(frame.drop(index=range(3, 20)), tmp_path / "few.csv")
     said = one_line(run("calibrate", few, "--mechanism", ARM, *options), 2)
     assert "row 1: camera 'C' sees 3 corners in one pose; expected at least 4" in said

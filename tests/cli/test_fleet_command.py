@@ -173,7 +173,7 @@ def test_other_bad_input_is_one_line(tables: Path, tmp_path: Path) -> None:
     assert "--mechanism" in one_line(run("fleet", tables, "--effect", "none"), 2)
     assert "--effect" in one_line(run("fleet", tables, *SAID[2:4], "--effect", "nonsense"), 2)
     both = run("fleet", tables, *SAID[2:4], "--effect", "none", "--effect", "base_compliance")
-    assert "--effect: none beside other effects" in one_line(both, 2)
+    assert "--effect: none together with other effects" in one_line(both, 2)
     assert "--holdout" in one_line(run("fleet", tables, *SAID[2:4], "--holdout", "0"), 2)
     missing = run("calibrate", tables / "R-01.csv", *SAID[2:4], "--fleet", tmp_path / "fleet.json")
     assert "cannot be read" in one_line(missing, 2)

@@ -11,13 +11,9 @@ from experiments.blind.cases import CASES
 from experiments.blind.files import urdf, write
 from experiments.blind.generate import make
 from experiments.blind.grading import answers, deviations, false, grade, innocent, nodes, readable, worse
-from experiments.blind.judge import markdown, save, saved
 from experiments.blind.oracle import Fit, jacobian, register
-from experiments.blind.run import chosen, parse
 from experiments.blind.shapes import shift
 from experiments.blind.simulator import GRAVITY, frames, gravity_loads, points, small_motion, weight_regressor
-from experiments.blind.ways import ROBOTS, WAYS, counted
-from experiments.blind.ways import markdown as side_by_side
 from gpmodel.api.table import read_table
 from robots import load_mechanism
 
@@ -127,41 +123,6 @@ def test_worse_is_judged_pose_by_pose():
     assert worse(1.05 * standard, standard)
     assert not worse(1.0001 * standard, standard)
     assert not worse(np.random.default_rng(1).normal(size=(400, 3)), standard)
-
-
-def test_options_of_the_product_are_its_own(monkeypatch):
-    monkeypatch.setattr("sys.argv", ["run", "--workers", "2", "--minutes", "1", "--", "--workers", "1", "--seed", "3"])
-    settings, asked = parse()
-    assert (settings.workers, settings.seeds) == (2, 1)
-    assert asked.options == ("--minutes", "1", "--workers", "1", "--seed", "3")
-    settings.family, settings.only, settings.set = "masses", "massless_ur,massless_ten,base", "aside"
-    assert chosen(settings) == ["massless_ten"]
-
-
-def test_results_are_read_back_and_tabled(tmp_path):
-    row = {"case": "last_move_3", "seed": 0, "options": ""}
-    row |= {f"{who}_{kind}_mm": 0.1 for who in ("geometric", "oracle") for kind in ("train", "clean", "noisy")}
-    save({("last_move_3", 0): row}, "command", tmp_path / "r.json")
-    assert saved(tmp_path / "r.json") == {("last_move_3", 0): row}
-    assert saved(tmp_path / "none.json") == {}
-    assert "| last_move_3 | open | 0 | 0.100 | 0.100 |" in (tmp_path / "r.md").read_text()
-    assert "failed: it stopped" in markdown([{**row, "failed": "it stopped"}], "command")
-
-
-def test_one_robot_looked_at_in_several_ways_is_one_line():
-    row = {"case": "base", "seed": 3, "named": True, "effects": 1, "effects_named": 1, "false": 0, "found": ["base"]}
-    row |= {"oracle_clean_mm": 0.1, "geometric_clean_mm": 0.2, "ratio_noisy": 1.02, "ratio_clean": 1.4, "seconds": 3.0}
-    rows = [{**row, "way": "catalogue alone"}, {**row, "way": "programs alone", "false": 2, "ratio_noisy": 1.3}]
-    counts = {way: counted([r for r in rows if r["way"] == way]) for way in WAYS}
-    assert [c.get("within_goal") for c in counts.values()] == [1, 0, None]
-    assert [c.get("within_goal_exact") for c in counts.values()] == [0, 0, None]
-    counts.pop("both")
-    assert "| base 3 | single | 1.020 (1.40), 1 of 1 | 1.300 (1.40), 1 of 1, 2 false |" in side_by_side(rows, counts)
-
-
-def test_the_robots_of_the_ways_are_open_and_of_every_family_but_ranges():
-    assert not any(CASES[name].aside for name in ROBOTS)
-    assert {CASES[name].family for name in ROBOTS} == {case.family for case in CASES.values()} - {"range"}
 
 
 def random_angles(arm, count=5):

@@ -11,14 +11,12 @@ from experiments.bench import fixed, run
 from experiments.bench.judge import judge
 from experiments.bench.robots import ROBOTS
 from experiments.bench.run import changed, counted, worse
-from experiments.blind import entered
 from experiments.blind.arms import ARMS
 from experiments.blind.files import urdf
-from experiments.methods import plug
 from experiments.methods.makers import makers_in, table
-from experiments.methods.plug import Answer, asked, board, geometry, leaderboard, method_named
+from experiments.methods.plug import Answer, asked, geometry
 from experiments.methods.regressions import denavit_hartenberg, of_the_rest
-from experiments.methods.rows import append, saved, summary
+from experiments.methods.rows import append, summary
 from experiments.random_laws.judge import write
 from experiments.random_laws.robot import make
 
@@ -27,55 +25,10 @@ def row(index, ratio, **more):
     return {"method": "m", "seed": 0, "factors": 1, "index": index, "ratio": ratio, "seconds": 1.0, **more}
 
 
-def test_results_go_on_after_a_line_that_was_cut_short(tmp_path):
-    file = tmp_path / "rows.jsonl"
-    assert saved(file) == {}
-    for index in (0, 1):
-        append(row(index, 1.0 + index), file)
-    file.write_text(file.read_text() + '{"method": "m", "se')
-    assert [key[-1] for key in saved(file)] == [0, 1]
-    append(row(2, 1.0), file)
-    assert [key[-1] for key in saved(file)] == [0, 1, 2]
-
-
 def test_counts_over_robots():
     counts = summary([row(0, 1.1, explained=0.99), row(1, 1.4, explained=0.97), row(2, 9.0, explained=0.2)])
     assert (counts["within 1.25"], counts["within 1.5"], counts["explained to 95 %"]) == (1, 2, 2)
     assert summary([{**row(0, 1.0), "failed": "no"}]) == {"robots": 1, "failed": 1}
-
-
-def test_the_leaderboard_has_the_robots_that_all_methods_have_done_and_who_is_told(tmp_path):
-    errors = {"geometry_mm": 1.0, "oracle_mm": 0.1, "surface_mm": 0.2}
-    for method, indices in (("one", (0, 1)), ("other", (1, 2))):
-        for index in indices:
-            append({**row(index, 3.0, explained=0.5, **errors), "method": method}, tmp_path / "rows.jsonl")
-    text = board(saved(tmp_path / "rows.jsonl").values(), "Laws of one input")
-    assert text.startswith("## Laws of one input, 1 robots")
-    lines = [line for line in text.splitlines() if line.startswith("| ")][1:]
-    assert [line.split(" | ")[0] for line in lines] == [
-        "| *told the law*", "| *told inputs and place*", "| one", "| other",
-    ]  # fmt: skip
-    assert lines[1].startswith("| *told inputs and place* | 0 | 0 | 0 | 2.0 | 2.0 | 1 | 0.9697 |")
-    apart = [{**row(index, 3.0, **errors), "method": method} for index, method in enumerate(("one", "other"))]
-    assert board(apart, "No robot in common") == ""
-
-
-def test_every_group_of_robots_has_its_board_and_its_counts():
-    errors = {"geometry_mm": 0.1, "oracle_mm": 0.1}
-    rows = [{**row(0, 1.0, **errors), "factors": factors} for factors in (1, 0)]
-    text = leaderboard(rows, lambda one: f"factors {one['factors']}")
-    assert text.index("## factors 0, 1 robots") < text.index("## factors 1, 1 robots") < text.index("## All counts")
-    assert "|  | m: factors 0 | m: factors 1 |" in text
-
-
-def test_a_method_is_named_or_imported(monkeypatch):
-    assert method_named("geometry") is method_named("experiments.methods.plug:geometry") is geometry
-    for name, said in (("nothing", "expected geometry"), ("no.such:thing", "No module"), ("os:nothing", "nothing")):
-        with pytest.raises(SystemExit, match=said):
-            method_named(name)
-    monkeypatch.setitem(plug.METHODS, "absent", ("experiments.methods.plug:geometry", ("no_such_package",)))
-    with pytest.raises(SystemExit, match="--method absent: needs no_such_package, see"):
-        method_named("absent")
 
 
 FILES = (Path("table.csv"), Path("robot.urdf"), Path("poses.csv"))
@@ -97,25 +50,6 @@ def test_positions_of_other_poses_or_none_are_said_and_not_scored(wrong):
     assert answer is None
     assert set(scored) == {"failed"}
     assert "expected (5, 3), all finite" in scored["failed"]
-
-
-def test_blind_robots_go_to_any_method_and_on_from_where_a_run_ended(tmp_path, monkeypatch, capsys):
-    def at_the_origin(table, urdf, poses):
-        return np.zeros((len(poses.read_text().splitlines()) - 1, 3))
-
-    monkeypatch.setattr(entered, "method_named", lambda name: at_the_origin)
-    jobs, results = [("base", 0), ("null_outliers", 0)], tmp_path / "rows.jsonl"
-    entered.run(jobs[:1], "mine", tmp_path, results)
-    first = capsys.readouterr().out
-    entered.run(jobs, "mine", tmp_path, results)
-    assert first not in capsys.readouterr().out
-    rows = saved(results)
-    assert list(rows) == [("mine", "base", 0), ("mine", "null_outliers", 0)]
-    assert rows["mine", "base", 0]["ratio"] > 1000
-    assert "explained" not in rows["mine", "null_outliers", 0]
-    text = results.with_suffix(".md").read_text()
-    assert "## Robots with nothing, 1 robots" in text
-    assert "## Robots with something undeclared, 1 robots" in text
 
 
 def test_rows_of_a_description_are_those_it_was_written_from(tmp_path):
@@ -201,14 +135,6 @@ def test_a_robot_that_fails_is_worse_and_counted() -> None:
     assert worse(ROW, failed)
     assert not worse(failed, ROW)
     assert "robots 2, failed 1, median ratio 1.000" in counted([ROW, failed])
-
-
-def test_rows_are_written_in_the_order_of_the_table_and_read_again(tmp_path: Path) -> None:
-    names = list(ROBOTS)[:2]
-    rows = {name: ROW | {"robot": name} for name in reversed(names)}
-    run.write(rows, tmp_path / "rows.json")
-    assert list(run.read(tmp_path / "rows.json")) == names
-    assert run.read(tmp_path / "rows.json") == rows
 
 
 def test_the_committed_results_are_those_of_robots_of_the_table() -> None:

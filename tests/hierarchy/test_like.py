@@ -91,7 +91,7 @@ def test_bad_input_is_one_line(arms: Path, tmp_path: Path) -> None:
     few = "poses", "--mechanism", "ur5", "--quiet", "--like"
     assert "--like: is of machines of another type" in one_line(run(*few, arms), 2)
     with_criterion = run(*few, arms, "--criterion", "spread")
-    assert "--like: decides the poses by itself" in one_line(with_criterion, 2)
+    assert "--like: decides the poses alone" in one_line(with_criterion, 2)
     both = run("discover", tmp_path / "other.csv", *said, arms, "--joint", "J1=somewhere")
     assert "expected it or joints, not both" in one_line(both, 2)
     assert not (tmp_path / "out").exists()

@@ -126,7 +126,7 @@ def test_times_that_never_fall_say_that_the_rows_are_in_order() -> None:
 def test_times_that_fall_in_a_table_said_to_be_in_order_are_refused() -> None:
     times = np.arange(30.0)
     times[17] = 3.0
-    with pytest.raises(InputError, match=r"said to be in the order of measurement, but 'time' falls at row 18"):
+    with pytest.raises(InputError, match=r"stated to be in the order of measurement, but 'time' falls at row 18"):
         states_of(ARM, timed(times, said=True))
 
 

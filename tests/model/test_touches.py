@@ -82,7 +82,7 @@ def test_spheres_of_known_diameter_lose_their_radius_as_an_unknown() -> None:
     ("surfaces", "said"),
     [
         ({"plane": {"A": {"offset_mm": 1.0}}}, "normal"),
-        ({"sphere": {"A": {"centre_mm": [0, 0, 0]}}}, "expected diameter_mm beside centre_mm"),
+        ({"sphere": {"A": {"centre_mm": [0, 0, 0]}}}, "expected diameter_mm with centre_mm"),
         ({"cone": {"A": {}}}, "cone"),
     ],
 )

@@ -47,7 +47,7 @@ class Loads:
             return self._text(name)
         except ValueError:
             raise InputError(
-                f"input '{name}' is a load of another arm than {self.chain.slots[-1]}; expected one of its own"
+                f"input '{name}' is a load of another arm than {self.chain.slots[-1]}; expected a load of this arm"
             ) from None
 
     def _text(self, name: str) -> str:
