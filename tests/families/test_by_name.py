@@ -272,7 +272,7 @@ def of_another_family(mechanism: Mechanism, states: States) -> Iterator[Candidat
         ((Family("text", "yields text alone", "nobody", lambda m, s: ["tanh"]),), "'text' yields a str"),  # type: ignore[list-item]
         (
             (Family("other", "yields another's", "nobody", of_another_family),),
-            "'stick and slip' says it is of",
+            "'stick and slip' belongs to",
         ),
         (
             (Family("alike", "yields two of one name", "nobody", called_alike),),
