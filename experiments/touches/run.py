@@ -97,7 +97,7 @@ def robot(case: Case, seed: int) -> dict[str, dict[str, float]]:
     before, *after = judged(made, fits)
     return {
         name: {"inside": before[0], "inside after": error[0], "outside": before[1], "outside after": error[1],
-               "largest": 1e3 * float(np.abs(fit.theta).max()), "read": 1e3 * float(fit.error.mean())}
+               "read": 1e3 * float(fit.error.mean())}
         for name, error, fit in zip(MODELS, after, fits[1:], strict=True)
     }  # fmt: skip
 

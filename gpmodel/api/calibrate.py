@@ -40,7 +40,7 @@ from gpmodel.hierarchy.further import further_machine
 from gpmodel.hierarchy.record import FleetPart, fleet_file, read_fleet
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import Poses, prepare
+from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import in_mechanism_names, names_of, standard_effects, translate
 from gpmodel.report.build import Ladder
 from gpmodel.report.effects import from_calibration
@@ -132,8 +132,9 @@ def calibrate(
     seen, unseen = poses.subset(train), poses.subset(held)
     note = ""
     if known is None:
-        steps = climb(arm, growing(geometry, groups), seen, unseen, condition_limit, seed)
-        final = fit_model(steps[-1].calibration.model, poses, condition_limit=condition_limit, seed=seed)
+        models = growing(geometry, groups)
+        steps = climb(arm, models, seen, unseen, condition_limit, seed)
+        final = fit_model(ErrorModel(arm, models[-1][1]), poses, condition_limit=condition_limit, seed=seed)
         final = apart_from_effects(final, poses)
     else:
         steps = further_machine(known, arm, seen, unseen, seed).steps

@@ -20,13 +20,10 @@ from gpmodel.application.predict import batches
 from gpmodel.application.usable import check_finite
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.gauss_newton import without_outliers
-from gpmodel.calibration.iterate import Fitting, iterate
 from gpmodel.calibration.linearise import Linearised, linearise
 from gpmodel.calibration.noise import Whitening, blocks_of
-from gpmodel.calibration.result import uncertainty
-from gpmodel.calibration.size import without_frame
 from gpmodel.calibration.start import placement_after
-from gpmodel.calibration.unmeasured_joints import free_joints
+from gpmodel.calibration.undeclared import uncertain_functions
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import Placement, Poses, observe, pose_error, prepare
 from gpmodel.model.observation import Observation, observations
@@ -136,30 +133,6 @@ def _placed(saved: SavedModel, dataset: Dataset) -> SavedModel:
         registration[name] = np.block([[turn, shift[:, None]], [np.zeros(3), np.ones(1)]])
     kept = {key: saved.placement.anchors[key] for _, key in kept_by(saved, dataset)}
     return replace(saved, placement=Placement(registration, saved.placement.tool, kept))
-
-
-def as_its_rows_show(saved: SavedModel, dataset: Dataset) -> SavedModel:
-    """Refit the constants to the model's own rows, where neither these nor later ones are in an instrument's frame.
-
-    Constants of such a model are fitted apart from undeclared effects. In the measured region these act as they did.
-    """
-    known = None if saved.measured is None else saved.measured.dataset
-    if (
-        known is None
-        or free_joints(saved.mechanism)
-        or not all(without_frame(observations(d)) for d in (known, dataset))
-    ):
-        return saved
-    poses, kept = prepare(saved.mechanism, known), np.isfinite(saved.stderr)
-    observed = observe(saved.model, poses, saved.theta, saved.placement)
-    use = without_outliers(observed, known, np.ones(len(poses), dtype=bool))
-    fitting = Fitting(saved.model, poses, use, saved.rotation_weight, sharing(known))
-    found = iterate(fitting, saved.theta, saved.placement, kept)
-    told = uncertainty(fitting, found, kept)
-    return replace(
-        saved, theta=found.theta, placement=found.placement, stderr=told.stderr, covariance=told.covariance,
-        sigma=told.sigma, freedom=told.freedom,
-    )  # fmt: skip
 
 
 def errors_at(session: Session, dataset: Dataset) -> Array:
@@ -300,11 +273,13 @@ def recheck(session: Session) -> Recheck:
     blocks = blocks_of(problem, bundle)
     free, at = session.anew(problem), in_covariance(saved, problem)
     known = ~free & (at >= 0)
-    covariance = saved.covariance.values[np.ix_(at[known], at[known])]
-    values, vectors = np.linalg.eigh(covariance) if known.any() else (np.zeros(0), np.zeros((0, 0)))
+    values, vectors = np.linalg.eigh(saved.covariance.values)
     sigma = max(saved.spread, REACHED)
-    rows = blocks.means(problem.columns)
-    u, s, _ = np.linalg.svd(rows[:, known] @ (vectors * np.sqrt(np.maximum(values, 0.0))) / sigma, full_matrices=False)
+    rows, (functions, made_up) = blocks.means(problem.columns), _functions(saved, problem)
+    own = -blocks.means(made_up)
+    own[:, at[known]] += rows[:, known]
+    unsure = [own @ (vectors * np.sqrt(np.maximum(values, 0.0))), blocks.means(functions)]
+    u, s, _ = np.linalg.svd(np.hstack(unsure) / sigma, full_matrices=False)
     spread = Spread(sigma, u, s)
     placed = spread.whiten(rows[:, free])
     basis = rank.orthonormal(placed)
@@ -322,6 +297,16 @@ def recheck(session: Session) -> Recheck:
             f"registration; expected at least {LEAST_POSES} poses"
         )
     return found
+
+
+def _functions(saved: SavedModel, problem: Linearised) -> tuple[Array, Array]:
+    """See `uncertain_functions`, of a model whose readings are kept."""
+    if saved.measured is None:
+        return np.zeros((len(problem.residual), 0)), np.zeros((len(problem.residual), len(saved.covariance.values)))
+    poses = prepare(saved.mechanism, saved.measured.dataset)
+    use = np.ones(len(poses), dtype=bool)
+    fitted = linearise(saved.model, poses, saved.theta, saved.placement, saved.rotation_weight, use)
+    return uncertain_functions(saved.model, fitted, saved.theta, problem)
 
 
 def in_covariance(saved: SavedModel, problem: Linearised) -> IntArray:

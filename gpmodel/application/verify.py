@@ -20,7 +20,7 @@ from gpmodel.application.possible_changes import (
     possible_changes,
     visible,
 )
-from gpmodel.application.recheck import Recheck, Session, as_its_rows_show, kept_by, recheck, settled
+from gpmodel.application.recheck import Recheck, Session, kept_by, recheck, settled
 from gpmodel.application.usable import outside, placed_now, usable
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
@@ -103,7 +103,6 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
     `application.recheck` and `application.changes`. Raises InputError where the poses do not fit the model, are too
     few, or their columns are mixed up.
     """
-    saved = as_its_rows_show(saved, dataset)
     found, instrument = _with_or_without_the_instrument(saved, _as_counted(saved, dataset))
     if (share := np.sqrt(found.chi_square / found.degrees)) < COMPUTED:
         raise InputError(

@@ -1,6 +1,6 @@
 """Damped Gauss-Newton: steps on the analytic columns, bent and halved until the error falls enough."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import linalg
@@ -106,23 +106,11 @@ REASONS = {
 
 
 @dataclass(frozen=True)
-class Coloured:
-    """Rows with the covariance σ² L Lᵀ. lower: L (M, M). ratio: σ over the standard deviation of a constant."""
-
-    lower: Array
-    ratio: float
-
-    def white(self, values: Array) -> Array:
-        """L⁻¹ times values (M, ...)."""
-        return np.asarray(linalg.solve_triangular(self.lower, values, lower=True, check_finite=False))
-
-
-@dataclass(frozen=True)
 class Fitting:
     """Problem of a fit: the model, the poses, those that count (N,), and the weight of rotations, m.
 
     bundle: (N,) code of every pose, the same for repeats. ratio: variance of what these share over that of a
-    measurement. coloured: the covariance of the rows, None where they are independent.
+    measurement.
     """
 
     model: ErrorModel
@@ -131,7 +119,6 @@ class Fitting:
     rotation_weight: float
     bundle: IntArray
     ratio: float = 0.0
-    coloured: Coloured | None = None
 
     def linearised(self, theta: Array, placement: Placement) -> Linearised:
         """The weighted linear problem at one point, repeats of a pose as they are."""
@@ -150,15 +137,12 @@ class Fitting:
         """The problem of a point with the residual at another one, its columns as they are. Not beside free joints."""
         there = residual_at(problem, self.model, theta, placement)
         decorrelate(there, there.residual, self.bundle, self.ratio)
-        return there if self.coloured is None else replace(there, residual=self.coloured.white(there.residual))
+        return there
 
     def _independent(self, problem: Linearised) -> Linearised:
         for values in (problem.columns, problem.residual):
             decorrelate(problem, values, self.bundle, self.ratio)
-        if (known := self.coloured) is None:
-            return problem
-        columns, residual = known.white(problem.columns), known.white(problem.residual)
-        return replace(problem, columns=columns, residual=residual, ratio=known.ratio)
+        return problem
 
     def cost(self, problem: Linearised, theta: Array, placement: Placement, at: LinearStep) -> float:
         """Sum of squares, m², of the residual and of the pulls of the priors, weighted as at one step: costs that are

@@ -106,10 +106,10 @@ def held_at_description(fit: Calibration, poses: Poses, *, searched: bool = Fals
     if unknown.stands_out:
         cause = "" if searched else "; gpmodel discover names the effects that cause it"
         more = (
-            f". The residual holds more than noise: smooth functions of the joint values explain it down to "
-            f"{1e3 * unknown.noise:.2g} mm a reading, of {1e3 * fit.sigma:.2g} mm{cause}"
+            f". The residual of the constants holds more than noise: smooth functions of the joint values, part of the "
+            f"model, explain it down to {1e3 * unknown.noise:.2g} mm a reading{cause}"
         )
-    radius, inside, outside = errors_by_region(fit, poses, unknown.sizes)
+    radius, inside, outside = errors_by_region(fit, poses, unknown)
     yield (
         f"expected error of a predicted point: {1e3 * inside:.2g} mm RMS within {radius:.2g} m of the middle of the "
         f"measured points, {1e3 * outside:.2g} mm outside; the residual tells neither{more}"
@@ -127,11 +127,10 @@ def held_at_description(fit: Calibration, poses: Poses, *, searched: bool = Fals
         )
 
 
-def errors_by_region(fit: Calibration, poses: Poses, unknown: Array) -> tuple[float, float, float]:
+def errors_by_region(fit: Calibration, poses: Poses, unknown: Undeclared) -> tuple[float, float, float]:
     """The radius of the measured region, m, and the RMS error of a predicted point, m, inside and outside of it.
 
-    The variance is that of the constants and the placement, and that of the undeclared effects.
-    unknown: (A,) γ of the undeclared effect at each axis, m and rad.
+    The variance is that of the constants and the placement, and what the readings leave open of the undeclared effects.
     """
     model = fit.model
     drawn = anywhere(model.mechanism, poses.dataset)
@@ -141,23 +140,16 @@ def errors_by_region(fit: Calibration, poses: Poses, unknown: Array) -> tuple[fl
     blocks, names = placement_columns(there, bare, fit.placement)
     placement = list(fit.covariance.placement)
     own = [k for k, name in enumerate(names) if name in placement]
-    placed = np.concatenate(blocks, axis=2)[:, :, own]
-    columns = effect_columns(model.effects, model, there, bare)
+    columns = np.zeros((len(there), 3, len(fit.covariance.values)))
+    columns[:, :, [placement.index(names[k]) for k in own]] = np.concatenate(blocks, axis=2)[:, :, own]
+    columns[:, :, len(placement) :] = effect_columns(model.effects, model, there, bare)
     axes = effect_columns(geometric_effects(model.mechanism), model, there, bare)
-    varying = np.sum(axes**2, axis=1) @ unknown**2
-    rows = [placement.index(names[k]) for k in own]
-    by_placement = _variance(placed, fit.covariance.values[np.ix_(rows, rows)]) + varying
-    constants = fit.covariance.values[len(placement) :, len(placement) :]
+    fitted = problem_at(fit, poses)
+    error = np.sqrt(unknown.covariance(fitted, model).left(there.dataset.q, axes, columns, fit, fitted))
     region = Region.of(nominal_points(model.mechanism, poses))
     within = region.holds(nominal_points(model.mechanism, there))
-    error = np.sqrt(np.maximum(_variance(columns, constants) + by_placement, 0.0))
     inside, outside = (root_mean_square(error[part]) if part.any() else np.nan for part in (within, ~within))
     return region.radius, inside, outside
-
-
-def _variance(columns: Array, covariance: Array) -> Array:
-    """Variance (N,), m², of a point by its columns (N, 3, K)."""
-    return np.asarray(np.einsum("nck,kl,ncl->n", columns, covariance, columns))
 
 
 def unseen(kinds: tuple[Observation, ...]) -> Iterator[str]:
