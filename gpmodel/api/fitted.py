@@ -15,6 +15,7 @@ from gpmodel.api.verification import VerifyResult
 from gpmodel.calibration.result import Calibration
 from gpmodel.errors import InputError, choices
 from gpmodel.evolution.input_histogram import without_runs
+from gpmodel.executor import Forks
 from gpmodel.model.error_model import Poses
 from gpmodel.model.sites import names_of, translate
 from gpmodel.report.fitted import root_residual
@@ -162,9 +163,12 @@ class FittedResult(RecordedResult, ABC):
         names = names_of(poses.dataset)
         return [translate(e.name, names) for e in fit.model.effects]
 
-    def report(self, folder: str | Path) -> None:
-        """Leave report.html, report.json, model.json, figures, for robots calibrated.urdf and exports/: all or none."""
-        write_fitted(lambda: self.record, self.model, folder)
+    def report(self, folder: str | Path, *, workers: int = 0) -> None:
+        """Leave report.html, report.json, model.json, figures, for robots calibrated.urdf and exports/: all or none.
+
+        workers: processes that write; 0 for one a core, 1 for none but this one.
+        """
+        write_fitted(lambda: self.record, self.model, folder, Forks(workers))
 
     def save(self, file: str | Path) -> None:
         """Write the content of report.json, with the errors of the exports. Raises InputError: it cannot be written."""

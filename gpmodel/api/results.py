@@ -42,7 +42,7 @@ def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], 
             write(draft)
 
 
-def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path) -> None:
+def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path, workers: Forks) -> None:
     """Write the report of a fit, model.json and every export that the model allows, in parallel.
 
     look: makes the record. If the report fails, model.json is still written, so that the fit is not lost. Raises
@@ -59,9 +59,9 @@ def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path) -
     path = file_path(folder, "folder")
     with finished_folder(path) as draft, _kept(model, path):
         with told_of(path):
-            record, made = called_beside(Forks(), look, parts_of(model.saved, Place.of(model.saved)))
+            record, made = called_beside(workers, look, parts_of(model.saved, Place.of(model.saved)))
         exports = ExportsResult(model.mechanism.name, together(made))
-        drawings, _ = drawn_beside(pictures(record), draft, partial(save_model, model, draft))
+        drawings, _ = drawn_beside(pictures(record), draft, partial(save_model, model, draft), workers)
         write_pages(replace(record, exports=exports.records), drawings, draft)
         exports.write(draft)
 

@@ -122,7 +122,7 @@ class Undeclared:
 
 @dataclass(frozen=True)
 class Coloured:
-    """Coloured n² V = n² L Lᵀ of M readings.
+    """Covariance n² V = n² L Lᵀ of M readings.
 
     axes: (M, A), columns of the axes times γ / n. values: (M, W) of the waves at the readings. lower: L (M, M).
     """

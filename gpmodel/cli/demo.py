@@ -67,7 +67,7 @@ def demo(
             made.save(table, command=command_line(), seed=seed)
         search = search_of(options, None, Forks(workers or 0))
         found = looked(MechanismChoice(mine or MECHANISM).load(), table, options, say, search)
-        write_results(found, folder, say)
+        write_results(found, folder, say, workers or 0)
     if not quiet:
         echo(found.summary())
         if mine:

@@ -71,16 +71,16 @@ def discover(
         keeping(RunFiles, mechanism, (Search(), Criteria()), say) as kept,
     ):
         found = looked(mechanism, table, asked, say, search_of(asked, minutes, executor), kept)
-        write_results(found, folder, say)
+        write_results(found, folder, say, workers or 0)
     if not quiet:
         echo(found.summary())
         echo(what_next(folder, found.record))
 
 
-def write_results(found: DiscoveryResult, folder: Path, say: Say) -> None:
-    """Announce the report and write it."""
+def write_results(found: DiscoveryResult, folder: Path, say: Say, workers: int = 0) -> None:
+    """Announce the report and write it. workers: as of `DiscoveryResult.report`."""
     say(Progress("writing the report"))
-    found.report(folder)
+    found.report(folder, workers=workers)
 
 
 def search_of(asked: Mapping[str, Any], minutes: float | None, executor: Workers) -> Search:

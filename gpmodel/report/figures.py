@@ -85,17 +85,17 @@ def draw(report: Report, folder: Path | None = None) -> dict[str, str]:
 
 def drawn(pictures: Iterable[Picture], folder: Path | None = None) -> dict[str, str]:
     """Draw pictures in parallel."""
-    return drawn_beside(pictures, folder, lambda: None)[0]
+    return drawn_beside(pictures, folder, lambda: None, Forks())[0]
 
 
 def drawn_beside(
-    pictures: Iterable[Picture], folder: Path | None, call: Callable[[], Made]
+    pictures: Iterable[Picture], folder: Path | None, call: Callable[[], Made], workers: Forks
 ) -> tuple[dict[str, str], Made]:
     """Draw pictures in parallel with a call made meanwhile; return also its result."""
     if folder is not None:
         (folder / "figures").mkdir(parents=True, exist_ok=True)
     asked = tuple(pictures)
-    made, texts = called_beside(Forks(), call, [partial(_drawn, picture, folder) for picture in asked])
+    made, texts = called_beside(workers, call, [partial(_drawn, picture, folder) for picture in asked])
     return {picture.name: text for picture, text in zip(asked, texts, strict=True)}, made
 
 

@@ -239,3 +239,15 @@ def test_the_demo_of_my_mechanism_shows_what_was_planted(tmp_path: Path) -> None
     assert result.exit_code == 0, result.stderr
     assert "gear error, 2 per turn, shoulder_lift_joint" in result.stdout.split("[[Findings]]")[1]
     assert {"report.html", "table.csv", "table.truth.json"} <= {p.name for p in (tmp_path / "demo").iterdir()}
+
+
+@pytest.mark.long
+def test_one_worker_is_this_process_to_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused() -> int:
+        raise AssertionError("a process was made")
+
+    monkeypatch.setattr("os.fork", refused)
+    made = ["discover", write(table(24), tmp_path / "t.csv"), "--mechanism", "irb6400r", "--no-catalogue"]
+    done = run(*made, "--runs", 0, "--workers", 1, "--out", tmp_path / "out", "--quiet")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert (tmp_path / "out" / "report.html").exists()
