@@ -151,13 +151,6 @@ def _noise(residual: Residual, s: Array, trials: tuple[Array, Array], steps: int
     return np.asarray(sigma2)
 
 
-DECADES = 10.0
-GRID = 24
-REFINEMENTS = 12
-"""Range of the variance in powers of ten below the largest, grid points in it, and steps of the golden section between
-the neighbours of the best point, which end within a hundredth of a nat."""
-
-
 def fitted(variance: Array, s: Array, q: Array) -> Array:
     """Compute Σ_i a q_i² / (1 + a s_i) (G,), the decrease of yᵀC⁻¹y by each of G groups at its variance (G,)."""
     return np.asarray(np.sum(variance[:, None] * q**2 / (1.0 + variance[:, None] * np.maximum(s, 0.0)), axis=1))
@@ -170,16 +163,6 @@ def with_own_noise(gains: Array, fit: Array, mismatch: float) -> Array:
     large by what is missing, and the gains too small.
     """
     return gains - 0.5 * fit - 0.5 * mismatch * np.log1p(-np.minimum(fit / mismatch, 1.0 - 1e-12))
-
-
-def best(s: Array, q: Array, cap: Array) -> tuple[Array, Array]:
-    """Maximise the gain (G,) over variances up to cap² (G,) by a grid in log a and a golden section; return both."""
-    from gpmodel.evolution.kernels.variances import largest_gains
-
-    s, q, top = np.maximum(s, 0.0), np.ascontiguousarray(q), 2.0 * np.log(cap)
-    gains, where = np.empty(len(s)), np.empty(len(s))
-    largest_gains(s, q, top, DECADES * np.log(10.0) / (GRID - 1), GRID, REFINEMENTS, gains, where)
-    return gains, where
 
 
 def rotated(inner: Array, rhs: Array) -> tuple[Array, Array]:

@@ -18,6 +18,7 @@ from scipy.optimize import minimize
 
 from gpmodel.arrays import Array
 from gpmodel.evolution.projection import Targets
+from gpmodel.evolution.variances import best
 
 
 @dataclass(frozen=True)
@@ -48,8 +49,10 @@ class Sines:
 
 LENGTH = 0.35
 """Correlation length over half the range of an input: of a bump of a fifth of the range."""
-LIKELIEST = 20
-"""Steps of expectation and maximisation to the most likely variance."""
+BEYOND = 100.0
+"""Largest prior variance that is tried, over the one at which a function would be the whole residual."""
+SETTLED = 1e-4
+"""Relative change of the noise below which turns end."""
 TURNS, KEPT = (3, 15), 4
 """Turns of each factor from every first guess, and from the best ones, so many."""
 STARTS = {1: 1, 2: 8, 3: 5, 4: 3}
@@ -79,26 +82,63 @@ class Smooth:
 def smooth(targets: Targets, basis: Array, noise: float, turns: int = 1) -> Smooth:
     """The most likely function in the span of a basis (N, m) at a variance of the noise, which of several turns each
     takes over from the one before."""
-    from gpmodel.evolution.kernels.smooth import most_likely, normal_equations
+    for _ in range(turns):
+        found = _most_likely(targets, basis[None], np.array([noise]))
+        before, noise = noise, float(found[2][0])
+        if abs(noise - before) < SETTLED * before:
+            break
+    return Smooth(found[0][0], float(found[1][0]), noise)
 
-    basis = np.ascontiguousarray(basis)
-    gram, pull = normal_equations(basis, targets.weight[0], targets.cross[0], targets.pull[0])
-    sizes = float(targets.energy), float(targets.components)
-    return Smooth(*most_likely(gram, pull, float(noise), *sizes, LIKELIEST, turns, LEAST))
+
+def _most_likely(targets: Targets, basis: Array, noise: Array) -> tuple[Array, Array, Array]:
+    """Coefficients (S, m) of the most likely function in each span of a basis (S, N, m) at a variance of the noise
+    (S,), the nats (S,) that it saves, and the noise (S,) that it leaves."""
+    weighted, seen = basis * targets.weight[0][:, None], targets.cross[0] @ basis
+    gram = np.swapaxes(basis, 1, 2) @ weighted - np.swapaxes(seen, 1, 2) @ seen
+    sizes, turn = np.linalg.eigh(gram)
+    sizes = np.maximum(sizes, 0.0)
+    along = np.matmul((targets.pull[0] @ basis)[:, None, :], turn)[:, 0]
+    s, q = sizes / noise[:, None], along / noise[:, None]
+    total = np.maximum(sizes.sum(axis=1), LEAST)
+    nats, variance = best(s, q, np.sqrt(BEYOND * targets.energy / total))
+    load = variance[:, None] * s
+    mean = variance[:, None] * q / (1.0 + load)
+    rest = targets.energy + np.sum(mean * (mean * sizes - 2.0 * along), axis=1)
+    freedom = np.maximum(targets.components - np.sum(load / (1.0 + load), axis=1), 1.0)
+    return np.matmul(turn, mean[:, :, None])[:, :, 0], nats, np.maximum(rest, LEAST) / freedom
 
 
 def factors(targets: Targets, columns: Array) -> tuple[float, Array]:
     """The noise variance that a product leaves, and its factors: functions (K, N) of each of K columns (K, N), of mean
     square 1, whose product leaves least noise, by turns from many first guesses at all but the first."""
-    from gpmodel.evolution.kernels.smooth import best_factors
-
     bases = np.array([Sines.of("", column, LENGTH).values for column in columns])
     slowest = STARTS[min(len(columns), max(STARTS))]
     starts = np.array(list(itertools.product(range(slowest), repeat=len(columns) - 1)), dtype=np.int64)
-    seen, values = (targets.weight[0], targets.cross[0], targets.pull[0]), np.empty(columns.shape)
-    sizes = float(targets.energy), float(targets.components), LEAST
-    noise = best_factors(bases, starts.reshape(-1, len(columns) - 1), seen, sizes, LIKELIEST, TURNS, KEPT, values)
-    return noise, values
+    begun = np.ones((len(starts), *columns.shape))
+    for k in range(1, len(columns)):
+        begun[:, k] = bases[k].T[starts[:, k - 1]]
+    noise = _in_turn(targets, bases, begun, TURNS[0])
+    begun = begun[np.argsort(noise, kind="stable")[:KEPT]]
+    noise = _in_turn(targets, bases, begun, TURNS[1])
+    return float(noise.min()), begun[int(np.argmin(noise))]
+
+
+def _in_turn(targets: Targets, bases: Array, values: Array, turns: int) -> Array:
+    """Improve products (S, K, N) of functions of bases (K, N, m), one factor after the other, in place; the noise (S,)
+    that they leave."""
+    noise = np.full(len(values), targets.energy / targets.components)
+    for _ in range(turns):
+        before = noise
+        for k, basis in enumerate(bases):
+            beside = np.prod(np.delete(values, k, axis=1), axis=1)
+            coefficients, _, left = _most_likely(targets, basis * beside[:, :, None], noise)
+            value = coefficients @ basis.T
+            size = np.sqrt(np.mean(value**2, axis=1, keepdims=True))
+            values[:, k] = value / np.maximum(size, LEAST)
+        noise = left
+        if (np.abs(noise - before) < SETTLED * before).all():
+            break
+    return noise
 
 
 def others(values: Array, k: int) -> Array:

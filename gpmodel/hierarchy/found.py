@@ -16,8 +16,9 @@ from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import cross_validated, paired, paired_t
 from gpmodel.evidence.dependence import reads_a_clock
 from gpmodel.evidence.residual import Residual, independent_units, residual_of
-from gpmodel.evidence.score import best, fitted, with_own_noise
+from gpmodel.evidence.score import fitted, with_own_noise
 from gpmodel.evolution.chance import chance
+from gpmodel.evolution.variances import best
 from gpmodel.executor import Workers
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates

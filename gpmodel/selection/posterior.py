@@ -14,7 +14,7 @@ from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evidence.score import DECADES, best
+from gpmodel.evolution.variances import DECADES, best
 from gpmodel.selection.group import FEW
 from gpmodel.selection.pool import GroupPool
 

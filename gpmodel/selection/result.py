@@ -9,7 +9,7 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauge import of_one_fold
 from gpmodel.evidence.residual import exchangeable, reordered
-from gpmodel.evidence.score import best
+from gpmodel.evolution.variances import best
 from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect

@@ -6,7 +6,8 @@ import numpy as np
 from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.evidence.score import best, fitted, rotated, with_own_noise
+from gpmodel.evidence.score import fitted, rotated, with_own_noise
+from gpmodel.evolution.variances import best
 from gpmodel.selection.pool import SizeClass
 from gpmodel.selection.posterior import Active
 

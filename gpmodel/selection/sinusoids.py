@@ -12,7 +12,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from gpmodel.arrays import Array
-from gpmodel.evidence.score import best, rotated
+from gpmodel.evidence.score import rotated
+from gpmodel.evolution.variances import best
 from gpmodel.families.catalogue import Family, Offer
 from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.formula.expression import DIGITS

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.evidence.score import best, fitted, rotated, with_own_noise
+from gpmodel.evidence.score import fitted, rotated, with_own_noise
 from gpmodel.evolution.smooth import Sines
+from gpmodel.evolution.variances import best
 from gpmodel.families.candidate import SMOOTH_TERM, Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect, axis_unit

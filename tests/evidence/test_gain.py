@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gpmodel.arrays import Array
-from gpmodel.evidence.score import best
+from gpmodel.evolution.variances import best
 
 
 def gain(variance: Array, s: Array, q: Array) -> Array:

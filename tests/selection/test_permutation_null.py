@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from group_cases import bars, problem
 
-from gpmodel.evidence.score import best
+from gpmodel.evolution.variances import best
 from gpmodel.selection.result import permuted, running_maximum
 from gpmodel.selection.sparse_bayes import reestimate
 from gpmodel.table.bundles import bundles

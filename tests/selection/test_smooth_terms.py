@@ -10,7 +10,8 @@ from group_cases import ARM, offering, problem
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evidence.score import best, rotated
+from gpmodel.evidence.score import rotated
+from gpmodel.evolution.variances import best
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, Poses

@@ -21,3 +21,6 @@ reduction: Compiler = njit(nogil=True, cache=True, error_model="numpy", fastmath
 
 inlined: Compiler = njit(nogil=True, error_model="numpy", fastmath={"contract"}, inline="always")
 """For what is called once a program or a number: passing arrays costs as much as a short program takes."""
+
+of_a_number: Compiler = njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
+"""For functions of numbers: compiled once, and inlined by the optimiser. `inlined` would compile each use anew."""

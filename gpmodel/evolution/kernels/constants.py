@@ -34,20 +34,28 @@ def solve(normal: Array, sizes: Array, count: int) -> bool:
 
 
 @reduction
-def _product(one: Array, other: Array) -> float:
+def _product(one: Array, other: Array, begin: int) -> float:
     total = 0.0
-    for j in range(len(one)):
+    for j in range(begin, len(one)):
         total += one[j] * other[j]
     return total
 
 
+@reduction
+def _weighted(weight: Array, one: Array, other: Array) -> float:
+    total = 0.0
+    for j in range(len(weight)):
+        total += weight[j] * one[j] * other[j]
+    return total
+
+
 @compiled
-def _limited(row: Array, limit: float) -> bool:
-    """Return whether all values of a row are numbers below a limit."""
+def _limited(row: Array, count: int, limit: float) -> bool:
+    """Return whether the first values of a row are numbers below a limit."""
     within = 0
-    for j in range(len(row)):
+    for j in range(count):
         within += abs(row[j]) < limit
-    return within == len(row)
+    return within == count
 
 
 @compiled
@@ -56,19 +64,23 @@ def explained(
     smallest: float,
 ) -> tuple[float, float]:  # fmt: skip
     """Gain of one basis (N,) and its coefficient, as ``Targets.set_gain`` has them of one."""
-    if not _limited(row, np.inf) or energy <= 0.0:
+    if not _limited(row, len(row), np.inf) or energy <= 0.0:
         return 0.0, 0.0
-    largest = np.abs(row).max()
+    largest = 0.0
+    for j in range(len(row)):
+        largest = max(largest, abs(row[j]))
     if largest <= smallest:
         return 0.0, 0.0
-    scaled = row / largest
-    total = _product(weight, scaled * scaled)
+    scaled = np.empty(len(row))
+    for j in range(len(row)):
+        scaled[j] = row[j] / largest
+    total = _weighted(weight, scaled, scaled)
     unique = total
     for k in range(len(cross)):
-        unique -= _product(cross[k, begins[k] :], scaled[begins[k] :]) ** 2
+        unique -= _product(cross[k], scaled, begins[k]) ** 2
     if not unique > unique_share * total:
         return 0.0, 0.0
-    pulled = _product(pull, scaled)
+    pulled = _product(pull, scaled, 0)
     return pulled * pulled / unique / energy, pulled / unique / largest
 
 
@@ -87,33 +99,39 @@ def _normal_equations(
     the last; whether they are usable."""
     size = len(columns)
     seen, stays = np.empty((size, len(cross))), np.zeros(size, np.bool_)
-    for k in range(len(cross)):
-        for i in range(size):
-            seen[i, k] = _product(cross[k, begins[k] :], columns[i, begins[k] :])
     for i in range(size):
-        weighted = columns[i] * weight
+        for k in range(len(cross)):
+            seen[i, k] = _product(cross[k], columns[i], begins[k])
+    for i in range(size):
         for j in range(i):
-            normal[i, j] = normal[j, i] = _product(weighted, columns[j]) - _product(seen[i], seen[j])
-        total = _product(weighted, columns[i])
-        normal[i, i] = total - _product(seen[i], seen[i])
-        normal[i, size] = _product(pull, columns[i]) - coefficient * normal[i, 0]
-        if not (_limited(normal[i, : i + 1], np.inf) and abs(normal[i, size]) < np.inf):
+            normal[i, j] = _weighted(weight, columns[i], columns[j]) - _product(seen[i], seen[j], 0)
+            normal[j, i] = normal[i, j]
+        total = _weighted(weight, columns[i], columns[i])
+        normal[i, i] = total - _product(seen[i], seen[i], 0)
+        normal[i, size] = _product(pull, columns[i], 0) - coefficient * normal[i, 0]
+        if not (_limited(normal[i], i + 1, np.inf) and abs(normal[i, size]) < np.inf):
             return False
         stays[i] = normal[i, i] <= idle * total
-    for i in np.flatnonzero(stays):
-        normal[i], normal[:, i] = 0.0, 0.0
-        normal[i, i] = 1.0
+    for i in range(size):
+        if stays[i]:
+            for j in range(size):
+                normal[i, j] = normal[j, i] = 0.0
+            normal[i, i], normal[i, size] = 1.0, 0.0
     return True
 
 
 @compiled
-def _distinct(constants: Array) -> bool:
-    """Return whether constants are numbers and all different: equal ones would be one node."""
+def _moved(constants: Array, free: Mask, solved: Array, trial: Array) -> bool:
+    """Fill constants (C,), the free ones moved by the last column of solved equations, the first row not counted;
+    whether all are numbers and different: equal ones would be one node."""
+    k, last = 0, solved.shape[1] - 1
     for i in range(len(constants)):
-        if not abs(constants[i]) < np.inf:
+        k += free[i]
+        trial[i] = constants[i] + (solved[k, last] if free[i] else 0.0)
+        if not abs(trial[i]) < np.inf:
             return False
         for j in range(i):
-            if constants[i] == constants[j]:
+            if trial[i] == trial[j]:
                 return False
     return True
 
@@ -139,38 +157,43 @@ def fit_constants(
     of each row of cross that is not zero. limits: what a basis has to exceed, what a column may not, and the share of
     it that has to lie outside the enabled columns.
     """
-    poses, size = inputs.shape[1], nodes.shape[1]
+    poses, last = inputs.shape[1], nodes.shape[1] - 1
     smallest, largest, idle = limits
-    moving = np.flatnonzero(free)
-    values, tangents = np.empty((size, poses)), np.zeros((len(constants), size, poses))
+    values, tangents = np.empty((last + 1, poses)), np.zeros((len(constants), last + 1, poses))
     carry_tangents(nodes, inputs, constants, values, tangents)
-    gain, coefficient = explained(values[-1], weight, cross, begins, pull, energy, unique_share, smallest)
-    columns = np.empty((len(moving) + 1, poses))
-    normal, sizes = np.empty((len(columns), len(columns) + 1)), np.empty(len(columns))
+    gain, coefficient = explained(values[last], weight, cross, begins, pull, energy, unique_share, smallest)
+    count = 1 + int(np.sum(free))
+    columns, trial = np.empty((count, poses)), np.empty(len(constants))
+    normal, damped, sizes = np.empty((count, count + 1)), np.empty((count, count + 1)), np.empty(count)
     damping = 1e-3
     for _ in range(steps if coefficient != 0.0 else 0):
-        columns[0] = values[-1]
-        for c in range(len(moving)):
-            columns[c + 1] = coefficient * tangents[moving[c], -1]
-        for column in columns:
-            if not _limited(column, largest):
+        for j in range(poses):
+            columns[0, j] = values[last, j]
+        k = 0
+        for c in range(len(constants)):
+            if free[c]:
+                k += 1
+                for j in range(poses):
+                    columns[k, j] = coefficient * tangents[c, last, j]
+        for k in range(count):
+            if not _limited(columns[k], poses, largest):
                 return gain
         if not _normal_equations(columns, coefficient, weight, cross, begins, pull, idle, normal):
             return gain
         before = gain
         for _ in range(TRIALS):
-            damped, trial = normal.copy(), constants.copy()
-            for i in range(len(damped)):
+            for i in range(count):
+                for j in range(count + 1):
+                    damped[i, j] = normal[i, j]
                 damped[i, i] *= 1.0 + damping
-            if solve(damped, sizes, len(damped)):
-                trial[moving] += damped[1:, -1]
-                if _distinct(trial):
-                    carry_tangents(nodes, inputs, trial, values, tangents)
-                    found, scale = explained(values[-1], weight, cross, begins, pull, energy, unique_share, smallest)
-                    if found > gain:
-                        constants[:] = trial
-                        gain, coefficient = found, scale
-                        break
+            if solve(damped, sizes, count) and _moved(constants, free, damped, trial):
+                carry_tangents(nodes, inputs, trial, values, tangents)
+                found, scale = explained(values[last], weight, cross, begins, pull, energy, unique_share, smallest)
+                if found > gain:
+                    for c in range(len(constants)):
+                        constants[c] = trial[c]
+                    gain, coefficient = found, scale
+                    break
             damping *= 10.0
         if gain == before or gain - before < 1e-9 * (1.0 - before):
             break

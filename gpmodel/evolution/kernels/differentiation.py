@@ -83,22 +83,23 @@ def carry_tangents(nodes: IntArray, inputs: Array, constants: Array, values: Arr
     nodes (3, nodes): op-code and two arguments, earlier nodes; of an input and a constant the first is its number. A
     derivative is carried along where a constant reaches a node.
     """
-    own, size = len(constants), nodes.shape[1]
+    own, size, poses = len(constants), nodes.shape[1], inputs.shape[1]
     reached = np.zeros((own, size), np.bool_)
     for k in range(size):
         code, first, second = nodes[0, k], nodes[1, k], nodes[2, k]
-        value = values[k]
         if code == INPUT:
-            value[:] = inputs[first]
+            for j in range(poses):
+                values[k, j] = inputs[first, j]
         elif code == CONSTANT:
-            value[:] = constants[first]
-            tangents[first, k] = 1.0
+            for j in range(poses):
+                values[k, j] = constants[first]
+                tangents[first, k, j] = 1.0
             reached[first, k] = True
         else:
             for c in range(own):
                 reached[c, k] = reached[c, first] or reached[c, second]
-            for j in range(len(value)):
-                value[j], by_first, by_second = differentiated(code, values[first, j], values[second, j])
+            for j in range(poses):
+                values[k, j], by_first, by_second = differentiated(code, values[first, j], values[second, j])
                 for c in range(own):
                     if reached[c, k]:
                         tangent = by_first * tangents[c, first, j] if reached[c, first] else 0.0

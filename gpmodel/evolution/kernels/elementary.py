@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from gpmodel.evolution.kernels.compiler import inlined
+from gpmodel.evolution.kernels.compiler import of_a_number
 
 ANGLE_LIMIT = 1e5
 
@@ -42,17 +42,17 @@ _T = (-9.64399179425052238628e-1, -9.92877231001918586564e1, -1.6146876844170844
 _U = (1.12811678491632931402e2, 2.23548839060100448583e3, 4.84406305325125486048e3)
 
 
-@inlined
+@of_a_number
 def _bits(x: float) -> int:
     return np.float64(x).view(np.int64)
 
 
-@inlined
+@of_a_number
 def _number(bits: int) -> float:
     return np.int64(bits).view(np.float64)
 
 
-@inlined
+@of_a_number
 def _polynomial(coefficients: tuple[float, ...], x: float) -> float:
     """Σ c_k x^k by Horner's rule."""
     value = coefficients[len(coefficients) - 1]
@@ -61,7 +61,7 @@ def _polynomial(coefficients: tuple[float, ...], x: float) -> float:
     return value
 
 
-@inlined
+@of_a_number
 def _sine_of_reduced(r: float, turns: int) -> float:
     """sin(r) for abs(r) up to pi / 2, with the other sign where ``turns`` is odd."""
     s = r * r
@@ -69,7 +69,7 @@ def _sine_of_reduced(r: float, turns: int) -> float:
     return _number(_bits(r + r * (s * p)) ^ (turns << 63))
 
 
-@inlined
+@of_a_number
 def sine(x: float) -> float:
     """sin(x) for abs(x) up to ANGLE_LIMIT."""
     t = x * _INVERSE_PI + _NEAREST
@@ -77,7 +77,7 @@ def sine(x: float) -> float:
     return _sine_of_reduced((x - k * _PI_HIGH) - k * _PI_LOW, _bits(t))
 
 
-@inlined
+@of_a_number
 def cosine(x: float) -> float:
     """cos(x) for abs(x) up to ANGLE_LIMIT: the sine, from the nearest odd multiple of pi / 2."""
     t = (x * _INVERSE_PI - 0.5) + _NEAREST
@@ -85,7 +85,7 @@ def cosine(x: float) -> float:
     return _sine_of_reduced((x - k * _PI_HIGH) - k * _PI_LOW, ~_bits(t))
 
 
-@inlined
+@of_a_number
 def tangent(x: float) -> float:
     """tan(x) for abs(x) up to ANGLE_LIMIT, after Cephes (S. L. Moshier): a rational function, upside down if odd."""
     t = x * (2.0 * _INVERSE_PI) + _NEAREST
@@ -99,7 +99,7 @@ def tangent(x: float) -> float:
     return (-q if odd else top) / (top if odd else q)
 
 
-@inlined
+@of_a_number
 def arctangent(x: float) -> float:
     """atan(x): reduced to abs(r) up to tan(pi / 8) by atan(t) = pi/4 + atan((t - 1)/(t + 1)) = pi/2 - atan(1/t)."""
     t = abs(x)
@@ -114,7 +114,7 @@ def arctangent(x: float) -> float:
     return math.copysign(start + (r * (z * p) + r), x)
 
 
-@inlined
+@of_a_number
 def exponential(x: float) -> float:
     """exp(x): 2^n in two halves, times a polynomial of the remainder."""
     t = -750.0 if x < -750.0 else (710.0 if x > 710.0 else x)
@@ -127,7 +127,7 @@ def exponential(x: float) -> float:
     return p * _number((half + 1023) << 52) * _number((whole - half + 1023) << 52)
 
 
-@inlined
+@of_a_number
 def logarithm(x: float) -> float:
     """log(abs(x)), after FreeBSD's msun: x = 2^e m with m from sqrt(1/2) to sqrt(2), s = (m - 1)/(m + 1)."""
     t = abs(x)
@@ -144,7 +144,7 @@ def logarithm(x: float) -> float:
     return (value if t > 0.0 else -math.inf) if t < math.inf else t
 
 
-@inlined
+@of_a_number
 def hyperbolic_tangent(x: float) -> float:
     """tanh(x), after Cephes: a rational function near 0, the exponential elsewhere."""
     t = abs(x)

@@ -1,0 +1,21 @@
+"""The prior variance of a group of coefficients where its marginal likelihood is largest."""
+
+import numpy as np
+
+from gpmodel.arrays import Array
+
+DECADES = 10.0
+GRID = 24
+REFINEMENTS = 12
+"""Range of the variance in powers of ten below the largest, grid points in it, and steps of the golden section between
+the neighbours of the best point, which end within a hundredth of a nat."""
+
+
+def best(s: Array, q: Array, cap: Array) -> tuple[Array, Array]:
+    """Maximise the gain (G,) over variances up to cap² (G,) by a grid in log a and a golden section; return both."""
+    from gpmodel.evolution.kernels.variances import largest_gains
+
+    s, q, top = np.maximum(s, 0.0), np.ascontiguousarray(q), 2.0 * np.log(cap)
+    gains, where = np.empty(len(s)), np.empty(len(s))
+    largest_gains(s, q, top, DECADES * np.log(10.0) / (GRID - 1), GRID, REFINEMENTS, gains, where)
+    return gains, where
