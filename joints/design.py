@@ -128,7 +128,7 @@ def joint_design(path: Path | None = None, seed: int = 0) -> JointDesign:
 
 
 def _length(topic: str, quantity: str, used: float, there: float) -> Limit:
-    """A limit of lengths, m, in um."""
+    """Limit of a length: given in m, stated in um."""
     return Limit(topic, quantity, 1e6 * used, 1e6 * there, "um")
 
 

@@ -75,7 +75,7 @@ def write_numbers(record: Report, model: Model, folder: Path) -> None:
 
 @contextmanager
 def _kept(model: Model, folder: Path) -> Iterator[None]:
-    """Write model.json into `folder` where what happens inside fails for another reason than a disk."""
+    """Write model.json into `folder` if the block fails for another reason than a failed write."""
     try:
         yield
     except WriteError:

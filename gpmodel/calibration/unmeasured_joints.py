@@ -175,7 +175,7 @@ def check_points(dataset: Dataset) -> None:
 
 
 def points_flaw(dataset: Dataset) -> str | None:
-    """Why free angles leave nothing of the measured points, None where they do."""
+    """Reason why free angles explain every measured point; None if they do not."""
     points = dataset.position[np.isfinite(dataset.position).all(axis=1)]
     if not len(points) and (dataset.has_rotation or dataset.distances or dataset.observations):
         return None
