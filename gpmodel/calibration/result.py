@@ -104,6 +104,13 @@ class Calibration(Uncertainty):
         """Names of the effects that the poses could not determine."""
         return tuple(e.name for e, k in zip(self.model.effects, self.kept, strict=True) if not k)
 
+    @property
+    def effective(self) -> int:
+        """Effective number of unknowns: of one with a prior 1 - (stderr / prior)². Source: MacKay (1992)."""
+        prior = np.array([e.prior for e in self.model.effects])
+        held = np.clip(self.stderr[self.kept] / prior[self.kept], 0.0, 1.0)
+        return round(self.rank - float(np.sum(held**2)))
+
     def values_of(self, effects: Sequence[Effect]) -> list[float]:
         """Values of some of its effects, by name."""
         values = dict(zip((e.name for e in self.model.effects), self.theta.tolist(), strict=True))

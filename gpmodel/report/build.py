@@ -92,7 +92,7 @@ class Ladder:
                 step=step.name,
                 train=fitted.statistics_mm(step.train_error[counts[self.train]]),
                 heldout=fitted.statistics_mm(step.heldout_error[counts[heldout]]),
-                rank=step.calibration.rank,
+                rank=step.calibration.effective,
                 dropped=step.calibration.dropped,
                 effect=step.finding,
             )

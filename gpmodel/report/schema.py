@@ -77,7 +77,7 @@ class PredictedRecord:
 
 @dataclass(frozen=True)
 class StepRecord:
-    """One rung of the ladder. effect: index into `effects` of what it adds. rank: unknowns solved."""
+    """One rung of the ladder. effect: index into `effects` of what it adds. rank: effective unknowns."""
 
     step: str
     train: ErrorsMm = ErrorsMm()

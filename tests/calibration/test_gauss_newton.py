@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from effect_cases import NOISE, Truth, bare, measure, mechanism, residuals, true_tips
 
+import gpmodel as gp
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.iterate import STEP_TOLERANCE, Fitting, iterate
 from gpmodel.calibration.linearise import linearise
@@ -311,3 +312,12 @@ def test_what_the_poses_hardly_show_stays_near_the_description() -> None:
     assert abs(fit.theta[at]) < 3 * GEOMETRY_REACH
     assert fit.stderr[at] < 1.2 * GEOMETRY_REACH
     assert np.linalg.norm(fit.placement.tool[""][:3, 3] - placement.tool[""][:3, 3]) < 0.01
+
+
+@pytest.mark.parametrize(("prior", "counted"), [(1e-9, 0), (1e-1, 1)])
+def test_an_unknown_that_its_prior_holds_does_not_count(prior: float, counted: int) -> None:
+    made = gp.simulate("irb6400r", ["J2.moving:Rz:sin(J2)=2e-4"], poses=40, geometry_sigma="0 mm")
+    arm = made.truth.mechanism
+    wave = effect_at("wave", "J2.moving", "Rz", Expression("sin(J2)"), prior=prior)
+    fit = calibrate(ErrorModel(arm, (wave,)), prepare(arm, made.table))
+    assert fit.effective == fit.rank - 1 + counted
