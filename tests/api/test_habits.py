@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 import gpmodel as gp
 from gpmodel.api.results import write_fitted
+from gpmodel.executor import Forks
 from gpmodel.report.schema import SCHEMA, Report
 
 
@@ -114,7 +115,7 @@ def test_a_report_that_fails_leaves_the_model_and_one_line(fit: gp.Model, tmp_pa
         raise gp.InputError("legs do not meet (pose 192)")
 
     with pytest.raises(gp.InputError, match=r"no report could be made \(legs .*\); the model .* in .*R.model\.json"):
-        write_fitted(fails, fit.model, tmp_path / "R")
+        write_fitted(fails, fit.model, tmp_path / "R", Forks(1))
     assert [path.name for path in (tmp_path / "R").iterdir()] == ["model.json"]
     assert gp.load_model(tmp_path / "R" / "model.json").mechanism.name == fit.model.mechanism.name
 
