@@ -94,7 +94,13 @@ def choose(
     ranking = ident.rank(nominal.columns[:, :fixed], nominal.columns[:, fixed:], order)
     curve: tuple[ident.RankChoice, ...] = ()
     limit = condition_limit or LARGEST_LIMIT
-    if condition_limit is None and len(at):
+    if condition_limit is None and hidden:
+        values = len(problem.residual)
+        enough = values > ENOUGH * (len(ranking.kept(SIZE_LIMIT)) + fixed)
+        limit = SIZE_LIMIT if enough else LIMIT_OF_FEW
+        while limit > 1.0 and len(ranking.kept(limit)) + fixed >= values:
+            limit /= 2.0
+    elif condition_limit is None and len(at):
         fold = folds(problem.poses.dataset, FOLDS, np.random.default_rng(seed))[problem.pose_of_row]
         if not np.ptp(fold):
             raise InputError(
@@ -108,12 +114,6 @@ def choose(
         system, target = ident.remove(taken, np.hstack([beside, columns[:, at]])), ident.remove(taken, target)
         curve = ident.rank_curve(ranking, ident.folded(system, target, fold), beside.shape[1])
         limit = _largest_good(curve)
-        if hidden:
-            values = len(problem.residual)
-            enough = values > ENOUGH * (len(ranking.kept(SIZE_LIMIT)) + fixed)
-            limit = SIZE_LIMIT if enough else LIMIT_OF_FEW
-            while limit > 1.0 and len(ranking.kept(limit)) + fixed >= values:
-                limit /= 2.0
     kept = np.zeros(len(model.effects), dtype=bool)
     kept[at[ranking.kept(limit)]] = True
     late = ident.rank(np.hstack([problem.columns[:, :fixed], columns[:, kept]]), columns[:, varying])

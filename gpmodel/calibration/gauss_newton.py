@@ -18,7 +18,7 @@ from gpmodel.model.effect import REGISTRATION, TOOL, Effect, TakenUp
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, pose_error
 from gpmodel.model.observed import Observed
 from gpmodel.numerics.least_squares import among_worst, in_company, outlier_limit
-from gpmodel.numerics.rank import RankChoice
+from gpmodel.numerics.rank import LIMITS, RankChoice
 from gpmodel.table.bundles import sharing
 from gpmodel.table.dataset import Dataset
 
@@ -153,9 +153,9 @@ def calibrate(
     """Fit every parameter by damped Gauss-Newton on the analytic columns; never worse than where it started.
 
     condition_limit: constant effects whose share is under 1 / limit are dropped and named; None chooses it by
-    cross-validation over rank.LIMITS, and goes down from there until the fit converges, where that does not cost more
-    than a tenth of the error. start: a calibration to go on
-    from (its placement, the values of effects of the same name); without it, registration and tool are fitted first.
+    cross-validation over rank.LIMITS, or by the number of readings where none shows size, and goes down from there
+    until the fit converges, where that does not cost more than a tenth of the error. start: a calibration to go on from
+    (its placement, the values of effects of the same name); without it, registration and tool are fitted first.
     Where the fit ends above its start, the numbers of the start are kept and the status says so.
     Raises InputError with fewer observations than unknowns or poses all alike.
     """
@@ -186,7 +186,8 @@ def _calibrate(
     fresh = poses.dataset.has_rotation and start is None
     manner = _Manner(robust, fresh, seed)
     tried = [_fit(fitting, theta, placement, condition_limit, manner)]
-    for lower in sorted((c.condition_limit for c in tried[0].rank_curve), reverse=True):
+    limits = [c.condition_limit for c in tried[0].rank_curve] or LIMITS
+    for lower in sorted(limits if condition_limit is None else (), reverse=True):
         if lower < tried[-1].condition_limit and tried[-1].status != "converged":
             tried.append(replace(_fit(fitting, theta, placement, lower, manner), rank_curve=tried[0].rank_curve))
     return min(tried, key=lambda fit: fit.sigma * (1.0 if fit.status == "converged" else UNSETTLED))
