@@ -102,18 +102,17 @@ def held_at_description(fit: Calibration, poses: Poses, *, searched: bool = Fals
     if not relative(problem) or not len(at):
         return
     unknown = Undeclared.estimated(problem, fit.model, fit.theta)
-    more = ""
-    if unknown.stands_out:
-        cause = "" if searched else "; gpmodel discover names the effects that cause it"
-        more = (
-            f". The residual of the constants holds more than noise: smooth functions of the joint values, part of the "
-            f"model, explain it down to {1e3 * unknown.noise:.2g} mm a reading{cause}"
-        )
     radius, inside, outside = errors_by_region(fit, poses, unknown)
     yield (
         f"expected error of a predicted point: {1e3 * inside:.2g} mm RMS within {radius:.2g} m of the middle of the "
-        f"measured points, {1e3 * outside:.2g} mm outside; the residual tells neither{more}"
+        f"measured points, {1e3 * outside:.2g} mm outside; the residual tells neither"
     )
+    if unknown.stands_out:
+        cause = "" if searched else "; gpmodel discover names the effects that cause it"
+        yield (
+            f"the residual of the constants holds more than noise: smooth functions of the joint values, part of the "
+            f"model, explain it down to {1e3 * unknown.noise:.2g} mm a reading{cause}"
+        )
     weak = fit.sigma > TOLERANCE * problem.sizes[problem.placement + at] * fit.unique_share[at]
     if weak.any():
         called = names_of(poses.dataset)
