@@ -7,6 +7,7 @@ root of the repository: python -m experiments.exports.run
 """
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,9 @@ def geometry(arm: str) -> dict[str, float | str | None]:
     instrument = "points" if several else "tracker"
     made = gp.simulate(path, poses=POSES, noise=NOISE, geometry_sigma=GEOMETRY, instrument=instrument)
     model = gp.calibrate(path, made.table, holdout=0).model
-    exports = together([part() for part in parts_of(model.saved, Place.of(model.saved))[:-1]])
+    saved, constant = model.saved, [e.constant for e in model.saved.model.effects]
+    saved = replace(saved, theta=np.where(constant, saved.theta, 0.0))  # touches add functions, which few files hold
+    exports = together([part() for part in parts_of(saved, Place.of(saved))[:-1]])
     found = {e.file: None if np.isnan(e.largest) else 1e6 * e.largest for e in exports.made}
     if not several:
         found["calibrated.urdf by Pinocchio"] = by_pinocchio(model, exports)

@@ -23,7 +23,7 @@ from gpmodel.calibration.gauss_newton import without_outliers
 from gpmodel.calibration.linearise import Linearised, linearise
 from gpmodel.calibration.noise import Whitening, blocks_of
 from gpmodel.calibration.start import placement_after
-from gpmodel.calibration.undeclared import uncertain_functions
+from gpmodel.calibration.undeclared import has_functions, uncertain_functions
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import Placement, Poses, observe, pose_error, prepare
 from gpmodel.model.observation import Observation, observations
@@ -40,12 +40,13 @@ suffice."""
 
 @dataclass(frozen=True)
 class Session:
-    """A model with the registration of another session. use: (N,) the poses that count, without outliers. tool: whether
-    the tool point is found anew as well."""
+    """A model with the registration of another session. use: (N,) the poses that count, without outliers. fitted: where
+    the model's own session was. tool: whether the tool point is found anew as well."""
 
     saved: SavedModel
     poses: Poses
     use: Mask
+    fitted: Placement
     tool: bool = False
 
     @property
@@ -101,14 +102,14 @@ def settled(saved: SavedModel, dataset: Dataset, start: Placement | None = None)
     Raises InputError as `matched_with_readings`, for a tool the model does not know, and for fewer than three poses of
     a set-up.
     """
-    setups = dict.fromkeys(dataset.label("setup").tolist(), np.eye(4))
+    fitted, setups = saved.placement, dict.fromkeys(dataset.label("setup").tolist(), np.eye(4))
     saved = replace(saved, placement=replace(saved.placement, registration=setups))
     dataset = matched_with_readings(saved, dataset)
     poses = prepare(saved.mechanism, dataset)
     check_finite(saved, poses)
     placed = _placed(saved, dataset) if start is None else replace(saved, placement=start)
     everything = np.ones(len(dataset), dtype=bool)
-    session = Session(placed, poses, everything, tool=start is not None)
+    session = Session(placed, poses, everything, fitted, tool=start is not None)
     for _ in range(PASSES):
         problem = session.problem
         free, step = session.anew(problem), np.zeros(problem.placement)
@@ -275,7 +276,7 @@ def recheck(session: Session) -> Recheck:
     known = ~free & (at >= 0)
     values, vectors = np.linalg.eigh(saved.covariance.values)
     sigma = max(saved.spread, REACHED)
-    rows, (functions, made_up) = blocks.means(problem.columns), _functions(saved, problem)
+    rows, (functions, made_up) = blocks.means(problem.columns), _functions(session, problem)
     own = -blocks.means(made_up)
     own[:, at[known]] += rows[:, known]
     unsure = [own @ (vectors * np.sqrt(np.maximum(values, 0.0))), blocks.means(functions)]
@@ -299,13 +300,14 @@ def recheck(session: Session) -> Recheck:
     return found
 
 
-def _functions(saved: SavedModel, problem: Linearised) -> tuple[Array, Array]:
+def _functions(session: Session, problem: Linearised) -> tuple[Array, Array]:
     """See `uncertain_functions`, of a model whose readings are kept."""
-    if saved.measured is None:
+    saved = session.saved
+    if saved.measured is None or not has_functions(saved.model):
         return np.zeros((len(problem.residual), 0)), np.zeros((len(problem.residual), len(saved.covariance.values)))
     poses = prepare(saved.mechanism, saved.measured.dataset)
     use = np.ones(len(poses), dtype=bool)
-    fitted = linearise(saved.model, poses, saved.theta, saved.placement, saved.rotation_weight, use)
+    fitted = linearise(saved.model, poses, saved.theta, session.fitted, saved.rotation_weight, use)
     return uncertain_functions(saved.model, fitted, saved.theta, problem)
 
 

@@ -286,13 +286,16 @@ def _axes(problem: Linearised, model: ErrorModel) -> Array:
 
 
 def uncertain_functions(model: ErrorModel, fitted: Linearised, theta: Array, other: Linearised) -> tuple[Array, Array]:
-    """Return `Coloured.left_among` of other readings by the undeclared effects of a model; zero where it has none.
+    """Return `Coloured.left_among` of other readings by the undeclared effects of a model.
 
     fitted: the problem that the model was fitted to, at `theta` (E,).
     """
-    if not _smooth(model).any():
-        return np.zeros((len(other.residual), 0)), np.zeros((len(other.residual), fitted.columns.shape[1]))
     return Undeclared.estimated(fitted, model, theta).covariance(fitted, model).left_among(other, model, fitted)
+
+
+def has_functions(model: ErrorModel) -> bool:
+    """Return whether a model has functions of undeclared effects."""
+    return bool(_smooth(model).any())
 
 
 def _smooth(model: ErrorModel) -> Mask:

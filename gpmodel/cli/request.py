@@ -104,11 +104,14 @@ def _identity(ctx: click.Context, mechanism: LoadedMechanism, settings: object) 
     values = {k: v for k, v in ctx.params.items() if k not in (*FILES, *NO_NUMBERS, "joints")}
     content: dict[str, str] = {}
     for kind, path in files.items():
+        name = label.get(kind, f"--{kind}")
+        if ctx.default_map and not path.exists():
+            raise InputError(f"{path}: {name} of this search is no longer there; say where it is now")
         if kind == "tables":
             content |= {f"the file {table.name}": _sha256(table) for table in files_of(path)}
         elif kind != "mechanism":
             inside = fleet_file(path) if kind == "like" else model_file(path)
-            content[label.get(kind, f"--{kind}")] = _sha256(inside) if inside.is_file() else str(inside)
+            content[name] = _sha256(inside) if inside.is_file() else str(inside)
     return {
         "gpmodel": __version__,
         "the command": ctx.command.name,

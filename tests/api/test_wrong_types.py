@@ -82,7 +82,7 @@ CALLS: dict[str, tuple[Callable[..., object], dict[str, tuple[object, ...]]]] = 
     ),
     "choose_poses": (
         lambda **a: gp.choose_poses(**({"mechanism": ARM, "count": 3} | a)),
-        {"mechanism": ANY, "count": ANY, "criterion": ANY[1:], "above": NO_NUMBER,
+        {"mechanism": ANY, "count": ANY[1:], "criterion": ANY[1:], "above": NO_NUMBER,
          "seed": ANY, "after": ANY[2:], "box": ANY[1:], "instrument": NO_NUMBER, "normal": ANY, "cone": (TEXT, 400.0),
          "tool_point": NO_NUMBER, "noise": NO_NUMBER},
     ),

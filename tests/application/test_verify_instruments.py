@@ -132,5 +132,5 @@ def test_a_table_of_another_instrument_is_refused_by_its_name() -> None:
 @pytest.mark.long
 def test_a_board_that_no_column_sees_is_not_passed_over() -> None:
     model, data = fitted("inclinometer")
-    with pytest.raises(gp.InputError, match=r"board: later.csv has no column u or v that it says something of"):
+    with pytest.raises(gp.InputError, match=r"board: later.csv has no column u or v that it describes"):
         model.verify(data, board={"board": {}})

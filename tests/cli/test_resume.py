@@ -147,7 +147,9 @@ def test_files_that_options_name_move_with_the_result_and_are_part_of_what_was_a
     (there / "rig" / "model.json").write_text("other")
     assert "--joint L3.fixed has changed" in one_line(run("discover", "--resume", "there/out", "--quiet"), 2)
     (there / "two.toml").unlink()
-    assert "--cameras is there/two.toml, was" in one_line(run("discover", "--resume", "there/out", "--quiet"), 2)
+    assert "there/two.toml: --cameras of this search is no longer there" in one_line(
+        run("discover", "--resume", "there/out", "--quiet"), 2
+    )
 
 
 def test_two_at_once_do_not_touch_each_other(cut: Path) -> None:

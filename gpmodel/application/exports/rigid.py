@@ -18,6 +18,7 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.comparison import known_rows
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import errors_on
+from gpmodel.calibration.undeclared import UNDECLARED
 from gpmodel.characters import harmless
 from gpmodel.errors import InputError
 from gpmodel.mechanism.branches import branched
@@ -51,7 +52,8 @@ class Rigid:
 def refitted(saved: SavedModel) -> Rigid:
     """Fit the constants of the model anew to its table, without the mechanism's other effects.
 
-    A model without such effects keeps its values. Effects of the instrument and of the session stay in the fit, so that
+    A model without such effects keeps its values, and so does one whose constants were fitted apart from the functions
+    of undeclared effects. Effects of the instrument and of the session stay in the fit, so that
     the geometry does not absorb them.
     Raises InputError as `measured_table`, or for a fit that cannot be made.
     """
@@ -60,7 +62,8 @@ def refitted(saved: SavedModel) -> Rigid:
     kept = tuple(e for e in saved.model.effects if e.constant or e.name in aside or e.of_the_instrument)
     model = ErrorModel(saved.mechanism, kept)
     heldout = _held_out(model, poses, saved.measured)
-    fitted = saved if kept == saved.model.effects else saved_model(calibrate(model, poses), poses)
+    fitted_apart = all(e in kept or e.family == UNDECLARED for e in saved.model.effects)
+    fitted = saved if fitted_apart else saved_model(calibrate(model, poses), poses)
     values = zip(saved.model.effects, saved.theta, strict=True)
     missing = tuple(translate(e.name, saved.names) for e, value in values if e not in kept and value != 0.0)
     placement, twists = placed_now(usable(fitted)).placement, _constant_twists(fitted, poses.subset(np.arange(1)))
