@@ -94,6 +94,7 @@ def test_the_repaired_model_predicts_as_the_old_one_did_before_the_change(
     assert gp.verify_next(again).next is not None
 
 
+@pytest.mark.long
 def test_poses_that_a_repaired_model_lacks_make_it_as_good_as_before(fitted: Fitted) -> None:
     model, made = fitted
     q, slip = model.saved.measured.dataset.q[:6], 3e-4
@@ -120,6 +121,7 @@ def test_poses_that_a_repaired_model_lacks_make_it_as_good_as_before(fitted: Fit
         assert abs(row["after"] - row["before"] - true) < 4.0 * np.hypot(row["stderr before"], row["stderr after"])
 
 
+@pytest.mark.long
 def test_the_expected_error_of_a_repaired_model_is_the_one_it_makes(fitted: Fitted) -> None:
     model, made = fitted
     squares = []
@@ -134,6 +136,7 @@ def test_the_expected_error_of_a_repaired_model_is_the_one_it_makes(fitted: Fitt
     assert 0.5 < np.mean(squares) < 2.0
 
 
+@pytest.mark.long
 def test_a_model_with_an_effect_of_its_session_is_repaired_too(fitted: Fitted, tmp_path: Path) -> None:
     _, made = fitted
     arm, rng = made.model.mechanism, np.random.default_rng(5)
@@ -151,6 +154,7 @@ def test_a_machine_that_did_not_change_gets_no_repaired_model(fitted: Fitted) ->
     assert checked(fitted)[0].repaired is None
 
 
+@pytest.mark.long
 def test_proposed_poses_show_more_than_poses_of_the_fit_at_random(fitted: Fitted) -> None:
     model, made = fitted
 

@@ -132,8 +132,8 @@ def test_the_coupling_of_a_pendant_is_undone(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("signs", "zeros", "said"),
     [
-        ((1, 1, 1, 1, 1, 1), (0, 90, 0, 0, 0, 0), "another zero"),
-        ((1, 1, 1, 1, -1, 1), (0, -90, 0, 0, 0, 0), "another zero"),
+        pytest.param((1, 1, 1, 1, 1, 1), (0, 90, 0, 0, 0, 0), "another zero", marks=pytest.mark.long),
+        pytest.param((1, 1, 1, 1, -1, 1), (0, -90, 0, 0, 0, 0), "another zero", marks=pytest.mark.long),
         ((1, 1, 1, 1, 1, 1), (0, 90, -90, 0, 0, 0), "another zero"),
         ((1, -1, 1, 1, -1, 1), (0, 0, 0, 0, 0, 0), "to be -"),
     ],

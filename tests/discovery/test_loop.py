@@ -87,6 +87,7 @@ def test_shuffled_residuals_hold_nothing() -> None:
     assert discover(arm, poses, train, heldout, search=SMALL).findings == ()
 
 
+@pytest.mark.long
 def test_the_before_figure_is_registered_and_every_rung_is_on_the_same_poses() -> None:
     answer = found("gear", 0)
     truth, train, heldout = robot("gear", 0)

@@ -52,6 +52,7 @@ def test_ten_poses_of_a_brother_are_enough(arms: Path) -> None:
     assert titles == ["registration only", "its own poses alone", "the prior of the fleet"]
 
 
+@pytest.mark.long
 def test_poses_chosen_by_the_type_tell_a_further_machine_better_than_random_ones(arms: Path) -> None:
     mechanism = MechanismChoice(str(arms / "arm.toml")).load()
     chosen = gp.choose_poses(mechanism, 6, like=arms)
@@ -70,6 +71,7 @@ def test_poses_chosen_by_the_type_tell_a_further_machine_better_than_random_ones
     assert np.median(by_choice) < 0.8 * np.median(by_chance)
 
 
+@pytest.mark.long
 def test_what_a_machine_alone_has_is_found_beside_its_type(arms: Path) -> None:
     found = like(arms, further(arms, 40, GEAR, "gear_harmonic J1=300 arcsec"))
     assert [f.name for f in found.findings] == ["gear error, 2 per turn, J1"]
