@@ -17,7 +17,7 @@ SETTINGS = {"Criteria", "Search", "Linear", "Tree", "SequenceBreeding", "TreeBre
 
 
 def is_number(node: ast.expr) -> bool:
-    """Whether a value is made of written numbers."""
+    """Return whether a value consists of literal numbers."""
     match node:
         case ast.Constant():
             return type(node.value) in (int, float)

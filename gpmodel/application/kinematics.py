@@ -76,7 +76,7 @@ def _jacobian(mechanism: Mechanism, observed: Observed) -> Array:
 
 
 def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, nominal: bool) -> tuple[Array, Array]:
-    """Joint values (N, n) near those of `dataset`, and what is left (N,), m, rotations weighed by ROTATION_WEIGHT.
+    """Joint values (N, n) near those of `dataset`, and the remaining error (N,), m; rotations count ROTATION_WEIGHT.
 
     Levenberg-Marquardt for each row separately. Source: Moré (1978). whole: position and orientation, or position. What
     is left is infinite where the loops of a mechanism do not close.

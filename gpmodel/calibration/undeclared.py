@@ -241,9 +241,7 @@ class Waves:
         sizes = np.abs(signed)
         largest = np.sort(np.argsort(-sizes)[:MOST_WAVES]).tolist()
         terms = [
-            "*".join(
-                [f"{weights[k] * self.sizes[k]:.6g}", *(f"{f}({r!r}*{self.names[j]})" for f, j, r in self.parts[k])]
-            )
+            "*".join([f"{signed[k]:.6g}", *(f"{f}({r!r}*{self.names[j]})" for f, j, r in self.parts[k])])
             for k in largest
             if sizes[k] > FAINT * sizes.max()
         ]

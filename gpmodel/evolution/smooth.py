@@ -82,22 +82,30 @@ class Smooth:
 def smooth(targets: Targets, basis: Array, noise: float, turns: int = 1) -> Smooth:
     """The most likely function in the span of a basis (N, m) at a variance of the noise, which of several turns each
     takes over from the one before."""
+    axes = _axes(targets, basis[None])
     for _ in range(turns):
-        found = _most_likely(targets, basis[None], np.array([noise]))
+        found = _most_likely(targets, axes, np.array([noise]))
         before, noise = noise, float(found[2][0])
         if abs(noise - before) < SETTLED * before:
             break
     return Smooth(found[0][0], float(found[1][0]), noise)
 
 
-def _most_likely(targets: Targets, basis: Array, noise: Array) -> tuple[Array, Array, Array]:
-    """Coefficients (S, m) of the most likely function in each span of a basis (S, N, m) at a variance of the noise
-    (S,), the nats (S,) that it saves, and the noise (S,) that it leaves."""
+_Axes = tuple[Array, Array, Array]
+"""Eigenvalues (S, m) and eigenvectors (S, m, m) of Φᵀ(D - BᵀB)Φ of several bases, and Φᵀg (S, m) along these."""
+
+
+def _axes(targets: Targets, basis: Array) -> _Axes:
+    """Diagonalise the products of bases (S, N, m)."""
     weighted, seen = basis * targets.weight[0][:, None], targets.cross[0] @ basis
-    gram = np.swapaxes(basis, 1, 2) @ weighted - np.swapaxes(seen, 1, 2) @ seen
-    sizes, turn = np.linalg.eigh(gram)
-    sizes = np.maximum(sizes, 0.0)
-    along = np.matmul((targets.pull[0] @ basis)[:, None, :], turn)[:, 0]
+    sizes, turn = np.linalg.eigh(np.swapaxes(basis, 1, 2) @ weighted - np.swapaxes(seen, 1, 2) @ seen)
+    return np.maximum(sizes, 0.0), turn, np.matmul((targets.pull[0] @ basis)[:, None, :], turn)[:, 0]
+
+
+def _most_likely(targets: Targets, axes: _Axes, noise: Array) -> tuple[Array, Array, Array]:
+    """Coefficients (S, m) of the most likely function in the span of each basis at a variance of the noise (S,), the
+    nats (S,) that it saves, and the noise (S,) that it leaves."""
+    sizes, turn, along = axes
     s, q = sizes / noise[:, None], along / noise[:, None]
     total = np.maximum(sizes.sum(axis=1), LEAST)
     nats, variance = best(s, q, np.sqrt(BEYOND * targets.energy / total))
@@ -131,7 +139,7 @@ def _in_turn(targets: Targets, bases: Array, values: Array, turns: int) -> Array
         before = noise
         for k, basis in enumerate(bases):
             beside = np.prod(np.delete(values, k, axis=1), axis=1)
-            coefficients, _, left = _most_likely(targets, basis * beside[:, :, None], noise)
+            coefficients, _, left = _most_likely(targets, _axes(targets, basis * beside[:, :, None]), noise)
             value = coefficients @ basis.T
             size = np.sqrt(np.mean(value**2, axis=1, keepdims=True))
             values[:, k] = value / np.maximum(size, LEAST)

@@ -16,7 +16,7 @@ CAMERA = {"eye": {"x": 1.5, "y": 1.5, "z": 0.9}, "center": {"x": 0.0, "y": 0.0, 
 SCALE = [[0.0, "#3d8fd6"], [0.5, "#b98a2f"], [1.0, "#d0452b"]]
 """Colours from small errors (blue) to large ones (red)."""
 WORST = 30
-"""Poses in the list beside the view, the largest error first."""
+"""Number of poses listed next to the view, in order of decreasing error."""
 LONGEST = 0.12
 """Length of the arrow of the 90th percentile of the residuals before, over the span of the poses."""
 MOST = 3000
