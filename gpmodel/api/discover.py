@@ -32,6 +32,7 @@ from gpmodel.api.model import Model
 from gpmodel.api.table import TableLike, in_metres, read_table, specified
 from gpmodel.application.heldout import unseen_of, with_discrepancy
 from gpmodel.application.model_file import check_kept, saved_model
+from gpmodel.application.over_causes import over_causes
 from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.folds import Loop, discover_by_folds
@@ -182,7 +183,7 @@ def discover(
         else:
             found = whole_run(poses, *hold_out(poses.dataset, fraction, np.random.default_rng(JUDGED)))
     alone = alone_steps(found) if known else None
-    return DiscoveryResult(found, Origin(command, seed, found.seconds, floor), note, alone)
+    return DiscoveryResult(over_causes(found), Origin(command, seed, found.seconds, floor), note, alone)
 
 
 def _started(known: FleetPart | None, arm: Mechanism, loop: "partial[Discovery]") -> Loop:

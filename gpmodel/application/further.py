@@ -79,7 +79,8 @@ def further_poses(fit: Calibration, poses: Poses, spread: float | None = None) -
     there = prepare(saved.mechanism, drawn.subset(closing(fit.model, drawn, fit.theta)))
     observed = observe(fit.model, there, fit.theta, fit.placement)
     excess = 1.0 if spread is None else spread / fit.sigma
-    return _over_worlds(point_columns(saved, there, observed), fit.covariance.values, noise, excess, rng)
+    columns = point_columns(saved, there, observed, fit.covariance.others)
+    return _over_worlds(columns, fit.covariance.predictive, noise, excess, rng)
 
 
 def _coordinates(fit: Calibration, problem: Linearised, use: IntArray) -> float:

@@ -57,7 +57,7 @@ def with_discrepancy(
 ) -> SavedModel:
     """Add noise and model discrepancy of one coordinate, m, to a model fitted to `poses`.
 
-        discrepancy² = max(0, mean square of unseen coordinates - noise² - variance by the parameters)
+        discrepancy² = max(0, mean square of unseen coordinates - noise² - variance by parameters and other causes)
 
     parts: fits with poses they have not seen; without them each pose is left out in turn. noise: of the instrument as
     it is stated; without it `noise_within`. Poses without x, y and z say nothing of either.
@@ -73,8 +73,18 @@ def with_discrepancy(
     if 3 * len(error) < FEWEST:
         return replace(saved, noise=noise)
     near = error <= outlier_limit(error)
-    variance = float(np.mean(squares[near]) - noise**2 - np.mean(known[near]))
+    variance = float(np.mean(squares[near]) - noise**2 - np.mean(known[near])) - _by_other_causes(saved, poses)
     return replace(saved, noise=noise, discrepancy=float(np.sqrt(max(0.0, variance))))
+
+
+def _by_other_causes(saved: SavedModel, poses: Poses) -> float:
+    """Mean variance, m², of a fitted coordinate that other causes add to that by the parameters."""
+    if not len(saved.covariance.over_causes):
+        return 0.0
+    alone = replace(saved, covariance=replace(saved.covariance, others=(), over_causes=np.zeros((0, 0))))
+    at, observed = observed_by(saved, poses)
+    both, one = (np.mean(coordinate_deviations(model, at, observed) ** 2) for model in (saved, alone))
+    return float(both - one)
 
 
 def _whole(poses: Poses) -> IntArray:

@@ -148,6 +148,8 @@ def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
         "covariance": [row[: k + 1] for k, row in enumerate(saved.covariance.values)],
         "unknowns": saved.covariance.placement,
         "centre_m": saved.covariance.centre,
+        "others": [_effect_content(effect, 0.0, np.nan) for effect in saved.covariance.others],
+        "over_causes": [row[: k + 1] for k, row in enumerate(saved.covariance.over_causes)],
         "ranges": {name: list(limits) for name, limits in saved.ranges.items()},
         "registration": dict(saved.placement.registration),
         "tool": dict(saved.placement.tool),
@@ -218,27 +220,22 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
         if given is not None:
             raise InputError(f"a model of '{about.name}'; expected one of {given.name}, the mechanism that is given")
         raise InputError(f"mechanism '{about.name}' has changed since this model was made; calibrate again")
-    terms = (tuple(Term(t.slot, t.axis, Expression(t.basis), t.weight) for t in e.terms) for e in part.effects)
-    effects = tuple(
-        Effect(
-            e.name,
-            t,
-            e.unit,
-            e.family,
-            np.inf if e.prior is None else e.prior,
-            taken_up=tuple(TakenUp(r.of, r.label, r.twist) for r in e.taken_up),
-        )
-        for e, t in zip(part.effects, terms, strict=True)
-    )
-    if odd := [name for e in effects for name in e.inputs if not name.isidentifier()]:
+    effects, others = _effects(part.effects), _effects(part.others)
+    if odd := [name for e in (*effects, *others) for name in e.inputs if not name.isidentifier()]:
         raise InputError(f"a basis reads {odd[0]!r}, which is no name of a column")
-    if unknown := [s for e in effects for s in e.slots if s not in places(mechanism)]:
+    if unknown := [s for e in (*effects, *others) for s in e.slots if s not in places(mechanism)]:
         raise InputError(f"slot '{unknown[0]}' is unknown; available: {choices(unknown[0], places(mechanism))}")
     return SavedModel(
         model=ErrorModel(mechanism, effects),
         theta=np.array([e.value for e in part.effects]),
         stderr=np.array([np.nan if e.stderr is None else e.stderr for e in part.effects]),
-        covariance=Covariance(_symmetric(part.covariance), part.unknowns, np.array(part.centre_m)),
+        covariance=Covariance(
+            _symmetric(part.covariance),
+            part.unknowns,
+            np.array(part.centre_m),
+            others,
+            _symmetric(part.over_causes),
+        ),
         placement=Placement(
             {k: np.array(v) for k, v in part.registration.items()},
             {k: np.array(v) for k, v in part.tool.items()},
@@ -253,6 +250,20 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
         freedom=np.inf if part.freedom is None else part.freedom,
         noise=part.noise_m,
         discrepancy=part.discrepancy_m,
+    )
+
+
+def _effects(parts: Sequence[EffectPart]) -> tuple[Effect, ...]:
+    return tuple(
+        Effect(
+            e.name,
+            tuple(Term(t.slot, t.axis, Expression(t.basis), t.weight) for t in e.terms),
+            e.unit,
+            e.family,
+            np.inf if e.prior is None else e.prior,
+            taken_up=tuple(TakenUp(r.of, r.label, r.twist) for r in e.taken_up),
+        )
+        for e in parts
     )
 
 

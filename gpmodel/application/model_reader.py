@@ -149,7 +149,8 @@ class MeasuredPart(msgspec.Struct, frozen=True):
 class ModelPart(msgspec.Struct, frozen=True):
     """The whole of model.json but its seal; keys it does not know are passed over.
 
-    noise_m, discrepancy_m: null and zero in files of versions that did not estimate them.
+    noise_m, discrepancy_m: null and zero in files of versions that did not estimate them. others, over_causes: effects
+    that may be in the place of a finding, and the second moment of all unknowns over these causes; empty without any.
     """
 
     kind: str
@@ -171,6 +172,8 @@ class ModelPart(msgspec.Struct, frozen=True):
     freedom: Freedom | None = None
     noise_m: Deviation | None = None
     discrepancy_m: Deviation = 0.0
+    others: Annotated[tuple[EffectPart, ...], msgspec.Meta(max_length=MOST_EFFECTS)] = ()
+    over_causes: Annotated[tuple[tuple[Finite, ...], ...], msgspec.Meta(max_length=2 * MOST_EFFECTS)] = ()
 
     def __post_init__(self) -> None:
         for label, transforms in (("registration", self.registration), ("tool", self.tool)):
@@ -185,6 +188,10 @@ class ModelPart(msgspec.Struct, frozen=True):
         if [len(row) for row in self.covariance] != lengths[self.schema]:
             raise ValueError(f"expected {size} rows, one an unknown, up to the diagonal - at `$.covariance`")
         _check_covariance(self.covariance)
+        every = size + len(self.others) if self.over_causes or self.others else 0
+        if [len(row) for row in self.over_causes] != [*range(1, every + 1)]:
+            raise ValueError(f"expected {every} rows, one an unknown, up to the diagonal - at `$.over_causes`")
+        _check_covariance(self.over_causes)
         for name, rows in self.tool.items():
             for value in np.array(rows)[:3, 3]:
                 if abs(value) > LARGEST["length"]:
@@ -195,7 +202,7 @@ class ModelPart(msgspec.Struct, frozen=True):
 
 
 def _check_covariance(rows: Sequence[Sequence[float]]) -> None:
-    """Variances of zero or more, and correlations from -1 to 1 but for rounding."""
+    """Check for variances of zero or more, and correlations from -1 to 1 but for rounding."""
     variances = np.array([row[k] for k, row in enumerate(rows)])
     if (variances < 0).any():
         raise ValueError("expected variances of zero or more - at `$.covariance`")

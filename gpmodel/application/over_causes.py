@@ -1,14 +1,23 @@
-"""Spread of every fitted number over the credible sets of the findings."""
+"""Uncertainty of everything that is fitted over the causes of the findings, by the law of total variance.
 
-from collections.abc import Sequence
-from dataclasses import replace
+With causes i of probability p_i, and x_i ± Σ_i the unknowns by the fit with each,
+
+    E (x - x₁)(x - x₁)ᵀ = Σ_i p_i (Σ_i + (x_i - x₁)(x_i - x₁)ᵀ),   x₁ what is stated
+
+Source: Hoeting et al. (1999), variance within and between models.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
 from gpmodel.calibration.priors import beliefs
-from gpmodel.calibration.rivals import ROW, UNKNOWNS
+from gpmodel.calibration.result import Calibration, Placed, placed_numbers, problem_at
+from gpmodel.calibration.rivals import ROW, UNKNOWNS, of_the_session
 from gpmodel.discovery.state import Discovery
 from gpmodel.errors import InputError, choices
 from gpmodel.evidence.criteria import Criteria
@@ -19,9 +28,9 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.protocol import Ball, Mechanism, Reaching, Shift, balls_of
 from gpmodel.model.effect import Effect, Term
+from gpmodel.model.error_model import Poses
 from gpmodel.model.sites import translate
 from gpmodel.numerics.least_squares import solve
-from gpmodel.selection.causes import Cause
 from gpmodel.table.bundles import JUDGED
 
 ALONG = 0.7
@@ -84,77 +93,108 @@ def _weights(terms: Sequence[Term], shift: Shift) -> Array | None:
     return weights if along > ALONG else None
 
 
-UNLIKELY = 0.01
-"""Probability of a cause below which it is left out of a standard error."""
-
 RARE = 1e-3
-"""Probability of a candidate of the catalogue below which it is left out. One that moves a number by ten standard
-errors adds a tenth to its variance at this probability."""
+"""Probability of a candidate below which it is left out. One that moves a number by ten standard errors adds a tenth to
+its variance at this probability."""
 
 
-def spreads(discovery: Discovery) -> list[dict[str, float]]:
-    """Spread over the other causes of each finding: standard deviation of every other number, by its name."""
-    sets = [finding.hypothesis.causes for finding in discovery.findings]
-    if not any(found and found.others for found in sets):
-        return [{} for _ in sets]
-    poses = discovery.poses.subset(discovery.train)
-    residual = residual_of(discovery.steps[-1].calibration, poses, Criteria(), JUDGED)
-    effects = [finding.candidate.effects for finding in discovery.findings]
-    return [
-        spread_over(residual.without(own), own, found.others) if found and found.others else {}
-        for own, found in zip(effects, sets, strict=True)
+@dataclass(frozen=True)
+class FittedCause:
+    """An effect in the place of a finding: x = x₀ + towards w, w ~ N(values, covariance), x₀ of the model without.
+
+    effects: (k,). towards: (K, k) steps of the unknowns of placement and model per unit of w, SI.
+    """
+
+    effects: tuple[Effect, ...]
+    probability: float
+    towards: Array
+    values: Array
+    covariance: Array
+
+
+@dataclass(frozen=True)
+class CausesThere:
+    """A place of the model: the finding there, if there is one, and all other causes of what it explains.
+
+    own: effects of the finding, with the changes of the constants inside it. names: unknowns (K,) of the model without.
+    """
+
+    own: tuple[str, ...]
+    names: tuple[str, ...]
+    stated: FittedCause
+    others: tuple[FittedCause, ...]
+
+
+def over_causes(found: Discovery) -> Discovery:
+    """A discovery whose fits to all poses state everything over the causes of their findings."""
+    fit = found.fitted.calibration
+    with threadpool_limits(limits=1, user_api="blas"):
+        stated = _stated(found, fit, found.fitted.candidates)
+        final = stated if found.final is fit else _stated(found, found.final, ())
+    return replace(found, final=final, fitted=replace(found.fitted, calibration=stated))
+
+
+def _stated(found: Discovery, fit: Calibration, findings: Sequence[Candidate]) -> Calibration:
+    """A fit to all poses with its uncertainty over what may be in the place of each finding, or of none without any.
+
+    These are the credible sets of the findings and all effects of the catalogue that have as few unknowns. Their
+    probabilities are those of the fit that states the numbers, p(h | y) ∝ exp(nats of h): a constant of the model may
+    take up an effect too weak to be a finding.
+    """
+    offered = catalogue.candidates(found.mechanism, found.poses.states)
+    sets = [finding.hypothesis.causes for finding in found.findings]
+    listed = [group for one in sets if one for cause in one.others for group in cause.groups]
+    few = [c for c in offered if len(c.effects) <= UNKNOWNS and ROW not in c.inputs]
+    known = {effect.name for effect in fit.model.effects}
+    pool = list({c.name: c for c in (*few, *listed) if known.isdisjoint(e.name for e in c.effects)}.values())
+    residual = residual_of(fit, found.poses, Criteria(), JUDGED)
+    places = [place_of(residual, own, pool, found.fitted.changes.get(own.name, ())) for own in findings] or [
+        place_of(residual, None, pool)
     ]
+    return uncertain(fit, found.poses, places)
 
 
-def tool_spreads(discovery: Discovery) -> list[dict[str, float]]:
-    """Deviation of every number of the placement over the catalogue: with each candidate in the place of each finding,
-    or added to a model without findings. The candidates' probabilities are those of the fit that states the numbers,
-    p(h | y) ∝ exp(nats of h). A constant of the model may take up an effect too weak to be a finding.
+def place_of(
+    residual: Residual, own: Candidate | None, pool: Sequence[Candidate], changes: Sequence[Effect] = ()
+) -> CausesThere:
+    """Weigh the candidates of a pool in the place of a finding. residual: of the model with the finding.
+
+    changes: of the constants inside the finding, which the model has too.
     """
-    poses = discovery.poses.subset(discovery.train)
-    shipped = discovery.steps[-1 if discovery.confirmed else 1].calibration
-    residual = residual_of(shipped, poses, Criteria(), JUDGED)
-    known = {effect.name for effect in residual.calibration.model.effects}
-    offered = catalogue.candidates(discovery.mechanism, poses.states)
-    pool = [c for c in offered if len(c.effects) <= UNKNOWNS and ROW not in c.inputs]
-    pool = [c for c in pool if known.isdisjoint(e.name for e in c.effects)]
-    found = [finding.candidate for finding in discovery.findings if discovery.confirmed]
-    return [_over_pool(residual.without(own.effects), own, pool) for own in found] or [_over_pool(residual, None, pool)]
-
-
-def _over_pool(residual: Residual, own: Candidate | None, pool: Sequence[Candidate]) -> dict[str, float]:
-    """Deviation of every number over candidates in the place of `own`, None for nothing. residual: without it."""
+    inside = (*(own.effects if own else ()), *changes)
+    without = residual.without(inside) if inside else residual
     asked = [*pool, *([own] if own else [])]
-    nats = np.append([score.nats for score in scores(residual, asked)], 0.0)
+    nats = np.append([score.nats for score in scores(without, asked)], 0.0)
     likely = np.exp(nats - nats.max()) / np.exp(nats - nats.max()).sum()
-    others = [(pool[k].effects, float(likely[k])) for k in np.flatnonzero(likely[: len(pool)] > RARE).tolist()]
-    return _spread(residual, own.effects if own else (), [*others, ((), float(likely[-1]) * (own is not None))])
+    system = _system_of_fit(without)
+    others = [
+        _cause(without, system, asked[k].effects, float(likely[k]))
+        for k in np.flatnonzero(likely[: len(pool)] > RARE).tolist()
+    ]
+    nothing = _cause(without, system, (), float(likely[-1]))
+    stated = _cause(without, system, own.effects, float(likely[-2])) if own else nothing
+    names = (*without.problem.placement_names, *without.names)
+    return CausesThere(tuple(e.name for e in inside), names, stated, (*others, *([nothing] if own else [])))
 
 
-def spread_over(residual: Residual, effects: Sequence[Effect], others: Sequence[Cause]) -> dict[str, float]:
-    """Deviation of every number over the causes of a finding; see `_spread`."""
-    able = [cause for cause in others if cause.probability > UNLIKELY]
-    return _spread(residual, effects, [(cause.groups[0].effects, cause.probability) for cause in able])
-
-
-def _spread(
-    residual: Residual, effects: Sequence[Effect], others: Sequence[tuple[Sequence[Effect], float]]
-) -> dict[str, float]:
-    """Deviation of every number of placement and model over other effects, with their probabilities p, in the place of
-    effects: √Σ p ((value - value with the effects)² + variance beyond that with the effects).
-
-    residual: of the model without the effects. Source: Hoeting et al. (1999), the variance between and within models.
-    """
-    if not others:
-        return {}
-    system = _system_of_fit(residual)
-    own, own_variance = _moved(residual, system, effects)
-    squares = np.zeros(len(own))
-    for other, probability in others:
-        moved, variance = _moved(residual, system, other)
-        squares += probability * ((moved - own) ** 2 + np.maximum(variance - own_variance, 0.0))
-    names = (*residual.problem.placement_names, *residual.names)
-    return dict(zip(names, np.sqrt(squares).tolist(), strict=True))
+def _cause(residual: Residual, system: Array, effects: Sequence[Effect], probability: float) -> FittedCause:
+    """Fit effects to what a model without them leaves. system: of that model."""
+    if not effects:
+        return FittedCause((), probability, np.zeros((system.shape[1], 0)), np.zeros(0), np.zeros((0, 0)))
+    columns = residual.columns(effects)
+    norms = np.linalg.norm(columns, axis=0)
+    norms[norms == 0.0] = 1.0
+    left, _ = residual.projected(effects)
+    belief = np.array([residual.sigma / e.prior for e in effects]) / norms
+    spread = np.linalg.pinv(left.T @ left + np.diag(belief**2), rcond=1e-12, hermitian=True)
+    fitted = spread @ (left.T @ residual.values)
+    padded = np.zeros((len(system), len(norms)))
+    padded[: residual.measured] = columns / norms
+    scale = np.maximum(np.linalg.norm(system, axis=0), np.finfo(float).tiny)
+    towards = solve(system / scale, padded) / scale[:, None]
+    sigma2 = float(np.sum((residual.values - left @ fitted) ** 2)) / residual.freedom
+    covariance = sigma2 * spread / np.outer(norms, norms)
+    return FittedCause(tuple(effects), probability, -towards * norms, fitted / norms, covariance)
 
 
 def _system_of_fit(residual: Residual) -> Array:
@@ -169,21 +209,70 @@ def _system_of_fit(residual: Residual) -> Array:
     return np.asarray(np.vstack([problem.columns, believed.rows])[:, problem.free(kept)])
 
 
-def _moved(residual: Residual, system: Array, effects: Sequence[Effect]) -> tuple[Array, Array]:
-    """Return by how much effects fitted in addition to the model move its unknowns (K,), SI, and add to their
-    variance (K,)."""
-    if not effects:
-        return np.zeros(system.shape[1]), np.zeros(system.shape[1])
-    columns = residual.columns(effects)
-    norms = np.linalg.norm(columns, axis=0)
-    norms[norms == 0.0] = 1.0
-    left, _ = residual.projected(effects)
-    belief = np.array([residual.sigma / e.prior for e in effects]) / norms
-    spread = np.linalg.pinv(left.T @ left + np.diag(belief**2), rcond=1e-12, hermitian=True)
-    fitted = spread @ (left.T @ residual.values)
-    padded = np.zeros((len(system), len(norms)))
-    padded[: residual.measured] = columns / norms
-    scale = np.maximum(np.linalg.norm(system, axis=0), np.finfo(float).tiny)
-    towards = solve(system / scale, padded) / scale[:, None]
-    sigma2 = float(np.sum((residual.values - left @ fitted) ** 2)) / residual.freedom
-    return towards @ fitted, sigma2 * np.einsum("ki,ij,kj->k", towards, spread, towards)
+def uncertain(fit: Calibration, poses: Poses, places: Sequence[CausesThere]) -> Calibration:
+    """A fit with the standard errors of all unknowns over the causes in some places; the fit itself without any.
+
+    The standard error of a finding is over the causes in the places of the others: it holds if the finding is one.
+    Predictions allow for causes that joint values determine.
+    """
+    if not any(one.probability > RARE for place in places for one in place.others):
+        return fit
+    moments, own = _moments(fit, places)
+    first, size = len(fit.covariance.placement), len(fit.covariance.values)
+    added = (np.diag(moments) - np.pad(np.diag(fit.covariance.values), (0, len(moments) - size)))[:size]
+    for at, by_its_place in own:
+        added[at] -= by_its_place
+    stderr = np.sqrt(np.maximum(fit.stderr**2 + added[first:], 0.0))
+    mechanism = fit.model.mechanism
+    anywhere = [
+        replace(place, others=tuple(c for c in place.others if not of_the_session(poses, mechanism, c.effects)))
+        for place in places
+    ]
+    others = _effects(anywhere)
+    covariance = replace(fit.covariance, others=others, over_causes=_moments(fit, anywhere)[0])
+    return replace(fit, stderr=stderr, covariance=covariance, placed=_placed(fit, poses, moments[:first, :first]))
+
+
+def _placed(fit: Calibration, poses: Poses, moments: Array) -> tuple[Placed, ...]:
+    """Numbers of registration and tool, whose variance grows as that of their unknowns does, to moments (P, P)."""
+    problem, values = problem_at(fit, poses), fit.covariance.values[: len(moments), : len(moments)]
+    before, after = (placed_numbers(fit.placement, problem, one) for one in (values, moments))
+    variances = (p.stderr**2 + b.stderr**2 - a.stderr**2 for p, a, b in zip(fit.placed, before, after, strict=True))
+    return tuple(replace(p, stderr=max(v, 0.0) ** 0.5) for p, v in zip(fit.placed, variances, strict=True))
+
+
+def _effects(places: Sequence[CausesThere]) -> tuple[Effect, ...]:
+    """Effects (A,) of all other causes, each once."""
+    every = (effect for place in places for cause in place.others for effect in cause.effects)
+    return tuple({effect.name: effect for effect in every}.values())
+
+
+def _moments(fit: Calibration, places: Sequence[CausesThere]) -> tuple[Array, list[tuple[list[int], Array]]]:
+    """Second moment (P + E + A, P + E + A) of all unknowns about the fit, other causes at the end; and what each place
+    adds to the variance of its own finding, with the numbers of its effects."""
+    effects = (*fit.model.effects, *_effects(places))
+    names = [*fit.covariance.placement, *(effect.name for effect in effects)]
+    number, size = {name: k for k, name in enumerate(names)}, len(fit.covariance.values)
+    out, added = np.zeros((len(names), len(names))), []
+    out[:size, :size] = fit.covariance.values
+    for place in places:
+        at = [number[name] for name in place.own]
+        rest = [number[name] for name in place.names]
+        before = np.diag(out)[at].copy()
+        mean, _ = _spanned(place.stated, rest, number)
+        share = sum(cause.probability for cause in place.others)
+        out -= share * out[:, at] @ np.linalg.pinv(out[np.ix_(at, at)], rcond=1e-12, hermitian=True) @ out[at]
+        for cause in place.others:
+            other, within = _spanned(cause, rest, number)
+            out += cause.probability * (np.outer(other - mean, other - mean) + within)
+        added.append((at, np.diag(out)[at] - before))
+    return out, added
+
+
+def _spanned(cause: FittedCause, rest: Sequence[int], number: Mapping[str, int]) -> tuple[Array, Array]:
+    """Steps (K,) of all unknowns by a cause, and what it adds to their covariance (K, K)."""
+    directions = np.zeros((len(number), len(cause.effects)))
+    directions[rest] = cause.towards
+    for k, effect in enumerate(cause.effects):
+        directions[number[effect.name], k] = 1.0
+    return directions @ cause.values, directions @ cause.covariance @ directions.T

@@ -26,7 +26,8 @@ from gpmodel.table.units import joint_column, split_header
 def point_deviation(saved: SavedModel, poses: Poses, observed: Observed, *, placed: bool = True) -> Array:
     """Standard deviation (N,), m, of the predicted point: √ (trace(J Σ Jᵀ) + 3 d²) over everything fitted.
 
-    It holds the uncertainty of the parameters and the model discrepancy d, not what the instrument adds. placed:
+    It holds the uncertainty of the parameters, over the causes of the findings, and the model discrepancy d, not what
+    the instrument adds. placed:
     whether registration and tool are in it, as in the instrument's frame. NaN if not fitted.
     """
     return np.asarray(np.linalg.norm(coordinate_deviations(saved, poses, observed, placed=placed), axis=1))
@@ -37,8 +38,8 @@ def coordinate_deviations(saved: SavedModel, poses: Poses, observed: Observed, *
     if len(saved.stderr) and not saved.covariance.placement:
         return np.full((len(poses), 3), np.nan)
     first = 0 if placed else len(saved.covariance.placement)
-    columns = point_columns(saved, poses, observed)[:, :, first:]
-    variance: Array = np.sum((columns @ saved.covariance.values[first:, first:]) * columns, axis=2)
+    columns = point_columns(saved, poses, observed, saved.covariance.others)[:, :, first:]
+    variance: Array = np.sum((columns @ saved.covariance.predictive[first:, first:]) * columns, axis=2)
     return np.sqrt(np.maximum(variance, 0.0) + saved.discrepancy**2)
 
 

@@ -274,11 +274,12 @@ def recheck(session: Session) -> Recheck:
     blocks = blocks_of(problem, bundle)
     free, at = session.anew(problem), in_covariance(saved, problem)
     known = ~free & (at >= 0)
-    values, vectors = np.linalg.eigh(saved.covariance.values)
+    values, vectors = np.linalg.eigh(saved.covariance.predictive)
     sigma = max(saved.spread, REACHED)
     rows, (functions, made_up) = blocks.means(problem.columns), _functions(session, problem)
     own = -blocks.means(made_up)
     own[:, at[known]] += rows[:, known]
+    own = np.hstack([own, blocks.means(problem.effect_rows(saved.covariance.others, saved.model))])
     unsure = [own @ (vectors * np.sqrt(np.maximum(values, 0.0))), blocks.means(functions)]
     u, s, _ = np.linalg.svd(np.hstack(unsure) / sigma, full_matrices=False)
     spread = Spread(sigma, u, s)

@@ -8,7 +8,6 @@ import numpy as np
 
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array, Mask
-from gpmodel.calibration.result import Covariance
 from gpmodel.families.by_name import check_defined
 from gpmodel.families.catalogue import family
 from gpmodel.formula.expression import Basis, Columns
@@ -122,7 +121,9 @@ def usable(saved: SavedModel, *, session: bool = False, as_measured: bool = Fals
     found = saved if session else _after_the_session(saved)
     found = found if session or as_measured else of_the_mechanism(found)
     effects = tuple(_clamped(effect, saved.ranges) for effect in found.model.effects)
-    return replace(found, model=ErrorModel(saved.mechanism, effects))
+    others = tuple(_clamped(effect, saved.ranges) for effect in found.covariance.others)
+    covariance = replace(found.covariance, others=others)
+    return replace(found, model=ErrorModel(saved.mechanism, effects), covariance=covariance)
 
 
 def placed_now(saved: SavedModel) -> SavedModel:
@@ -184,15 +185,13 @@ def of_the_mechanism(saved: SavedModel) -> SavedModel:
 
 def _only(saved: SavedModel, kept: Mask) -> SavedModel:
     """The model with these of its effects (E,)."""
-    rows = np.concatenate([np.ones(len(saved.covariance.placement), dtype=bool), kept])
     model = ErrorModel(saved.mechanism, tuple(saved.model.effects[i] for i in np.flatnonzero(kept)))
-    covariance = saved.covariance
     return replace(
         saved,
         model=model,
         theta=saved.theta[kept],
         stderr=saved.stderr[kept],
-        covariance=Covariance(covariance.values[np.ix_(rows, rows)], covariance.placement, covariance.centre),
+        covariance=saved.covariance.only(kept),
         input_units=_still_read(saved, model),
     )
 

@@ -1,7 +1,7 @@
 """Result of a fit, with its diagnostics."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -41,11 +41,27 @@ class Covariance:
 
     placement: names of the P unknowns before the effects. centre: (3,) m in the instrument's frame, about which a
     twist of the registration turns.
+    others: (A,) effects that may be in the place of a finding, zero in the fit. over_causes: (P + E + A, P + E + A)
+    second moment of all unknowns about the fit over these causes, SI; empty where the fit has no alternative.
     """
 
     values: Array
     placement: tuple[str, ...]
     centre: Array
+    others: tuple[Effect, ...] = ()
+    over_causes: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def predictive(self) -> Array:
+        """(P + E + A, P + E + A) what a prediction is uncertain by."""
+        return self.over_causes if len(self.over_causes) else self.values
+
+    def only(self, kept: Mask) -> "Covariance":
+        """The covariance with some of its effects (E,)."""
+        rows = np.concatenate([np.ones(len(self.placement), dtype=bool), kept])
+        every = np.concatenate([rows, np.ones(len(self.others), dtype=bool)])
+        moments = self.over_causes[np.ix_(every, every)] if len(self.over_causes) else self.over_causes
+        return replace(self, values=self.values[np.ix_(rows, rows)], over_causes=moments)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +124,8 @@ class Calibration(Uncertainty):
     def effective(self) -> int:
         """Effective number of unknowns: of one with a prior 1 - (stderr / prior)². Source: MacKay (1992)."""
         prior = np.array([e.prior for e in self.model.effects])
-        held = np.clip(self.stderr[self.kept] / prior[self.kept], 0.0, 1.0)
+        fitted = np.sqrt(np.diag(self.covariance.values)[len(self.covariance.placement) :])
+        held = np.clip(fitted[self.kept] / prior[self.kept], 0.0, 1.0)
         return round(self.rank - float(np.sum(held**2)))
 
     def values_of(self, effects: Sequence[Effect]) -> list[float]:
@@ -191,7 +208,7 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     unseen = np.flatnonzero(problem.sizes <= ident.NEGLIGIBLE)
     whole[unseen], whole[:, unseen] = 0.0, 0.0
     everything = Covariance(whole, problem.placement_names, problem.observed.tip[:, :3, 3].mean(axis=0))
-    placed = _placed(fitted, problem, covariance[: problem.placement, : problem.placement])
+    placed = placed_numbers(fitted.placement, problem, covariance[: problem.placement, : problem.placement])
     known = freedom(fitted.problem, fitting.bundle, fitting.ratio, rank)
     return Uncertainty(stderr, correlation, everything, share, placed, sigma, known, rank)
 
@@ -206,16 +223,16 @@ def _rank(columns: Array) -> int:
     return int(np.linalg.matrix_rank(columns / _or_one(np.linalg.norm(columns, axis=0)), 1e-9))
 
 
-def _placed(fitted: Fitted, problem: Linearised, covariance: Array) -> tuple[Placed, ...]:
+def placed_numbers(placement: Placement, problem: Linearised, covariance: Array) -> tuple[Placed, ...]:
     """Registration and tool as numbers: place (m) of the root in the instrument's frame and of the tool point in the
     flange, and rotation vectors (rad)."""
     out: list[Placed] = []
     centre = problem.observed.tip[:, :3, 3].mean(axis=0)
-    for name, frame in fitted.placement.registration.items():
+    for name, frame in placement.registration.items():
         arm = frame[:3, 3] - centre
         turn = np.block([[np.eye(3), -se3.hat(arm)], [np.zeros((3, 3)), np.eye(3)]])
         out += _frame(f"registration{f' {name}' if name else ''}", frame, turn, problem, covariance)
-    for name, frame in fitted.placement.tool.items():
+    for name, frame in placement.tool.items():
         turn = np.zeros((6, 6))
         turn[:3, :3] = turn[3:, 3:] = frame[:3, :3]
         out += _frame(f"tool{f' {name}' if name else ''}", frame, turn, problem, covariance)

@@ -16,6 +16,7 @@ from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import INSTRUMENT, Mechanism
+from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, closing, observe, prepare
 from gpmodel.model.states import measured_torques
 from gpmodel.numerics import rank as ident
@@ -187,7 +188,7 @@ def rivals_of_constants(calibration: Calibration, poses: Poses, pool: Iterable[C
     told = _telling(here, fresh, [(k, candidate, sizes) for k, candidate, sizes, _ in found])
     for (k, candidate, sizes, apart), poses_and_sizes in zip(found, told, strict=True):
         effect, moves = model.effects[k], float(np.linalg.norm(here.of(candidate) @ sizes)) / np.sqrt(len(poses))
-        session = _session(poses, model.mechanism, candidate)
+        session = of_the_session(poses, model.mechanism, candidate.effects)
         rivals.append(
             Rival(effect.name, float(theta[k]), effect.unit, candidate, sizes, moves, apart, *poses_and_sizes, session)
         )
@@ -227,17 +228,18 @@ def hidden_rivals(calibration: Calibration, poses: Poses) -> tuple[Rival, ...]:
     return tuple(best.values())[:LISTED]
 
 
-def _session(poses: Poses, mechanism: Mechanism, candidate: Candidate) -> tuple[str, ...]:
-    """Return the inputs of a candidate that joint values do not determine.
+def of_the_session(poses: Poses, mechanism: Mechanism, effects: Sequence[Effect]) -> tuple[str, ...]:
+    """Return the inputs of effects that joint values do not determine.
 
     These are the instrument, or inputs other than joint values, the point, and computed loads.
     """
-    if any(INSTRUMENT in effect.slots for effect in candidate.effects):
+    if any(INSTRUMENT in effect.slots for effect in effects):
         return (INSTRUMENT,)
     loads = set(mechanism.loads(poses.dataset.q[:1], poses.dataset.payload[:1]))
     loads -= {f"torque_{joint}" for joint in measured_torques(mechanism, poses.dataset)}
     known, weights = {joint.name for joint in mechanism.joints} | {"x", "y", "z"} | loads, poses.states.weights
-    return tuple(n for n in candidate.inputs if n not in known and not (weights and weights.column(n) is not None))
+    inputs = dict.fromkeys(name for effect in effects for name in effect.inputs)
+    return tuple(n for n in inputs if n not in known and not (weights and weights.column(n) is not None))
 
 
 def _anywhere(calibration: Calibration, poses: Poses) -> Poses:
@@ -265,7 +267,9 @@ def _telling(
     """
     mechanism, poses = fresh.calibration.model.mechanism, fresh.problem.poses
     out = [(np.zeros((0, len(mechanism.joints))), np.zeros(0))] * len(found)
-    open_to_poses = [i for i, (_, candidate, _) in enumerate(found) if not _session(poses, mechanism, candidate)]
+    open_to_poses = [
+        i for i, (_, candidate, _) in enumerate(found) if not of_the_session(poses, mechanism, candidate.effects)
+    ]
     for k in sorted({found[i][0] for i in open_to_poses}):
         mine = [i for i in open_to_poses if found[i][0] == k]
         differ, rows = (

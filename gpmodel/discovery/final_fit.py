@@ -46,7 +46,8 @@ def final_fit(state: State, fit: Calibration) -> FinalFit:
     found, changes, whole = _settled(state, located, theta, settled)
     units = state.poses.states.units
     known = [(*constants_in_words(c, own, whole, units), *_events(c)) for c, own in zip(found, changes, strict=True)]
-    return FinalFit(whole, found, tuple(known))
+    moving = {c.name: tuple(change.effect for change in own) for c, own in zip(found, changes, strict=True)}
+    return FinalFit(whole, found, tuple(known), moving)
 
 
 def _settled(

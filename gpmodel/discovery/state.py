@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -65,11 +65,12 @@ class Round:
 
 @dataclass(frozen=True)
 class FinalFit:
-    """Fit to all poses, its findings, and the fitted constants inside each, in order."""
+    """Fit to all poses, its findings, the fitted constants inside each, in order, and their changes by finding."""
 
     calibration: Calibration
     candidates: tuple[Candidate, ...]
     constants: tuple[tuple[FittedConstant, ...], ...]
+    changes: Mapping[str, tuple[Effect, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -78,12 +78,10 @@ def effect_records(
     candidates: Sequence[Candidate],
     names: Mapping[str, str],
     states: States,
-    moved: Sequence[Array] = (),
 ) -> tuple[EffectRecord, ...]:
     """Candidates as a fit to `poses` has them, each with what it moves the tool by at the measured poses and anywhere.
 
-    names: of the table. states: of the poses. moved: standard deviations of the effects of each over the rivals of the
-    others, where there are any.
+    names: of the table. states: of the poses.
     """
     groups = [candidate.effects for candidate in candidates]
     if not groups:
@@ -92,9 +90,8 @@ def effect_records(
     anywhere = over_the_workspace(final, poses, groups)
     alone = fitted.moves_alone(final, poses, groups)
     out = []
-    apart: Sequence[Array | None] = moved or [None] * len(groups)
-    for candidate, move, far, own, spread in zip(candidates, moves, anywhere, alone, apart, strict=True):
-        number = quantity(final, candidate, states, spread)
+    for candidate, move, far, own in zip(candidates, moves, anywhere, alone, strict=True):
+        number = quantity(final, candidate, states)
         at_poses, there = _sizes((points, move)), _sizes(far)
         out.append(
             EffectRecord(

@@ -1,6 +1,5 @@
 """The Report of a discovery."""
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -8,8 +7,6 @@ import numpy as np
 
 from gpmodel.application.heldout import shipped, unseen_of
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.over_causes import spreads, tool_spreads
-from gpmodel.arrays import Array
 from gpmodel.calibration.unobservable import unobservable_families
 from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.discovery.state import Discovery, Round
@@ -29,7 +26,7 @@ from gpmodel.report.build import Ladder, build, orientation_record, reading_reco
 from gpmodel.report.effects import effect_records, named_effects
 from gpmodel.report.origin import Origin
 from gpmodel.report.quantity import shape_record
-from gpmodel.report.schema import REGISTRATION, STANDARD, ParameterRecord, Report
+from gpmodel.report.schema import REGISTRATION, STANDARD, Report
 from gpmodel.report.schema_search import (
     CandidateRecord,
     CauseRecord,
@@ -129,16 +126,15 @@ def from_discovery(discovery: Discovery, origin: Origin, saved: SavedModel | Non
     poses, final = discovery.poses, discovery.final
     names = names_of(poses.dataset)
     unobservable = tuple(translate(name, names) for name in unobservable_families(final, poses))
-    parts, moved = unseen_of(discovery), spreads(discovery)
+    parts = unseen_of(discovery)
     ladder = Ladder(poses, discovery.train, discovery.steps, final, (), None, saved, shipped(discovery), parts)
     common = build("discover", ladder, origin)
     if discovery.folds:
         common = _by_folds(common, discovery)
     report = replace(
         common,
-        effects=tuple(_effects(discovery, names, moved)),
+        effects=tuple(_effects(discovery, names)),
         histograms=_histograms(discovery, names),
-        placement=tuple(_widened(common.placement, tool_spreads(discovery))),
         rounds=tuple(_round(r, _as_fitted(discovery), names) for r in discovery.rounds),
         rank_curve=common.rank_curve or discovery.steps[1].calibration.rank_curve,
         stopped=discovery.stopped,
@@ -177,14 +173,10 @@ def _histograms(discovery: Discovery, names: Mapping[str, str]) -> tuple[Histogr
     return tuple(in_the_table(h, names) for h in counted) if any(sum(h.runs.values()) for h in counted) else ()
 
 
-def _effects(
-    discovery: Discovery, names: Mapping[str, str], moved: Sequence[Mapping[str, float]]
-) -> Iterator[EffectRecord]:
+def _effects(discovery: Discovery, names: Mapping[str, str]) -> Iterator[EffectRecord]:
     """All findings, with what speaks for each."""
     poses, steps = discovery.poses, {step.finding: step for step in discovery.steps}
-    records = effect_records(
-        discovery.found, poses, discovery.fitted.candidates, names, poses.states, tuple(_moved(discovery, moved))
-    )
+    records = effect_records(discovery.found, poses, discovery.fitted.candidates, names, poses.states)
     formulas = fronts(discovery)
     for i, record in enumerate(records):
         finding, hypothesis, step = discovery.findings[i], discovery.findings[i].hypothesis, steps.get(i)
@@ -216,29 +208,6 @@ def _causes(hypothesis: Hypothesis, name: str, names: Mapping[str, str]) -> Iter
     for cause in hypothesis.causes.causes if hypothesis.causes else ():
         said = tuple(name if g.name == found else translate(g.name, names) for g in cause.groups)
         yield CauseRecord(said, cause.probability, cause.own)
-
-
-def _widened(placement: Sequence[ParameterRecord], moved: Sequence[Mapping[str, float]]) -> Iterator[ParameterRecord]:
-    """Widen the standard errors of tool points by how far other candidates of the catalogue would move them.
-
-    Steps of a tool point are along the axes of the flange, as its numbers are.
-    """
-    for number in placement:
-        step = number.name[:-1] + f"T{number.name[-1]}"
-        more = [by[step] for by in moved if step in by and number.name.startswith("tool")]
-        known = number.stderr is not None and bool(more)
-        yield replace(number, stderr=math.hypot(number.stderr or 0.0, *more)) if known else number
-
-
-def _moved(discovery: Discovery, every: Sequence[Mapping[str, float]]) -> Iterator[Array]:
-    """Standard deviations (E,) of the effects of every finding over the causes of the others; zero where the fit to all
-    poses has another number of them, as of the radii of a hysteresis."""
-    for i, finding in enumerate(discovery.findings):
-        others = [*every[:i], *every[i + 1 :]]
-        names = [effect.name for effect in finding.candidate.effects]
-        spread = np.array([math.hypot(*(other.get(name, 0.0) for other in others)) for name in names])
-        fitted_to_all = len(discovery.fitted.candidates[i].effects)
-        yield spread if len(spread) == fitted_to_all else np.zeros(fitted_to_all)
 
 
 def _tests(hypothesis: Hypothesis) -> tuple[TestRecord, ...]:

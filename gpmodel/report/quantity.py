@@ -34,11 +34,11 @@ def indices(calibration: Calibration, candidate: Candidate) -> list[int]:
     return [at[e.name] for e in candidate.effects]
 
 
-def quantity(calibration: Calibration, candidate: Candidate, states: States, moved: Array | None = None) -> Quantity:
+def quantity(calibration: Calibration, candidate: Candidate, states: States) -> Quantity:
     """One number for a finding.
 
     Its amplitude, the deviation propagated through the covariance; of a harmonic the basis is A sin(x + p) with its
-    phase p. moved: standard deviations (E,) of its effects over the rivals of other findings, independent of it.
+    phase p.
     """
     at = indices(calibration, candidate)
     theta = calibration.theta[at]
@@ -47,8 +47,6 @@ def quantity(calibration: Calibration, candidate: Candidate, states: States, mov
     covariance = calibration.correlation[np.ix_(at, at)] * np.outer(deviation, deviation)
     single = candidate.kind == "single"
     stderr = float(deviation[0]) if single else float(np.sqrt(slope @ covariance @ slope))
-    if moved is not None:
-        stderr = float(np.hypot(stderr, np.linalg.norm((1.0 if single else slope) * moved)))
     share = float(np.min(calibration.unique_share[at]))
     return Quantity(value, stderr, _basis_in_words(candidate, theta), candidate.unit, share)
 
