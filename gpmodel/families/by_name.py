@@ -51,7 +51,7 @@ def one_effect_named(name: str, mechanism: Mechanism, states: States) -> tuple[E
 
     Raises InputError also for a family of several instances.
     """
-    instances = _instances(name, mechanism, states)
+    instances = [c.name for c in catalogue.of_family(name, mechanism, states)]
     if len(instances) > 1:
         raise InputError(
             f"effect '{name}' is {len(instances)} here; name one of {'; '.join(instances[:MOST_INSTANCES])}"
@@ -64,15 +64,9 @@ def _written_out(name: str) -> tuple[Effect, ...]:
     return (effect_at(name, slot, axis, Expression(text)),)
 
 
-def _instances(name: str, mechanism: Mechanism, states: States) -> list[str]:
-    return [c.name for c in catalogue.candidates(mechanism, states) if c.family == name]
-
-
 def _of_catalogue(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:
-    instances = _instances(name, mechanism, states)
+    instances = catalogue.of_family(name, mechanism, states)
     if len(instances) > MOST_INSTANCES:
-        few = "; ".join(instances[:MOST_INSTANCES])
+        few = "; ".join(c.name for c in instances[:MOST_INSTANCES])
         raise InputError(f"effect '{name}' is {len(instances)} here; name one, for example {few}")
-    if not instances:
-        return catalogue.build(name, mechanism, states)
-    return tuple(e for instance in instances for e in catalogue.build(instance, mechanism, states))
+    return tuple(e for c in instances for e in c.effects) or catalogue.build(name, mechanism, states)

@@ -4,9 +4,10 @@ The entry bar for a family: a cited mechanism, or a recorded discovery.
 """
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
+from itertools import islice
 
 from gpmodel.errors import InputError, choices
 from gpmodel.families import angle as families_angle
@@ -218,24 +219,32 @@ def explained(name: str) -> str:
 def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:
     """Effects of `family`, `family JOINT`, a candidate's or a single effect's full name, as on a command line.
 
+    A name that begins with a family's is searched in that family first: the others need not be enumerated.
     Raises InputError for an unknown name, or one with no instance on this mechanism and table.
     """
-    pool = candidates(mechanism, states)
-    exact = [c for c in pool if c.name == name]
-    if exact:
-        return exact[0].effects
-    single = next((e for c in pool for e in c.effects if e.name == name), None)
-    if single is not None:
-        return (single,)
     first, *words = name.split() or [""]
-    of_family = [c for c in pool if c.family == first]
+    pool = of_family(first, mechanism, states)
+    found = _of_full_name(name, pool)
+    wanted = [c for c in pool if all(_mentions(c.name, w, mechanism) for w in words)]
+    if found or wanted:
+        return found or wanted[0].effects
+    found = _of_full_name(name, candidates(mechanism, states))
+    if found:
+        return found
     if first not in names():
         raise InputError(f"effect '{name}' is unknown; available: {choices(first, names())}")
-    wanted = [c for c in of_family if all(_mentions(c.name, w, mechanism) for w in words)]
-    if not wanted:
-        instances = choices(name, (c.name for c in of_family)) if of_family else "none on this mechanism and table"
-        raise InputError(f"effect '{name}' has no instance here; of {first} there are: {instances}")
-    return wanted[0].effects
+    instances = choices(name, (c.name for c in pool)) if pool else "none on this mechanism and table"
+    raise InputError(f"effect '{name}' has no instance here; of {first} there are: {instances}")
+
+
+def of_family(name: str, mechanism: Mechanism, states: States) -> tuple[Candidate, ...]:
+    """Every instance of the family of that name; none where no family that can be named has it."""
+    return candidates(mechanism, states, [f for f in catalogue if f.name == name])
+
+
+def _of_full_name(name: str, pool: Sequence[Candidate]) -> tuple[Effect, ...]:
+    exact = next((c.effects for c in pool if c.name == name), ())
+    return exact or tuple(islice((e for c in pool for e in c.effects if e.name == name), 1))
 
 
 def _mentions(text: str, word: str, mechanism: Mechanism) -> bool:
