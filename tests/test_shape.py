@@ -35,12 +35,17 @@ def name_of(path: Path) -> str:
     return path.relative_to(ROOT / "gpmodel" if path.is_relative_to(ROOT / "gpmodel") else ROOT).as_posix()
 
 
+@cache
+def nodes_of(path: Path) -> list[ast.AST]:
+    """The nodes of the syntax tree of a file, walked once for all tests."""
+    return list(ast.walk(tree_of(path)))
+
+
 def functions(paths: list[Path]) -> Iterator[Entry]:
     """Every function and method outside the kernels, with its class."""
     for path in paths:
-        tree = tree_of(path)
-        owner = {f: c for c in ast.walk(tree) if isinstance(c, ast.ClassDef) for f in c.body}
-        for node in ast.walk(tree):
+        owner = {f: c for c in nodes_of(path) if isinstance(c, ast.ClassDef) for f in c.body}
+        for node in nodes_of(path):
             if isinstance(node, Function) and KERNELS not in path.parents:
                 yield path, owner.get(node), node
 
@@ -126,7 +131,7 @@ FROM_TEXT = {
 
 
 def test_nothing_is_of_any_type_but_what_is_read_of_text() -> None:
-    names = {p: {n.id for n in ast.walk(tree_of(p)) if isinstance(n, ast.Name)} for p in PRODUCT}
+    names = {p: {n.id for n in nodes_of(p) if isinstance(n, ast.Name)} for p in PRODUCT}
     assert {name_of(p) for p in PRODUCT if "Any" in names[p]} <= FROM_TEXT
 
 

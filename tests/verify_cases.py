@@ -1,6 +1,7 @@
 """A calibrated robot, and what an instrument at another place reads of it later."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from cli_cases import robot
@@ -17,6 +18,7 @@ NOISE = 2e-5
 Fitted = tuple[gp.Model, Simulation]
 
 
+@cache
 def fitted_robot() -> Fitted:
     """A robot whose base yields, with its measurement."""
     arm, made = robot(60, seed=3, noise=NOISE, effects=("base_compliance=5e-9",))

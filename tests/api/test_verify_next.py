@@ -1,5 +1,6 @@
 """A check that goes on pose by pose: it ends soon, names what changed, and proposes poses that tell."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -38,9 +39,10 @@ def errors(model: gp.Model, made: Simulation, joint: int, moved: float) -> float
     )
 
 
-def checked(fitted: Fitted, joint: int = 0, moved: float = 0.0) -> tuple[NextCheck, np.ndarray]:
+@cache
+def checked(joint: int = 0, moved: float = 0.0) -> tuple[NextCheck, np.ndarray]:
     """A check to its end, and the poses it took."""
-    model, made = fitted
+    model, made = fitted_robot()
     found, q = gp.verify_next(model), np.zeros((0, len(made.model.mechanism.joints)))
     while found.next is not None:
         q = np.vstack([q, np.radians(found.next.to_numpy(dtype=float))])
@@ -55,17 +57,18 @@ def test_all_looks_together_spend_the_false_alarm() -> None:
     assert spent < FALSE_ALARM
 
 
-def test_a_machine_that_did_not_change_is_good_after_a_few_different_poses(fitted: Fitted) -> None:
-    found, q = checked(fitted)
+def test_a_machine_that_did_not_change_is_good_after_a_few_different_poses() -> None:
+    found, q = checked()
     assert found.holds
     assert FIRST <= found.poses == len(q) <= 12
     assert len(np.unique(q.round(6), axis=0)) == len(q)
     assert "would have been seen" in found.summary()
+    assert found.repaired is None
 
 
 @pytest.mark.parametrize("joint", [1, 2, 3])
-def test_a_zero_that_moved_is_named_within_twelve_poses(fitted: Fitted, joint: int) -> None:
-    found, q = checked(fitted, joint, 5e-4)
+def test_a_zero_that_moved_is_named_within_twelve_poses(joint: int) -> None:
+    found, q = checked(joint, 5e-4)
     assert found.holds is False
     assert found.judged is not None
     change = found.judged.record.changes[0]
@@ -79,7 +82,7 @@ def test_the_repaired_model_predicts_as_the_old_one_did_before_the_change(
     fitted: Fitted, joint: int, tmp_path: Path
 ) -> None:
     model, made = fitted
-    found, q = checked(fitted, joint, 5e-4)
+    found, q = checked(joint, 5e-4)
     assert found.repaired is not None
     (number,) = found.repaired.found.numbers
     assert number.name == f"zero of J{joint + 1}"
@@ -150,10 +153,6 @@ def test_a_model_with_an_effect_of_its_session_is_repaired_too(fitted: Fitted, t
     assert errors(again, made, 2, 5e-4) < min(2.5e3 * repair.found.expected, 0.3 * errors(model, made, 2, 5e-4))
 
 
-def test_a_machine_that_did_not_change_gets_no_repaired_model(fitted: Fitted) -> None:
-    assert checked(fitted)[0].repaired is None
-
-
 @pytest.mark.long
 def test_proposed_poses_show_more_than_poses_of_the_fit_at_random(fitted: Fitted) -> None:
     model, made = fitted
@@ -163,7 +162,7 @@ def test_proposed_poses_show_more_than_poses_of_the_fit_at_random(fitted: Fitted
         assert judged is not None
         return max(zero.size or 1.0 for zero in judged.record.visible[1:])
 
-    _, q = checked(fitted)
+    _, q = checked()
     rng = np.random.default_rng(1)
     random = [worst(made.dataset.q[rng.choice(len(made.dataset), len(q), replace=False)]) for _ in range(5)]
     assert worst(q) < np.median(random)
@@ -175,7 +174,7 @@ def test_the_command_says_the_next_pose_until_it_is_decided(fitted: Fitted, tmp_
     first = run("verify", tmp_path / "model.json", "--next")
     assert first.exit_code == 4
     assert f"0 of the {FIRST}" in first.output
-    _, q = checked(fitted)
+    _, q = checked()
     table = tmp_path / "later.csv"
     table.write_text(table_text(frame_of(measured(made, q[:-1], 0, 0.0), made.model.mechanism)), encoding="utf-8")
     open_still = run("verify", tmp_path / "model.json", table, "--next")
@@ -190,7 +189,7 @@ def test_the_command_says_the_next_pose_until_it_is_decided(fitted: Fitted, tmp_
 
 def test_the_command_leaves_the_repaired_model_where_it_is_told_to(fitted: Fitted, tmp_path: Path) -> None:
     model, made = fitted
-    _, q = checked(fitted, 1, 5e-4)
+    _, q = checked(1, 5e-4)
     judged, table = tmp_path / "model.json", tmp_path / "later.csv"
     model.save(judged)
     table.write_text(table_text(frame_of(measured(made, q, 1, 5e-4), made.model.mechanism)), encoding="utf-8")

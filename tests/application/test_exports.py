@@ -52,7 +52,7 @@ def fitted(name: str) -> Model:
     return calibrate(mechanism, made.dataset, [text.rpartition("=")[0] for text in effects]).model
 
 
-@pytest.fixture(scope="module", params=EFFECTS)
+@pytest.fixture(scope="module", params=["irb6400r", *(pytest.param(a, marks=pytest.mark.long) for a in ("ur5", "panda"))])
 def model(request: pytest.FixtureRequest) -> Model:
     return fitted(request.param)
 

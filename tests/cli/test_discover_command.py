@@ -10,6 +10,7 @@ from unittest import mock
 import numpy as np
 import pandas as pd
 import pytest
+from brief_results import brief
 from cli_cases import one_line, run, table, write
 
 from gpmodel.api import discover as api
@@ -61,7 +62,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def done(measured: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of one finished run."""
     out = tmp_path_factory.mktemp("runs") / "out"
-    with quick_search():
+    with quick_search(), brief():
         discover(measured, "--out", out, "--noise", "0.03mm", "--holdout", "0.3")
     return out
 
