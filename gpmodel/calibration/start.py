@@ -152,13 +152,17 @@ def _tips(frames: Array, points: Array, tool: IntArray) -> Array:
 
 
 def _tool_points(frames: Array, position: Array, setup: IntArray, tool: IntArray, rows: IntArray, count: int) -> Array:
+    frames, tool = frames[rows], tool[rows]
+    of_setup = [setup[rows] == i for i in np.unique(setup[rows])]
+    parts = [(chosen, position[rows][chosen]) for chosen in of_setup]
+
     def misfit(flat: Array) -> Array:
-        tips = _tips(frames[rows], flat.reshape(count, 3), tool[rows])
+        tips = _tips(frames, flat.reshape(count, 3), tool)
         out = np.empty_like(tips)
-        for i in np.unique(setup[rows]):
-            chosen = setup[rows] == i
-            turn, shift = se3.fit_rotation(tips[chosen], position[rows][chosen])
-            out[chosen] = position[rows][chosen] - tips[chosen] @ turn.T - shift
+        for chosen, measured in parts:
+            seen = tips[chosen]
+            turn, shift = se3.fit_rotation(seen, measured)
+            out[chosen] = measured - seen @ turn.T - shift
         return np.append(out.ravel(), TOOL_PULL * flat)
 
     best = None

@@ -119,7 +119,10 @@ def along(axis: int, values: Array) -> Array:
 def nearest_rotation(rough: Array) -> Array:
     """The rotation (3, 3) nearest to a matrix in the least-squares sense. Source: Kabsch (1976)."""
     u, _, vt = np.linalg.svd(rough)
-    return np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt)) or 1.0]) @ vt)
+    turn = np.asarray(u @ vt)
+    (a, b, c), (d, e, f), (g, h, i) = turn.tolist()
+    reflected = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0
+    return np.asarray((u * [1.0, 1.0, -1.0]) @ vt) if reflected else turn
 
 
 def chain(transforms: Array) -> Array:

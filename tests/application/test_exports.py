@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from cli_cases import one_line, robot, run
+from instances import some
 from latex_reading import read_latex
 from scipy.interpolate import RegularGridInterpolator
 
@@ -52,7 +53,7 @@ def fitted(name: str) -> Model:
     return calibrate(mechanism, made.dataset, [text.rpartition("=")[0] for text in effects]).model
 
 
-@pytest.fixture(scope="module", params=["irb6400r", *(pytest.param(a, marks=pytest.mark.long) for a in ("ur5", "panda"))])
+@pytest.fixture(scope="module", params=some(EFFECTS, "irb6400r"))
 def model(request: pytest.FixtureRequest) -> Model:
     return fitted(request.param)
 

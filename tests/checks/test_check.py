@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cli_cases import robot, run, table, write
+from instances import some
 
 from gpmodel.checks.judge import check_dataset, refuse
 from gpmodel.checks.mixed_up import mixed_up
@@ -28,7 +29,7 @@ def warnings_of(mechanism: Mechanism, dataset: Dataset) -> list[str]:
     return [f.text for f in findings if f.severity == "warning"]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", some(range(3), 0))
 @pytest.mark.parametrize("arm", ARMS)
 def test_good_tables_of_real_arms_pass_without_a_warning(arm: str, seed: int) -> None:
     mechanism, made = robot(60, seed, arm)

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from cli_cases import numbers, one_line, robot, run, table, write
+from instances import some
 
 import gpmodel as gp
 from gpmodel.checks.judge import MOST_FITTED, check_dataset, evenly
@@ -293,7 +294,7 @@ FEW: dict[str, tuple[Callable[[], pd.DataFrame], str]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", FEW)
+@pytest.mark.parametrize("case", some(FEW, "one digit", "ten rows shuffled"))
 def test_a_few_bad_readings_are_named_and_the_table_stays_fit(case: str) -> None:
     make, said = FEW[case]
     judged = gp.check("irb6400r", make())
