@@ -141,7 +141,7 @@ def numbers(found: Discovery) -> list[float]:
         out += [*step.train_error, *step.heldout_error]
     for entry in found.rounds:
         out += [*entry.exploration.null_nats, *entry.exploration.histogram.p_values]
-        out += [v for h in entry.hypotheses for v in (h.score.nats, h.p_value, h.cv_rms)]
+        out += [v for h in entry.hypotheses for v in (h.score.nats, h.chance.p, h.cv_rms)]
     return [float(v) for v in out]
 
 

@@ -39,19 +39,9 @@ class Hypothesis:
         return self.verdict.accepted
 
     @property
-    def p_value(self) -> float:
-        """Probability of scoring as well by chance."""
-        return self.chance.p
-
-    @property
-    def shuffles(self) -> int:
-        """Number of permuted residuals behind the chance."""
-        return self.chance.shuffles
-
-    @property
     def why(self) -> str:
         """The reason of the verdict, in words."""
-        chance = wording.chance(self.p_value, self.shuffles, self.chance.of)
+        chance = wording.chance(self.chance.p, self.chance.shuffles, self.chance.of)
         return self.verdict.why or f"removes {100 * self.score.gain:.0f} % of the residual energy, p {chance}"
 
 

@@ -18,7 +18,6 @@ from gpmodel.families.candidate import Candidate, is_program
 from gpmodel.selection.causes import credible_set
 from gpmodel.selection.posterior import Active
 from gpmodel.selection.result import Kept
-from gpmodel.selection.scan import Scan
 from gpmodel.selection.sparse_bayes import reestimate
 
 
@@ -60,7 +59,7 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_a
         found = judged[name]
         if not found.accepted:
             return found
-        causes = credible_set(products, number[name], *problem.smooth_sites)
+        causes = credible_set(model, number[name], *problem.smooth_sites)
         others = [group for cause in causes.causes for group in cause.groups if group.name != name]
         if not others:
             return replace(found, causes=causes)
@@ -73,7 +72,7 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_a
         return Judged(tuple(judged[name] for name in candidates), calibration)
     number = {last.chosen.active.pool.groups[g].name: g for g in last.chosen.active.found}
     failed = (number[name] for name, hypothesis in judged.items() if not hypothesis.accepted)
-    products = Scan(reestimate(reduce(Active.without, failed, last.chosen.active)))
+    model = reestimate(reduce(Active.without, failed, last.chosen.active))
     residual(calibration)  # once, before workers share it
     judged = of_each(candidates, with_causes)
     return Judged(tuple(judged.values()), calibration)

@@ -19,7 +19,7 @@ from gpmodel.model.sites import Site
 from gpmodel.numerics.interval import COVERAGE
 from gpmodel.selection.group import Group, is_curve
 from gpmodel.selection.posterior import Active
-from gpmodel.selection.scan import Scan
+from gpmodel.selection.scan import Scan, beside_curves
 from gpmodel.selection.smooth_terms import nats_without_a_name
 from gpmodel.selection.sparse_bayes import prune, reestimate
 
@@ -56,10 +56,9 @@ class CredibleSet:
         return tuple(cause for cause in self.causes if not cause.own)
 
 
-def credible_set(products: Scan, g: int, sites: Sequence[Site] = (), inputs: Sequence[str] = ()) -> CredibleSet:
+def credible_set(model: Active, g: int, sites: Sequence[Site] = (), inputs: Sequence[str] = ()) -> CredibleSet:
     """Weigh all candidates in the place of a selected group. sites, inputs: of smooth terms."""
-    model = products.active
-    near, group = dict(_near(products, g)), model.pool.groups[g]
+    near, group = dict(_near(model, g)), model.pool.groups[g]
     unnamed = _smooth_terms(model, g, sites, inputs) if _named(group) else np.zeros(0)
     total = float(logsumexp([*near.values(), *unnamed]))
     named = {h: float(np.exp(value - total)) for h, value in near.items() if _named(model.pool.groups[h])}
@@ -76,12 +75,15 @@ def _named(group: Group) -> bool:
     return bool(group.family) and not is_curve(group)
 
 
-def _near(products: Scan, g: int) -> Iterable[tuple[int, float]]:
-    """Candidates in the place of a group, itself among them, with the objective (nats) of the model with each."""
-    model = products.active
+def _near(model: Active, g: int) -> Iterable[tuple[int, float]]:
+    """Candidates in the place of a group, itself among them, with the objective (nats) of the model with each.
+
+    Curves of other groups are held.
+    """
     yield g, model.objective
+    model = beside_curves(model, [g], model.pools)
     fewer = model.without(g)
-    gains, variances, _ = products.gains(model.net_gain(g) - NEAR + fewer.prices, [g])
+    gains, variances, _ = Scan(fewer).gains(model.net_gain(g) - NEAR + fewer.prices)
     smooth = [h for h, group in enumerate(model.pool.groups) if group.found_by == SMOOTH_TERM]
     net = gains - fewer.prices
     net[[*model.variances, *smooth]] = -np.inf

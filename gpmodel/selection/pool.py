@@ -132,8 +132,11 @@ class GroupPool:
     sizes: (G,) effects of each group. cost, price, reading: (G,) nats to describe each group, to let it enter, and to
     read it. block: (G,) number of the kind at several joints that it is a part of, -1 for none. wholes: (B,) number of
     the group of each such kind. shared: (B,) nats that further parts need not say again: all but which of n joints it
-    is. rhs: (E,) products of the distinct unit columns with the target, whitened and cleaned.
+    is. square: yᵀy of the target, whitened and cleaned. rhs: (E,) its products with the distinct unit columns.
+    constant, reading_held, kinds_held: what held groups add to the objective, lose a reader, and are of each kind.
     """
+
+    constant, reading_held, kinds_held = 0.0, 0.0, np.zeros(1, np.int64)
 
     def __init__(self, rows: Rows, groups: Sequence[Group], prices: Price) -> None:
         self.rows, self.groups, self.prices = rows, tuple(groups), prices
@@ -160,13 +163,16 @@ class GroupPool:
         self.block = np.array([of_part.get(g.name, -1) for g in self.groups], dtype=np.int64)
         self.shared = np.array([max(parts[0].cost - math.log(len(parts)), 0.0) for parts in blocks])
         self.atoms = Atoms(rows, self.effects)
-        self.rhs = self.atoms.cross(rows.target[:, None])[:, 0]
+        self.rhs, self.square = self.atoms.cross(rows.target[:, None])[:, 0], float(rows.target @ rows.target)
+        self.classes = tuple(self._classes())
+        self._nothing_formed()
+
+    def _nothing_formed(self) -> None:
         self._columns: dict[int, Array] = {}
         self._crossed: dict[int, Array] = {}
         self._start: dict[int, int] = {}
         self._effects, self._spreads, self._products = np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 0))
         self._gram: tuple[object, Array] = (None, np.zeros((0, 0)))
-        self.classes = tuple(self._classes())
 
     def _classes(self) -> list[SizeClass]:
         out = []
@@ -174,13 +180,10 @@ class GroupPool:
             ids = np.flatnonzero(self.sizes == size)
             index = np.array([self.index[g] for g in ids])
             spreads = np.array([self.spreads[g] for g in ids])
-            inner = np.concatenate([self._inner(part) for part in np.array_split(index, self._parts(index))])
+            inner = np.concatenate([self._inner(part) for part in np.array_split(index, max(1, index.size // CHUNK))])
             inner *= spreads[:, :, None] * spreads[:, None, :]
             out.append(SizeClass(ids, index, spreads, inner, self.rhs[index] * spreads))
         return out
-
-    def _parts(self, index: IntArray) -> int:
-        return max(1, index.size // CHUNK)
 
     def _inner(self, index: IntArray) -> Array:
         """XᵀX (G, K, K) of unit columns, whitened, placement projected out."""
@@ -194,16 +197,21 @@ class GroupPool:
     def crossed(self, g: int) -> Array:
         """Products (E, K) of every distinct unit column with the scaled columns of group g."""
         if g not in self._crossed:
-            self._crossed[g] = self.atoms.cross(self.columns(g))
+            self._crossed[g] = self._crossed_with(g)
         return self._crossed[g]
+
+    def _crossed_with(self, g: int) -> Array:
+        return self.atoms.cross(self.columns(g))
 
     def columns(self, g: int) -> Array:
         """Scaled columns (M, K) of a group, whitened and cleaned."""
         if g not in self._columns:
-            rows = self.rows
-            own = rows.columns([self.effects[e] for e in self.index[g]]) * self.spreads[g]
-            self._columns[g] = rows.clean(rows.whitening.whiten(own))
+            self._columns[g] = self._cleaned(g)
         return self._columns[g]
+
+    def _cleaned(self, g: int) -> Array:
+        own = self.rows.columns([self.effects[e] for e in self.index[g]]) * self.spreads[g]
+        return self.rows.clean(self.rows.whitening.whiten(own))
 
     def gram(self, chosen: Mapping[int, IntArray]) -> Array:
         """Products (K, K) of the scaled columns of some groups, of those effects that are chosen.

@@ -15,7 +15,7 @@ from scipy import linalg
 from gpmodel.arrays import Array, IntArray
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evolution.variances import DECADES, best
-from gpmodel.selection.group import FEW
+from gpmodel.selection.group import FEW, Group
 from gpmodel.selection.pool import GroupPool
 
 LEAST_NOISE = 1e-8
@@ -43,16 +43,22 @@ class Active:
         effects = np.arange(len(self.pool.index[g]))[slice(None) if part is None else part]
         return replace(self, variances={**self.variances, g: variance}, chosen={**self.chosen, g: effects})
 
-    def beside_nothing(self) -> "Active":
-        """The model in a pool that has nothing else to offer, whose products are a fraction of the others'."""
-        pool = GroupPool(self.pool.rows, [self.pool.groups[g] for g in self.variances], self.pool.prices)
+    def beside(self, group: Group, variance: float) -> "Active":
+        """The model with a new group, in a pool that has nothing else to offer."""
+        pool = GroupPool(self.pool.rows, [*(self.pool.groups[g] for g in self.variances), group], self.pool.prices)
         variances = dict(enumerate(self.variances.values()))
-        return Active(pool, variances, dict(enumerate(self.chosen.values())), self.sigma2)
+        there = Active(pool, variances, dict(enumerate(self.chosen.values())), self.sigma2)
+        return there.added(len(variances), variance)
 
     def without(self, g: int) -> "Active":
         """The model without group g."""
         left = {k: v for k, v in self.variances.items() if k != g}
         return replace(self, variances=left, chosen={k: v for k, v in self.chosen.items() if k != g})
+
+    @cached_property
+    def pools(self) -> dict[frozenset[int], GroupPool]:
+        """The pool beside each set of its groups that was held."""
+        return {}
 
     @cached_property
     def blocks(self) -> dict[int, slice]:
@@ -121,9 +127,8 @@ class Active:
     @property
     def energy(self) -> float:
         """Sum of the squared residual: |y|² - yᵀAμ - σ² |μ|², as (σ² I + AᵀA) μ = Aᵀy."""
-        target = self.pool.rows.target
         taken = self.mean @ (self.rhs + self.sigma2 * self.mean) if self.variances else 0.0
-        return float(target @ target - taken)
+        return float(self.pool.square - taken)
 
     @cached_property
     def misfit(self) -> Array:
@@ -138,8 +143,7 @@ class Active:
     @cached_property
     def mismatch(self) -> float:
         """yᵀC⁻¹y of the cleaned target."""
-        y2 = float(self.pool.rows.target @ self.pool.rows.target)
-        return (y2 - float(np.sum((self.inverse @ self.rhs) ** 2))) / self.sigma2
+        return (self.pool.square - float(np.sum((self.inverse @ self.rhs) ** 2))) / self.sigma2
 
     @cached_property
     def evidence(self) -> float:
@@ -212,13 +216,18 @@ class Active:
     @cached_property
     def objective(self) -> float:
         """L: log marginal likelihood of the cleaned target less the price of every selected group, nats."""
-        paid = sum(float(self.pool.price[g]) + self._further_sites(g) for g in self.found)
-        return self.evidence - paid + float((self.of_kind - 1).clip(0) @ self.pool.shared)
+        shared = float((self.of_kind - 1).clip(0) @ self.pool.shared)
+        return self.pool.constant + self.evidence - self.paid + shared
+
+    @property
+    def paid(self) -> float:
+        """Sum of the prices of the selected groups, each as if alone, nats."""
+        return sum(float(self.pool.price[g]) + self._further_sites(g) for g in self.found)
 
     @property
     def utility(self) -> float:
         """The objective less what a reader loses by curves that name no part, nats."""
-        return self.objective - float(sum(self.pool.reading[g] for g in self.found))
+        return self.objective - self.pool.reading_held - float(sum(self.pool.reading[g] for g in self.found))
 
     def net_gain(self, g: int) -> float:
         """Gain of a group in the model less its price, nats."""
@@ -228,7 +237,7 @@ class Active:
     def of_kind(self) -> IntArray:
         """Number of selected groups (K,) of each kind that is offered at several joints."""
         kinds = self.pool.block[list(self.found)]
-        return np.bincount(kinds[kinds >= 0], minlength=len(self.pool.shared))
+        return self.pool.kinds_held + np.bincount(kinds[kinds >= 0], minlength=len(self.pool.shared))
 
     @cached_property
     def prices(self) -> Array:

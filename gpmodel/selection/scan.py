@@ -1,6 +1,8 @@
-"""Score every group given a model, or in the place of one of its groups."""
+"""Score every group given a model, and hold some of its groups while others change."""
 
 from collections.abc import Iterable
+from copy import copy
+from dataclasses import replace
 
 import numpy as np
 from scipy import linalg
@@ -8,17 +10,16 @@ from scipy import linalg
 from gpmodel.arrays import Array, IntArray
 from gpmodel.evidence.score import fitted, rotated, with_own_noise
 from gpmodel.evolution.variances import best
-from gpmodel.selection.pool import SizeClass
+from gpmodel.selection.group import FEW
+from gpmodel.selection.pool import GroupPool, SizeClass
 from gpmodel.selection.posterior import Active
 
 MEMORY = 4_000_000
 """Numbers held at once, 32 MB."""
-FREE = 1e4
-"""Factor on the variance of a group of few unknowns, at which its prior holds it no more."""
 
 
 class Scan:
-    """Score groups given a model: what each gains when it is added, or when it replaces selected groups.
+    """Score groups given a model: what each gains when it is added.
 
     table, right: whitened products T = XᵀA L⁻ᵀ (E, K) of the distinct columns with those of the model, and t = L⁻¹Aᵀy.
     classes: S (G, K, K) and XᵀC⁻¹y (G, K) of the groups of each size. among: groups to score; the gain of others is -∞.
@@ -46,65 +47,80 @@ class Scan:
 
     def _given_model(self, c: SizeClass) -> tuple[Array, Array]:
         inner, rhs = c.inner / self.active.sigma2, c.rhs / self.active.sigma2
-        for part in _chunks(c, self.table.shape[1]):
-            t = self._scaled(self.table, c, part)
+        parts = max(1, c.index.size * self.table.shape[1] // MEMORY)
+        for part in np.array_split(np.arange(len(c.ids)), parts):
+            t = self.table[self.place[c.index[part]]] * c.spreads[part][:, :, None]
             inner[part] -= (t @ np.swapaxes(t, 1, 2)) / self.active.sigma2
             rhs[part] -= (t @ self.right) / self.active.sigma2
         return inner, rhs
 
-    def _scaled(self, table: Array, c: SizeClass, part: IntArray) -> Array:
-        """Rows (G, K, ...) of a table for some groups of a class, times their spreads."""
-        return np.asarray(table[self.place[c.index[part]]] * c.spreads[part][:, :, None])
+    def gains(self, least: Array | None = None) -> tuple[Array, Array, Array]:
+        """Compute gain (G,), best variance (G,) and decrease of yᵀC⁻¹y (G,) of every group.
 
-    def gains(
-        self, least: Array | None = None, removed: Iterable[int] = (), freed: Iterable[int] = (), scaled: bool = False
-    ) -> tuple[Array, Array, Array]:
-        """Compute gain (G,), best variance (G,) and decrease of yᵀC⁻¹y (G,) of every group without the removed ones.
-
-        least: (G,) gain below which an upper bound is returned. freed: groups whose variances are multiplied by `FREE`.
-        scaled: the noise and all variances are multiplied by what makes yᵀC⁻¹y the degrees of freedom.
-        With columns A_D whose variances become 1 + δ times what they were (0: removed):
-        S' = S - W M⁻¹ Wᵀ,  W = XᵀA H_D,  M = 1/δ + I - σ² H_DD; XᵀC⁻¹y and yᵀC⁻¹y likewise.
+        Where no gain reaches `least` (G,), even with the noise estimated again: its bound ½ yᵀC⁻¹X S⁻¹ XᵀC⁻¹y.
         """
-        active, pool = self.active, self.active.pool
-        change = {**dict.fromkeys(freed, FREE - 1.0), **dict.fromkeys(removed, -1.0)}
-        columns = [np.arange(len(active.rhs))[active.blocks[g]] for g in change]
-        delta = np.repeat(list(change.values()), [len(at) for at in columns])
-        at = np.concatenate([np.zeros(0, np.int64), *columns])
-        start = int(at.min(initial=len(active.rhs)))
-        below = active.inverse[start:, at]
-        m, turn = np.linalg.eigh(np.diag(1.0 / delta + 1.0) - active.sigma2 * below.T @ below)
-        table, right = self.table[:, start:] @ (below @ turn), active.mean[at] @ turn
-        mismatch = active.mismatch - float(np.sum(right**2 / m))
-        scale, gains = mismatch / pool.rows.freedom if scaled else 1.0, np.full(len(pool.groups), -np.inf)
-        variances, fit = np.ones(len(pool.groups)), np.zeros(len(pool.groups))
+        pool, gains, mismatch = self.active.pool, np.full(len(self.active.pool.groups), -np.inf), self.active.mismatch
+        variances, fit = np.ones(len(gains)), np.zeros(len(gains))
         for c, inner, rhs in self.classes:
-            for part in _chunks(c, table.shape[1]):
-                t = self._scaled(table, c, part)
-                s = (inner[part] - (t / m) @ np.swapaxes(t, 1, 2)) / scale
-                q = (rhs[part] - t @ (right / m)) / scale
-                ids = c.ids[part]
-                some = np.full(len(ids), -np.inf) if least is None else least[ids]
-                gains[ids], variances[ids], fit[ids] = _gains(s, q, pool.cap[ids], mismatch / scale, some)
+            ridge = (1e-12 * np.trace(inner, axis1=1, axis2=2)[:, None, None] + 1e-300) * np.eye(inner.shape[-1])
+            bound = 0.5 * np.sum(rhs * np.linalg.solve(inner + ridge, rhs[:, :, None])[:, :, 0], axis=1)
+            some = -np.inf if least is None else least[c.ids]
+            gains[c.ids], able = bound, np.flatnonzero(with_own_noise(bound, 2.0 * bound, mismatch) >= some)
+            (s, q), ids = rotated(inner[able], rhs[able]), c.ids[able]
+            gains[ids], variances[ids] = best(s, q, pool.cap[ids])
+            fit[ids] = fitted(variances[ids], s, q)
         return gains, variances, fit
 
 
-def _gains(inner: Array, rhs: Array, cap: Array, mismatch: float, least: Array) -> tuple[Array, Array, Array]:
-    """Compute gain (G,), best variance (G,) and decrease of yᵀC⁻¹y (G,) of S (G, K, K) and XᵀC⁻¹y (G, K).
+class PoolBeside(GroupPool):
+    """Groups beside held ones, whose variances stay what they are in units of the noise.
 
-    Where no gain reaches `least` (G,), even with the noise estimated again: its upper bound ½ yᵀC⁻¹X S⁻¹ XᵀC⁻¹y.
+    With P = σ²C⁻¹ of the held groups every product is uᵀPv in the place of uᵀv: of what they leave of both.
     """
-    ridge = (1e-12 * np.trace(inner, axis1=1, axis2=2)[:, None, None] + 1e-300) * np.eye(inner.shape[-1])
-    gains = 0.5 * np.sum(rhs * np.linalg.solve(inner + ridge, rhs[:, :, None])[:, :, 0], axis=1)
-    variances, fit = np.ones(len(rhs)), np.zeros(len(rhs))
-    able = with_own_noise(gains, 2.0 * gains, mismatch) >= least
-    if able.any():
-        s, q = rotated(inner[able], rhs[able])
-        gains[able], variances[able] = best(s, q, cap[able])
-        fit[able] = fitted(variances[able], s, q)
-    return gains, variances, fit
+
+    def __init__(self, held: Active) -> None:
+        vars(self).update(vars(held.pool))
+        self.held, pool, scan = held, held.pool, Scan(held)
+        self._table, self.rows = scan.table, copy(pool.rows)
+        self.rows.target, self.square = held.left, held.sigma2 * held.mismatch
+        self.rhs = pool.rhs - scan.table @ scan.right
+        self.classes = tuple(replace(c, inner=held.sigma2 * s, rhs=held.sigma2 * q) for c, s, q in scan.classes)
+        self.price = pool.price.copy()
+        self.price[list(held.variances)] = np.inf
+        volume = 2.0 * np.sum(np.log(np.diag(held.lower))) - len(held.rhs) * np.log(held.sigma2)
+        self.constant = -held.paid - 0.5 * float(volume)
+        self.reading_held, self.kinds_held = float(pool.reading[list(held.found)].sum()), held.of_kind
+        self._nothing_formed()
+
+    def _crossed_with(self, g: int) -> Array:
+        return self.held.pool.crossed(g) - self._table @ (self.spreads[g][:, None] * self._table[self.index[g]]).T
+
+    def _cleaned(self, g: int) -> Array:
+        columns = self.held.pool.columns(g)
+        return columns - self.held.spanned @ (self.held.spanned.T @ columns)
 
 
-def _chunks(c: SizeClass, width: int) -> list[IntArray]:
-    """Divide the groups of a class into parts of bounded memory."""
-    return np.array_split(np.arange(len(c.ids)), max(1, c.index.size * width // MEMORY))
+def beside_curves(model: Active, moving: Iterable[int], pools: dict[frozenset[int], GroupPool]) -> Active:
+    """The same model with its groups of many unknowns held, but for those that move. pools: by the groups held."""
+    held = frozenset(g for g in model.found if model.pool.sizes[g] > FEW) - frozenset(moving)
+    if not held:
+        return model
+    own = [g for g in model.variances if g not in held]
+    if held not in pools:
+        pools[held] = PoolBeside(_part(model, held, model.pool))
+    return _part(model, own, pools[held])
+
+
+def whole(model: Active) -> Active:
+    """The same model with held groups among the others."""
+    if not isinstance(model.pool, PoolBeside):
+        return model
+    held, units = model.pool.held, model.sigma2 / model.pool.held.sigma2
+    variances = {g: units * a for g, a in held.variances.items()}
+    return Active(held.pool, variances | model.variances, held.chosen | model.chosen, model.sigma2)
+
+
+def _part(model: Active, groups: Iterable[int], pool: GroupPool) -> Active:
+    """Some groups of a model."""
+    own = sorted(groups)
+    return Active(pool, {g: model.variances[g] for g in own}, {g: model.chosen[g] for g in own}, model.sigma2)

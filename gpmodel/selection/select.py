@@ -22,8 +22,6 @@ from gpmodel.selection.sinusoids import propose_sinusoids
 from gpmodel.selection.smooth_terms import propose_smooth_terms
 from gpmodel.selection.sparse_bayes import exchange, grow
 
-Step = Callable[[Active], Active]
-
 Proposer = Callable[[Selection], tuple[Sequence[Group], frozenset[str]]]
 """Groups that the residual of a selection asks for, and the names of curves whose formulas are among them."""
 
@@ -48,7 +46,7 @@ def select(
         chosen = nothing_selected(calibration, poses, prices or Price(), offering.grids)
         groups = singles(offering, calibration.model.mechanism, chosen.offered.screening.shapes)
         new = _smooth_terms(chosen.active, offering)
-        step: Step = grow
+        step: Callable[[Active], Active] = grow
         seen = set[frozenset[str]]()  # a selection that recurs after another linearisation is no new one
         settled: frozenset[str] | None = None
         while True:
@@ -87,7 +85,9 @@ def nothing_selected(
     return Selection((), Offered(screening, base, (), (), grids), with_only(screening, base, state), state)
 
 
-def _among(before: Selection, groups: Sequence[Group], new: Sequence[Group], step: Step) -> Selection:
+def _among(
+    before: Selection, groups: Sequence[Group], new: Sequence[Group], step: Callable[[Active], Active]
+) -> Selection:
     """Take a step from where a selection ended, among its groups and new ones. Every group may come and go."""
     offered = before.offered
     known = {group.name for group in groups}

@@ -6,7 +6,7 @@ so that no column is formed for each frequency. Poses of one exchangeable block 
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -20,7 +20,6 @@ from gpmodel.formula.expression import DIGITS
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.states import States
 from gpmodel.selection.group import CAP, Group, Shapes, group_of
-from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.posterior import Active
 from gpmodel.selection.sparse_bayes import reestimate
 
@@ -121,7 +120,7 @@ def propose_sinusoids(active: Active, grids: Sequence[FrequencyGrid]) -> list[Gr
     The best sinusoid of a joint is sought again only where it would be the next. Source: Minoux (1978).
     """
     rows, found, fresh = active.pool.rows, list[Group](), set[int]()
-    names, active = {g.name for g in active.pool.groups}, active.beside_nothing()
+    names = {g.name for g in active.pool.groups}
     peaks = [(np.inf, 0.0)] * len(grids)
     there: dict[int, Spectrum] = {}
     while grids and len(found) < MOST_WAVES:
@@ -140,9 +139,7 @@ def propose_sinusoids(active: Active, grids: Sequence[FrequencyGrid]) -> list[Gr
             break
         found.append(group)
         names.add(group.name)
-        pool = GroupPool(rows, [*active.pool.groups, group], active.pool.prices)
-        wider = replace(active, pool=pool).added(len(pool.groups) - 1, 1e-10)
-        active, fresh = reestimate(wider), set()
+        active, fresh = reestimate(active.beside(group, 1e-10)), set()
     return found
 
 

@@ -22,12 +22,14 @@ from gpmodel.evidence.score import with_own_noise
 from gpmodel.selection.group import FEW
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.posterior import LEAST_NOISE, Active
-from gpmodel.selection.scan import FREE, Scan
+from gpmodel.selection.scan import Scan, beside_curves, whole
 
 TOLERANCE = 0.05
 """Nats: a smaller rise of L ends a loop."""
 SWEEPS = 30
 """Re-estimations at most; they end by themselves far earlier."""
+FREE = 1e4
+"""Factor on the variance of a group of few unknowns, at which its prior holds it no more."""
 SHORT_LIST = 100
 """Groups that are scanned again after a full scan, until none of them has a net gain."""
 TOGETHER, BEGIN, GO_ON = 3, 0.05, 0.33
@@ -41,18 +43,22 @@ line and a ramp, 12 %), then more than half. At a third, two exchanges in three 
 def exchange(model: Active, new: frozenset[str] | None = None) -> Active:
     """Maximise the utility over all groups of the pool, from the model that grows. Deterministic.
 
-    Removals wait in line: what was tried on an earlier model is tried again last, until none is better.
+    Removals wait in line: what was tried on an earlier model is tried again last, until none is better. Meanwhile the
+    other groups of many unknowns are held; what wins is then grown in full.
     new: names of groups with which every regrowth begins, where all others were tried before; None for all.
     """
-    model, tried = named_by_site(grow(model)), dict[frozenset[int], int]()
+    model, tried, pools = named_by_site(grow(model)), dict[frozenset[int], int](), dict[frozenset[int], GroupPool]()
     first = np.array([new is None or group.name in new for group in model.pool.groups])
-    waiting, beside = _removals(model), Scan(model)
+    waiting = _removals(model)
     while waiting:
         tried[removed := waiting.pop(0)] = len(tried)
-        better = next((t for t in _exchanged(beside, removed, first) if t.utility > model.utility + TOLERANCE), None)
-        if better is not None:
-            model = max(named_by_site(grow(better, reading=True)), better, key=lambda one: one.utility)
-            waiting, beside = sorted(_removals(model), key=lambda those: tried.get(those, -1)), Scan(model)
+        here = reestimate(beside_curves(model, removed, pools))
+        for trial in _exchanged(here, removed, first):
+            if trial.utility > here.utility + TOLERANCE:
+                trial = max(named_by_site(grow(whole(trial), reading=True)), whole(trial), key=lambda m: m.utility)
+                if trial.utility > model.utility + TOLERANCE:
+                    model, waiting = trial, sorted(_removals(trial), key=lambda those: tried.get(those, -1))
+                    break
     return model
 
 
@@ -104,7 +110,7 @@ def _removals(model: Active) -> list[frozenset[int]]:
     return [*alone, *(frozenset(several) for several in together.values() if len(several) > 1)]
 
 
-def _exchanged(beside: Scan, removed: frozenset[int], first: Mask) -> Iterator[Active]:
+def _exchanged(model: Active, removed: frozenset[int], first: Mask) -> Iterator[Active]:
     """Models grown again without some groups.
 
     Growth begins with the group of largest net gain among the first (G,), where the remaining groups may take any size:
@@ -112,16 +118,14 @@ def _exchanged(beside: Scan, removed: frozenset[int], first: Mask) -> Iterator[A
     their best approximation: what regained more than it lacks is forbidden once. In the place of a group of many
     unknowns groups of few are grown alone.
     """
-    model, pool = beside.active, beside.active.pool
-    fewer = reestimate(reduce(Active.without, removed, model), 4)
+    pool, fewer = model.pool, reestimate(reduce(Active.without, removed, model), 4)
     lost = model.utility - fewer.utility
     if lost < 0.0:
         yield fewer
     small = {g for g in fewer.found if pool.sizes[g] <= FEW}
     free = replace(fewer, variances={g: a * FREE if g in small else a for g, a in fewer.variances.items()})
-    price = fewer.prices + pool.reading
-    gains, variances, fit = beside.gains(price, removed, small, scaled=True)
-    net = with_own_noise(gains - price, fit, pool.rows.freedom)
+    gains, variances, fit = Scan(free).gains(fewer.prices + pool.reading)
+    net = with_own_noise(gains - fewer.prices - pool.reading, fit, free.mismatch)
     net[[*fewer.variances, *_forbidden(pool, removed)]] = -np.inf
 
     def regrown(net: Array, begin: Array) -> Active | None:

@@ -127,7 +127,7 @@ def test_held_out_poses_choose_nothing() -> None:
         np.testing.assert_array_equal(one.train_error, other.train_error)
         assert rms(one.heldout_error) > 10 * rms(other.heldout_error)
     for a, b in zip(spoilt.rounds, clean.rounds, strict=True):
-        assert [h.p_value for h in a.hypotheses] == [h.p_value for h in b.hypotheses]
+        assert [h.chance.p for h in a.hypotheses] == [h.chance.p for h in b.hypotheses]
         np.testing.assert_array_equal(a.exploration.null_nats, b.exploration.null_nats)
 
 

@@ -19,7 +19,6 @@ from gpmodel.selection.group import Shapes
 from gpmodel.selection.offers import Offering
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.posterior import Active
-from gpmodel.selection.scan import Scan
 from gpmodel.selection.sparse_bayes import grow, reestimate
 
 PLANTED = (
@@ -50,7 +49,7 @@ def said(found: CredibleSet) -> list[tuple[tuple[str, ...], float]]:
 )
 def test_the_planted_effect_is_in_a_set_that_holds_what_it_says(name: str, seed: int) -> None:
     model = grown(name, seed)
-    sets = [credible_set(Scan(model), g) for g in model.found]
+    sets = [credible_set(model, g) for g in model.found]
     assert any(name in found.names for found in sets)
     for found in sets:
         assert COVERAGE <= sum(cause.probability for cause in found.causes) + found.none <= 1.0 + 1e-9
@@ -67,13 +66,13 @@ def test_the_order_of_the_candidates_changes_nothing() -> None:
         chosen={place[g]: part for g, part in model.chosen.items()},
     )  # fmt: skip
     for g in model.found:
-        assert said(credible_set(Scan(again), place[g])) == said(credible_set(Scan(model), g))
+        assert said(credible_set(again, place[g])) == said(credible_set(model, g))
 
 
 def test_causes_that_no_measurement_distinguishes_are_one_line() -> None:
     """Sag under its own weight and a spring that does not balance it follow the sine and cosine of one angle."""
     model = grown(PLANTED[0], 3)
-    found = next(found for g in model.found if PLANTED[0] in (found := credible_set(Scan(model), g)).names)
+    found = next(found for g in model.found if PLANTED[0] in (found := credible_set(model, g)).names)
     line = next(names for names, _ in said(found) if PLANTED[0] in names)
     assert len(line) > 1
     assert all(", J2" in name for name in line)
@@ -88,6 +87,6 @@ def test_an_effect_that_no_family_describes_is_none_of_these() -> None:
     model, number = started(truth, offered(Offering(STANDING), arm, Shapes(truth.poses.states)))
     g = number["joint compliance, J3"]
     model = reestimate(model.added(g, 1e-8))
-    found = credible_set(Scan(model), g, sites_of(arm), ("J2", "J4"))
+    found = credible_set(model, g, sites_of(arm), ("J2", "J4"))
     assert found.none > COVERAGE
     assert found.causes == ()

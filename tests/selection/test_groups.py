@@ -21,11 +21,11 @@ from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.selection.causes import credible_set
-from gpmodel.selection.group import Price, Shapes
+from gpmodel.selection.group import FEW, Price, Shapes
 from gpmodel.selection.offers import Offering
 from gpmodel.selection.posterior import LEAST, Active
 from gpmodel.selection.result import Selection
-from gpmodel.selection.scan import FREE, Scan
+from gpmodel.selection.scan import Scan, beside_curves, whole
 from gpmodel.selection.select import select
 from gpmodel.selection.sparse_bayes import reestimate
 
@@ -111,26 +111,27 @@ def test_a_group_in_the_model_is_worth_what_the_density_loses_without_it() -> No
     assert worth == pytest.approx(lost, abs=1e-3)
 
 
-def test_a_group_in_place_of_another_gains_what_the_density_says() -> None:
-    active, target = problem()
-    gains, variances, _ = Scan(active).gains(removed=[5])
-    for g in [g for g in range(2, len(gains)) if g not in active.variances][::9]:
-        there = active.without(5).added(g, float(variances[g]))
-        gained = dense(there, target) - dense(active.without(5), target)
-        assert gains[g] == pytest.approx(gained, abs=1e-3)
-
-
-@pytest.mark.parametrize(("removed", "freed"), [([5], []), ([5], [9]), ([], [5, 9])])
-def test_a_removal_changes_the_products_as_a_scan_without_it_has_them(removed: list[int], freed: list[int]) -> None:
+def test_beside_held_curves_a_model_is_worth_what_it_is_with_them_among_the_others() -> None:
+    """Objective, residual and gains, before and after a change of another group and of the noise."""
     active, _ = problem()
-    there = replace(active, variances={g: a * (FREE if g in freed else 1.0) for g, a in active.variances.items()})
-    for g in removed:
-        there = there.without(g)
-    there = scaled(there, there.mismatch / active.pool.rows.freedom)
-    updated = Scan(active).gains(removed=removed, freed=freed, scaled=True)
-    others = [g for g in range(len(updated[0])) if g not in active.variances]
-    for now, expected in zip(updated, Scan(there).gains(), strict=True):
-        np.testing.assert_allclose(now[others], expected[others], rtol=1e-5, atol=1e-5)
+    many = np.flatnonzero(active.pool.sizes > FEW).tolist()
+    curves = [g for g in many if not active.pool.groups[g].always_included and g not in active.variances][:2]
+    other = next(g for g in range(2, len(active.pool.groups)) if active.pool.sizes[g] <= FEW and g not in active.found)
+    model = reestimate(active.added(curves[0], 1e-6).added(curves[1], 1e-7))
+    held = beside_curves(model, (), {})
+    assert set(model.variances) - set(held.variances) >= set(curves)
+    one_moves = beside_curves(model, curves[:1], {})
+    assert set(one_moves.variances) == {*held.variances, curves[0]}
+    for part in (held, one_moves, scaled(held.without(5).added(other, 1e-8), 0.9)):
+        again = whole(part)
+        assert set(again.variances) >= {*part.variances, *curves}
+        assert part.objective == pytest.approx(again.objective, abs=1e-6)
+        assert part.utility == pytest.approx(again.utility, abs=1e-6)
+        np.testing.assert_allclose(part.misfit, again.misfit, rtol=1e-6, atol=1e-9)
+        others = [g for g in range(len(active.pool.groups)) if g not in again.variances]
+        for now, expected in zip(Scan(part).gains(), Scan(again).gains(), strict=True):
+            np.testing.assert_allclose(now[others], expected[others], rtol=1e-4, atol=1e-4)
+        assert not np.isfinite(part.prices[curves[1]])
 
 
 def test_below_its_least_a_gain_is_bounded_from_above() -> None:
@@ -172,7 +173,7 @@ def test_of_two_that_explain_the_same_the_better_known_is_named_and_the_other_on
     assert "joint bending, J1" not in selection.names
     model = selection.active
     (base,) = (g for g in model.found if model.pool.groups[g].name == "base compliance")
-    (own,) = (cause for cause in credible_set(Scan(model), base).causes if cause.own)
+    (own,) = (cause for cause in credible_set(model, base).causes if cause.own)
     assert {group.name for group in own.groups} == {"base compliance", "joint bending, J1"}
 
 
