@@ -25,6 +25,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 SHARED = re.compile(r"^from (loop_cases|report_runs) import", re.MULTILINE)
+EVOLVES = re.compile(r"gpmodel\.evolution|\bdiscover\b|\bevolve\b")
 
 
 @cache
@@ -33,9 +34,16 @@ def reads_the_loop(file: Path) -> bool:
     return SHARED.search(file.read_text(encoding="utf-8")) is not None
 
 
+@cache
+def evolves(file: Path) -> bool:
+    """Return whether tests of a file may run compiled kernels."""
+    return EVOLVES.search(file.read_text(encoding="utf-8")) is not None
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Those files come first: together they take longest."""
-    items.sort(key=lambda item: not reads_the_loop(item.path))
+    """Files that share runs come first: together they take longest. The others that evolve come last: meanwhile one
+    worker has compiled the kernels, which two would compile side by side."""
+    items.sort(key=lambda item: (not reads_the_loop(item.path), evolves(item.path)))
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from cli_cases import numbers, robot, table
+from instances import some
 
 import gpmodel as gp
 from gpmodel.api.calibrate import CalibrationResult
@@ -60,10 +61,7 @@ def errors(model: Model, frame: pd.DataFrame, rows: np.ndarray, session: bool) -
     return np.asarray(np.linalg.norm(measured - predicted, axis=1)[rows])
 
 
-SLOW = {"tools", "payload"}
-
-
-@pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.long) if c in SLOW else c for c in CASES])
+@pytest.mark.parametrize("case", some(CASES, "arm", "instrument"))
 def test_report_and_certificate_state_the_errors_of_the_saved_model(case: str, tmp_path: Path) -> None:
     frame, result = made(case)
     ladder, record = result.calibrated, result.record

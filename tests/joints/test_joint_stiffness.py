@@ -4,6 +4,7 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
+from instances import some
 
 from gpmodel.errors import InputError
 from joints.contact import LoopPart, allowed_temperature_change, gap_growth, growth, loop_growth
@@ -142,7 +143,7 @@ def test_noiseless_curves_are_recovered(curve: RegimeCurve) -> None:
         assert getattr(fit.curve, name) == pytest.approx(value, rel=1e-3, abs=1e-8)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", some(range(3), 0))
 @pytest.mark.parametrize("curve", CURVES, ids=["Table 4.3", "stiff", "soft"])
 def test_planted_stiffnesses_come_back_within_their_errors(curve: RegimeCurve, seed: int) -> None:
     x = span(curve)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from instances import some
 
 import gpmodel as gp
 from experiments.spherical_joint.rigs import JOINT, misses, rig_of
@@ -38,7 +39,8 @@ def test_growth_is_found_where_its_fit_overflowed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("number", "unit", "offset"), [(0, "degC", 0.0), (1, "degC", 0.0), (2, "K", 273.15), (3, "K", 273.15)]
+    ("number", "unit", "offset"),
+    some([(0, "degC", 0.0), (1, "degC", 0.0), (2, "K", 273.15), (3, "K", 273.15)], (2, "K", 273.15)),
 )
 def test_the_tool_of_a_rig_that_grows_is_the_one_at_twenty_degrees(number: int, unit: str, offset: float) -> None:
     """Its z is off by 8 standard errors and more where temperatures count from zero."""
