@@ -191,7 +191,7 @@ def measured_joints(joints: Sequence[str], mechanism: Mechanism) -> list[tuple[s
 
 
 def named_group(effect: object, mechanism: Mechanism, poses: Poses) -> tuple[str, tuple[Effect, ...]]:
-    """A step of the ladder: what it is called, and its effects. Raises InputError for what is no effect here."""
+    """A step of the ladder: what it is called, and its effects. Raises InputError for an unknown effect."""
     with naming("effects"):
         if isinstance(effect, Effect):
             effect = in_mechanism_names(effect, mechanism, poses.states)

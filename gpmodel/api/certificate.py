@@ -87,7 +87,7 @@ def certificate(
     """
     limit = None if tolerance is None else 1e3 * quantity(tolerance, "length", "tolerance", positive=True)
     if not isinstance(particulars, str | Path | Particulars | None):
-        raise InputError(f"{shown(particulars)}, expected a TOML file or Particulars", "particulars")
+        raise InputError(f"{shown(particulars)}, expected a TOML file or Particulars of the certificate", "particulars")
     known = (
         read_particulars(file_path(particulars, "particulars")) if isinstance(particulars, str | Path) else particulars
     )

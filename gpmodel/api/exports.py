@@ -15,7 +15,7 @@ from gpmodel.wording import wrapped
 
 @dataclass(frozen=True, repr=False)
 class ExportsResult(Shown):
-    """Files of a model and their errors. exports: as they were made."""
+    """Exported files of a model, and the position error that each leaves. exports: in the order of writing."""
 
     mechanism: str
     exports: Exports

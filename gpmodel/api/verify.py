@@ -171,11 +171,11 @@ def verify(
     planes, points. Tool point, what links carry and everything else are the model's, at the end of its session. With r
     what the model leaves, V its covariance (noise and all that the model does not know better) and z the part of
     V^(-1/2) r at right angles to the registration, |z|² is compared with chi-square, and what could have changed
-    (zeros, tool, sizes of effects, geometry, the catalogue) is tested against z. Both tests together call one machine
-    in a hundred changed that is not.
+    (zeros, tool, sizes of effects, geometry, the catalogue) is tested against z. The two tests together call an
+    unchanged machine changed in one case of a hundred.
 
-    model: of a fit, or its folder or file. table: as in `read_table`; where it has the columns corrected_J1, ... that
-    `compensate` gives, these are where the machine went, and what is missed of the targets J1, ... is stated too.
+    model: a fitted model, or its folder or file. table: as in `read_table`; if it has the columns
+    corrected_J1, ... of `compensate`, the machine went there, and the errors left of its targets J1, ... are said too.
     tolerance: what no row may exceed, as "0.1 mm", of pixels "0.5 px". in_order: as in `predict`. cameras, board,
     surfaces: as in `read_table`, where they are others than in the table of the fit. progress: called with what is
     being done. command: what verify.json says made it. The verdict rests on 2000 rows of more, in even stretches; the

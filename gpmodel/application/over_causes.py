@@ -210,7 +210,9 @@ def _system_of_fit(residual: Residual) -> Array:
 
 
 def uncertain(fit: Calibration, poses: Poses, places: Sequence[CausesThere]) -> Calibration:
-    """A fit with the standard errors of all unknowns over the causes in some places; the fit itself without any.
+    """Return a fit whose standard errors include the doubt about which cause is the right one at some places.
+
+    The same fit where no place has another likely cause.
 
     The standard error of a finding is over the causes in the places of the others: it holds if the finding is one.
     Predictions allow for causes that joint values determine.

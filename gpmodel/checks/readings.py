@@ -201,7 +201,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def of_lengths(q: Array, p: Array, spread: float, reach: float) -> Iterator[Reading]:
-    """Units of x, y and z, or of one of them, and a mirrored frame.
+    """Yield readings with other units of x, y and z, or of one of them, and with a mirrored frame.
 
     spread, reach: RMS distance, m, of the points and of the flange from their centres.
     """

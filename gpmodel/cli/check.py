@@ -44,7 +44,7 @@ def completion(context: click.Context, shell: str) -> None:
     """Print what makes SHELL complete gpmodel's commands and options: eval "$(gpmodel completion bash)"."""
     kind = get_completion_class(shell)
     if kind is None:
-        raise InputError(f"{shell} is not known to this version of click", "shell")
+        raise InputError(f"{shell} is no shell that completion is made for, expected bash, zsh or fish", "shell")
     echo(kind(context.find_root().command, {}, "gpmodel", "_GPMODEL_COMPLETE").source())
 
 

@@ -1,9 +1,10 @@
 """Kinds of values and the operations allowed on them: strongly typed programs (Montana 1995).
 
 Kinds of inputs: "angle", "short angle" (its range is too short for its period to show), "time" and "row" (clocks),
-"number" (dimensionless), and any other name, which is a quantity of its own: "length", "torque", "temperature". Angles
-are read by periodic functions, by functions of how far they are from a place, and in sums and differences; quantities
-are added to their own kind only; clocks make ramps, steps and exponential approaches; a threshold is a constant.
+"number" (dimensionless), and any other name, which is a quantity of its own: "length", "torque", "temperature". An
+angle may stand in periodic functions, in functions of its distance from a given angle, and in sums and differences. A
+quantity may be added to its own kind only. A clock may enter as a ramp, a step or an exponential approach. A threshold
+is a constant.
 """
 
 from collections.abc import Sequence

@@ -252,8 +252,8 @@ def at_best(question: Question) -> float:
 
 
 def in_units_of(deviation: float, question: Question) -> Question:
-    """The question of a variance with that deviation as its unit. Raises TypeError for a question without a
-    variance."""
+    """The question of a variance with that deviation as its unit. Raises TypeError where the
+    goal is no variance."""
     if not isinstance(question.goal, Variance):
         raise TypeError("a deviation is that of a Variance")
     return replace(question, goal=Variance(question.goal.weight / deviation**2))

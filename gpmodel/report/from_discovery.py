@@ -218,7 +218,7 @@ def _tests(hypothesis: Hypothesis) -> tuple[TestRecord, ...]:
 
 
 def _as_fitted(discovery: Discovery) -> dict[str, str]:
-    """Return the name of each finding in the fit to all poses, by its name when found."""
+    """Map the name of each finding in the search to its name in the final fit to all poses."""
     pairs = zip(discovery.findings, discovery.fitted.candidates, strict=True)
     return {finding.candidate.name: candidate.name for finding, candidate in pairs}
 

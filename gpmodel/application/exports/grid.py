@@ -47,8 +47,9 @@ CHECKS, TRIALS = 1000, 200
 
 @dataclass(frozen=True)
 class Grid:
-    """text: the table as it is written. error: (K,) m, distance of the real tool from random points of the box with the
-    correction interpolated in the text; before: without it. reached: share of the nodes that have one."""
+    """text: the table as it is written. error: (K,) m, distance of the tool from commanded random points of the box,
+    with the correction interpolated from that table; before: without correction.
+    reached: share of the nodes that have a correction."""
 
     text: str
     error: Array

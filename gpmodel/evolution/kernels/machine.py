@@ -1,6 +1,6 @@
 """From genes or tree codes to short straight-line code on rows of values.
 
-Rows: the inputs, then the fixed constants (the last of them 0), then one row an instruction. An instruction
+Rows of registers: inputs, fixed constants (the last is 0), then the result of each instruction. An instruction
 is one word, ``op-code + 2^16 first row + 2^32 second row`` (second 0 for one argument). Moves between
 accumulator and registers are renamed away, and only instructions that reach an output are kept.
 """
