@@ -27,8 +27,8 @@ def point_deviation(saved: SavedModel, poses: Poses, observed: Observed, *, plac
     """Standard deviation (N,), m, of the predicted point: √ (trace(J Σ Jᵀ) + 3 d²) over everything fitted.
 
     It holds the uncertainty of the parameters, over the causes of the findings, and the model discrepancy d, not what
-    the instrument adds. placed:
-    whether registration and tool are in it, as in the instrument's frame. NaN if not fitted.
+    the instrument adds. placed: whether registration and tool are in it, as in the instrument's frame. NaN if not
+    fitted.
     """
     return np.asarray(np.linalg.norm(coordinate_deviations(saved, poses, observed, placed=placed), axis=1))
 

@@ -58,8 +58,8 @@ def frequency_grid(
 ) -> FrequencyGrid | None:
     """The grid of a wave written with a symbol, over rates from span[0] to span[1], rad per rad or metre.
 
-    travel: where the joint's coordinate starts, and its range. None where
-    the range is too short to tell two rates apart.
+    travel: where the joint's coordinate starts, and its range. None where the range is too short
+    to tell two rates apart.
     """
     start, length = travel
     width = 2 * np.pi / length if length > 0 else np.inf

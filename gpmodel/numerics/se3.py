@@ -119,10 +119,7 @@ def along(axis: int, values: Array) -> Array:
 def nearest_rotation(rough: Array) -> Array:
     """The rotation (3, 3) nearest to a matrix in the least-squares sense. Source: Kabsch (1976)."""
     u, _, vt = np.linalg.svd(rough)
-    turn = np.asarray(u @ vt)
-    (a, b, c), (d, e, f), (g, h, i) = turn.tolist()
-    reflected = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0
-    return np.asarray((u * [1.0, 1.0, -1.0]) @ vt) if reflected else turn
+    return np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt)) or 1.0]) @ vt)
 
 
 def chain(transforms: Array) -> Array:

@@ -57,7 +57,7 @@ class Active:
 
     @cached_property
     def pools(self) -> dict[frozenset[int], GroupPool]:
-        """The pool beside each set of its groups that was held."""
+        """Pools formed for this model, by the groups that each holds."""
         return {}
 
     @cached_property

@@ -101,18 +101,17 @@ class PoolBeside(GroupPool):
 
 
 def beside_curves(model: Active, moving: Iterable[int], pools: dict[frozenset[int], GroupPool]) -> Active:
-    """The same model with its groups of many unknowns held, but for those that move. pools: by the groups held."""
+    """Hold the groups of many unknowns, except those that move. pools: those formed before, by the groups held."""
     held = frozenset(g for g in model.found if model.pool.sizes[g] > FEW) - frozenset(moving)
     if not held:
         return model
-    own = [g for g in model.variances if g not in held]
     if held not in pools:
         pools[held] = PoolBeside(_part(model, held, model.pool))
-    return _part(model, own, pools[held])
+    return _part(model, model.variances.keys() - held, pools[held])
 
 
 def whole(model: Active) -> Active:
-    """The same model with held groups among the others."""
+    """Return a model to the pool of all groups, the held ones included."""
     if not isinstance(model.pool, PoolBeside):
         return model
     held, units = model.pool.held, model.sigma2 / model.pool.held.sigma2

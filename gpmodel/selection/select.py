@@ -22,6 +22,8 @@ from gpmodel.selection.sinusoids import propose_sinusoids
 from gpmodel.selection.smooth_terms import propose_smooth_terms
 from gpmodel.selection.sparse_bayes import exchange, grow
 
+Step = Callable[[Active], Active]
+
 Proposer = Callable[[Selection], tuple[Sequence[Group], frozenset[str]]]
 """Groups that the residual of a selection asks for, and the names of curves whose formulas are among them."""
 
@@ -46,7 +48,7 @@ def select(
         chosen = nothing_selected(calibration, poses, prices or Price(), offering.grids)
         groups = singles(offering, calibration.model.mechanism, chosen.offered.screening.shapes)
         new = _smooth_terms(chosen.active, offering)
-        step: Callable[[Active], Active] = grow
+        step: Step = grow
         seen = set[frozenset[str]]()  # a selection that recurs after another linearisation is no new one
         settled: frozenset[str] | None = None
         while True:
@@ -85,9 +87,7 @@ def nothing_selected(
     return Selection((), Offered(screening, base, (), (), grids), with_only(screening, base, state), state)
 
 
-def _among(
-    before: Selection, groups: Sequence[Group], new: Sequence[Group], step: Callable[[Active], Active]
-) -> Selection:
+def _among(before: Selection, groups: Sequence[Group], new: Sequence[Group], step: Step) -> Selection:
     """Take a step from where a selection ended, among its groups and new ones. Every group may come and go."""
     offered = before.offered
     known = {group.name for group in groups}

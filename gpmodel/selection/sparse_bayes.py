@@ -55,9 +55,10 @@ def exchange(model: Active, new: frozenset[str] | None = None) -> Active:
         here = reestimate(beside_curves(model, removed, pools))
         for trial in _exchanged(here, removed, first):
             if trial.utility > here.utility + TOLERANCE:
-                trial = max(named_by_site(grow(whole(trial), reading=True)), whole(trial), key=lambda m: m.utility)
-                if trial.utility > model.utility + TOLERANCE:
-                    model, waiting = trial, sorted(_removals(trial), key=lambda those: tried.get(those, -1))
+                full = whole(trial)
+                better = max(named_by_site(grow(full, reading=True)), full, key=lambda one: one.utility)
+                if better.utility > model.utility + TOLERANCE:
+                    model, waiting = better, sorted(_removals(better), key=lambda those: tried.get(those, -1))
                     break
     return model
 

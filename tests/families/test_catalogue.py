@@ -35,7 +35,7 @@ LINEAR = ("linear_axis", "cyclic_error")
 PLANTED = {(name, f): c for name in ("irb6400r", "ur5") for f, c in first_of_each_family(name, 90, 8).items()}
 PLANTED |= {("dh", family): first_of_each_family("dh", 90, 8)[family] for family in LINEAR}
 ONCE = {family: (name, family) for name, family in reversed(PLANTED)}.values()
-"""Of every family the instance on the first arm that has one."""
+"""The first planted instance of every family."""
 ALIASED = 0.03
 FEW = 4
 
