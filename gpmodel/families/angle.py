@@ -1,8 +1,8 @@
-"""Families of effects that follow the joints' own angles: gears, encoders, bearings, couplings; and of linear axes.
+"""Families of effects that follow the joint coordinates: gears, encoders, bearings, couplings and linear axes.
 
-Those of linear axes by the names of ISO 230-1: E, the direction of the error, the axis that moves. EXZ is the
-straightness in X of an axis along Z, EAZ its tilt about X, ECZ its roll about itself, EZZ its positioning, in the
-joint's own frame.
+Errors of linear axes have the names of ISO 230-1: E, the direction of the error, the axis that moves. EXZ is the
+straightness in X of an axis along Z, EAZ its tilt about X, ECZ its roll about itself, EZZ its positioning, in the frame
+of the joint.
 """
 
 from collections.abc import Iterator
@@ -23,23 +23,23 @@ from gpmodel.model.sites import Site
 from gpmodel.model.states import States
 
 LENGTH, ANGLE = 5e-5, 5e-5
-"""Prior standard deviations of guideway errors over the travel, m and rad: between a machine tool (10 µm) and a robot
-track (0.2 mm)."""
+"""Prior standard deviations of guideway errors over the travel, m and rad: between those of a machine tool (10 µm) and
+of a robot track (0.2 mm)."""
 
 WAVES = 4
-"""Half waves over the travel: guideways bend and sag over a quarter of their length or more."""
+"""Number of half waves over the travel: guideways bend and sag over a quarter of their length or more."""
 
 LEADS = (1, 2, 2.5, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 32, 40)
 """Nominal leads of ball screws, mm (ISO 3408-2)."""
 
 SHORTEST = 2e-3
-"""Shortest period of a cyclic error, m. Finer screws drive no robot, and poses repeat to a tenth of it at best."""
+"""Shortest period of a cyclic error, m. No robot has a finer screw, and poses repeat to a tenth of it at best."""
 
 TURN = {"x": "A", "y": "B", "z": "C"}
 
 
 def prismatic(mechanism: Mechanism) -> list[Joint]:
-    """The joints that slide."""
+    """Return the prismatic joints."""
     return [j for j in mechanism.joints if j.kind == "prismatic"]
 
 
@@ -49,7 +49,7 @@ def _travel(joint: Joint, states: States) -> tuple[float, float]:
 
 
 def linear_curves(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """The six error motions of each linear axis as smooth curves of its position."""
+    """Yield the six error motions of each linear axis as smooth curves of its position."""
     for j in prismatic(mechanism):
         start, travel = _travel(j, states)
         if travel > 0:
@@ -68,10 +68,10 @@ def _called(joint: Joint, axis: str) -> str:
 
 
 def _curve(name: str, joint: Joint, axis: str, start: float, travel: float) -> Iterator[Effect]:
-    """sin(π k u) and cos(π k u), k = 1.., u from 0 to 1 over the travel, falling as 1/k.
+    """Yield sin(π k u) and cos(π k u), k = 1.., with u from 0 to 1 over the travel and priors falling as 1/k.
 
-    Waves over twice the travel: a smooth curve that does not end as it began is short in them, where cosines alone
-    fall off as 1/k² (Huybrechs 2010).
+    The period of the first wave is twice the travel. A smooth curve with different ends then needs few waves, whereas
+    the coefficients of cosines alone fall off as 1/k² (Huybrechs 2010).
     """
     orders = np.arange(1, WAVES + 1)
     share = (1.0 / orders) / np.linalg.norm(1.0 / orders) / np.sqrt(2.0)
@@ -86,7 +86,7 @@ def _curve(name: str, joint: Joint, axis: str, start: float, travel: float) -> I
 
 
 def cyclic(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """A wave of positioning once every lead of a screw, in the leads of ISO 3408-2 that the travel holds three of."""
+    """Yield a positioning error with the period of each lead of ISO 3408-2 that fits into the travel three times."""
     for j in prismatic(mechanism):
         start, travel = _travel(j, states)
         for lead in LEADS:
@@ -97,7 +97,7 @@ def cyclic(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def cyclic_grids(mechanism: Mechanism, states: States) -> Iterator[FrequencyGrid]:
-    """A wave of positioning of any period from SHORTEST to a third of the travel: screws, racks, scales."""
+    """Yield a positioning error of any period from SHORTEST to a third of the travel: screws, racks, scales."""
     for j in prismatic(mechanism):
         start, travel = _travel(j, states)
         argument = f"{2e3 * np.pi:.8g}/{symbol()}*({j.name} - {start:.6g})"
@@ -114,45 +114,46 @@ CURVE_CORNER = 15.0
 the prior falls off."""
 
 SMOOTH = (10, 3.0)
-"""Harmonics of a smooth error curve, and the harmonic at which its prior falls off. Eccentric and bent gears cause the
-first few."""
+"""Number of harmonics of a smooth error curve, and the harmonic at which its prior falls off. Eccentric and bent gears
+cause the first few."""
 
 WOBBLE, RUN_OUT = 5e-5, 2e-5
 """Tilt and radial run-out of a robot's crossed roller bearing, rad (10 arcsec) and m (ISO 230-7; Slocum 1992, ch.
 8)."""
 
 LOBES = (2, 3, 4)
-"""Lobes of a ball: three as from centreless grinding, and their neighbours."""
+"""Lobes of a ball: three, as from centreless grinding, and the neighbouring numbers."""
 
 Curve = tuple[Effect, ...]
 
 
 def eccentricity(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """A scale or gear off its centre: a sin q + b cos q on each revolute joint, rad."""
+    """Yield the error of an eccentric scale or gear: a sin q + b cos q on each revolute joint, rad."""
     for j in revolute(mechanism):
         yield pair(f"eccentricity, 1 per turn, {j.name}", j, j.name, "eccentricity", 4.0)
 
 
 def gear_harmonic(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Gear error of two periods a turn: a sin 2q + b cos 2q on each revolute joint, rad."""
+    """Yield a gear error of two periods a turn: a sin 2q + b cos 2q on each revolute joint, rad."""
     for j in revolute(mechanism):
         yield pair(f"gear error, 2 per turn, {j.name}", j, f"2*{j.name}", "gear_harmonic", 4.5)
 
 
 @cache
 def wave(function: str, number: int, angle: str) -> Expression:
-    """sin(3*J2), parsed once."""
+    """Return the expression of one harmonic, such as sin(3*J2)."""
     return Expression(f"{function}({angle})" if number == 1 else f"{function}({number}*{angle})")
 
 
 def spectrum(count: int, corner: float) -> Array:
-    """Deviations (count,) of harmonics 1 to count, 1 / (1 + (k / corner)^1.5), their squares summing to one."""
+    """Return relative prior deviations (count,) of harmonics: 1 / (1 + (k / corner)^1.5), scaled to a sum of squares of
+    one."""
     shape = 1.0 / (1.0 + (np.arange(1, count + 1) / corner) ** 1.5)
     return np.asarray(shape / np.sqrt(np.sum(shape**2)))
 
 
 def harmonics(name: str, site: Site, angle: str, family: str, deviations: Array) -> Curve:
-    """sin and cos of 1 to K times an angle at a place, with the deviations (K,), rad or m, of their unknowns."""
+    """Return effects sin(k angle) and cos(k angle), k = 1..K, at a site. deviations: (K,) prior of each, rad or m."""
     plain = [
         (site.effect(f"{name}, {f} {k}", wave(f, k, angle), "", family), float(s))
         for k, s in enumerate(deviations, 1)
@@ -162,7 +163,10 @@ def harmonics(name: str, site: Site, angle: str, family: str, deviations: Array)
 
 
 def joint_curve(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """The curve of each joint; and smooth curves of all joints as one, where each alone is too weak."""
+    """Yield the error curve of each joint, and one candidate of smooth curves of all joints together.
+
+    The joint candidate is for curves that are too weak one by one.
+    """
     highest = 12 if len(states) < 150 else 40 if len(states) < 600 else 60
     fine, smooth = CURVE_SPREAD * spectrum(highest, CURVE_CORNER), CURVE_SPREAD / 4 * spectrum(*SMOOTH)
     joints, name = revolute(mechanism), "error curve of the angle"
@@ -175,8 +179,10 @@ def joint_curve(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def axis_motion(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Wobble about and run-out along every axis that the drive does not move, as smooth curves of the angle; run-out of
-    every ball of a machine along its leg."""
+    """Yield wobble and run-out of each revolute joint about and along the axes other than its drive, as smooth curves.
+
+    Each ball of a machine has a run-out curve along its leg.
+    """
     for j in revolute(mechanism):
         for axis in AXES:
             if axis != j.drive[0][1]:
@@ -192,7 +198,10 @@ def axis_motion(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def backlash_approach(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Play of a drive by the side it was approached from, ±1, on the joint that the column names."""
+    """Yield the play of each drive by the side of approach, ±1, for each column `approach...`.
+
+    The joint that the column is named after has the lower price.
+    """
     for column in states.columns:
         if column.startswith("approach"):
             for i, j in enumerate(mechanism.joints, 1):
@@ -204,7 +213,7 @@ def backlash_approach(mechanism: Mechanism, states: States) -> Iterator[Candidat
 
 
 def gear_ratio(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """A wrong ratio or pitch: an error in proportion to the joint's coordinate."""
+    """Yield a wrong gear ratio or screw pitch: an error in proportion to the coordinate of the joint."""
     for j in mechanism.joints:
         what = "gear ratio" if j.kind == "revolute" else "screw pitch"
         effect = drive_effect(f"{what}, {j.name}", j, Expression(j.name), "1", "gear_ratio")
@@ -212,7 +221,7 @@ def gear_ratio(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def wrist_coupling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """An error of one revolute joint in proportion to the coordinate of one before it."""
+    """Yield the error of each revolute joint in proportion to the coordinate of each revolute joint before it."""
     joints = revolute(mechanism)
     for i, source in enumerate(joints):
         for target in joints[i + 1 :]:
@@ -223,7 +232,7 @@ def wrist_coupling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def parallel_bar(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """An error of the joint that a bar drives too, once per turn of the driving one: a sin q + b cos q, rad."""
+    """Yield the error of a joint that a parallel bar also drives, one period per turn of the driving joint, rad."""
     own = {f"{joint.name}.moving": joint for joint in mechanism.joints}
     for j in mechanism.joints:
         for other in (own[slot] for slot, _, _ in j.drive[1:] if slot in own):
@@ -231,7 +240,7 @@ def parallel_bar(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def axis_wobble(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Tilt about each axis across a revolute joint's own: a sin q + b cos q, rad."""
+    """Yield the tilt of each revolute joint about the two axes across its own: a sin q + b cos q, rad."""
     for j in revolute(mechanism):
         for a in across(j):
             site = Site(((f"{j.name}.moving", f"R{a}", 1.0),))
@@ -239,8 +248,10 @@ def axis_wobble(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def run_out(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Shift of a revolute joint along each axis, once per turn, of an unmeasured one twice as well, m; of every ball of
-    a machine along its leg, once per turn of each of its angles."""
+    """Yield the shift of each revolute joint along each axis, one period per turn, m; for an unmeasured joint also two.
+
+    Each ball of a machine shifts along its leg, one period per turn of each of its angles.
+    """
     for angle, said, site, balls in _machine_balls(mechanism):
         yield _phases(f"axis run-out, 1 per turn of {angle}, {said}", site, 1, angle, "axis_run_out", 5.5 + balls)
     for j in revolute(mechanism):
@@ -255,7 +266,7 @@ def run_out(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def ball_lobes(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Shift by the lobes of a ball joint's ball, two to four a turn of an unmeasured rotation, m."""
+    """Yield the shift of a ball joint by the lobes of its ball, two to four periods per unmeasured turn, m."""
     balls = balls_of(mechanism)
     for ball in balls:
         for angle, lobes, (said, shift) in product(ball.angles, LOBES, ball.shifts.items()):
@@ -264,7 +275,7 @@ def ball_lobes(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def _phases(name: str, site: Site, number: int, angle: str, family: str, cost: float) -> Candidate:
-    """Sine and cosine of a number times an angle at a place."""
+    """Return the candidate of sin(number · angle) and cos(number · angle) at a site."""
     effects = tuple(
         site.effect(f"{name}, {f}", wave(f, number, angle), axis_unit(site.axis), family) for f in ("sin", "cos")
     )
@@ -272,10 +283,8 @@ def _phases(name: str, site: Site, number: int, angle: str, family: str, cost: f
 
 
 def _machine_balls(mechanism: Mechanism) -> Iterator[tuple[str, str, Site, float]]:
-    """Iterate over the balls of a machine and their angles.
-
-    Yields the angle, the direction of its leg in words and as a site, and the log of the number of balls.
-    """
+    """Yield each angle of each ball of a machine, the direction of its leg in words and as a site, and the log of the
+    number of balls."""
     balls = [ball for ball in balls_of(mechanism) if ball.name]
     for ball in balls:
         said, shift = ball.along

@@ -1,4 +1,4 @@
-"""Effects as they are named on a command line."""
+"""Read names of effects as they are written on a command line."""
 
 import numpy as np
 
@@ -11,14 +11,15 @@ from gpmodel.model.sites import in_mechanism_names
 from gpmodel.model.states import States
 
 MOST_INSTANCES = 12
-"""Largest number of instances that the name of a family alone may stand for, and that a message lists."""
+"""Largest number of instances that the name of a family may select, and largest number that a message lists."""
 
 
 def effects_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:
-    """Effects of a catalogue name, of a family's every instance, or of `slot:axis:expression` written out.
+    """Return the effects of a catalogue name, of a whole family, or of a formula `slot:axis:expression`.
 
-    `gear_harmonic J4` is one instance of a family, `gear_harmonic` all of them where they are few.
-    Raises InputError for an unknown name, slot, axis or input, or where the effect is not finite at some pose.
+    `gear_harmonic J4` is one instance of a family; `gear_harmonic` is all instances if there are at most
+    MOST_INSTANCES. Raises InputError for an unknown name, slot, axis or input, or if the effect is not finite at some
+    pose.
     """
     if "=" in name and name.count(":") != 2:
         raise InputError(f"effect '{name}': '=VALUE' is simulate's; here the value is fitted, expected the name alone")
@@ -32,8 +33,10 @@ def effects_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effe
 
 
 def check_defined(effect: Effect, mechanism: Mechanism, states: States, name: str = "") -> None:
-    """Raises InputError, naming the effect as `name`, where it acts at no place of the mechanism, reads what these
-    poses do not have, or is not finite at some of them."""
+    """Raise InputError if an effect has no term, has an unknown slot or input, or is not finite at some pose.
+
+    name: name of the effect in the message, if not its own.
+    """
     said = f"effect '{name or effect.name}'"
     if not effect.terms:
         raise InputError(f"{said}: has no terms; expected one at least, as in (Term('base', 'Rx'),)")
@@ -47,9 +50,9 @@ def check_defined(effect: Effect, mechanism: Mechanism, states: States, name: st
 
 
 def one_effect_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:
-    """Effects of one instance only: one effect, or the pair that is its sine and cosine.
+    """Return the effects of a single instance: one effect, or a sine and its cosine.
 
-    Raises InputError also for a family of several instances.
+    Raises InputError as `effects_named`, and for a family of several instances.
     """
     instances = [c.name for c in catalogue.of_family(name, mechanism, states)]
     if len(instances) > 1:

@@ -1,4 +1,4 @@
-"""A candidate: one thing that the model may be missing, and the shapes that many of them share."""
+"""A candidate: effects that the model may lack and that enter it together, and the forms that many candidates have."""
 
 import math
 from collections.abc import Iterable
@@ -16,9 +16,10 @@ from gpmodel.model.effect import Effect, Term, drive_effect, made_of
 from gpmodel.model.states import States, load_unit
 
 NO_LOAD, NEXT_TO_NONE = 1e-6, 1e-4
-"""Load that counts as rounding, N·m or N; and the least share of the largest load of the same unit that counts at all.
-With less, a joint would have to be ten thousand times as soft as the others, and at other poses the load may be a
-hundred times as large."""
+"""Load up to which it counts as rounding, N·m or N; and the least share of the largest load of equal unit that counts.
+With a smaller share, a joint would have to be ten thousand times as soft as the others, and at other poses the load may
+be a hundred times as large.
+"""
 
 STANDARD_TEMPERATURE = {"degC": 20.0, "K": 293.15, "degF": 68.0}
 """Temperature at which dimensions are stated (ISO 1), by the unit of the column."""
@@ -29,26 +30,28 @@ CATALOGUE, NAMED, SMOOTH_TERM = "catalogue", "named", "smooth term"
 FORMULA, FORMULA_OF_PROGRAM = "formula", "formula of a program"
 BRED = tuple(f"formula of generation {g}" for g in range(1, 10))
 SEQUENCE, TREE = "sequence", "tree"
-"""Makers of a candidate: the catalogue; the user; a smooth term without a formula; a short formula, a founder, for a
-smooth term or an effect, or for an evolved program; one that is bred from founders, by its generation; genetic
-programming, by its representation."""
+"""Values of `found_by`: the catalogue; the user; a smooth term without a formula; a formula that replaces a smooth term
+or effect; a formula that replaces an evolved program; a formula bred from formulas, by its generation; genetic
+programming, by its representation.
+"""
 
 
 FORMULAS = FORMULA, FORMULA_OF_PROGRAM, *BRED
 
 
 def maker_of(representation: str) -> str:
-    """Maker of a program by the label of its representation."""
+    """Return the value of `found_by` for a representation of programs, "linear" or "tree"."""
     return {"linear": SEQUENCE}.get(representation, representation)
 
 
 def is_program(found_by: str) -> bool:
-    """Return whether a maker is genetic programming in any representation."""
+    """Return whether genetic programming made a candidate, in any representation."""
     return found_by not in {CATALOGUE, NAMED, SMOOTH_TERM, *FORMULAS}
 
 
 def formula_of(makers: Iterable[str], generation: int = 0) -> str:
-    """Maker of a formula of a generation that replaces candidates of some makers."""
+    """Return the value of `found_by` for a formula that replaces candidates of these makers. generation: 0 if it is not
+    bred."""
     if generation:
         return BRED[generation - 1]
     unevolved = {CATALOGUE, NAMED, SMOOTH_TERM, FORMULA, *BRED}
@@ -56,18 +59,20 @@ def formula_of(makers: Iterable[str], generation: int = 0) -> str:
 
 
 def without_phase(name: str) -> str:
-    """The name that the sine and the cosine of one error share: `gear error, J4` of `gear error, J4, sin`."""
+    """Return the common name of the sine and cosine of one error: `gear error, J4` for `gear error, J4, sin`."""
     return name.removesuffix(", sin").removesuffix(", cos")
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One thing the model may be missing: effects that come together, each with its own unknown.
+    """One error that the model may lack: effects that enter it together, each with its own coefficient.
 
-    family: the name of its family, empty without one. cost: nats of description beyond the data: the log
-    of how many alternatives it was chosen from. found_by: its maker. explanation: its physical cause and source, as the
-    family states them. inner: the constants inside its bases, if there are any.
-    believed: its priors are standard deviations that somebody stated, and no larger ones are tried.
+    family: name of its family, empty if it has none.
+    cost: price of its description, nats: the log of the number of alternatives it was chosen from.
+    found_by: its origin, such as the catalogue or genetic programming.
+    explanation: its physical cause and source, as the family states them.
+    inner: constants inside its basis functions, None if there are none.
+    believed: its prior standard deviations come from a specification, so no larger ones are tried.
     """
 
     name: str
@@ -86,41 +91,43 @@ class Candidate:
             raise InputError(f"candidate {self.name!r}: its cost is {self.cost}, expected finite nats")
 
     def at(self, inner: NonlinearParameters) -> "Candidate":
-        """The candidate with other constants inside, its unknowns free of priors."""
+        """Return the candidate with other constants in its basis functions, and its effects without priors."""
         effects = tuple(replace(e, prior=math.inf) for e in inner.effects)
         return replace(self, name=inner.full_name, effects=effects, inner=inner)
 
     @property
     def has_priors(self) -> bool:
-        """True if the effects have priors; either all of them do or none."""
+        """Whether the effects have priors. Either all effects have one, or none has."""
         return bool(np.isfinite(self.effects[0].prior))
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Inputs of the basis functions, in the order of their first mention."""
+        """Names of the inputs of the basis functions, in the order of first use."""
         return tuple(dict.fromkeys(name for effect in self.effects for name in effect.inputs))
 
     @property
     def place(self) -> Term:
-        """The slot, axis and basis of its first effect, which stand for where it acts."""
+        """First term of the first effect: the slot, axis and basis function at which the candidate is listed."""
         return self.effects[0].terms[0]
 
     @property
     def unit(self) -> str:
-        """The unit of its amplitude: of its first effect's unknown."""
+        """Unit of the amplitude: the unit of the first effect's coefficient."""
         return self.effects[0].unit
 
     @property
     def bases(self) -> tuple[Basis, ...]:
-        """The basis of every effect's first term."""
+        """Basis function of the first term of each effect."""
         return tuple(effect.terms[0].basis for effect in self.effects)
 
     @property
     def kind(self) -> Kind:
-        """Kind of the unknowns together.
+        """Kind of the effects together.
 
-        single: one number. harmonic: sine and cosine of one argument. vector: one basis along several axes. curve: a
-        sum of different bases.
+        single: one effect.
+        harmonic: sine and cosine of one argument.
+        vector: one basis function along several axes.
+        curve: a sum of different basis functions.
         """
         if len(self.effects) == 1:
             return "single"
@@ -134,10 +141,11 @@ class Candidate:
         return "curve"
 
     def amplitude(self, theta: Array, states: States) -> tuple[float, Array]:
-        """Its size as one number, and the gradient (E,) of that by its unknowns `theta` (E,).
+        """Return the size of the candidate as one number, and the gradient (E,) of the size by the coefficients `theta`
+        (E,).
 
-        single: θ. harmonic: √(θ₁² + θ₂²). vector: the length along the axes of the first one's unit. curve: the RMS of
-        Σ θ φ over the poses of `states`.
+        single: θ. harmonic: √(θ₁² + θ₂²). vector: length of the components that have the unit of the first effect.
+        curve: RMS of Σ θ φ over the poses of `states`.
         """
         match self.kind:
             case "single":
@@ -157,17 +165,18 @@ class Candidate:
 
 
 def inside(inner: NonlinearParameters, family: str, cost: float) -> Candidate:
-    """A candidate with constants inside its bases."""
+    """Return the candidate of a template with the values of its constants."""
     return Candidate(inner.full_name, inner.effects, family, cost, inner=inner)
 
 
 def one(name: str, effect: Effect, cost: float) -> Candidate:
-    """A candidate of one effect, in that effect's family."""
+    """Return the candidate of one effect, in the family of that effect."""
     return Candidate(name, (effect,), effect.family, cost)
 
 
 def pair(name: str, joint: Joint, argument: str, family: str, cost: float, prior: float = math.inf) -> Candidate:
-    """A harmonic on a joint's drive: sine and cosine of `argument`, in rad. prior: of either, rad or m."""
+    """Return a harmonic on the drive of a joint: sine and cosine of `argument`, rad. prior: of each coefficient, rad or
+    m."""
     effects = tuple(
         drive_effect(f"{name}, {f}", joint, Expression(f"{f}({argument})"), family=family, prior=prior)
         for f in ("sin", "cos")
@@ -176,13 +185,13 @@ def pair(name: str, joint: Joint, argument: str, family: str, cost: float, prior
 
 
 def share_of_rows(states: States) -> str:
-    """The row from 0 at the first to 1 at the last, as text."""
+    """Write an expression that rises from 0 at the first row to 1 at the last."""
     rows = states["row"]
     return f"((row - {np.min(rows):g})/{float(np.ptp(rows)) or 1.0:g})"
 
 
 def relative(states: States, column: str, unit: str) -> str:
-    """Write a column relative to a reference, as text; constants of a model describe the mechanism at the reference.
+    """Write a column relative to a reference. The constants of a model describe the mechanism at that reference.
 
     The reference is 20 °C for temperatures (ISO 1). For other columns it is the measured value nearest to zero: zero
     itself, or the start of a clock.
@@ -194,21 +203,21 @@ def relative(states: States, column: str, unit: str) -> str:
 
 
 def revolute(mechanism: Mechanism) -> list[Joint]:
-    """The joints that turn."""
+    """Return the revolute joints."""
     return [j for j in mechanism.joints if j.kind == "revolute"]
 
 
 def across(joint: Joint) -> tuple[str, str]:
-    """The two axes at right angles to a joint's own."""
+    """Return the two axes at right angles to the axis of a joint."""
     own = joint.drive[0][1][1]
     first, second = (a for a in "xyz" if a != own)
     return first, second
 
 
 def loaded(states: States, load: str) -> bool:
-    """Return whether a load exists and exceeds rounding and negligible values.
+    """Return whether the column of a load exists and is more than rounding and more than a negligible share.
 
-    An axis through its centre of mass carries no load; a wrist that hangs straight down hardly any.
+    A negligible load: the torque about an axis that passes through the centre of mass, or that of a wrist hanging down.
     """
 
     def most(name: str) -> float:

@@ -1,6 +1,6 @@
-"""The catalogue: what a finding would be physically. One row a family; adding a known effect is one line.
+"""The catalogue of known physical effects. One row is a family; a new effect needs one line.
 
-The entry bar for a family: a cited mechanism, or a recorded discovery.
+Each family has a published mechanism or a recorded discovery.
 """
 
 import warnings
@@ -31,16 +31,17 @@ Builder = Callable[[Mechanism, States], Iterable[Candidate | Effect]]
 class Family:
     """A named physical effect.
 
-    name: one word, as written on a command line. explanation: what happens physically. source: who described it.
-    build: every instance that a mechanism and these columns allow; an effect alone is a candidate of one effect.
-    grids: waves of it at more rates than can be named, which a selection of groups looks through.
-    offered: the instances that a search is offered, where these are not those that can be named.
-
-    generic: it says how an error looks and names no part; only a search is offered it. clamped: well beyond the
-    ranges it was fitted in it keeps its value. refit_constants: constants written in its bases were
-    chosen from many and belong to the last fit. yields: a part without a drive gives way to its load, so that
-    its number is positive. wanders: it went there and back during the session, by no law that
-    says where it is afterwards.
+    name: one word, as written on a command line.
+    explanation: the physical mechanism.
+    source: publication that describes it.
+    build: function that yields each instance for a mechanism and the columns of a table.
+    grids: function that yields its harmonics at any frequency of a range, for a search.
+    offered: function that yields the instances for a search, None if they are those of `build`.
+    generic: it describes the form of an error and names no part; only a search uses it.
+    clamped: its value is kept constant well beyond the fitted ranges.
+    refit_constants: constants in its basis functions were chosen from many and are refined in the last fit.
+    yields: it is a compliance of a part without a drive, so that its coefficient is positive.
+    wanders: it is a random motion during the session, with no formula for the position afterwards.
     """
 
     name: str
@@ -61,8 +62,10 @@ class Family:
 
 
 def installed() -> tuple[Family, ...]:
-    """Families of every installed provider: an entry point of the group `gpmodel.families` that is a Family, or
-    several of them. What cannot be loaded is left out with a warning."""
+    """Return the families of all installed providers: entry points of the group `gpmodel.families`.
+
+    An entry point is a Family or several of them. A provider that cannot be loaded is skipped with a warning.
+    """
     found: list[Family] = []
     for provider in sorted(entry_points(group=PROVIDERS), key=lambda e: e.name):
         try:
@@ -78,12 +81,12 @@ def installed() -> tuple[Family, ...]:
 Offer = Family | Candidate | Effect
 
 PLAIN_COST = 4.0
-"""Price of an effect without a stated one, nats: that of the plainest rows of the catalogue. exp(4) = 55 is about the
-number of sites of a six-joint arm."""
+"""Price of an effect without a stated one, nats: that of the simplest families. exp(4) = 55 is about the number of
+sites of a six-joint arm."""
 
 
 def distinct(offers: Iterable[object]) -> tuple[Offer, ...]:
-    """The offers as a tuple. Raises InputError for one of another kind, or two of one name."""
+    """Return families, candidates and effects as a tuple. Raises InputError for another type, or two of one name."""
     kept: dict[str, Offer] = {}
     for offer in offers:
         if not isinstance(offer, Family | Candidate | Effect):
@@ -97,9 +100,9 @@ def distinct(offers: Iterable[object]) -> tuple[Offer, ...]:
 
 
 def instances(offer: Offer, mechanism: Mechanism, states: States, *, search: bool = False) -> Iterator[Candidate]:
-    """The candidates of one offer on a mechanism, those of a family with its explanation.
+    """Yield the candidates of a family, candidate or effect on a mechanism, with the explanation of the family.
 
-    search: those that a search is offered, where a family has others to be named.
+    search: yield the instances for a search, if the family has separate ones.
     """
     match offer:
         case Candidate():
@@ -181,14 +184,14 @@ _OWN: tuple[Family, ...] = (
 )  # fmt: skip
 
 catalogue: tuple[Family, ...] = (*_OWN, *installed())
-"""The families of this package, then those of every installed provider."""
+"""The families of this package, then the families of every installed provider."""
 
 
 def candidates(mechanism: Mechanism, states: States, offers: Iterable[Offer] = catalogue) -> tuple[Candidate, ...]:
-    """Every instance that can be named of every offer, as these poses and columns allow; none of a generic family.
+    """Return the candidates of all families that are not generic, as the mechanism and the columns of the table allow.
 
-    offers: families, candidates and single effects. Raises InputError for one of another kind, or two of one name,
-    offers as well as what they come to.
+    offers: families, candidates and single effects. Raises InputError for another type, or if two offers or two
+    candidates have one name.
     """
     named = (offer for offer in distinct(offers) if not (isinstance(offer, Family) and offer.generic))
     found = tuple(c for offer in named for c in instances(offer, mechanism, states))
@@ -201,26 +204,27 @@ def candidates(mechanism: Mechanism, states: States, offers: Iterable[Offer] = c
 
 
 def names() -> tuple[str, ...]:
-    """The families' names, but for generic ones."""
+    """Return the names of the families that are not generic."""
     return tuple(f.name for f in catalogue if not f.generic)
 
 
 def family(name: str) -> Family | None:
-    """The family of that name, or None."""
+    """Return the family of that name, or None."""
     return next((f for f in catalogue if f.name == name), None)
 
 
 def explained(name: str) -> str:
-    """Return the physical explanation and source of the family of that name; empty if there is none."""
+    """Return the physical explanation and source of the family of that name, or an empty text."""
     found = family(name)
     return f"{found.explanation} ({found.source})" if found else ""
 
 
 def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:
-    """Effects of `family`, `family JOINT`, a candidate's or a single effect's full name, as on a command line.
+    """Return the effects of a name as on a command line: `family`, `family JOINT`, or a full name of a candidate or
+    effect.
 
-    A name that begins with a family's is searched in that family first: the others need not be enumerated.
-    Raises InputError for an unknown name, or one with no instance on this mechanism and table.
+    Raises InputError for an unknown name, or for a family without an instance on this mechanism and table. The family
+    that a name begins with is searched first.
     """
     first, *words = name.split() or [""]
     pool = of_family(first, mechanism, states)
@@ -238,7 +242,7 @@ def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]
 
 
 def of_family(name: str, mechanism: Mechanism, states: States) -> tuple[Candidate, ...]:
-    """Every instance of the family of that name; none where no family that can be named has it."""
+    """Return all instances of the family of that name. Empty if the name is unknown or the family is generic."""
     return candidates(mechanism, states, [f for f in catalogue if f.name == name])
 
 

@@ -1,4 +1,4 @@
-"""Families that say how an error looks and not why: curves of an angle, of the rows, of a load, of any column."""
+"""Families that describe the form of an error and no cause: curves over an angle, the rows, a load or a column."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -14,14 +14,14 @@ from gpmodel.model.sites import Site, sites_of
 from gpmodel.model.states import States
 
 FOLLOWING = (3, 1.5)
-"""Harmonics of an error curve over another joint, and the harmonic at which its prior falls off. It is smoother than
-that of a gear."""
+"""Number of harmonics of an error curve over the angle of another joint, and the harmonic at which its prior falls off.
+Such a curve is smoother than the error curve of a gear."""
 
 
 def continued(curve: Candidate) -> tuple[Effect, ...]:
-    """Return further harmonics, as many again as a fine curve has, with prior standard deviations falling as k^-1.5.
+    """Return as many further harmonics as a fine error curve has, with prior standard deviations falling as k^-1.5.
 
-    Empty for effects of any other kind.
+    Empty for any other candidate.
     """
     count, last = len(curve.effects) // 2, curve.effects[-1]
     if count <= SMOOTH[0] or len(curve.inputs) > 1 or last.terms[0].basis != wave("cos", count, curve.inputs[0]):
@@ -39,12 +39,15 @@ def continued(curve: Candidate) -> tuple[Effect, ...]:
 
 
 def richest(count: int) -> tuple[int, float] | None:
-    """Harmonics and corner of the fine curve that so many poses can carry."""
+    """Return the number of harmonics of the finest curve that `count` poses determine, and the corner of its prior.
+
+    None below 100 poses.
+    """
     return None if count < 100 else (20, 8.0) if count < 200 else (40, 15.0)
 
 
 def curves(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Error curve of the own angle on the drive, smooth and fine."""
+    """Yield a smooth and a fine error curve over the angle of each revolute joint, on its drive."""
     fine = richest(len(states))
     for j in revolute(mechanism):
         drive = Site(j.drive)
@@ -56,7 +59,7 @@ def curves(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def following(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Any place that follows another joint's angle, by three harmonics, or any further column, in proportion."""
+    """Yield an error at each site over the angle of another joint (three harmonics), or in proportion to a column."""
     joints = revolute(mechanism)
     for site in sites_of(mechanism):
         for j in joints:
@@ -73,7 +76,7 @@ def _own(site: Site, joint: Joint) -> bool:
 
 
 def wander(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """A slow wander of the set-up along the rows, by waves about where it was on average."""
+    """Yield a slow wander of the set-up along the rows, as a sum of cosines of mean zero."""
     waves = [Expression(f"cos({3.14159265 * k:.8f}*{share_of_rows(states)})") for k in range(1, 7)]
     fall = spectrum(6, 1.0)
     for kind, axes in (("shift", AXES[:3]), ("turn", AXES[3:])):
@@ -87,7 +90,7 @@ def wander(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def session(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """A linear drift along the rows at any site."""
+    """Yield a linear drift along the rows at each site."""
     for site in sites_of(mechanism):
         name = f"drift along the rows, {site.name}"
         yield one(name, site.effect(name, Expression("row"), "1/row", "session_curve"), 6.0)
@@ -104,7 +107,7 @@ def _following_columns(mechanism: Mechanism, states: States) -> Iterator[Candida
 
 
 def compliances(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Each axis of a joint shifts under the force along it; each axis of the base turns under its own moment."""
+    """Yield the shift of each joint axis under the force along it, and the tilt of the base under each moment."""
     joints = {f"{j.name}.{side}": j.name for j in mechanism.joints for side in ("fixed", "moving")}
     for site in sites_of(mechanism):
         owner, along = joints.get(site.slot, site.slot), site.axis[0] == "T"
@@ -116,7 +119,7 @@ def compliances(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def all_torques(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Deflection of a joint by the torque of another joint."""
+    """Yield the deflection of each joint under the torque of each other joint."""
     for j in revolute(mechanism):
         for other in revolute(mechanism):
             if other is not j and loaded(states, f"torque_{other.name}"):
@@ -126,7 +129,7 @@ def all_torques(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def load_curves(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Deflection as a loose curve of the own torque: linear, saturating, hardening, dead band."""
+    """Yield the deflection of each joint as a sum of functions of its torque: linear, saturating, hardening."""
     for j in revolute(mechanism):
         torque = f"torque_{j.name}"
         if not loaded(states, torque):

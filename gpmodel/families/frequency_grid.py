@@ -1,4 +1,4 @@
-"""Waves of a joint at more rates than can be named, and the families that are such: ripple, mesh compliance."""
+"""Harmonics of a joint at any frequency of a range, and the families that need them: ripple and mesh compliance."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -14,19 +14,20 @@ from gpmodel.model.effect import drive_effect
 from gpmodel.model.states import States
 
 CLOSER = 4
-"""Frequencies per 2π over the travel. At a quarter of that spacing the best one loses at most 5 % of the gain, 1 -
-sinc²(1/8)."""
+"""Frequencies per 2π over the travel. At a quarter of that spacing the best frequency loses at most 5 % of the gain, 1
+- sinc²(1/8)."""
 
 
 @dataclass(frozen=True)
 class FrequencyGrid:
-    """sin and cos of rate · (q - start) on the drive of a joint, times a load where there is one, at every rate of a
-    range.
+    """sin and cos of rate · (q - start) on the drive of a joint, at each rate of a grid. A load may multiply them.
 
-    template: the candidate with a symbol in the place of what its name tells the rate by. rates: (F,) rad of the
-    argument per rad or metre of the joint's coordinate, equally spaced. value: what stands for the symbol at a rate,
-    and the rate of that. load: the column of it.
-    Its cost is that of a named effect and the log of how many of the rates the poses can tell apart.
+    template: the candidate with a symbol for the number in its name. Its cost is that of a named effect plus the log of
+    the number of rates that the poses resolve.
+    start: coordinate q at which the phase is zero, rad or m.
+    rates: (F,) rad of the argument per rad or metre of the coordinate, equally spaced.
+    value: function from a rate to the number in the name, which also converts back.
+    load: column of the load, empty if there is none.
     """
 
     template: Candidate
@@ -38,11 +39,11 @@ class FrequencyGrid:
 
     @property
     def step(self) -> float:
-        """Between two rates."""
+        """Distance between two neighbouring rates."""
         return float(self.rates[1] - self.rates[0])
 
     def at(self, rate: float, digits: int = 6) -> Candidate:
-        """Return the candidate at a frequency, rounded to so many digits."""
+        """Return the candidate at a frequency, with the number in its name rounded to `digits` significant digits."""
         value = float(f"{self.value(rate):.{digits}g}")
         inner = NonlinearParameters(self.template.name, self.template.effects, (Constant("rate", "1", value),))
         return replace(self.template, name=inner.full_name, effects=inner.effects, inner=inner)
@@ -56,10 +57,12 @@ def frequency_grid(
     value: Callable[[float], float],
     load: str = "",
 ) -> FrequencyGrid | None:
-    """The grid of a wave written with a symbol, over rates from span[0] to span[1], rad per rad or metre.
+    """Return the grid of a harmonic `wave` with a symbol, over rates from span[0] to span[1], rad per rad or metre.
 
-    travel: where the joint's coordinate starts, and its range. None where the range is too short
-    to tell two rates apart.
+    None if the travel is too short to resolve two rates of that range.
+
+    travel: lowest coordinate of the joint, and its range.
+    value, load: as in `FrequencyGrid`.
     """
     start, length = travel
     width = 2 * np.pi / length if length > 0 else np.inf
@@ -71,44 +74,47 @@ def frequency_grid(
 
 
 NAMED, HIGHEST = range(3, 13), 400
-"""Ripples per turn offered by name; and the largest number per turn, whole or not, that is searched: twice the ratio of
-the slowest strain-wave gears."""
+"""Ripples per turn that the catalogue names; and the largest number per turn, whole or not, that is searched: twice the
+ratio of the slowest strain-wave gears."""
 COST = 4.0
 """Price of an effect with a name, nats."""
 
 
 def transmission_ripple(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Three to twelve per turn of each revolute joint, rad."""
+    """Yield three to twelve ripples per turn of each revolute joint, rad."""
     for j in revolute(mechanism):
         yield from (_ripple("transmission_ripple", j, n, COST + float(np.log(NAMED[-1]))) for n in NAMED)
 
 
 def mesh_compliance(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the named ripples times the joint's torque, rad/Nm."""
+    """Yield three to twelve ripples per turn of each revolute joint, multiplied by its torque, rad/Nm."""
     for j, load in _loaded(mechanism, states):
         yield from (_ripple("mesh_compliance", j, n, COST + float(np.log(NAMED[-1])), load) for n in NAMED)
 
 
 def ripple_grids(mechanism: Mechanism, states: States) -> Iterator[FrequencyGrid]:
-    """Any number per turn, whole or not, up to HIGHEST; of fewer than two waves over the travel the curves tell."""
+    """Yield ripples of each revolute joint at any number per turn up to HIGHEST, whole or not.
+
+    The error curves describe slower ripples, of fewer than two periods over the travel.
+    """
     for j in revolute(mechanism):
         yield from _grid(_ripple("transmission_ripple", j, symbol(), COST), j, states)
 
 
 def mesh_grids(mechanism: Mechanism, states: States) -> Iterator[FrequencyGrid]:
-    """Yield the ripple grids times the joint's torque."""
+    """Yield ripples at any number per turn, multiplied by the torque of the joint."""
     for j, load in _loaded(mechanism, states):
         yield from _grid(_ripple("mesh_compliance", j, symbol(), COST, load), j, states, load)
 
 
 def _loaded(mechanism: Mechanism, states: States) -> Iterator[tuple[Joint, str]]:
-    """Revolute joints that carry a load, with the column of it."""
+    """Yield the revolute joints under a load, with the column of the load."""
     torques = ((j, f"torque_{j.name}") for j in revolute(mechanism))
     return ((j, torque) for j, torque in torques if loaded(states, torque))
 
 
 def _ripple(family: str, j: Joint, number: object, cost: float, load: str = "") -> Candidate:
-    """Sine and cosine of so many per turn."""
+    """Return the sine and cosine of `number` periods per turn."""
     name = f"{family.replace('_', ' ')}, {number} per turn, {j.name}"
     times, unit = (f"{load}*", "rad/Nm") if load else ("", "rad")
     waves = {f: Expression(f"{times}{f}({number}*{j.name})") for f in ("sin", "cos")}

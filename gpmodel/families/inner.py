@@ -1,4 +1,7 @@
-"""Constants inside a candidate, a frequency, a time constant, a width, a row, and its template with their values."""
+"""Constants inside the basis functions of a candidate: a frequency, a time constant, a width, a row.
+
+A template is the candidate with a symbol in place of each constant.
+"""
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,11 +19,15 @@ SYMBOL = "CONSTANT"
 
 @dataclass(frozen=True)
 class Constant:
-    """A constant inside the bases of a candidate, which the linear solve cannot reach.
+    """A constant inside the basis functions of a candidate, on which they depend nonlinearly.
 
-    name: what it is, as in "time constant"; unit: of it. step: from its value to the next that was offered, 0 where it
-    is as fine as the poses tell apart. whole: it is the row before an event; bases hold the middle to the next row.
-    rows: the first and the last that may be it at 95 %, where they are told. number: of its symbol in the template.
+    name: its meaning, such as "time constant".
+    unit: unit of `value`.
+    step: distance from `value` to the next value of the grid, 0 if the grid is as fine as the poses resolve.
+    whole: the constant is the last row before an event; the basis functions use the middle between that row and the
+    next.
+    rows: first and last row of the 95 % interval of an event, None if unknown.
+    number: number of its symbol in the template.
     """
 
     name: str
@@ -39,8 +46,12 @@ class Constant:
 
 @dataclass(frozen=True)
 class FittedConstant:
-    """A constant inside a finding, as all poses have it: value ± stderr, or for the row of an event the first and last
-    that may be it, at 95 %. name: what it is, empty for one of an evolved law."""
+    """A constant inside a finding, fitted to all poses.
+
+    name: its meaning, empty for a constant of an evolved formula.
+    stderr: standard error of `value`, None for the row of an event.
+    low, high: first and last row of the 95 % interval of an event.
+    """
 
     name: str
     unit: str
@@ -52,7 +63,7 @@ class FittedConstant:
 
 @dataclass(frozen=True)
 class NonlinearParameters:
-    """The constants of a candidate, its name and its effects with their symbols in their places."""
+    """The constants of a candidate, and its name and effects with symbols in place of the constants."""
 
     name: str
     template: tuple[Effect, ...]
@@ -64,12 +75,12 @@ class NonlinearParameters:
         return tuple(c.value for c in self.constants)
 
     def at(self, values: Sequence[float]) -> "NonlinearParameters":
-        """The template with other values of its constants."""
+        """Return the template with other values of its constants."""
         constants = tuple(replace(c, value=v) for c, v in zip(self.constants, values, strict=True))
         return replace(self, constants=constants)
 
     def without(self, k: int) -> "NonlinearParameters":
-        """The template without a constant and the effects that read it."""
+        """Return the template without constant `k` and without the effects that depend on it."""
         symbol = self.constants[k].symbol
         left = tuple(e for e in self.template if not any(_reads(str(t.basis), symbol) for t in e.terms))
         unnamed = self.name == law_name(self.template)
@@ -78,12 +89,12 @@ class NonlinearParameters:
 
     @property
     def full_name(self) -> str:
-        """The candidate's name with the constants in it."""
+        """Name of the candidate with the values of the constants in it."""
         return self._substituted(self.name)
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """The candidate's effects with the constants in them."""
+        """Effects of the candidate with the values of the constants in them."""
         bases = {str(term.basis) for effect in self.template for term in effect.terms}
         filled = {text: Expression(self._substituted(text, between=True)) for text in bases}
         return tuple(
@@ -96,7 +107,7 @@ class NonlinearParameters:
         )
 
     def _substituted(self, text: str, between: bool = False) -> str:
-        """A text with the constants in it. between: rows of events are the middle to the next one."""
+        """Replace the symbols in a text by values. between: write the row of an event as the middle to the next row."""
         constants = {c.symbol: c for c in self.constants}
 
         def written(found: re.Match[str]) -> str:
@@ -114,25 +125,25 @@ class NonlinearParameters:
 
 
 def symbol(number: int = 0) -> str:
-    """Return the symbol of a constant, by default the first, in the names and basis functions of a template."""
+    """Return the symbol of constant `number` in the names and basis functions of a template."""
     return f"{SYMBOL}{number}"
 
 
 def geometric(name: str, unit: str, span: tuple[float, float], count: int) -> Iterator[Constant]:
-    """A constant at `count` values in constant ratio from the lowest to the highest, to three digits."""
+    """Yield a constant at `count` values in constant ratio over the range `span`, rounded to three digits."""
     ratio = (span[1] / span[0]) ** (1.0 / (count - 1))
     for value in np.geomspace(*span, count):
         yield Constant(name, unit, float(f"{value:.3g}"), float(value * (ratio - 1.0)))
 
 
 def law_name(effects: Sequence[Effect]) -> str:
-    """Name an unnamed formula from its effects at one site: `f and g on slot axis`."""
+    """Name a formula without a name after its effects at one site: `f and g on slot axis`."""
     place = effects[0].terms[0]
     return f"{' and '.join(str(e.terms[0].basis) for e in effects)} on {place.slot} {place.axis}"
 
 
 def numbered(effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """The effects of a formula without a name, called after it."""
+    """Rename the effects of a formula without a name after the formula, with a number if there are several."""
     name = law_name(effects)
     return tuple(replace(e, name=f"{name} [{k}]" if len(effects) > 1 else name) for k, e in enumerate(effects, 1))
 
@@ -143,14 +154,17 @@ def _reads(text: str, symbol: str) -> bool:
 
 
 NAMES = {"lag": "lag", "play": "half-width", "stop": "half-width"}
-"""Meaning of the constant of each memory column."""
+"""Name of the constant of each kind of column with memory (lag, play, stop)."""
 
 
 def remembered(name: str, effects: Sequence[Effect], unit: Callable[[str, str], str]) -> NonlinearParameters | None:
-    """The constants in the names of the remembered columns that effects read, as `lag_temperature_40` does; None where
-    they read none.
+    """Return the constants in the names of columns with memory, such as the 40 in `lag_temperature_40`, with their
+    template.
 
-    name: of the candidate they make. unit: of such a constant, by what the column does and to which other.
+    None if no effect depends on a column with memory.
+
+    name: name of the candidate of these effects.
+    unit: function from the kind of memory and the source column to the unit of the constant.
     """
     read = dict.fromkeys(column for effect in effects for column in effect.inputs if constant_of(column))
     constants, symbols = [], {}

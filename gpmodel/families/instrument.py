@@ -1,12 +1,12 @@
-"""Families of the instrument's own errors, as a laser tracker has them: in its frame, before registration.
+"""Families of errors of the instrument, such as a laser tracker, in its own frame before registration.
 
-With azimuth a and elevation e, a small turn about the standing axis shifts a point by azimuth, one about the axis
-(sin a, -cos a, 0) by elevation, a shift along (cos e cos a, cos e sin a, sin e) by range. A constant turn about z is
-the registration's.
+With azimuth a and elevation e, a rotation about the vertical axis is an azimuth error, a rotation about the axis (sin
+a, -cos a, 0) an elevation error, and a shift along (cos e cos a, cos e sin a, sin e) a range error. A constant rotation
+about z is part of the registration.
 
-Where the instrument's specification is known, each error alone reaches it at the table's distances with one standard
-deviation; an error beyond it is a separate candidate, with the price of an instrument that is out of order. A random
-walk along the rows is that of its stand, which no specification covers.
+If the specification of the instrument is known, the prior standard deviation of each error is the specified limit at
+the distances of the table. A larger error is a separate candidate, at the price of an instrument out of order. A random
+walk along the rows is a motion of the stand of the instrument, which no specification covers.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,8 +27,8 @@ ANGLE, LENGTH, SCALE = 3e-5, 5e-5, 2e-5
 15 µm + 6 µm/m, since an instrument with an error is out of order."""
 
 OUT_OF_ORDER = float(np.log(1000.0))
-"""Price of an error beyond the specification, nats: one instrument in a thousand is out of order without its user
-knowing, as yearly verification to ISO 10360-10 leaves it."""
+"""Price of an error beyond the specification, nats. Yearly verification to ISO 10360-10 leaves about one instrument in
+a thousand out of order without the knowledge of its user."""
 
 A, E, R = "instrument_azimuth", "instrument_elevation", "instrument_range"
 
@@ -39,20 +39,23 @@ FINE, FINE_POSES = 5, 200
 """Half waves, over all directions together, of a detailed error field, and the least number of poses for it."""
 
 NEAREST, STEEPEST = 1.0, float(np.radians(85.0))
-"""Least distance of a measured point from an instrument that reads angles and a distance, m; and its largest elevation.
-A table in the frame of the robot has its origin inside the robot."""
+"""Least distance of a measured point from an instrument that measures angles and a distance, m; and the largest
+elevation, rad. A table in the frame of the robot has its origin inside the robot."""
 
 WAVES = 8
-"""Sine waves of a random walk along the rows. The eighth has 1/225 of the variance of the first."""
+"""Number of sine waves of a random walk along the rows. The eighth has 1/225 of the variance of the first."""
 
 FINE_WAVES = 32
-"""Sine waves of a detailed random walk. Eight leave a fortieth of its variance, which a step would seem to explain."""
+"""Number of sine waves of a detailed random walk. Eight waves leave a fortieth of its variance, which a step could
+explain."""
 
 
 @dataclass(frozen=True)
 class _Sizes:
-    """Standard deviations of its errors before measuring: of a length, m, an angle, rad, and a scale. believed: the
-    instrument is specified."""
+    """Prior standard deviations of the errors of an instrument: a length, m, an angle, rad, and a scale.
+
+    believed: they come from the specification of the instrument.
+    """
 
     length: float = LENGTH
     angle: float = ANGLE
@@ -69,7 +72,7 @@ def _sizes(seen: Seen) -> _Sizes:
 
 
 def _polar(states: States) -> Seen | None:
-    """Return the measured points if the origin of their frame can be an instrument that reads angles and a distance."""
+    """Return the measured points if an instrument of angles and a distance can stand at the origin of their frame."""
     seen = states.seen
     if seen is None or np.min(seen.columns[R]) < NEAREST or np.max(np.abs(seen.columns[E])) > STEEPEST:
         return None
@@ -77,8 +80,10 @@ def _polar(states: States) -> Seen | None:
 
 
 def or_beyond(build: Callable[[Mechanism, States], Iterator[Candidate]]) -> Callable[..., Iterator[Candidate]]:
-    """The candidates of a family within its specification, and at the price of an instrument out of order beyond it.
-    Without a specification any size has that price."""
+    """Extend a family by candidates beyond the specification, at the price of an instrument out of order.
+
+    Without a specification every candidate has that price.
+    """
 
     def offered(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
         for candidate in build(mechanism, states):
@@ -92,7 +97,7 @@ def or_beyond(build: Callable[[Mechanism, States], Iterator[Candidate]]) -> Call
 
 
 def _shift(name: str, factor: str, unit: str, family: str, prior: float) -> Effect:
-    """Along the beam."""
+    """Return an effect along the beam."""
     ways = {"Tx": f"cos({E})*cos({A})", "Ty": f"cos({E})*sin({A})", "Tz": f"sin({E})"}
     terms = tuple(Term(INSTRUMENT, axis, Expression(f"{factor}*{way}")) for axis, way in ways.items())
     return Effect(name, terms, unit, family, prior)
@@ -109,8 +114,7 @@ def _by_elevation(name: str, shape: str, family: str, prior: float) -> Effect:
 
 
 def instrument_range(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Offset and scale of the distances that the instrument reads; a scale that one linear axis can have is rather the
-    pitch of its screw."""
+    """Yield an offset and a scale of the distances that the instrument measures."""
     if seen := _polar(states):
         family, size = "instrument_range", _sizes(seen)
         for name, factor, unit, prior, cost in (
@@ -122,7 +126,7 @@ def instrument_range(mechanism: Mechanism, states: States) -> Iterator[Candidate
 
 
 def instrument_azimuth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Errors of the instrument's horizontal angle, once and twice per turn, rad."""
+    """Yield errors of the horizontal angle of the instrument, one and two periods per turn, rad."""
     if seen := _polar(states):
         family, size = "instrument_azimuth", _sizes(seen)
         for n, name in ((1, "eccentricity of the instrument's azimuth"), (2, "azimuth of the instrument, 2 per turn")):
@@ -132,7 +136,7 @@ def instrument_azimuth(mechanism: Mechanism, states: States) -> Iterator[Candida
 
 
 def instrument_elevation(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Index error and eccentricity of the instrument's vertical angle, rad."""
+    """Yield the index error and the eccentricity of the vertical angle of the instrument, rad."""
     if seen := _polar(states):
         family, size, name = "instrument_elevation", _sizes(seen), "elevation index of the instrument"
         yield Candidate(name, (_by_elevation(name, "1", family, size.angle),), family, 4.0, believed=size.believed)
@@ -142,7 +146,7 @@ def instrument_elevation(mechanism: Mechanism, states: States) -> Iterator[Candi
 
 
 def instrument_axes(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Tilt of the transit axis and of the line of sight: errors by tan and 1/cos of the elevation, rad."""
+    """Yield the tilt of the transit axis and of the line of sight: errors by tan and 1/cos of the elevation, rad."""
     if seen := _polar(states):
         family, size = "instrument_axes", _sizes(seen)
         for name, shape in (
@@ -154,7 +158,10 @@ def instrument_axes(mechanism: Mechanism, states: States) -> Iterator[Candidate]
 
 
 def instrument_field(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Polynomials of the place, of degree two and three, in each coordinate: first degrees scale, shear and turn."""
+    """Yield an error over the volume, as polynomials of degree two and three in x, y and z.
+
+    Polynomials of degree one are scale, shear and rotation, which other effects describe.
+    """
     if states.seen is None:
         return
     name, size = "smooth error of the instrument over the volume", _sizes(states.seen)
@@ -170,7 +177,10 @@ def instrument_field(mechanism: Mechanism, states: States) -> Iterator[Candidate
 
 
 def _waves(scaled: list[str], size: _Sizes) -> Candidate:
-    """Products of cosines of up to FINE half waves in all, deviations as 1/(1 + k²): what polynomials cannot follow."""
+    """Return a more detailed error over the volume: products of cosines of up to FINE half waves in all.
+
+    Prior standard deviations fall as 1/(1 + k²).
+    """
     name = "detailed smooth error of the instrument over the volume"
     effects: list[Effect] = []
     for orders in product(range(FINE + 1), repeat=3):
@@ -182,15 +192,18 @@ def _waves(scaled: list[str], size: _Sizes) -> Candidate:
 
 
 def _shifts(name: str, orders: tuple[int, ...], shape: str, prior: float) -> Iterator[Effect]:
-    """A shape over the volume along each axis, called by its orders along x, y and z."""
+    """Yield one error over the volume along each axis, named after its orders along x, y and z."""
     label = "".join(f"{c}{k}" for c, k in zip("xyz", orders, strict=True) if k)
     for axis in AXES[:3]:
         yield effect_at(f"{name}, {label} {axis}", INSTRUMENT, axis, Expression(shape), "m", "instrument_field", prior)
 
 
 def instrument_walk(mechanism: Mechanism, states: States, waves: int = WAVES) -> Iterator[Candidate]:
-    """A random walk over the rows, by its Karhunen-Loève waves sin((k - 1/2) π t), deviations as 1/(k - 1/2), each
-    less its mean 1/((k - 1/2) π): without the walk the instrument stands where it stood on average."""
+    """Yield a random walk over the rows, by its Karhunen-Loève waves sin((k - 1/2) π t).
+
+    Prior standard deviations fall as 1/(k - 1/2). Each wave has its mean 1/((k - 1/2) π) subtracted, so that the
+    registration is the mean position of the instrument.
+    """
     rows = states.past.columns["row"] if states.past else states["row"]
     if len(rows) < 4 * waves or states.seen is None:
         return
@@ -215,7 +228,7 @@ def instrument_walk(mechanism: Mechanism, states: States, waves: int = WAVES) ->
 
 
 def instrument_walks(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """The walks that a search is offered: of few waves, and of as many as leave no step of it for other effects."""
+    """Yield the random walks for a search: with few waves, and with so many that no step remains for other effects."""
     yield from instrument_walk(mechanism, states)
     waves = min(FINE_WAVES, len(states) // 4)
     for fine in instrument_walk(mechanism, states, waves) if waves > WAVES else ():
@@ -223,6 +236,6 @@ def instrument_walks(mechanism: Mechanism, states: States) -> Iterator[Candidate
 
 
 def _centred(column: str, values: Array) -> str:
-    """The column from -1 to 1 over the volume, as text."""
+    """Write a column scaled to -1 to 1 over the volume."""
     middle, half = 0.5 * (values.max() + values.min()), max(0.5 * float(np.ptp(values)), 1e-3)
     return f"(({column} - {middle:.4g})/{half:.4g})"

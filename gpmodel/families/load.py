@@ -1,4 +1,4 @@
-"""Families of effects that follow the loads: what bends, twists, tilts and sags, under weights known or not."""
+"""Families of effects that follow the loads: bending, twist, tilt and sag, under known or unknown weights."""
 
 from collections.abc import Iterator, Mapping
 
@@ -15,14 +15,14 @@ from gpmodel.model.states import States
 
 
 def base_compliance(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """The base tilts about x and y in proportion to the moment on it, rad/Nm."""
+    """Yield the tilt of the base about x and y in proportion to the moment on it, rad/Nm."""
     if "moment_base_x" in states.columns:
         terms = tuple(Term("base", f"R{a}", Expression(f"moment_base_{a}")) for a in "xy")
         yield one("base compliance", Effect("base compliance", terms, "rad/Nm", "base_compliance"), 4.0)
 
 
 def joint_compliance(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """A joint yields in proportion to its torque, rad/Nm, or force, m/N."""
+    """Yield the deflection of each joint in proportion to its torque, rad/Nm, or force, m/N."""
     for j in mechanism.joints:
         if loaded(states, f"torque_{j.name}"):
             unit = "rad/Nm" if j.kind == "revolute" else "m/N"
@@ -33,7 +33,7 @@ def joint_compliance(mechanism: Mechanism, states: States) -> Iterator[Candidate
 
 
 def payload_deflection(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """A joint yields to the torque of the payload alone."""
+    """Yield the deflection of each joint in proportion to the torque of the payload alone, rad/Nm or m/N."""
     for j in mechanism.joints:
         column = f"payload_torque_{j.name}"
         if loaded(states, column):
@@ -43,7 +43,7 @@ def payload_deflection(mechanism: Mechanism, states: States) -> Iterator[Candida
 
 
 def joint_bending(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """A revolute joint bends about the axes across its own in proportion to the moments there, rad/Nm."""
+    """Yield the tilt of each revolute joint across its axis, in proportion to the moments there, rad/Nm."""
     for j in revolute(mechanism):
         axes = across(j)
         if f"moment_{j.name}_x" in states.columns:
@@ -56,7 +56,7 @@ def joint_bending(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def backlash_load(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Play of a drive that lies on the side the load pushes it to: the sign of the torque."""
+    """Yield the play of each drive, on the side to which the load pushes: the sign of the torque."""
     for j in mechanism.joints:
         if loaded(states, f"torque_{j.name}"):
             basis = Expression(f"sign(torque_{j.name})")
@@ -65,14 +65,14 @@ def backlash_load(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def balancing_spring(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the residual of a spring that balances the second revolute joint: sin q."""
+    """Yield the error of the spring that balances the second revolute joint: sin q."""
     for j in revolute(mechanism)[1:2]:
         effect = drive_effect(f"balancing spring, {j.name}", j, Expression(f"sin({j.name})"), family="balancing_spring")
         yield one(effect.name, effect, 4.5)
 
 
 def hardening(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Stiffness that grows with the load: the cube of a torque over its largest."""
+    """Yield a stiffness that grows with the load: the cube of the torque divided by the largest torque."""
     for j in mechanism.joints:
         torque = f"torque_{j.name}"
         if loaded(states, torque):
@@ -83,7 +83,7 @@ def hardening(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def preload(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """A ball that yields along its leg to what pulls at it beyond a part of its preload, m/N."""
+    """Yield the shift of a ball along its leg under the pull beyond a part of its preload, m/N."""
     for ball in balls_of(mechanism):
         if ball.axial and loaded(states, ball.axial):
             pull = states[ball.axial]
@@ -96,8 +96,10 @@ def preload(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def support_sag(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """The support shifts along gravity's direction in the base, all axes together and each alone, m; that of every ball
-    of a machine along its leg, in proportion to the load there, m/N."""
+    """Yield the shift of the support along gravity, as one effect and along each axis alone.
+
+    Each ball of a machine shifts along its leg in proportion to the load there, m/N.
+    """
     for ball in balls_of(mechanism):
         if ball.axial and loaded(states, ball.axial):
             name = f"sag of the support{ball.suffix}"
@@ -117,12 +119,12 @@ DEFLECTION = 7e-4
 
 
 SECOND = 5.0
-"""Price of wrong masses in addition to a joint's compliance, nats: they are a second finding, and cost the least gain
-of a finding."""
+"""Additional price of wrong masses over that of a compliance, nats. Wrong masses are a second finding, and pay the
+least gain of a finding."""
 
 
 def unknown_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """The drive of each joint under unit moments of every link beyond it."""
+    """Yield the deflection of each joint under unit moments of mass of every link beyond it."""
     for j in revolute(mechanism):
         prefix = f"torque_{j.name}_of_"
         moments = [n for n in _unit_loads(states) if n.startswith(prefix) and n.endswith(("_x", "_y", "_z"))]
@@ -135,7 +137,10 @@ def unknown_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def base_unknown_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """The base tilts about x and y under unit moments of every link: one unknown for both axes, as it is round."""
+    """Yield the tilt of the base about x and y under unit moments of mass of every link.
+
+    Each moment has one coefficient for both axes, since the base is assumed equally stiff about them.
+    """
     loads, prefix = _unit_loads(states), "moment_base_x_of_"
     moments = [n for n in loads if n.startswith(prefix) and n.replace("moment_base_x", "moment_base_y") in loads]
     if moments:
@@ -154,7 +159,7 @@ def base_unknown_masses(mechanism: Mechanism, states: States) -> Iterator[Candid
 
 
 def wrong_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """The drive of each joint under the weight of each link beyond it; each link has its own number."""
+    """Yield the deflection of each joint under the weight of each link beyond it, with one coefficient a link."""
     for j in revolute(mechanism):
         prefix = f"torque_{j.name}_of_"
         parts = [n for n in _unit_loads(states) if n.startswith(prefix) and not n.endswith(("_x", "_y", "_z"))]
@@ -175,6 +180,6 @@ def _unit_loads(states: States) -> Mapping[str, Array]:
 
 
 def _share(states: States, moments: list[str]) -> float:
-    """The prior of each moment with which all of them together deflect the joint as much as is usual."""
+    """Return the prior of each moment with which all moments together give the typical deflection of a joint."""
     squares = sum(float(np.mean(_unit_loads(states)[m] ** 2)) for m in moments)
     return DEFLECTION / float(np.sqrt(squares))

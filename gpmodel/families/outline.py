@@ -1,4 +1,4 @@
-"""Laws of one input as a person says them: a bump or a step, where it is and how wide."""
+"""Describe formulas of one input in words: a bump, a step or a dead zone, with its centre and width."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -16,14 +16,17 @@ PRINTED = {"rad": (180.0 / math.pi, "deg"), "m": (1e3, "mm")}
 """Factor and unit in which lengths and angles are printed."""
 
 LINEAR = {"tanh": ("step", 1.0), "logistic": ("step", 2.0), "deadzone": ("dead zone", 2.0)}
-"""Functions of (x - at) with an outline: its name, and its width if x has the factor one."""
+"""For each of these functions of (x - at): the word for its shape, and its width for a factor of one on x."""
 
 
 @dataclass(frozen=True)
 class Outline:
-    """A law of one input by its outline: what it is, of which input, where and how wide, in the input's unit.
+    """The shape of a formula of one input, with its centre and width in the unit of the input.
 
     exp(-(x - at)² / (2 width²)) is a bump, tanh((x - at) / width) a step, deadzone(2 (x - at) / width) a dead zone.
+
+    what: bump, step or dead zone.
+    of: name of the input.
     """
 
     what: str
@@ -33,7 +36,7 @@ class Outline:
 
 
 def outline(basis: Expression) -> Outline | None:
-    """The outline of a basis, whatever way it is written; None for what is neither."""
+    """Return the shape, centre and width of a basis function, or None if it is no bump, step or dead zone."""
     if len(basis.inputs) != 1 or not {"exp", *LINEAR} & set(basis.program.operator_counts):
         return None
     x = sympy.Symbol(basis.inputs[0], real=True)
@@ -51,9 +54,9 @@ def outline(basis: Expression) -> Outline | None:
 
 
 def in_words(candidates: Sequence[Candidate], units: Mapping[str, str]) -> tuple[Candidate, ...]:
-    """Name candidates without a name by the outline of their formula, if no other has it.
+    """Name candidates without a name after the shape of their formula, unless two names would be equal.
 
-    units: of the inputs. As in `bump of J2 at -95.5°, width 11.2°`.
+    A name reads `bump of J2 at -95.5°, width 11.2°`. units: unit of each input.
     """
     named = [_named(candidate, units) for candidate in candidates]
     names = [candidate.name for candidate in named]
@@ -61,7 +64,7 @@ def in_words(candidates: Sequence[Candidate], units: Mapping[str, str]) -> tuple
 
 
 def outline_of(candidate: Candidate) -> Outline | None:
-    """The outline of a candidate of one effect that is of no family."""
+    """Return the shape of a candidate of one effect and no family, or None for any other candidate."""
     one = len(candidate.effects) == 1 and not candidate.family
     basis = candidate.bases[0]
     return outline(basis) if one and isinstance(basis, Expression) else None

@@ -12,8 +12,13 @@ FILE = Path(__file__).with_name("repair_advice.toml")
 
 @dataclass(frozen=True)
 class RepairAdvice:
-    """sign: on the machine. check: by hand. clause: of ISO 9283, ISO 230 or another standard that it moves.
-    compensation: what corrected joint values can and cannot do."""
+    """Four sentences of advice for whoever repairs the machine.
+
+    sign: what is visible on the machine.
+    check: a check by hand.
+    clause: clause of ISO 9283, ISO 230 or another standard whose test result changes.
+    compensation: what corrected joint values can and cannot do.
+    """
 
     sign: str
     check: str
@@ -22,13 +27,13 @@ class RepairAdvice:
 
     @property
     def lines(self) -> tuple[tuple[str, str], ...]:
-        """Each sentence with its heading."""
+        """Pairs of a heading and its sentence."""
         headings = ("sign", "check by hand", "standard", "compensation")
         return tuple(zip(headings, (self.sign, self.check, self.clause, self.compensation), strict=True))
 
 
 @cache
 def repair_advice() -> Mapping[str, RepairAdvice]:
-    """Advice by the name of the family."""
+    """Return the advice for each family, by the name of the family."""
     rows = read_toml(FILE, "the advice of the catalogue")["advice"]
     return {name: RepairAdvice(**row) for row in rows for name in row.pop("families")}

@@ -1,8 +1,7 @@
-"""Families of effects that follow the session: temperature, time, and what was moved between two rows; or that
-remember: play, friction, hysteresis, and what follows the temperature with a lag.
+"""Families of effects that follow the session: temperature, time, a shift between two rows, and effects with memory.
 
-Effects that remember exist where the rows are in the order of measurement. Magnitudes: play 0.25 to 1 arc minute from
-side to side (Gong 2000).
+Effects with memory are play, friction, hysteresis and a lag after the temperature. They need rows in the order of
+measurement. Typical play is 0.25 to 1 arc minute from side to side (Gong 2000).
 """
 
 import math
@@ -25,20 +24,20 @@ EXPANSION = 2e-5
 """Thermal expansion, 1/K: between steel, 12e-6, and aluminium, 23e-6."""
 
 TILT = 2e-5
-"""Tilt of the base, rad/K: a steel column 1 m high and 0.3 m wide, whose sides differ by half a kelvin for every
-kelvin."""
+"""Tilt of the base, rad/K: that of a steel column 1 m high and 0.3 m wide, whose sides differ by half a kelvin for
+every kelvin."""
 
 ZERO = 1e-5
 """Drift of an encoder zero, rad/K. Gong (2000) reports up to 0.2 mrad over 20 K."""
 
 SHORTEST = 0.02
-"""Shortest link that is offered thermal growth, m. A shorter one grows by less than 5 µm in 10 K."""
+"""Shortest link that gets a thermal growth, m. A shorter link grows by less than 5 µm in 10 K."""
 
 
 def arm_growth(
     name: str, mechanism: Mechanism, basis: Basis, unit: str, family: str, prior: float = math.inf
 ) -> Effect:
-    """All links stretch by one share of their lengths."""
+    """Return the effect that stretches all links by an equal share of their lengths."""
     terms = chain(*(_along(slot, link, basis) for slot, link in links(mechanism).items()))
     return Effect(name, tuple(terms), unit, family, prior)
 
@@ -46,7 +45,10 @@ def arm_growth(
 def link_growth(
     name: str, mechanism: Mechanism, basis: Basis, unit: str, family: str, prior: float = math.inf
 ) -> Iterator[Effect]:
-    """Each link alone, but for short ones. name: with {slot} for the slot behind the link."""
+    """Yield an effect that stretches one link, for each link longer than SHORTEST.
+
+    name: name of the effect, with {slot} for the slot at the end of the link.
+    """
     for slot, link in links(mechanism).items():
         if np.linalg.norm(link) > SHORTEST:
             yield Effect(name.format(slot=slot), _along(slot, link, basis), unit, family, prior)
@@ -60,10 +62,10 @@ MOST_STEPS = 200
 """Largest number of rows at which a step is offered, evenly spaced."""
 
 EVENTS = 12
-"""Moments at which settling may begin. Time constants of a twentieth of the session or more need no closer ones."""
+"""Number of moments at which settling may begin. Time constants of a twentieth of the session or more need no more."""
 
 SETTLED = 1e-4
-"""Prior standard deviation of settling, rad or share of a link's length: 5 K of steel (Slocum 1992, ch. 2)."""
+"""Prior standard deviation of settling, rad or share of the length of a link: 5 K of steel (Slocum 1992, ch. 2)."""
 
 
 def _steps(states: States) -> list[int]:
@@ -75,7 +77,7 @@ def _steps(states: States) -> list[int]:
 
 
 def _moved_once(what: str, slot: str, axes: tuple[str, ...], family: str, states: States) -> Iterator[Candidate]:
-    """A step after a row, along each axis and along all of them together."""
+    """Yield a step after each row, along all axes together and along each axis alone."""
     rows = _steps(states)
     name, basis = f"{what} after row {symbol()}", Expression(f"step(row - {symbol()})")
     effects = tuple(effect_at(f"{name}, {axis}", slot, axis, basis, family=family) for axis in axes)
@@ -87,7 +89,7 @@ def _moved_once(what: str, slot: str, axes: tuple[str, ...], family: str, states
 
 
 def thermal_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """The whole arm grows in proportion to a measured temperature."""
+    """Yield the growth of the whole arm, and of each link, in proportion to a measured temperature."""
     for column in _measured_temperatures(states):
         unit = states.units[column]
         basis = Expression(relative(states, column, unit))
@@ -99,7 +101,7 @@ def thermal_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def thermal_zero(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """A joint's zero moves in proportion to a measured temperature."""
+    """Yield the drift of each joint zero in proportion to a measured temperature."""
     for column in _measured_temperatures(states):
         basis = Expression(relative(states, column, states.units[column]))
         for j in mechanism.joints:
@@ -108,7 +110,8 @@ def thermal_zero(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def drift(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """The set-up moves in proportion to the row, along and about its axes, or along a parabola of the row."""
+    """Yield a drift of the set-up in proportion to the row, along and about its axes, and one along a parabola of the
+    row."""
     name, row = "drift of the set-up", Expression("row")
     along = [effect_at(f"{name}, {a}", "base", a, row, f"{axis_unit(a)}/row", "drift") for a in AXES]
     yield Candidate(name, tuple(along[:3]), "drift", 4.5)
@@ -121,17 +124,17 @@ def drift(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def setup_step(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """The set-up moved once, between two rows."""
+    """Yield one motion of the set-up between two rows."""
     yield from _moved_once("set-up moved", "base", AXES, "set_up_step", states)
 
 
 def tool_slip(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """The tool slipped once, between two rows, m."""
+    """Yield one shift of the tool between two rows, m."""
     yield from _moved_once("tool slipped", "tool", AXES[:3], "tool_slip", states)
 
 
 def _clock(states: States) -> tuple[str, float, float, str]:
-    """The column the session runs along, its first value, span and unit: times that order the rows, else the row."""
+    """Return the column that orders the rows (a time, or the row number), its first value, span and unit."""
     name = states.past.clock if states.past else "row"
     values = states.past.columns[name] if states.past else states[name]
     unit = "rows" if name == "row" else states.units[name]
@@ -139,9 +142,7 @@ def _clock(states: States) -> tuple[str, float, float, str]:
 
 
 def warm_up(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield warm-up effects: exp(-t/τ) of joint zeros, set-up and links, for several time constants τ, stated in the
-    name.
-    """
+    """Yield warm-up effects exp(-t/τ) of joint zeros, set-up and links, for several time constants τ."""
     clock, start, span, unit = _clock(states)
     since = clock if clock == "row" else f"({clock} - {start:.12g})"
     basis = Expression(f"exp(-{since}/{symbol()})")
@@ -158,8 +159,10 @@ def warm_up(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def settling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """1 - exp(-t/tau) with t the time since an event, at each of a dozen moments; of a clock that began long before the
-    session, as seconds since 1970 did, they are counted from the first row."""
+    """Yield settling 1 - exp(-t/τ), with t the time since an event, for each of EVENTS moments.
+
+    The moments of a clock that began long before the session, such as seconds since 1970, count from the first row.
+    """
     clock, start, span, unit = _clock(states)
     if states.past is None:
         return
@@ -178,7 +181,7 @@ def settling(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def _settling(mechanism: Mechanism, basis: Expression, after: str) -> Iterator[Effect]:
-    """Each zero and each link."""
+    """Yield the settling of each joint zero and of each link."""
     for j in revolute(mechanism):
         yield drive_effect(f"settling of the zero {after}, {j.name}", j, basis, family="settling", prior=SETTLED)
     yield from link_growth(f"settling of the link before {{slot}} {after}", mechanism, basis, "1", "settling", SETTLED)
@@ -189,14 +192,14 @@ def _measured_temperatures(states: States) -> list[str]:
 
 
 PLAY = 1e-4
-"""Half the play of a drive, rad; of a linear axis a tenth of it in m, over a pitch radius of 0.1 m."""
+"""Half the play of a drive, rad. For a linear axis a tenth of it, m: that play at a pitch radius of 0.1 m."""
 
 WIDTHS = (0.02, 0.05, 0.1, 0.2)
-"""Half-widths of stop operators, over the travel of a joint or the span of a torque. Narrower ones act as play, wider
-ones as a smooth curve."""
+"""Half-widths of stop operators, as shares of the travel of a joint or the span of a torque. A narrower operator acts
+as play, a wider one as a smooth curve."""
 
 LAGS = 8
-"""Time constants offered, in equal ratios from the time of one row to that of the session."""
+"""Number of time constants, in equal ratios from the time of one row to that of the session."""
 
 
 def _play(joint: Joint) -> float:
@@ -208,7 +211,7 @@ def _moving(mechanism: Mechanism, states: States) -> list[Joint]:
 
 
 def play_last_move(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Play of a drive by the direction of its last move, ±1."""
+    """Yield the play of each drive by the direction of its last move, ±1."""
     for j in _moving(mechanism, states):
         name = f"play by the last move, {j.name}"
         basis = Expression(f"last_move_{j.name}")
@@ -216,7 +219,8 @@ def play_last_move(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def friction_windup(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Wind-up held by friction: the last direction ±1, and that times the size of the torque."""
+    """Yield the wind-up held by friction: the direction ±1 of the last move, alone and multiplied by the size of the
+    torque."""
     for j in _moving(mechanism, states):
         torque = f"torque_{j.name}"
         if loaded(states, torque):
@@ -233,7 +237,7 @@ def friction_windup(mechanism: Mechanism, states: States) -> Iterator[Candidate]
 
 
 def hysteresis(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Stop operators over the path of a joint's angle or torque, of several widths."""
+    """Yield stop operators of several widths over the angle or the torque of each joint."""
     for j in _moving(mechanism, states):
         for column in (j.name, f"torque_{j.name}"):
             span = float(np.ptp(states.past.columns[column])) if states.past and loaded(states, column) else 0.0
@@ -253,7 +257,7 @@ def hysteresis(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def lagged_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Links that grow, axes that tilt and zeros that drift with a temperature they follow late."""
+    """Yield the growth of links, tilt of axes and drift of zeros that follow a temperature with a lag."""
     if states.past is None:
         return
     times = states.past.columns[states.past.clock]
@@ -274,8 +278,9 @@ def lagged_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 def _following(
     mechanism: Mechanism, basis: Expression, where: str, kelvin: str
 ) -> Iterator[tuple[str, tuple[Effect, ...], float]]:
-    """Yield the effects that may follow a temperature, with their cost: all links, each link, the tilt of the base
-    and of each axis, each zero.
+    """Yield the effects that may follow a temperature, each with its name and cost.
+
+    They are the growth of the arm and of each link, the tilt of the base and of each axis, and the drift of each zero.
     """
     family, cost = "lagged_growth", 4.0 + float(np.log(LAGS))
     name = f"growth of the arm {where}"
