@@ -1,4 +1,4 @@
-"""Find what the model of a mechanism is missing: name it, add it, prove it on poses never seen.
+"""Find the effects that the model of a robot lacks, name them, and confirm them on held-out poses.
 
     import gpmodel as gp
 
@@ -7,7 +7,7 @@
     found = gp.discover(arm, table)
     print(found.summary())
 
-Every name is imported when it is first asked for.
+A public name is imported when it is first used.
 """
 
 from importlib import import_module

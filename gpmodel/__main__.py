@@ -1,4 +1,4 @@
-"""The command line as `python -m gpmodel`, for where the script is not on the path."""
+"""Run the command line by `python -m gpmodel`, also if the script `gpmodel` is not on the path."""
 
 from gpmodel.cli.main import main
 

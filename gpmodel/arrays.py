@@ -13,7 +13,7 @@ Mask = NDArray[np.bool_]
 NotNegative = Annotated[float, Meta(ge=0)]
 Count = Annotated[int, Meta(ge=0)]
 ROUNDING = 1e-9
-"""Metres, radians, N·m or a share: rounding of double precision, for machines of metres, stays below it."""
+"""Upper bound of rounding errors in double precision: m, rad, N·m or a share, for machines of metres."""
 LARGEST = 1e100
-"""Values beyond it have squares that overflow a double."""
+"""Largest accepted value; the square of a larger value could overflow a double."""
 Share = Annotated[float, Meta(ge=0, le=1 + ROUNDING)]

@@ -1,4 +1,4 @@
-"""Characters of texts from outside: what steers a terminal, and what source of any language can hold."""
+"""Replace characters of untrusted text that control a terminal or would break generated source code."""
 
 import codecs
 import re
@@ -9,11 +9,11 @@ import unicodedata
 from pathlib import Path
 
 _STEERING = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
-"""Unicode categories of characters that steer a terminal, or that none can show."""
+"""Unicode categories of characters that control a terminal or have no visible form."""
 _FOREIGN = re.compile(r"[^\w .,:;()\[\]+/°%·=±−-]")
 """Characters forbidden in generated source: quotes, backslashes, line ends, signs that begin or end a comment."""
 PLAIN = "gpmodel.plain"
-"""Error handler of codecs: `plain` in place of the characters that an encoding lacks."""
+"""Name of an error handler for codecs: replaces a character that an encoding lacks by its ASCII form."""
 _PLAIN = str.maketrans(
     {
         "−": "-", "–": "-", "—": "-", "─": "-", "→": "->", "←": "<-", "≤": "<=", "≥": ">=", "≈": "~",
@@ -25,7 +25,7 @@ _RAISED = re.compile("[⁻⁺⁰¹²³⁴-⁹]+")
 
 
 def printable(text: str, kept: str = "\n\t") -> str:
-    """Escape characters that steer a terminal, but for those that are `kept`.
+    """Escape characters that control a terminal, except the characters in `kept`.
 
     >>> printable("a\x1b[31m")
     'a\\x1b[31m'
@@ -78,10 +78,10 @@ codecs.register_error(PLAIN, _unencodable)
 
 
 def shell_quoted(word: Path | str) -> str:
-    """Write a word of a command line as a shell of this system reads it: in quotes where it holds a blank."""
+    """Quote a word for the command line of this operating system, if the word needs quotes."""
     return subprocess.list2cmdline([str(word)]) if sys.platform == "win32" else shlex.quote(str(word))
 
 
 def commented(note: str) -> list[str]:
-    """Write the lines of a note as comments of TOML, YAML and CSV, each of them harmless."""
+    """Write each line of a note as a comment of TOML, YAML or CSV, without characters that could end the comment."""
     return [f"# {harmless(line)}" for line in note.splitlines()]

@@ -1,4 +1,4 @@
-"""Independent tasks on other machines, by a dask scheduler."""
+"""Run independent tasks on other computers through a dask scheduler."""
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from distributed import Future as DaskFuture
 
 PATIENCE = 10.0
-"""Seconds that a scheduler may take to answer, or to have workers."""
+"""Seconds that a dask scheduler may take to answer, and then to have a worker."""
 
 
 @dataclass(frozen=True)
 class Cluster:
-    """The workers of a dask scheduler; what a lost one had in hand is done by another."""
+    """The workers of a dask scheduler. If a worker is lost, another worker repeats its tasks."""
 
     client: "Client"
 
@@ -53,8 +53,10 @@ class Cluster:
 
 
 def _answering(connect: Callable[[], "Client"]) -> "Client":
-    """The client that `connect` makes. Raises TimeoutError where whoever listens does not answer: the handshake of a
-    client has no limit."""
+    """Return the client that `connect` makes, waiting at most 2 PATIENCE seconds.
+
+    Raises TimeoutError without an answer: dask sets no limit on the handshake of a client.
+    """
     made: list[Client | Exception] = []
 
     def attempt() -> None:
@@ -75,9 +77,10 @@ def _answering(connect: Callable[[], "Client"]) -> "Client":
 
 @contextmanager
 def scheduled(address: str | None, workers: int = 0) -> Iterator[Workers]:
-    """Where tasks go: copies of this process; `tcp://host:8786`, a running dask scheduler; `local:2`, its processes.
+    """Yield the workers for an address.
 
-    Raises InputError where dask is not installed, or no scheduler answers.
+    None: copies of this process. `tcp://host:8786`: a running dask scheduler. `local:2`: two new dask processes.
+    Raises InputError if dask is not installed or no scheduler answers.
     """
     if address is None:
         yield Forks(workers)

@@ -1,22 +1,22 @@
-"""The exceptions a user can meet."""
+"""Exceptions that a user can see."""
 
 import difflib
 import re
 from collections.abc import Iterable
 
 LONGEST = 1000
-"""Characters of a message, which may quote a whole file."""
+"""Largest number of characters of a message; a longer message is cut in the middle."""
 QUOTED = 60
-"""Characters of a text in quotes; a longer one is cut."""
+"""Largest number of characters of a quoted text; a longer text is cut."""
 _QUOTED = re.compile(rf"(?<!\w)'([^'/\\]{{{QUOTED}}})[^'/\\]+'(?!\w)")
-"""A long one, without the quotes that end one short text and begin the next."""
+"""Pattern of a quoted text longer than QUOTED. It skips the text between two short quoted texts."""
 
 LISTED, NEAREST = 6, 3
-"""Names of one sentence: all are listed up to so many; of more, so many of the most alike."""
+"""Most names that a message lists in full, and number of similar names that it lists otherwise."""
 
 
 def choices(name: object, known: Iterable[object]) -> str:
-    """List the expected names in place of an unknown one: all of a few, of many the nearest, case aside.
+    """List the accepted names for the message about an unknown name; of many names, the most similar, ignoring case.
 
     >>> choices("j7", ["J1", "J2"])
     'J1, J2'
@@ -32,14 +32,15 @@ def choices(name: object, known: Iterable[object]) -> str:
 
 
 class GpModelError(Exception):
-    """Root of every error raised on purpose; the message is one line: what, where, what was expected."""
+    """Base class of all errors that gpmodel raises on purpose. The message is one line: what is wrong, where, what was
+    expected."""
 
 
 class InputError(GpModelError, ValueError):
-    """Bad input from outside: a table, a mechanism description, an argument. Line breaks in what is quoted are spaces.
+    """Invalid input: a table, a mechanism description, an argument. Line breaks in the message become spaces.
 
-    argument: the argument at fault, which the message then opens with; empty where it is the content of a file.
-    said: the message without it, so that a command line can put an option's name there.
+    argument: name of the invalid argument, which begins the message; empty if a file is invalid.
+    said: message without the argument, so that a command line can write the option's name instead.
     """
 
     def __init__(self, message: str, argument: str = "") -> None:
@@ -49,7 +50,7 @@ class InputError(GpModelError, ValueError):
 
 
 class LayoutError(InputError):
-    """A table in a layout that is not read as it stands."""
+    """Table in a layout that gpmodel cannot read directly. The message recommends `gpmodel import FILE --guess`."""
 
     def __init__(self, message: str) -> None:
         super().__init__(f"{message}; or try gpmodel import FILE --guess")
@@ -67,4 +68,4 @@ class OpenLoopsError(InputError):
 
 
 class WriteError(InputError):
-    """File that could not be written: a full disk, missing permission."""
+    """File that cannot be written: full disk or missing permission."""

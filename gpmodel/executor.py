@@ -1,7 +1,7 @@
-"""Independent tasks side by side, in threads or in processes of this machine.
+"""Run independent tasks in parallel, in threads or processes of this computer.
 
-A task carries all it needs, its random generator included, so that no number depends on where it ran, in what order,
-or how often it was begun again.
+A task contains all its data, including its random generator. Its result does not depend on the worker, on the order of
+the tasks, or on how often the task was restarted.
 """
 
 import copyreg
@@ -26,18 +26,19 @@ Task = TypeVar("Task")
 Found = TypeVar("Found")
 
 SWITCH = 1e-4
-"""Seconds after which a thread yields the interpreter. A compiled loop of a generation takes about a millisecond; with
-Python's 5 ms a finished thread would wait longer than it works."""
+"""Longest time, s, that a thread keeps the interpreter. A compiled loop of a generation takes about 1 ms; with Python's
+default of 5 ms a finished thread would wait longer than it computes.
+"""
 
 AHEAD = 2
-"""Tasks handed out per worker: two keep every worker busy, and memory does not grow with the number of tasks."""
+"""Tasks queued per worker. Two keep every worker busy and memory independent of the number of tasks."""
 
 ATTEMPTS = 3
-"""Lost processes in a row after which the task counts as their cause, as in dask (`allowed-failures`)."""
+"""Consecutive lost processes after which the task is assumed to kill them; dask calls this `allowed-failures`."""
 
 
 def read_only(columns: dict[str, object]) -> MappingProxyType[str, object]:
-    """Read-only columns; as which they arrive at another process."""
+    """Wrap columns read-only. Pickle calls this function in the receiving process."""
     return MappingProxyType(columns)
 
 
@@ -45,21 +46,24 @@ copyreg.pickle(MappingProxyType, lambda columns: (read_only, (dict(columns),)))
 
 
 class Workers(Protocol):
-    """Runs tasks side by side."""
+    """Function that runs tasks in parallel."""
 
     def __call__(self, function: Callable[[Task], Found], tasks: Sequence[Task], /) -> Iterator[tuple[int, Found]]:
-        """(place in `tasks`, result) of every task, as they finish; tasks that nobody waits for are not begun."""
+        """Yield (index in `tasks`, result) of each task as the task finishes; unstarted tasks are cancelled if the
+        caller stops."""
 
 
 def cores() -> int:
-    """Cores this process may use."""
+    """Return the number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @dataclass(frozen=True)
 class Threads:
-    """Threads of this process; 0 for one a core. The compiled loops and the linear algebra let the others run, Python
-    does not."""
+    """Threads of this process. workers: number of threads, 0 for one per core.
+
+    Compiled loops and linear algebra run in parallel; Python code does not.
+    """
 
     workers: int = 0
 
@@ -87,8 +91,11 @@ def lost_replaced(
     ahead: int,
     call: Callable[[], None] | None = None,
 ) -> Iterator[tuple[int, Found]]:
-    """(number, result) of tasks as they finish in a pool, in another one where it has lost a process. call: made once,
-    while they run."""
+    """Yield (index, result) of tasks as they finish; open a new process pool if a process is lost.
+
+    call: function called once in this process while the tasks run.
+    Raises BrokenProcessPool after ATTEMPTS losses without a result between them.
+    """
     left, lost, once = dict(enumerate(tasks)), 0, iter([call] if call else [])
     while left:
         try:
@@ -110,8 +117,10 @@ def _as_finished(
     ahead: int,
     call: Callable[[], None] | None = None,
 ) -> Iterator[tuple[int, Found]]:
-    """(number, result) of tasks as they finish, no more than `ahead` of them handed out at a time. call: made once the
-    first are handed out."""
+    """Yield (index, result) of tasks as they finish, with at most `ahead` tasks queued.
+
+    call: function called once in this process after the first tasks are queued.
+    """
     waiting = iter(list(tasks.items()))
     running: dict[Future[Found], int] = {}
     finished: SimpleQueue[Future[Found]] = SimpleQueue()
@@ -139,7 +148,7 @@ def _as_finished(
 
 @contextmanager
 def _short_turns() -> Iterator[None]:
-    """Threads take turns every `SWITCH` seconds, and as before afterwards."""
+    """Let threads switch every `SWITCH` seconds, and restore the former interval afterwards."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(min(SWITCH, before))
     try:
@@ -153,12 +162,13 @@ Beside = TypeVar("Beside")
 
 @dataclass(frozen=True)
 class Forks:
-    """Copies of this process, with all that it has loaded and read; 0 for one a core. Results alone are pickled; a task
-    whose result cannot be is done here.
+    """Forked copies of this process. workers: number of copies, 0 for one per core.
 
-    Threads instead where a system has no copies (Windows) or its libraries bear none (macOS), where a start method
-    other than fork was set (`multiprocessing.set_start_method`), and where other threads run, which may hold a lock at
-    that moment; in a copy itself one task after another.
+    A copy inherits all loaded modules and data; only results are pickled. A task with a result that cannot be pickled
+    runs
+    again in this process.
+    Threads replace copies on Windows and macOS, after `multiprocessing.set_start_method` with a method other than fork,
+    and while other threads run, because a thread may hold a lock during the fork. A copy runs its own tasks one by one.
     """
 
     workers: int = 0
@@ -168,7 +178,7 @@ class Forks:
         yield from self._beside(function, tasks, None)
 
     def beside(self, call: Callable[[], None], calls: Sequence[Callable[[], Found]]) -> Iterator[tuple[int, Found]]:
-        """Run calls in copies and another call here, which ends before the first result is returned."""
+        """Run `calls` in copies and `call` in this process; yield (index, result) of `calls` after `call` has ended."""
         yield from self._beside(lambda task: task(), calls, call)
 
     def _beside(
@@ -205,7 +215,7 @@ class Forks:
 
 
 def _copies() -> bool:
-    """Return whether this process can be copied."""
+    """Return whether this process can be forked safely."""
     forked = multiprocessing.get_start_method(allow_none=True) in (None, "fork")
     return sys.platform == "linux" and forked and threading.active_count() == 1
 
@@ -217,18 +227,18 @@ ALONE = Forks(1)
 def called_beside(
     workers: Forks, call: Callable[[], Beside], calls: Sequence[Callable[[], Found]]
 ) -> tuple[Beside, list[Found]]:
-    """Return the result of a call made here and the results of calls made in copies meanwhile."""
+    """Run `call` in this process and `calls` in copies at the same time; return the result of `call` and of `calls`."""
     made: list[Beside] = []
     found = dict(workers.beside(lambda: made.append(call()), calls))
     return made[0], [found[number] for number in range(len(calls))]
 
 
 _inherited: list[tuple[Callable[..., object], Sequence[object]]] = []
-"""In a copy of a process: the function and the tasks that it was made for."""
+"""In a forked copy: the function and the tasks that the copy was made for."""
 
 
 def _as_copy(ends: tuple[Connection, Connection], function: Callable[..., object], tasks: Sequence[object]) -> None:
-    """Make this copy ready for its tasks; it ends when the process it was made of closes its end, or ends itself."""
+    """Initialise a copy. The copy exits when its parent process ends or closes its end of the pipe."""
     reader, writer = ends
     writer.close()
     _inherited.append((function, tasks))
@@ -241,7 +251,8 @@ def _as_copy(ends: tuple[Connection, Connection], function: Callable[..., object
 
 
 def _inherited_task(number: int) -> bytes | None:
-    """The result of a task as bytes; None where it cannot be pickled, as with an effect of a user's own function."""
+    """Return the pickled result of a task; None if the result cannot be pickled, such as an effect of a user's
+    function."""
     function, tasks = _inherited[-1]
     found = function(tasks[number])
     try:

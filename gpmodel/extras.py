@@ -13,15 +13,15 @@ EXTRAS = {
     "excel": ("openpyxl",),
     "ros": ("rosbags",),
 }
-"""Extra -> the modules that it brings, as they are imported."""
+"""Python modules that each optional extra of the package installs."""
 
 
 @contextmanager
 def extra_for(what: str, extra: str = "") -> Iterator[None]:
-    """Around imports that `what` needs: of what a lean installation leaves out, says which extra brings it.
+    """Context for imports that `what` needs; for a missing module the error names the extra that installs the module.
 
-    extra: to name; the first that brings the module where empty.
-    Raises InputError for a module of an extra; any other that is missing stays an ImportError.
+    extra: name of the extra; empty for the first extra with the missing module.
+    Raises InputError for a module of an extra, ImportError for any other module.
     """
     try:
         yield

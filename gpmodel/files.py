@@ -1,4 +1,4 @@
-"""Results on disk: whole or not at all, and one process at a time."""
+"""Write results to disk completely or not at all, one process at a time."""
 
 import errno
 import json
@@ -22,15 +22,14 @@ LOCK = ".gpmodel.lock"
 _NUMBERS = {int, float, type(None)}
 _DRAFT = ".gpmodel-draft"
 _held = set[Path]()
-"""Folders whose lock this process holds."""
+"""Folders locked by this process."""
 SYNCHRONIZE, STILL_RUNNING = 0x100000, 0x102
-"""Windows API: access right to wait for a process, and the answer for one that still runs (WAIT_TIMEOUT)."""
+"""Windows API: access right to wait for a process, and the return code of a process that still runs (WAIT_TIMEOUT)."""
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def folder_for(out: Path) -> Path:
-    """`out` again. Raises InputError when it or a folder above it is a file or a link to nothing, before anything is
-    computed for it."""
+    """Return `out`. Raises InputError before any computation if `out` or a parent is a file or a broken link."""
     first = next((path for path in (out, *out.parents) if path.exists() or path.is_symlink()), Path())
     if not first.is_dir():
         what = "a file" if first.exists() else "a link to nothing"
@@ -40,10 +39,10 @@ def folder_for(out: Path) -> Path:
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Makes `folder` and holds its lock, which the operating system lets go of when the process ends, however it ends.
+    """Create `folder` and lock it. The operating system releases the lock when the process ends, also after a crash.
 
-    A folder that is empty afterwards is removed again. Raises InputError when another process holds the lock, or the
-    folder cannot be made.
+    An empty folder is removed again afterwards. Raises InputError if another process holds the lock, WriteError if the
+    folder cannot be created.
     """
     from filelock import FileLock, Timeout
 
@@ -75,11 +74,9 @@ def alone_in(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def finished_folder(out: Path) -> Iterator[Path]:
-    """A fresh folder in or beside `out`; what is in it replaces files of the same name in `out` only when all went
-    well.
+    """Yield a temporary folder. Its files replace those in `out` only if the block ends without an error.
 
-    Raises InputError when `out` is a file or another process is at work in it, WriteError when something cannot be
-    written.
+    Raises InputError if `out` is a file or another process works in `out`, WriteError if a file cannot be written.
     """
     folder_for(out)
     alone = alone_in(out) if out.is_dir() and out.resolve() not in _held else nullcontext()
@@ -107,15 +104,16 @@ def finished_folder(out: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text` to `path` as `write_bytes` does, in UTF-8; what of a file's name is no text, as escapes."""
+    """Write text in UTF-8 as `write_bytes` does. Surrogates, as of undecodable file names, are written as escapes."""
     write_bytes(path, text.encode(errors="backslashreplace"))
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write `content` to `path` through a file beside it, so that no reader ever sees half of it, not even after a
-    power cut.
+    """Write `content` to a temporary file and rename it to `path`, so that `path` is never half-written, even after a
+    power
+    cut.
 
-    Raises WriteError when it cannot be written.
+    Raises WriteError if the file cannot be written.
     """
     with told_of(path):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -133,7 +131,7 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def remove_folder(folder: Path) -> None:
-    """Remove it, from one moment to the next: a process that is killed on the way leaves a draft that is swept away."""
+    """Remove a folder in one step. If the process is killed meanwhile, the next write removes the rest."""
     if folder.exists():
         with told_of(folder):
             aside = Path(tempfile.mkdtemp(prefix=_mine(), dir=folder.parent))
@@ -142,7 +140,7 @@ def remove_folder(folder: Path) -> None:
 
 
 def set_aside(path: Path) -> Path:
-    """Rename a damaged file, so that it is neither read again nor lost; where it is now."""
+    """Rename a damaged file to `NAME.damaged`, so that it is kept but not read again; return the new path."""
     aside = path.with_name(f"{path.name}.damaged")
     with told_of(path):
         os.replace(path, aside)
@@ -151,7 +149,7 @@ def set_aside(path: Path) -> Path:
 
 @contextmanager
 def told_of(path: Path) -> Iterator[None]:
-    """Convert system errors below `path` to WriteError with its name; errors of other files name those files."""
+    """Convert an OSError of a file beside or below `path` to a WriteError that names `path`; pass on other errors."""
     try:
         yield
     except OSError as error:
@@ -163,7 +161,8 @@ def told_of(path: Path) -> Iterator[None]:
 
 
 def to_json(value: object) -> str:
-    """JSON text of nested dicts, sequences and NumPy numbers; a row of numbers is a line, not finite ones are null."""
+    """Return JSON text of nested dicts, sequences and NumPy numbers. A list of numbers is one line; non-finite numbers
+    are null."""
     return "".join(_laid_out(plain(value), "\n")) + "\n"
 
 
@@ -188,7 +187,7 @@ def plain(value: object) -> object:
 
 
 def _laid_out(value: object, line: str) -> Iterator[str]:
-    """The pieces of a text with an entry a line. line: how a line of the outer content begins."""
+    """Yield the parts of JSON text with one entry a line. line: line break and indentation of the enclosing level."""
     inner = f"{line} "
     match value:
         case dict() if value:
@@ -206,13 +205,13 @@ def _laid_out(value: object, line: str) -> Iterator[str]:
 
 
 def _mine() -> str:
-    """Return the prefix of this process' drafts."""
+    """Return the name prefix of this process's temporary files."""
     return f"{_DRAFT}-{socket.gethostname()}-{os.getpid()}-"
 
 
 @cache
 def _sweep(folder: Path) -> None:
-    """Remove drafts of processes of this machine that are no more, once a folder and process."""
+    """Remove temporary files of ended processes of this computer, once per folder and process."""
     pattern = re.compile(rf"{re.escape(f'{_DRAFT}-{socket.gethostname()}-')}(\d+)-")
     for path in folder.iterdir():
         found = pattern.match(path.name)
@@ -221,7 +220,8 @@ def _sweep(folder: Path) -> None:
 
 
 def _alive(process: int) -> bool:
-    """Return whether a process of this machine runs; on Windows, where signal 0 is Ctrl-C, it is opened instead."""
+    """Return whether a process of this computer runs. On Windows the process is opened, since signal 0 means Ctrl-C
+    there."""
     if sys.platform == "win32":
         import ctypes
 

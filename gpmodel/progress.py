@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Progress:
-    """One line on what is being tried. passing: the next line takes its place, as in a count of runs."""
+    """One line of progress. passing: the next line overwrites this line, as for a counter of runs."""
 
     text: str
     passing: bool = False
@@ -19,12 +19,12 @@ Say = Callable[[Progress], None]
 
 
 def silent(progress: Progress) -> None:
-    """Says nothing."""
+    """Ignore progress."""
 
 
 @dataclass(frozen=True)
 class Teller:
-    """Turns text into Progress; every line opens with `heading`."""
+    """Function that sends text as Progress. heading: beginning of every line."""
 
     say: Say = silent
     heading: str = ""

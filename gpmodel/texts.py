@@ -1,4 +1,4 @@
-"""Files from outside, read within limits: text, JSON and TOML, and JSON with a seal by which it is recognised."""
+"""Read untrusted files within size limits: text, TOML, JSON, and JSON with a checksum."""
 
 import hashlib
 import json
@@ -15,9 +15,10 @@ from gpmodel.files import plain, write_text
 
 
 def read_limited(path: Path, largest: int, expected: str) -> bytes:
-    """The bytes of a regular file of `largest` bytes at most.
+    """Return the bytes of a regular file of at most `largest` bytes.
 
-    Raises InputError, saying what was `expected`: it cannot be read, is a device or a pipe, or is larger.
+    Raises InputError if the file cannot be read, is a device or a pipe, or is larger; the message says what was
+    `expected`.
     """
     if "\0" in str(path):
         raise InputError(f"{str(path)!r}: no name of a file; expected {expected}")
@@ -35,9 +36,9 @@ def read_limited(path: Path, largest: int, expected: str) -> bytes:
 
 
 def read_text(path: Path, largest: int, expected: str) -> str:
-    """The text of such a file in UTF-8, without the mark that some editors begin it with.
+    """Return the text of a UTF-8 file of at most `largest` bytes, without a byte-order mark.
 
-    Raises InputError as read_limited, and where it is no text.
+    Raises InputError as `read_limited`, and for a file that is not UTF-8.
     """
     try:
         return read_limited(path, largest, expected).decode("utf-8-sig")
@@ -47,25 +48,29 @@ def read_text(path: Path, largest: int, expected: str) -> str:
 
 SEAL = "sha256"
 LARGEST_TOML = 1 << 20
-"""Bytes of a TOML file; a description of an arm has some thousand."""
+"""Largest size of a TOML file, bytes. A description of an arm has a few thousand."""
 LARGEST_INTEGER = 2**63
-"""Largest integer of TOML; a float cannot hold one of hundreds of digits."""
+"""Largest accepted integer in TOML. Python reads integers of hundreds of digits, which no float can hold."""
 
 
 def seal(content: Mapping[str, object]) -> str:
-    """SHA-256 of JSON content by value, whatever its layout, its own seal left out."""
+    """Return the SHA-256 checksum of JSON content without its checksum entry. The layout of the file does not
+    matter."""
     bare = {key: value for key, value in content.items() if key != SEAL}
     text = json.dumps(plain(bare), sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def write_json(path: Path, content: Mapping[str, object]) -> None:
-    """Write JSON content with its seal. Raises WriteError when it cannot be written."""
+    """Write JSON content with its checksum. Raises WriteError if the file cannot be written."""
     write_text(path, json.dumps({**content, SEAL: seal(content)}))
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """The content of a sealed file. Raises OSError where it cannot be read, ValueError where its seal is broken."""
+    """Return the content of a JSON file with a checksum.
+
+    Raises OSError if the file cannot be read, ValueError if the checksum does not match.
+    """
     content = parse_json(path.read_text(encoding="utf-8"))
     if not isinstance(content, dict) or content.pop(SEAL, None) != seal(content):
         raise ValueError("its content is not what was written")
@@ -73,7 +78,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """JSON as the standard has it. Raises ValueError: no JSON, nested too deep, or a number that is not finite."""
+    """Parse standard JSON. Raises ValueError for invalid JSON, too deep nesting, or a number that is not finite."""
     try:
         return json.loads(text, parse_constant=_finite, parse_float=_finite)
     except RecursionError:
@@ -81,7 +86,10 @@ def parse_json(text: str | bytes) -> Any:
 
 
 def read_toml(path: Path, expected: str) -> dict[str, Any]:
-    """The content of a TOML file. Raises InputError, saying what was `expected`: cannot be read, too large, no TOML."""
+    """Return the content of a TOML file.
+
+    Raises InputError if the file cannot be read, is too large or is not TOML; the message says what was `expected`.
+    """
     try:
         content = tomllib.loads(read_text(path, LARGEST_TOML, expected))
         _check_values(content)
@@ -95,7 +103,7 @@ def read_toml(path: Path, expected: str) -> dict[str, Any]:
 
 
 def _check_values(value: object) -> None:
-    """Raises ValueError for a text or key that ends a line or steers a terminal, or a number that no float holds."""
+    """Raise ValueError for a text or key with line breaks or control characters, or an integer that is too large."""
     if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
         raise ValueError("an integer that is too large")
     if isinstance(value, str) and steers(value):
@@ -112,7 +120,7 @@ def _finite(text: str) -> float:
 
 
 def toml_text(content: Mapping[str, object], path: str = "") -> str:
-    """TOML of tables in tables, whose values are texts, numbers and lists of these."""
+    """Write nested tables as TOML. Values are texts, numbers and lists."""
     own = [f"{key} = {json.dumps(value)}" for key, value in content.items() if not isinstance(value, Mapping)]
     lines = [f"[{path}]", *own, ""] if path and own else own
     parts = [toml_text(v, f"{path}.{k}" if path else k) for k, v in content.items() if isinstance(v, Mapping)]

@@ -1,4 +1,4 @@
-"""Numbers as an engineer reads them: a sensible prefix, as many digits as the deviation deserves."""
+"""Write numbers for engineers: an SI prefix, and as many digits as the standard error justifies."""
 
 import math
 import re
@@ -7,21 +7,24 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 WIDTH, NAME = 80, 24
-"""Characters of a line on a terminal, and of a name in a table of such lines."""
+"""Characters of a line on a terminal, and of a name in a table on the terminal."""
 
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 OF_LISTS = {"m": (1e3, "mm"), "rad": (1e3, "mrad")}
-"""Factor and unit of lengths and angles in a list."""
+"""In a list of numbers: factor and unit of lengths and of angles."""
 _LEADING = re.compile(r"^(rad|m)(?=$|[/*·])")
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 UNKNOWN = "–"
 _TOGETHER = re.compile(r"(?<=\d) (?=%)|(?<=±) | (?=±)")
-"""Spaces at which no line is broken."""
+"""Spaces at which a line must not be broken."""
 _HARD_SPACE = "\N{NO-BREAK SPACE}"
 
 
 def wrapped(text: str, indent: int = 4, first: str | None = None) -> str:
-    """Lines of WIDTH at most, indented; the first of them by a text of its own. Values keep their ± and their %."""
+    """Break a text into indented lines of at most WIDTH characters. A number stays with its ± and %.
+
+    first: beginning of the first line in place of the indentation.
+    """
     start, rest = " " * indent if first is None else first, " " * indent
     kept = _TOGETHER.sub(_HARD_SPACE, text)
     whole = textwrap.TextWrapper(
@@ -31,13 +34,13 @@ def wrapped(text: str, indent: int = 4, first: str | None = None) -> str:
 
 
 def titled(blocks: Iterable[tuple[str, Sequence[str]]]) -> str:
-    """Blocks of lines, each below its title; those without lines are left out."""
+    """Write blocks of lines, each below its title; skip a block without lines."""
     return "\n".join(f"[[{title}]]\n" + "\n".join(lines) for title, lines in blocks if lines)
 
 
 @dataclass(frozen=True)
 class Stated:
-    """value ± deviation and unit as text; the deviation is empty where it is unknown."""
+    """Value ± standard error and unit, as text. deviation: standard error, empty if unknown."""
 
     value: str
     deviation: str
@@ -49,9 +52,10 @@ class Stated:
 
 
 def prefix(size: float, unit: str) -> tuple[float, str]:
-    """Factor and unit that bring `size` between 1 and 1000.
+    """Return the factor and the unit that scale a number of magnitude `size` to between 1 and 1000.
 
-    A leading m or rad takes an SI prefix, anything else a power of ten. `(251e-6, "rad")` gives `(1e6, "µrad")`.
+    A unit that begins with m or rad gets an SI prefix, any other unit a power of ten.
+    `(251e-6, "rad")` gives `(1e6, "µrad")`.
     """
     if not math.isfinite(size) or size <= 0:
         return 1.0, pretty_unit(unit)
@@ -66,16 +70,16 @@ def prefix(size: float, unit: str) -> tuple[float, str]:
 
 
 def pretty_unit(unit: str) -> str:
-    """`rad/Nm` as `rad/(N·m)`, `degC` as `°C`; the dimensionless `1` is empty."""
+    """Write `rad/Nm` as `rad/(N·m)`, `degC` as `°C`, and the dimensionless unit `1` as an empty text."""
     if unit == "1":
         return ""
     return unit.replace("degC", "°C").replace("degF", "°F").replace("/Nm", "/(N·m)").replace("Nm", "N·m")
 
 
 def measured(value: float | None, deviation: float | None, unit: str, *, in_list: bool = False) -> Stated:
-    """Value and deviation (SI) with two digits of the deviation, in the prefix of the larger of the two.
+    """Format a value and its standard error (SI) with two digits of the standard error and one SI prefix.
 
-    in_list: one of many, all lengths of which are in mm and all angles in mrad.
+    in_list: use mm for all lengths and mrad for all angles, so that the numbers of a list compare.
     """
     if value is None or not math.isfinite(value):
         return Stated(UNKNOWN, "", pretty_unit(unit))
@@ -91,7 +95,7 @@ def measured(value: float | None, deviation: float | None, unit: str, *, in_list
 
 
 def significant(value: float, digits: int) -> str:
-    """`value` with that many significant digits, never in exponents between 1e-5 and 1e6."""
+    """Write a number with `digits` significant digits; exponents only below 1e-5 and from 1e6 on."""
     if value == 0:
         return "0"
     if not math.isfinite(value):
@@ -102,42 +106,45 @@ def significant(value: float, digits: int) -> str:
 
 
 def millimetres(value: float | None) -> str:
-    """A length given in mm: three digits below 0.01 mm, to a micrometre below 10 mm, else to 0.01 mm."""
+    """Write a length given in mm: three digits below 0.01 mm, three decimals below 10 mm, else two decimals."""
     if value is None or not math.isfinite(value):
         return UNKNOWN
     return significant(value, 3) if abs(value) < 0.01 else f"{value:.{3 if abs(value) < 10 else 2}f}"
 
 
 def length(mm: float | None) -> str:
-    """A length given in mm with its unit, in micrometres where it is small."""
+    """Write a length given in mm with its unit: mm from 0.02 mm on, else µm."""
     if mm is None or not math.isfinite(mm):
         return UNKNOWN
     return f"{mm:.3f} mm" if mm >= 0.02 else f"{1e3 * mm:.2f} µm"
 
 
 def change(before: float | None, after: float | None) -> str:
-    """Two lengths given in mm, one after the other: `0.260 → 0.091 mm`."""
+    """Write two lengths given in mm, before and after: `0.260 → 0.091 mm`."""
     return f"{millimetres(before)} → {millimetres(after)} mm"
 
 
 def counted(poses: int, rows: int, of: str = "") -> str:
-    """State the number of poses, and of rows if there are more rows; poses 0: one pose a row."""
+    """State the number of poses, and of table rows if a pose has several. poses: 0 if each row is a pose."""
     several = 0 < poses < rows
     return f"{poses if several else rows} poses{of and f' of {of}'}{f' in {rows} rows' if several else ''}"
 
 
 def listed(names: Sequence[str]) -> str:
-    """`a`, `a and b`, `a, b and c`."""
+    """Join names: `a`, `a and b`, `a, b and c`."""
     return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
 def turned(mrad: float, lever: float) -> str:
-    """Motion of a tool point at that distance from the flange by an angle, m; empty within half a mm of it."""
+    """Return text on the displacement of a point by a rotation, at a distance `lever`, m, from the flange.
+
+    mrad: the rotation. The text is empty for a lever below 0.5 mm.
+    """
     return f": {length(lever * mrad)} at {1e3 * lever:.0f} mm from the flange" if lever > 5e-4 else ""
 
 
 def some(items: Sequence[object], most: int = 8) -> str:
-    """The first items, and how many more there are."""
+    """List the first `most` items and the number of further items."""
     more = f" and {len(items) - most} more" if len(items) > most else ""
     return ", ".join(map(str, items[:most])) + more
 
@@ -148,17 +155,17 @@ def left_out(rows: Sequence[int], of: int) -> str:
 
 
 def percent(share: float | None) -> str:
-    """A share as whole percent; one decimal below 1 %."""
+    """Write a share as a percentage without decimals; with one decimal below 1 %."""
     if share is None or not math.isfinite(share):
         return UNKNOWN
     return f"{100 * share:.{1 if 0 < abs(share) < 0.01 else 0}f} %"
 
 
 def chance(probability: float | None, shuffles: int | None = None, of: str = "shuffles") -> str:
-    """A probability with two digits, and from how many shuffles it is; below 1 / (shuffles + 1), the least that so many
-    can show, it is read off the tail fitted to them.
+    """Write a probability with two digits and the number of shuffles (permutations) that it is estimated from.
 
-    What is below a millionth is only said to be: the law it is extrapolated by holds no further.
+    A probability below 1 / (shuffles + 1) is marked as extrapolated. Below 1e-6 only that bound is stated, because the
+    distribution fitted to the tail is not valid there.
     """
     if probability is None or not math.isfinite(probability):
         return UNKNOWN
@@ -170,12 +177,12 @@ def chance(probability: float | None, shuffles: int | None = None, of: str = "sh
 
 
 def shortened(text: str, length: int) -> str:
-    """At most `length` characters, an ellipsis for the rest."""
+    """Cut a text to at most `length` characters, with an ellipsis for the rest."""
     return text if len(text) <= length else f"{text[: length - 1].rstrip()}…"
 
 
 def short_name(name: str, length: int) -> str:
-    """At most `length` characters of a parameter's name, its last word (the axis) whole: `shoulder_pan… Tx`."""
+    """Cut a parameter's name to at most `length` characters and keep its last word, the axis: `shoulder_pan… Tx`."""
     if len(name) <= length or " " not in name:
         return shortened(name, length)
     place, axis = name.rsplit(" ", 1)
@@ -188,7 +195,7 @@ def minus(text: str) -> str:
 
 
 def expression(text: str) -> str:
-    """An expression for reading: `2*J4**3` as `2·J4³`."""
+    """Write an expression for reading: `2*J4**3` as `2·J4³`."""
     text = re.sub(r"\*\*(\d+)", lambda m: m[1].translate(_SUPERSCRIPTS), text)
     text = re.sub(r"(?<=[\w)]) ([+-])(?=[\w(.])", r" \1 ", text)
     return minus(re.sub(r"\s*(?<!\*)\*(?!\*)\s*", "·", text))

@@ -1,4 +1,4 @@
-"""The ladder: one model after the other on the same poses, before and after."""
+"""Fit a sequence of growing models to the same poses, and compare their errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,15 +18,15 @@ from gpmodel.numerics import se3
 from gpmodel.table.dataset import Dataset
 
 TOOL_POINT = (0.05, 0.07, 0.11)
-"""Tool point for the comparison, m from the flange: off every axis, so that errors of the last joint show."""
+"""Tool point of the comparison, m from the flange, off every axis, so that errors of the last joint displace it."""
 CONDITION_LIMIT = 1e4
-"""Condition number beyond which a combination of errors is not determined: rounding of displayed joint values."""
+"""Condition number beyond which a combination of errors is indeterminate because joint values are displayed rounded."""
 
 
 def linearised_at_nominal(mechanism: Mechanism, effects: tuple[Effect, ...], data: Dataset) -> Linearised:
-    """The linear problem of registration, tool, anchors and effects, all zero, at the poses of a table.
+    """Return the linear problem of registration, tool, anchors and effects, all zero, at the poses of a table.
 
-    Of what was measured only its kind matters (finite or NaN); each distance has an anchor two metres away.
+    Only the kind of a measurement (finite or NaN) matters, not its value. Each distance has an anchor two metres away.
     """
     anchors = {name: np.array([2.0, 0.3 + i, 0.1]) for i, name in enumerate(data.distances)}
     model, placement = ErrorModel(mechanism, effects), Placement({"": np.eye(4)}, {"": se3.shift(TOOL_POINT)}, anchors)
@@ -36,10 +36,10 @@ def linearised_at_nominal(mechanism: Mechanism, effects: tuple[Effect, ...], dat
 
 @dataclass(frozen=True)
 class Step:
-    """One model of the ladder: its name, its fit to the training poses, its 3-D errors there (N,) and on the poses held
-    out (M,), m.
+    """One model of the sequence: its name, its fit to the training poses and its 3-D errors, m.
 
-    An error is NaN at a pose of a set-up or tool not trained on. finding: which one it adds, of a discovery.
+    train_error: (N,) at training poses. heldout_error: (M,) at held-out poses, NaN for an unknown set-up or tool.
+    finding: index of the finding that the model adds, in a discovery.
     """
 
     name: str
@@ -59,7 +59,7 @@ class Unseen:
 
     @property
     def known(self) -> Poses:
-        """The unseen poses of set-ups and tools that the fit knows."""
+        """The unseen poses whose set-up and tool occur in the fit."""
         return self.unseen.subset(known_rows(self.seen.dataset, self.unseen.dataset))
 
 
@@ -68,7 +68,7 @@ Models = Sequence[tuple[str, tuple[Effect, ...]]]
 
 
 def growing(standard: tuple[Effect, ...], groups: Models) -> Models:
-    """Registration, the standard model, then one named group of effects after the other added to it."""
+    """Return the models: registration, the standard model, and then one further group of effects each."""
     models: list[tuple[str, tuple[Effect, ...]]] = [("registration", ())]
     if standard:
         models.append(("standard", standard))
@@ -81,7 +81,7 @@ def climb(
     mechanism: Mechanism, models: Models, seen: Poses, unseen: Poses, condition_limit: float | None = None,
     seed: int = 0,
 ) -> tuple[Step, ...]:  # fmt: skip
-    """One model after the other, each fitted anew to the poses `seen` and measured against those `unseen`."""
+    """Fit each model to the poses `seen`, starting from the previous fit, and evaluate it on the poses `unseen`."""
     steps: list[Step] = []
     for name, of_model in models:
         start = without_outlier_marks(steps[-1].calibration) if steps else None
@@ -92,7 +92,7 @@ def climb(
 
 
 def step_of(name: str, fit: Calibration, seen: Poses, unseen: Poses) -> Step:
-    """A fit to the poses `seen` with its errors on them and on those `unseen`."""
+    """Return a fit to the poses `seen` with its errors on the poses `seen` and `unseen`."""
     known = known_rows(seen.dataset, unseen.dataset)
     errors = np.full(len(unseen), np.nan)
     if len(known):
@@ -101,7 +101,7 @@ def step_of(name: str, fit: Calibration, seen: Poses, unseen: Poses) -> Step:
 
 
 def known_rows(trained: Dataset, other: Dataset) -> IntArray:
-    """Rows (K,) of `other` whose set-up and tool occur in `trained`: those that its registrations and tools predict."""
+    """Return the rows (K,) of `other` whose set-up and tool occur in `trained`, so that they can be predicted."""
     known = np.ones(len(other), dtype=bool)
     for column in ("setup", "tool"):
         known &= np.isin(other.label(column), trained.label(column))

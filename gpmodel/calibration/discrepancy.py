@@ -4,9 +4,9 @@ With r (M,) the residuals of a fit whose columns are C, and δ the error of the 
 
     r = C θ + δ + e,   δ ~ N(0, γ n² K),   e ~ N(0, n² I)
 
-K is the covariance of twists at every axis of the chain that follow the joint values by unknown smooth functions.
-What follows the joint values smoothly is discrepancy; the rest is noise. The restricted likelihood of γ and n does not
-depend on θ. Sources: Kennedy and O'Hagan (2001), Bayesian calibration of computer models; Patterson and Thompson
+K is the covariance of twists at every axis of the chain that depend smoothly on the joint values. The part of the
+residual that is smooth in the joint values is discrepancy; the rest is noise. The restricted likelihood of γ and n does
+not depend on θ. Sources: Kennedy and O'Hagan (2001), Bayesian calibration of computer models; Patterson and Thompson
 (1971), recovery of inter-block information.
 """
 
@@ -24,22 +24,23 @@ from gpmodel.table.bundles import sharing
 
 MOST_POSES = 200
 """Poses from which noise and discrepancy are estimated, drawn evenly along the rows. Their 600 coordinates give the
-noise to 3 %."""
+noise to 3 %.
+"""
 FEWEST = 10
 """Least degrees of freedom for separating noise and discrepancy."""
 LENGTHS = (0.3, 0.08)
-"""Correlation lengths of the discrepancy, in ranges of a joint: those of one period over the range, and of four."""
+"""Correlation lengths of the discrepancy, as shares of a joint's range: one period over the range, and four."""
 ORDER = 4
-"""Largest number of joints that a term of the discrepancy reads. With two, one more robot in a hundred lies outside two
-sigma."""
+"""Largest number of joints in a term of the discrepancy. With two, one more robot in a hundred lies outside
+two sigma."""
 RATIOS = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 41)])
 """Grid of γ. Below 0.01 the discrepancy is a tenth of the noise and changes no standard error."""
 
 
 def noise_within(fit: Calibration, poses: Poses) -> float:
-    """Estimate the standard deviation (m) of the noise of one coordinate, discrepancy excluded; at most `fit.sigma`.
+    """Estimate the standard deviation (m) of the noise of one coordinate without discrepancy; at most `fit.sigma`.
 
-    Average of the variance without discrepancy and of that with the likeliest γ, by their Akaike weights: one more
+    Average of the variance without discrepancy and the variance at the most likely γ, by Akaike weights: one more
     unknown costs one nat. Source: Burnham and Anderson (2002), 2.9.
     """
     rows = _independent(fit, poses)
@@ -60,9 +61,9 @@ def noise_within(fit: Calibration, poses: Poses) -> float:
 
 
 def _restricted(rest: Array, kernel: Array, residual: Array) -> tuple[Array, float, int]:
-    """The variance of the noise at each of RATIOS, and the likeliest with its odds against none.
+    """Return the noise variance at each of RATIOS, the odds of the most likely γ against zero, and its index.
 
-    rest: (M, R) orthonormal, what a fit leaves of the rows. kernel: (M, M) of mean variance one. residual: (M,).
+    rest: (M, R) orthonormal basis of the residual space of a fit. kernel: (M, M) of mean variance one. residual: (M,).
     """
     values, vectors = np.linalg.eigh(rest.T @ kernel @ rest)
     squares = (vectors.T @ (rest.T @ residual)) ** 2
@@ -74,7 +75,7 @@ def _restricted(rest: Array, kernel: Array, residual: Array) -> tuple[Array, flo
 
 
 def _independent(fit: Calibration, poses: Poses) -> IntArray:
-    """Indices (K,) of fitted poses with all three coordinates, one of several that share a pose; MOST_POSES at most."""
+    """Return the indices (K,) of fitted poses with x, y and z, one per repeated pose; at most MOST_POSES."""
     whole = np.flatnonzero(np.isfinite(poses.dataset.position).all(axis=1))
     use = np.setdiff1d(whole, fit.outliers)
     first = np.sort(np.unique(sharing(poses.dataset)[use], return_index=True)[1])
@@ -83,7 +84,7 @@ def _independent(fit: Calibration, poses: Poses) -> IntArray:
 
 
 def _kernel(fit: Calibration, poses: Poses, problem: Linearised) -> Array:
-    """K (3N, 3N) of mean variance one: Σ over axes of c cᵀ, each block times the correlation of two poses."""
+    """Return K (3N, 3N) of mean variance one: Σ over axes of c cᵀ, each block times the correlation of two poses."""
     effects = geometric_effects(fit.model.mechanism)
     columns = effect_columns(effects, fit.model, poses, problem.observed)[:, :3].reshape(-1, len(effects))
     size = np.linalg.norm(columns, axis=0)
@@ -93,8 +94,12 @@ def _kernel(fit: Calibration, poses: Poses, problem: Linearised) -> Array:
 
 
 def alike(q: Array, lengths: Sequence[float] = LENGTHS, order: int = ORDER) -> Array:
-    """Correlation (N, N) of an unknown function at two poses: the mean over joints of exp(-d²/2) and its powers up to
-    `order`, with their products of joints. lengths: in ranges of a joint."""
+    """Return the correlation (N, N) of an unknown function at two poses.
+
+    Mean over joints of exp(-d²/2) and its powers up to `order`, which contain products of joints. lengths: as shares of
+    a
+    joint's range.
+    """
     span = np.ptp(q, axis=0)
     gaps = (q[:, None] - q[None])[:, :, span > 0] / span[span > 0]
     near = np.mean([np.exp(-0.5 * (gaps / length) ** 2).mean(axis=2) for length in lengths], axis=0)

@@ -18,14 +18,14 @@ from gpmodel.table.bundles import FOLDS, SAME_JOINT, folds
 from gpmodel.table.dataset import Dataset
 
 MINIMUM_SHARE = 1e-3
-"""An effect that varies and of which the others leave less than this cannot be distinguished from them."""
+"""Least unique share of a pose-dependent effect. With less, the other effects imitate it and it is dropped."""
 
 LARGEST_LIMIT = 1e4
-"""Condition limit where none was chosen, because nothing constant is fitted."""
+"""Condition limit of a fit without constant effects, where none is chosen."""
 
 
 def still_joints(mechanism: Mechanism, dataset: Dataset) -> tuple[str, ...]:
-    """Names of the joints that stand at one value, within SAME_JOINT, at every pose of a table."""
+    """Return the names of the joints whose value is constant, within SAME_JOINT, over all poses of a table."""
     if not len(dataset):
         return ()
     still = np.ptp(dataset.q, axis=0) <= SAME_JOINT
@@ -33,12 +33,12 @@ def still_joints(mechanism: Mechanism, dataset: Dataset) -> tuple[str, ...]:
 
 
 def stands_still(slots: Iterable[str], still: tuple[str, ...]) -> bool:
-    """Return whether all slots belong to motionless joints, so that nothing at them is observable."""
+    """Return whether all slots belong to joints that do not move; effects there are redundant."""
     return {slot.rsplit(".", 1)[0] for slot in slots} <= set(still)
 
 
 def moving_sites(mechanism: Mechanism, dataset: Dataset) -> tuple[Site, ...]:
-    """The sites of a mechanism but for those beside joints that stand still at every pose of a table."""
+    """Return the sites of a mechanism, except those at joints that do not move in a table."""
     still = still_joints(mechanism, dataset)
     return tuple(s for s in sites_of(mechanism) if not stands_still((slot for slot, _, _ in s.terms), still))
 
@@ -46,11 +46,14 @@ def moving_sites(mechanism: Mechanism, dataset: Dataset) -> tuple[Site, ...]:
 def preference(
     mechanism: Mechanism, effects: tuple[Effect, ...], still: tuple[str, ...] = (), growth: Array | None = None
 ) -> IntArray:
-    """Indices (E,) of the effects in the order in which a fit prefers to hold them: joint zeros, lengths, twists.
+    """Return the indices of the effects in the order in which a fit includes them: joint zeros, lengths, angles.
 
-    Within each kind in the order given. Those beside a joint that stands still are left out: the part that it carries
-    is one with the part before it, which has the same parameters. growth: (E,) share of size of each, where no reading
-    shows size: the lengths that are most of it come last.
+    Effects of one kind keep their order. Effects at a joint that does not move are omitted, because the link before
+    that
+    joint has equivalent parameters.
+    growth: (E,) resemblance of each effect to a growth of the mechanism; lengths with the most of it come last. None if
+    a
+    measurement determines the scale.
     """
     zeros = {(slot, axis) for joint in mechanism.joints for slot, axis, _ in joint.drive}
     kinds = []
@@ -63,24 +66,28 @@ def preference(
 
 
 ENOUGH, LIMIT_OF_FEW = 1.5, 200.0
-"""Where no reading shows size: measured values for each unknown from which all constants can be held beside what the
-readings place, and the condition limit with fewer, halved until a degree of freedom is left. Cross-validation does not
-choose it: what the description is believed to be within keeps a fit from following its noise, and folds know nothing of
-that (of 20 tables of 40 touches each on three balls it left 4 with one constant)."""
+"""Used if no measurement determines the scale: measurements per unknown from which all constants are fitted, and the
+condition limit with fewer; the limit is halved until a degree of freedom is left. Cross-validation cannot choose this
+limit, because folds ignore the prior that keeps such a fit from following the noise (of 20 tables with 40 touches on
+three balls, cross-validation left 4 with one constant).
+"""
 
 
 def choose(
     model: ErrorModel, problem: Linearised, nominal: Linearised, theta: Array, condition_limit: float | None, seed: int
 ) -> tuple[Mask, float, tuple[ident.RankChoice, ...]]:
-    """The effects to hold (E,), the condition limit and the curve it was chosen from.
+    """Return the mask (E,) of the effects to fit, the condition limit, and the cross-validation curve of the limit.
 
-    problem: at theta (E,). nominal: of the constant effects alone, at zero. Constant effects are preferred in the order
-    of `preference`, by their columns there: errors of a milliradian would make parallel axes look as if they were not.
-    The limit is the one of LIMITS that holds most of those whose cross-validated error, beside effects that vary, is
-    within a standard error of the smallest, so that tables of one machine hold the same parameters; where no reading
-    shows size it is SIZE_LIMIT, or LIMIT_OF_FEW, and the length that is most of size is held. Effects that vary need a
-    unique share; those with a prior are always held.
-    Raises InputError with fewer measured values than unknowns, or nothing to cross-validate between.
+    problem: the linear problem at `theta` (E,). nominal: problem of the constant effects alone, at zero.
+    Constant effects are ranked in the order of `preference` by their nominal columns, because fitted errors of a
+    milliradian
+    would make parallel axes appear distinguishable. The limit of LIMITS with the most constants is chosen whose
+    cross-validated error is within one standard error of the smallest, so that tables of one machine fit the same
+    constants. If no measurement determines the scale, the limit is SIZE_LIMIT or LIMIT_OF_FEW, and the length most like
+    a
+    growth is fitted. Pose-dependent effects need a unique share of MINIMUM_SHARE; effects with a prior are always
+    fitted.
+    Raises InputError for fewer measurements than unknowns, or for a single fold.
     """
     constant = np.array([e.constant for e in model.effects], dtype=bool)
     prior = np.array([np.isfinite(e.prior) for e in model.effects], dtype=bool)
@@ -126,8 +133,10 @@ def choose(
 
 
 def of_one_fold(columns: Array, fold: IntArray) -> Mask:
-    """The columns (P,) that only rows (M,) of one fold have, as of a point that only they touched: no other fold could
-    find them, so that they are taken out of it."""
+    """Return the mask (P,) of columns that are nonzero in one fold only, such as a point that one fold alone touched.
+
+    No other fold determines such a column, so it is projected out.
+    """
     there = np.array([np.any(columns[fold == k] != 0.0, axis=0) for k in np.unique(fold)])
     return np.asarray(there.sum(axis=0) == 1)
 
@@ -139,7 +148,7 @@ def _largest_good(curve: tuple[ident.RankChoice, ...]) -> float:
 
 
 def _enough(problem: Linearised, held: int) -> None:
-    """Raises InputError with fewer measured values than unknowns."""
+    """Raise InputError for fewer measurements than unknowns."""
     fixed = problem.columns[:, : problem.placement]
     unknowns = (ident.orthonormal(fixed).shape[1] if problem.left else problem.placement) + held
     if len(problem.residual) < unknowns + (problem.left is None):

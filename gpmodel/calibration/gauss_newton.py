@@ -1,4 +1,4 @@
-"""Calibration: registration, tool, anchors and every effect solved together."""
+"""Calibrate: fit registration, tool, anchors and all effects together by Gauss-Newton."""
 
 from dataclasses import dataclass, replace
 
@@ -23,22 +23,25 @@ from gpmodel.table.bundles import sharing
 from gpmodel.table.dataset import Dataset
 
 STEPS = 10
-"""Largest number of steps of the split; three are usual."""
+"""Largest number of steps of `split`; three are usual."""
 
 SETTLED = 1e-8
-"""Motion of every reading by the last step, m: a hundredth of what instruments resolve."""
+"""Largest displacement of a measurement by the last step, m: a hundredth of an instrument's resolution."""
 
 WEAKEST = 1e-3
-"""Smallest singular value of the unit columns of registration and tool along which they absorb a residual. A smaller
-one turns a millimetre of reading into a metre of tool."""
+"""Smallest singular value of the normalised columns of registration and tool that is used to absorb a residual. With a
+smaller one, a millimetre of residual would move the tool by a metre.
+"""
 
 
 def with_taken_up(model: ErrorModel, known: ErrorModel) -> ErrorModel:
-    """The model with its effects in the gauge that a known model has them in.
+    """Return the model with the instrument's effects split into rigid motion and distortion as in a `known` model.
 
-    With D (M, K) the columns of the instrument's effects, P those of registrations and tools and G = P⁺ D, an error θ D
-    of the readings is P G θ + (D - P G) θ. The first part is where robot and tool are, the second the instrument's. A
-    fit leaves the split open: its readings say the sum alone.
+    With D (M, K) the columns of the instrument's effects, P the columns of registrations and tools and G = P⁺ D, an
+    error
+    θ D of the measurements is P G θ + (D - P G) θ. The first part moves robot and tool rigidly; the second is
+    distortion by
+    the instrument. The measurements determine only the sum, so the split must be copied from the known model.
     """
     there = {(e.name, e.terms): e.taken_up for e in known.effects if e.taken_up}
     if not there:
@@ -48,7 +51,7 @@ def with_taken_up(model: ErrorModel, known: ErrorModel) -> ErrorModel:
 
 
 def split(fitting: Fitting, fitted: Fitted, kept: Mask) -> tuple[Fitting, Fitted]:
-    """The fit with the rigid part of its instrument's effects in registrations and tools, its readings the same.
+    """Move the rigid part of the instrument's effects into registrations and tools; predicted measurements stay equal.
 
     kept: effects (E,) that are fitted.
     """
@@ -79,8 +82,9 @@ def split(fitting: Fitting, fitted: Fitted, kept: Mask) -> tuple[Fitting, Fitted
 
 
 def _moved(fitting: Fitting, problem: Linearised, theta: Array, placement: Placement, own: IntArray) -> Array:
-    """Return the displacement of the readings by effects (M,), with minus without them; first order with free
-    joints.
+    """Return the displacement (M,) of the measurements by the instrument's effects `own`.
+
+    The difference of the predictions with and without these effects; to first order if joints are free.
     """
     if problem.left is not None:
         return np.asarray(problem.columns[:, problem.placement + own] @ theta[own])
@@ -90,16 +94,17 @@ def _moved(fitting: Fitting, problem: Linearised, theta: Array, placement: Place
 
 
 def _least(columns: Array, target: Array) -> Array:
-    """The least-squares solution (P, K) in columns (M, P) of length one, along those directions that do anything."""
+    """Return the least-squares solution (P, K) with columns (M, P) scaled to unit length, weak directions truncated."""
     size = np.linalg.norm(columns, axis=0)
     size[size == 0.0] = 1.0
     return np.asarray(np.linalg.lstsq(columns / size, target, rcond=WEAKEST)[0] / size[:, None])
 
 
 def _with(effect: Effect, problem: Linearised, share: Array) -> Effect:
-    """The effect with further rigid motions (R,) taken up.
+    """Return the effect with additional rigid motions `share` (R,), m and rad, in its `taken_up`.
 
-    Those of a problem turn about the middle of its points, those of an effect about the instrument's origin."""
+    A registration of the problem turns about the mean of the points, one of the effect about the instrument's origin.
+    """
     known = {(r.of, r.label): np.array(r.twist) for r in effect.taken_up}
     names = [problem.placement_names[k] for k in np.flatnonzero(problem.rigid)]
     centre, data = problem.observed.tip[:, :3, 3].mean(axis=0), problem.poses.dataset
@@ -119,22 +124,24 @@ FREE_JOINTS_LIMIT = 50.0
 """Condition limit in a fit with unmeasured joints. Source: Robertson (2003), 3.4."""
 
 ATTEMPTS = 4
-"""Largest number of fits, each without the outliers of the one before."""
+"""Largest number of fits; each fit excludes the outliers of the previous one."""
 
 RATIO_SETTLED = 0.1
-"""Change of the logarithm of a pose's variance at which the weights have settled. It moves standard errors by less than
-a twentieth."""
+"""Change of the log variance shared by the repeats of a pose below which the weights have converged. It changes
+standard
+errors by less than a twentieth.
+"""
 
 UNSETTLED = 1.1
-"""Factor on σ up to which a converged fit is preferred to an unconverged one with another limit."""
+"""Factor on σ by which an unconverged fit counts as worse than a converged fit with another condition limit."""
 
 ROUNDING = 1e-6
-"""Relative rise of a sum of squares that is rounding."""
+"""Relative increase of a sum of squares that is rounding error."""
 
 
 @dataclass(frozen=True)
 class _Choices:
-    """Rank choice: held parameters, condition limit, and the curve from which it was chosen."""
+    """Rank choice: mask of the fitted effects, condition limit, and the cross-validation curve it was chosen from."""
 
     kept: Mask
     limit: float
@@ -150,14 +157,16 @@ def calibrate(
     robust: bool = True,
     seed: int = 0,
 ) -> Calibration:
-    """Fit every parameter by damped Gauss-Newton on the analytic columns; never worse than where it started.
+    """Fit all parameters by damped Gauss-Newton with analytic derivatives.
 
-    condition_limit: constant effects whose share is under 1 / limit are dropped and named; None chooses it by
-    cross-validation over rank.LIMITS, or by the number of readings where none shows size, and goes down from there
-    until the fit converges, where that does not cost more than a tenth of the error. start: a calibration to go on from
-    (its placement, the values of effects of the same name); without it, registration and tool are fitted first.
-    Where the fit ends above its start, the numbers of the start are kept and the status says so.
-    Raises InputError with fewer observations than unknowns or poses all alike.
+    condition_limit: constant effects with a unique share below 1 / limit are dropped and listed. None: chosen by
+    cross-validation over rank.LIMITS, or by the number of measurements if none determines the scale; lowered while the
+    fit does not converge, unless σ grows by more than a tenth.
+    start: calibration whose placement and effect values are the initial values; without it, registration and tool are
+    fitted first.
+    robust: exclude outliers. seed: random seed of the cross-validation folds.
+    If the fit ends with a larger cost than its start, the initial values are kept and `status` says so.
+    Raises InputError for fewer measurements than unknowns, or for poses that are all alike.
     """
     with threadpool_limits(limits=1, user_api="blas"):
         return _calibrate(model, poses, condition_limit, start, robust, seed)
@@ -194,8 +203,8 @@ def _calibrate(
 
 
 def _placed(bare: Fitting) -> Placement:
-    """The placement of the nominal mechanism that fits best, of those reached from every start: minima that are none of
-    the whole are reached from several as well."""
+    """Return the best of the placements fitted from several starts with the nominal mechanism, to avoid local
+    minima."""
     nothing = np.zeros(0, dtype=bool)
     reached = (iterate(bare, np.zeros(0), start, nothing) for start in start_placements(bare.poses))
     return min(reached, key=lambda found: residual_sigma(found.problem)).placement
@@ -203,7 +212,8 @@ def _placed(bare: Fitting) -> Placement:
 
 @dataclass(frozen=True)
 class _Manner:
-    """robust: outliers are left out. weigh: the weight of rotations is found as well. seed: of the folds."""
+    """Options of a fit. robust: exclude outliers. weigh: estimate the weight of rotations. seed: random seed of the
+    folds."""
 
     robust: bool
     weigh: bool
@@ -213,7 +223,10 @@ class _Manner:
 def _fit(
     fitting: Fitting, theta: Array, placement: Placement, condition_limit: float | None, manner: _Manner
 ) -> Calibration:
-    """Choose, iterate, look for outliers, and again until none is new; from the start where they let no fit settle."""
+    """Choose the rank, iterate and exclude outliers; repeat until no outlier is new.
+
+    If outliers prevent convergence, the next attempt begins again from the initial values.
+    """
     origin = theta, placement
     fitted = Fitted(placement, theta, fitting.at(theta, placement), "converged")
     choices = _Choices(np.zeros(len(theta), dtype=bool), condition_limit or LARGEST_LIMIT, ())
@@ -252,7 +265,7 @@ def _fit(
 
 
 def _nominal(fitting: Fitting, placement: Placement) -> Linearised:
-    """The problem of the constant effects alone, at the nominal geometry."""
+    """Return the linear problem of the constant effects alone, all at zero: the nominal geometry."""
     constant = tuple(e for e in fitting.model.effects if e.constant)
     model = ErrorModel(fitting.model.mechanism, constant)
     return replace(fitting, model=model).at(np.zeros(len(constant)), placement)
@@ -261,7 +274,7 @@ def _nominal(fitting: Fitting, placement: Placement) -> Linearised:
 def _better(
     fitting: Fitting, fitted: Fitted, choices: _Choices, origin: tuple[Array, Placement]
 ) -> tuple[Fitted, _Choices, str]:
-    """The fit or, where that ended above it on the same poses, its start; and the reason in words, else empty."""
+    """Return the fit, or its initial values if these have the smaller cost on the same poses; and the reason, or ""."""
     theta, placement = origin
     free = fitted.problem.left is not None
     start = fitting.at(theta, placement) if free else fitting.beside(fitted.problem, theta, placement)
@@ -277,7 +290,8 @@ def _better(
 
 
 def without_outliers(observed: Observed, dataset: Dataset, use: Mask) -> Mask:
-    """Mask (N,) of the poses without isolated outliers, the largest first, at most OUTLIER_SHARE of them."""
+    """Return the mask (N,) of poses without isolated outliers: the largest errors, at most OUTLIER_SHARE of
+    the poses."""
     error = pose_error(observed, dataset)
     far = error > outlier_limit(error[use])
     far &= use & ~in_company(far, dataset.q, measured_minus(observed, dataset))
@@ -285,14 +299,15 @@ def without_outliers(observed: Observed, dataset: Dataset, use: Mask) -> Mask:
 
 
 def _rotation_weight(problem: Linearised, poses: Poses) -> float:
-    """Metres a radian is worth: ratio of the robust spreads of length and angle residuals."""
+    """Return the weight of a radian, m: ratio of the median absolute residuals of lengths and of angles."""
     residual, turns = measured_minus(problem.observed, poses.dataset), problem.observed.turns
     lengths, angles = np.nanmedian(np.abs(residual[:, ~turns])), np.nanmedian(np.abs(residual[:, turns]))
     return float(np.clip(lengths / angles, 0.01, 10.0)) if lengths > 0 and angles > 0 else ROTATION_WEIGHT
 
 
 def fitting_of(fit: Calibration, poses: Poses) -> Fitting:
-    """Return the problem of a fit to poses without its outliers, repeats of a pose as independent rows."""
+    """Return the problem of a fit to `poses` without the fit's outliers; repeats of a pose count as
+    independent rows."""
     use = np.ones(len(poses), dtype=bool)
     use[fit.outliers] = False
     return Fitting(fit.model, poses, use, fit.rotation_weight, sharing(poses.dataset))

@@ -1,4 +1,4 @@
-"""Damped Gauss-Newton: steps on the analytic columns, bent and halved until the error falls enough."""
+"""Damped Gauss-Newton: each step is corrected for curvature and halved until the cost falls enough."""
 
 from dataclasses import dataclass
 
@@ -19,11 +19,13 @@ from gpmodel.numerics.least_squares import MANY_COLUMNS, solve
 
 @dataclass(frozen=True)
 class LinearStep:
-    """Least squares over the columns of `free` (K,) that are left, scaled to unit length, and the rows of the priors.
+    """Least-squares problem of one step: the columns of `free` (K,) scaled to unit length, and the rows of the priors.
 
-    priors: (B, F) rows beneath the scaled columns. pulls: (B,), their right side. readings: what of approximate joint
-    values is among them. factor: of the normal equations, where the columns are many. geometry: (G, E) rows of the
-    description on the unknowns.
+    priors: (B, F) prior rows on the scaled columns.
+    pulls: (B,) right side of the priors.
+    readings: prior rows of approximate joint values.
+    factor: Cholesky factor of the normal equations if there are many columns, else None.
+    geometry: (G, E) prior rows of the geometric constants, on the effects.
     """
 
     problem: Linearised
@@ -36,7 +38,7 @@ class LinearStep:
     geometry: Array
 
     def solved(self, residual: Array, pulls: Array) -> tuple[Array, float]:
-        """The whole step (K,) for a residual (M,), zero for what is not free; and what it takes off the cost, m²."""
+        """Return the step (K,) for a residual (M,), zero where not free, and the predicted decrease of the cost, m²."""
         step = np.zeros(len(self.free))
         if self.factor is None:
             system = np.vstack([self.problem.columns[:, self.free] / self.scale, self.priors])
@@ -54,9 +56,9 @@ class LinearStep:
 def linear_step(
     model: ErrorModel, problem: Linearised, theta: Array, placement: Placement, kept: Mask, gram: Array | None
 ) -> LinearStep:
-    """The linear problem over the placement and the `kept` effects (E,).
+    """Return the least-squares problem of a step over the placement and the `kept` effects (E,).
 
-    gram: products (K, K) of the columns where these are so many that the normal equations are solved.
+    gram: products (K, K) of the columns, to solve the normal equations; None to solve by QR.
     """
     free = problem.free(kept)
     belief = beliefs(model, problem, theta, placement, kept)
@@ -79,38 +81,43 @@ def linear_step(
 MAX_ITERATIONS = 30
 """Largest number of steps of a calibration; six to ten are usual."""
 MAX_HALVINGS = 10
-"""Largest number of halvings of a step. At a thousandth, rounding decides whether the cost falls."""
+"""Largest number of halvings of a step. At a thousandth of a step, rounding decides whether the cost falls."""
 REGAINED = 2
-"""Halvings that a step gives back to the next one: short steps come in long sequences."""
+"""Halvings by which the next step starts longer than the last accepted one. Short steps come in long sequences."""
 SUFFICIENT = 0.5
-"""Least fall of the cost, over the fall that the linear problem predicts (Armijo 1966). Steps with a smaller fall
-oscillate across a valley."""
+"""Least decrease of the cost, as a share of the decrease that the linear problem predicts (Armijo 1966). Steps with a
+smaller decrease oscillate across a valley.
+"""
 CORRECTIONS = 2
 """Largest number of corrections of a step by the error of its linear prediction, before it is halved. In a curved
-valley a straight step is too short. Twist, offset and tool that are nearly equivalent make one."""
+valley a straight step is too short. Nearly equivalent parameters (twist, offset and tool) cause such a valley.
+"""
 NEAR, BENT = 1e-6, 1e-4
-"""Largest motion of a reading, m, and largest relative error of the predicted motion, with which the columns are kept
-for the next step. With residuals of 0.1 mm this moves the result by less than STEP_TOLERANCE."""
+"""Largest displacement of a measurement, m, and largest relative error of the predicted displacement, with which the
+next step reuses the columns. With residuals of 0.1 mm this moves the result by less than STEP_TOLERANCE.
+"""
 STEP_TOLERANCE = 1e-9
-"""Motion of every reading by a step that ends the iteration, m: a hundredth of what instruments resolve."""
+"""Largest displacement of a measurement, m, by the last step: a hundredth of an instrument's resolution."""
 FREE_JOINTS_TOLERANCE = 1e-8
-"""The tolerance in a fit with eliminated joints, m. Smaller steps oscillate: errors of the joints turn the columns by a
-second-order amount."""
+"""STEP_TOLERANCE of a fit with eliminated joints, m. Smaller steps oscillate: errors of the joints turn the columns by
+a
+second-order amount.
+"""
 
 REASONS = {
     "converged": f"the last step moved no pose by more than {STEP_TOLERANCE * 1e6:g} µm",
     "stalled": f"still moving after {MAX_ITERATIONS} iterations: poses too alike, or joint values wrong",
     "diverged": "steps grew: wrong joint units, signs or order, or too few poses",
 }
-"""Why iterations ended, by the status of the fit."""
+"""Explanation of each status with which iterations end."""
 
 
 @dataclass(frozen=True)
 class Fitting:
-    """Problem of a fit: the model, the poses, those that count (N,), and the weight of rotations, m.
+    """Problem of a fit: the model, the poses, the mask `use` (N,) of fitted poses, and the weight of a radian, m.
 
-    bundle: (N,) code of every pose, the same for repeats. ratio: variance of what these share over that of a
-    measurement.
+    bundle: (N,) code of every pose, equal for repeats.
+    ratio: variance shared by repeats over the variance of one measurement.
     """
 
     model: ErrorModel
@@ -121,20 +128,20 @@ class Fitting:
     ratio: float = 0.0
 
     def linearised(self, theta: Array, placement: Placement) -> Linearised:
-        """The weighted linear problem at one point, repeats of a pose as they are."""
+        """Return the weighted linear problem at one point; noise shared by repeats is ignored."""
         return linearise(self.model, self.poses, theta, placement, self.rotation_weight, self.use)
 
     def at(self, theta: Array, placement: Placement) -> Linearised:
-        """Return the linearised problem with independent rows."""
+        """Return the linear problem at one point with decorrelated rows."""
         return self._independent(self.linearised(theta, placement))
 
     def about(self, observed: Observed, placement: Placement) -> Linearised:
-        """Return the linearised problem about the predicted readings, with independent rows. Not with free joints."""
+        """Return the linear problem about given predictions with decorrelated rows; not for free joints."""
         weight, use = self.rotation_weight, self.use
         return self._independent(linearise_about(observed, self.model, self.poses, placement, weight, use))
 
     def beside(self, problem: Linearised, theta: Array, placement: Placement) -> Linearised:
-        """The problem of a point with the residual at another one, its columns as they are. Not beside free joints."""
+        """Return a linear problem with the residual of another point and unchanged columns; not for free joints."""
         there = residual_at(problem, self.model, theta, placement)
         decorrelate(there, there.residual, self.bundle, self.ratio)
         return there
@@ -145,8 +152,10 @@ class Fitting:
         return problem
 
     def cost(self, problem: Linearised, theta: Array, placement: Placement, at: LinearStep) -> float:
-        """Sum of squares, m², of the residual and of the pulls of the priors, weighted as at one step: costs that are
-        compared have one."""
+        """Return the cost of a point, m²: sum of squares of the residual and of the priors.
+
+        at: the step whose weights scale the priors, so that costs of several points compare.
+        """
         sigma = noise_sigma(self.model, at.problem)
         prior = np.array([e.prior for e in self.model.effects])
         pulls = off_mean(self.model, theta) * sigma / prior
@@ -158,7 +167,7 @@ class Fitting:
 
 @dataclass(frozen=True)
 class Reached:
-    """Where the iterations are: problem is the linear one there, its columns perhaps those of a point close by."""
+    """Current point of the iterations. The columns of `problem` may be those of a point close by."""
 
     placement: Placement
     theta: Array
@@ -167,15 +176,18 @@ class Reached:
 
 @dataclass(frozen=True)
 class Fitted(Reached):
-    """Where the iterations ended. status: a key of REASONS."""
+    """Last point of the iterations. status: a key of REASONS."""
 
     status: str
 
 
 @dataclass(frozen=True)
 class _Step:
-    """A step from a point: `whole` (K,) by the linear problem, what that takes off the cost, m², and the motion (M,) of
-    the readings, metres; turned: (W,), of those of free joints."""
+    """Step of the linear problem.
+
+    whole: (K,) the step. fall: predicted decrease of the cost, m².
+    motion: (M,) predicted displacement of the measurements, m. turned: (W,) that of the approximate joint values, m.
+    """
 
     linear: LinearStep
     whole: Array
@@ -190,18 +202,19 @@ class _Step:
 
     @property
     def anyway(self) -> bool:
-        """True if the step is accepted at any cost."""
+        """True if the step is below the tolerance, so that it is accepted at any cost."""
         return self.moved < (STEP_TOLERANCE if self.linear.problem.left is None else FREE_JOINTS_TOLERANCE)
 
 
 def iterate(
     fitting: Fitting, theta: Array, placement: Placement, kept: Mask, problem: Linearised | None = None
 ) -> Fitted:
-    """Gauss-Newton from a point, over the placement and the effects that are `kept` (E,). problem: at that point,
-    where it is known.
+    """Iterate Gauss-Newton over the placement and the `kept` effects (E,).
 
-    A step that does not lower the cost sufficiently is corrected by what its columns missed, and halved until it does;
-    halved alone where free joints are eliminated, since the rows change with the point.
+    problem: linear problem at the initial point, if known.
+    A step that does not lower the cost enough is corrected by the error of its linear prediction, then halved. With
+    free
+    joints it is only halved, since the rows change with the point.
     """
     here = Reached(placement, theta, problem or fitting.at(theta, placement))
     last, cut, since, gram = np.inf, 0, 0.0, None
@@ -235,9 +248,12 @@ def _step(fitting: Fitting, here: Reached, kept: Mask, gram: Array | None) -> _S
 
 
 def _lower(fitting: Fitting, here: Reached, step: _Step, cut: int) -> tuple[Reached | None, int]:
-    """The first point that lowers the cost sufficiently, from 2⁻ᶜᵘᵗ of the step on, None where none does; its halvings.
-    Its columns are those of the point before, but where free joints are eliminated. A step that opens closed loops is
-    too long."""
+    """Return the first point that lowers the cost enough, from 2⁻ᶜᵘᵗ of the step on, and its number of halvings.
+
+    None if no point does. A step that opens a closed loop counts as too long. Columns are those of the former point,
+    except
+    with free joints.
+    """
     before = fitting.cost(here.problem, here.theta, here.placement, step.linear)
     count, free = here.problem.placement, here.problem.left is not None
     for halvings in range(cut, MAX_HALVINGS + 1):
@@ -258,5 +274,5 @@ def _lower(fitting: Fitting, here: Reached, step: _Step, cut: int) -> tuple[Reac
 
 
 def _straight(fallen: Array, foreseen: Array) -> bool:
-    """Return whether a residual (M,) fell as its columns predicted, so that they remain valid."""
+    """Return whether a residual (M,) fell as its columns predicted, so that the columns remain valid."""
     return bool(np.abs(fallen - foreseen).max() <= BENT * np.abs(foreseen).max())

@@ -1,4 +1,4 @@
-"""The weighted linear problem at one point: what every parameter does to every observation."""
+"""Linearise the measurements at one point: residuals and derivatives by every parameter, weighted."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -26,31 +26,37 @@ from gpmodel.model.observed import Observed
 from gpmodel.numerics import rank as ident
 
 LEAST_ERROR = 1e-6
-"""Smallest error of a description that counts, in units of prior_sigmas: 3.6 milliarcseconds."""
+"""Smallest error of approximate joint values, in units of `prior_sigmas`: 3.6 milliarcseconds."""
 LEAST_SIGMA = 1e-12
-"""Smallest noise, m: below that of every table with rounding."""
+"""Smallest noise, m: below the rounding of every table."""
 ROUNDING = 1e-14
-"""Smallest information on a column, relative to the largest."""
+"""Smallest information on a column, relative to the largest column."""
 
 
 @dataclass(frozen=True)
 class JointReadings:
-    """Rows (B, K) and right side (B,) of the table's joint values, in units of `prior_sigmas`, zero along what no pose
-    shows. shown: how many directions are."""
+    """Linear equations for approximate joint values in the table, in units of `prior_sigmas`.
+
+    rows: (B, K). off: (B,) right side. Zero along joint directions that no pose determines.
+    shown: number of joint directions that the measurements determine.
+    """
 
     rows: Array
     off: Array
     shown: int
 
     def error(self, used: int = 0) -> float:
-        """τ: RMS of how far the values are off, where they determine so many unknowns."""
+        """Return τ: RMS error of the approximate joint values. used: number of unknowns determined by these values."""
         return max(float(np.sqrt(np.sum(self.off**2) / max(self.shown - used, 1))), LEAST_ERROR)
 
     def alone(self, informed: Array, sigma: float) -> Array:
-        """Combinations (B, W) of the readings, orthonormal, that tell more of something than the measurements do.
+        """Return orthonormal combinations (B, W) of joint values that determine an unknown better than the measurements
+        do.
 
-        informed: the other rows (M, K), measured and believed, each ± sigma. Of generalised eigenvectors v of
-        RᵀR / τ² and that plus CᵀC / σ² those with more than half: R v of unit length.
+        informed: rows (M, K) of measurements and priors, each with standard deviation `sigma`. The combinations are R v
+        of unit
+        length, with v the generalised eigenvectors of RᵀR / τ² and RᵀR / τ² + CᵀC / σ² whose eigenvalue exceeds one
+        half.
         """
         told, read = informed / max(sigma, LEAST_SIGMA), self.rows / self.error()
         scale = np.sqrt(np.sum(told**2, axis=0) + np.sum(read**2, axis=0))
@@ -66,20 +72,19 @@ class JointReadings:
 def joint_readings(
     mechanism: Mechanism, observed: Observed, off: Array, columns: Array, weights: Array
 ) -> JointReadings:
-    """The readings of the free joints at every pose.
+    """Return the linear equations for the approximate joint values at every pose.
 
-    off: (N, J) joint values as read less those solved. columns: (N, m, K), weighted, before anything is eliminated;
-    weights: (N, m), zero where a pose does not count or was not measured.
+    off: (N, J) joint values of the table minus solved joint values. columns: (N, m, K), weighted, before elimination.
+    weights: (N, m), zero for measurements that are missing or not used.
 
     With the weighted sensitivities A = U S Vᵀ (m, n) of one pose to its free joints, in units of `prior_sigmas`, a step
-    of the parameters with columns C moves the joints that fit the measurements best by -V S⁺ Uᵀ C step. The values in
-    the table are believed to differ from those by errors ~ N(0, τ²), so that
+    of the parameters with columns C moves the best-fitting joint values by -V S⁺ Uᵀ C step. The table differs from the
+    solved values by errors ~ N(0, τ²), so that
 
-        R · step ≈ q_table - q_solved        R = -V S⁺ Uᵀ C, ± τ along the directions of V that the pose shows
+        R · step ≈ q_table - q_solved        R = -V S⁺ Uᵀ C, ± τ along the directions of V that the pose determines
 
-    What the measurements tell less of than these readings do, as of a ball's turn about its own centre, is known from
-    them alone; of everything else they are left out, so that it stays what eliminating free angles makes of it. τ shows
-    in how far the solved joint values lie from the table's.
+    These equations are used only for unknowns that the measurements determine less well, such as the rotation of a ball
+    about its centre. τ is estimated from the differences between the solved joint values and the table.
     """
     free, sigma = list(free_joints(mechanism)), prior_sigmas(mechanism)
     u, s, vt = np.linalg.svd(joint_columns(mechanism, observed) * weights[:, :, None] * sigma, full_matrices=False)
@@ -92,13 +97,16 @@ def joint_readings(
 
 @dataclass(frozen=True)
 class Linearised:
-    """One weighted linear problem: columns (M, K) · step ≈ residual (M,), with what each row belongs to.
+    """Weighted linear problem: columns (M, K) · step ≈ residual (M,), in metres.
 
     The first `placement` columns are registration, tool and anchors; the others are the model's effects.
-    Metres throughout: rotations are weighted by `rotation_weight`. observed: what was predicted. poses: those given,
-    with free joints solved. sizes: (K,) norms of the weighted columns before each pose's free joints were eliminated.
-    weights: (N, m), positive where an observation is a row; `left` is what free joints leave, None without any.
-    ratio: noise over the standard deviation of a constant, 1/m, where both are known; None where they are not.
+    pose_of_row: (M,) pose of each row. placement_names: names of the placement's columns. observed: predicted
+    measurements.
+    poses: the given poses with free joints solved.
+    sizes: (K,) norms of the weighted columns before free joints were eliminated.
+    weights: (N, m), positive if a measurement is a row; a rotation is weighted by `rotation_weight`, m per rad.
+    left: rows after elimination of free joints; None if no joint is free.
+    ratio: noise over the prior standard deviation of a constant, 1/m; None if either is unknown.
     """
 
     columns: Array
@@ -114,17 +122,19 @@ class Linearised:
     ratio: float | None = None
 
     def free(self, kept: Mask) -> Mask:
-        """The columns (K,) of the placement and of the effects that are kept (E,)."""
+        """Return the mask (K,) of the columns of the placement and of the effects that are `kept` (E,)."""
         return np.concatenate([np.ones(self.placement, dtype=bool), kept])
 
     @property
     def rigid(self) -> Mask:
-        """The columns (P,) of registrations and tools among those of the placement."""
+        """Mask (P,) of registrations and tools among the columns of the placement."""
         return np.array([n.startswith(("registration", "tool")) for n in self.placement_names], dtype=bool)
 
     def effect_rows(self, effects: Sequence[Effect], model: ErrorModel) -> Array:
-        """Columns (M, E) of any effects, weighted like the residual; those of the instrument less what registrations
-        and tools take up of them."""
+        """Return the columns (M, E) of any effects, weighted like the residual.
+
+        For effects of the instrument, the part that registrations and tools absorb is projected out.
+        """
         if self.left is not None:
             rows = self.weigh(effect_columns(tuple(effects), model, self.poses, self.observed))
         else:
@@ -137,7 +147,10 @@ class Linearised:
         return rows
 
     def weigh(self, values: Array) -> Array:
-        """Observations (N, m, ...) as rows (M, ...), weighted like the residual; what free joints absorb is zero."""
+        """Return values (N, m, ...) of the measurements as rows (M, ...), weighted like the residual.
+
+        A column that free joints absorb is zero.
+        """
         shape = (*self.weights.shape, *([1] * (values.ndim - 2)))
         if self.left is not None:
             weighted = values * self.left.weights.reshape(shape)
@@ -149,9 +162,9 @@ class Linearised:
 class Left:
     """Rows that remain after elimination of free joints.
 
-    complement: remaining directions of the observations.
+    complement: directions of the measurements that free joints do not move.
     weights: (N, m) weights before elimination.
-    readings: information of the table's joint values.
+    readings: equations for the approximate joint values.
     """
 
     complement: Complement
@@ -160,7 +173,7 @@ class Left:
 
 
 def effect_columns(effects: tuple[Effect, ...], model: ErrorModel, poses: Poses, observed: Observed) -> Array:
-    """Columns (N, m, E): sensitivity of the observations to each effect's unknown."""
+    """Return the derivatives (N, m, E) of the measurements by the unknown of each effect."""
     out = np.zeros((len(effects), len(poses), observed.components))
     for k, slot, axis, shape in _shaped(effects, model, poses, observed):
         out[k] += observed.sensitivity(slot)[:, :, axis] * shape[:, None]
@@ -170,10 +183,10 @@ def effect_columns(effects: tuple[Effect, ...], model: ErrorModel, poses: Poses,
 def add_effect_rows(
     out: Array, effects: Sequence[Effect], model: ErrorModel, poses: Poses, observed: Observed, weights: Array
 ) -> Array:
-    """Adds to rows (E, M) the columns of the effects where weights (N, m) are positive, times these; `out` again.
+    """Add the weighted derivatives of the measurements by each effect to `out` (E, M), and return `out`.
 
-    The same numbers as those of `effect_columns`, effect by effect in memory: what a slot does is brought into rows
-    once.
+    weights: (N, m); only measurements with a positive weight are rows. The values equal those of `effect_columns`, but
+    memory is used for one effect at a time: the sensitivity of a slot is brought into rows once.
     """
     rows = weights > 0
     pose, weight = np.nonzero(rows)[0], weights[rows][:, None]
@@ -188,8 +201,10 @@ def add_effect_rows(
 def _shaped(
     effects: Sequence[Effect], model: ErrorModel, poses: Poses, observed: Observed
 ) -> Iterator[tuple[int, int, int, Array]]:
-    """Every term of some effects: the effect's number, indices of slot and axis, weight times basis (N,). Then what
-    registrations and tools take up of them."""
+    """Yield every term of the effects: effect number, slot index, axis index, weight times basis (N,).
+
+    After the terms of an effect follow its rigid motions that registrations and tools take up, with a negative sign.
+    """
     known = places(model.mechanism)
     by_instrument = any(INSTRUMENT in effect.slots for effect in effects)
     seen = poses.states.seen_at(observed.tip[:, :3, 3]) if by_instrument else poses.states
@@ -208,7 +223,10 @@ def _shaped(
 def linearise(
     model: ErrorModel, poses: Poses, theta: Array, placement: Placement, rotation_weight: float, use: Mask
 ) -> Linearised:
-    """The weighted problem at one point; `use` (N,) says which poses count. Free joints are solved and eliminated."""
+    """Return the weighted linear problem at one point. use: mask (N,) of the poses that count.
+
+    Free joints are solved for and eliminated.
+    """
     table = poses.dataset.q
     poses = solve_joints(model, poses, theta, placement)
     observed = observe(model, poses, theta, placement)
@@ -225,7 +243,7 @@ def linearise(
 def linearise_about(
     observed: Observed, model: ErrorModel, poses: Poses, placement: Placement, rotation_weight: float, use: Mask
 ) -> Linearised:
-    """Linearise about the predicted readings, without free joints."""
+    """Linearise about given predictions `observed`, for a mechanism without free joints."""
     residual, weights = _weighted(observed, poses, rotation_weight, use)
     blocks, names = placement_columns(poses, observed, placement)
     rows = weights > 0
@@ -248,13 +266,13 @@ def linearise_about(
 
 
 def _weighted(observed: Observed, poses: Poses, rotation_weight: float, use: Mask) -> tuple[Array, Array]:
-    """Measured minus observed (N, m), and the weight of each; 0 where nothing was measured."""
+    """Return measured minus predicted values (N, m) and their weights (N, m), 0 where nothing was measured."""
     residual = measured_minus(observed, poses.dataset)
     return residual, np.isfinite(residual) * use[:, None].astype(float) * observed.scales(rotation_weight)
 
 
 def residual_at(problem: Linearised, model: ErrorModel, theta: Array, placement: Placement) -> Linearised:
-    """A problem without free joints, with the weighted residual at another point and its columns as they are."""
+    """Return the problem with the residual of another point and unchanged columns. Not for free joints."""
     observed = observe(model, problem.poses, theta, placement)
     rows = problem.weights > 0
     residual = measured_minus(observed, problem.poses.dataset)[rows] * problem.weights[rows]
@@ -263,8 +281,11 @@ def residual_at(problem: Linearised, model: ErrorModel, theta: Array, placement:
 
 @dataclass(frozen=True)
 class _Dense:
-    """Columns (N, m, P), residual and weights (N, m) of every pose; names: of the columns of the placement; table:
-    (N, J) joint values as read."""
+    """Arrays of all poses before elimination of free joints.
+
+    columns: (N, m, P). residual, weights: (N, m). names: of the placement's columns. table: (N, J) joint values as
+    measured.
+    """
 
     columns: Array
     residual: Array
@@ -274,7 +295,7 @@ class _Dense:
 
 
 def _eliminated(model: ErrorModel, placement: Placement, poses: Poses, observed: Observed, dense: _Dense) -> Linearised:
-    """The linear problem of what the free joints of each pose leave."""
+    """Return the linear problem after elimination of the free joints of each pose."""
     weights, count = dense.weights, len(dense.names)
     measured = weights > 0
     joints = joint_columns(model.mechanism, observed)

@@ -1,4 +1,4 @@
-"""Noise of two levels: what a pose repeats every time, and what the instrument adds to each measurement."""
+"""Noise on two levels: an error that all repeats of a pose share, and an independent error of each measurement."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -10,31 +10,34 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.linearise import Linearised
 
 LARGEST_RATIO = 1e4
-"""Largest ratio of the variance that repeats share to the variance within them. Beyond it the difference of repeats
-carries no information."""
+"""Largest ratio of the variance that repeats share to the variance within repeats. Beyond it the difference of repeats
+carries no information.
+"""
 
 
 @dataclass(frozen=True)
 class Whitening:
-    """Rows of a bundle of n share a deviation: cov = σ² (I + ρ 11ᵀ) in each bundle and component.
+    """Random-effects noise: the rows of a block share an error, cov = σ² (I + ρ 11ᵀ) in each block and component.
 
-    Whitened: v - (1 - 1/√(1 + n ρ)) mean(v). block: (M,) bundle and component of each row. Source: Fuller and
-    Battese (1973), transformation of the random-effects model.
+    Whitened rows: v - (1 - 1/√(1 + n ρ)) mean(v), with n rows in the block.
+    block: (M,) code of pose and component of each row. ratio: ρ.
+    Source: Fuller and Battese (1973), transformation of the random-effects model.
     """
 
     block: IntArray
     ratio: float = 0.0
 
     def whiten(self, values: Array) -> Array:
-        """Values (M, ...) with rows of equal variance, independent within a block: Σ^(-1/2) times them."""
+        """Return values (M, ...) whitened: rows of equal variance, independent within a block."""
         return self._scaled(values, 1.0 / np.sqrt(1.0 + self.sizes * self.ratio))
 
     def restored(self, values: Array) -> Array:
-        """Undo the whitening of values."""
+        """Undo the whitening of values (M, ...)."""
         return self._scaled(values, np.sqrt(1.0 + self.sizes * self.ratio))
 
     def _scaled(self, values: Array, factor: Array) -> Array:
-        """Values (M, ...) with the mean of each block times a factor (B,); a row alone in its block is its own mean."""
+        """Return values (M, ...) with the mean of each block multiplied by a factor (B,); a single row is its
+        own mean."""
         if self.ratio == 0.0:
             return values
         beside = [1] * (values.ndim - 1)
@@ -46,18 +49,18 @@ class Whitening:
 
     @cached_property
     def shared(self) -> tuple[IntArray, IntArray, "Whitening"]:
-        """The rows that are not alone in their block, the numbers of their blocks, and these rows alone."""
+        """Rows of blocks with several rows, the numbers of these blocks, and the whitening of these rows alone."""
         rows = np.flatnonzero(self.sizes[self.block] > 1)
         numbers, block = np.unique(self.block[rows], return_inverse=True)
         return rows, numbers, replace(self, block=block.reshape(-1))
 
     @cached_property
     def sizes(self) -> IntArray:
-        """Rows (B,) of each block."""
+        """Number of rows (B,) of each block."""
         return np.bincount(self.block)
 
     def means(self, values: Array) -> Array:
-        """Means (B, ...) of the rows of each block."""
+        """Return the mean (B, ...) over the rows of each block."""
         sizes = self.sizes
         count = len(self.block)
         belongs = sparse.csr_matrix((np.ones(count), (self.block, np.arange(count))), shape=(len(sizes), count))
@@ -65,7 +68,7 @@ class Whitening:
         return sums / sizes.reshape(-1, *[1] * (values.ndim - 1))
 
     def estimated(self, residual: Array, unknowns: float) -> "Whitening":
-        """Return the blocks with the ratio estimated from a residual (M,) after a fit of `unknowns` unknowns.
+        """Return the blocks with the ratio ρ estimated from a residual (M,) after a fit of `unknowns` unknowns.
 
         ρ = max(0, between / within - 1) / n0, mean squares of one-way analysis of variance.
         """
@@ -82,9 +85,10 @@ class Whitening:
 
 
 def decorrelate(problem: Linearised, values: Array, bundle: IntArray, ratio: float) -> None:
-    """Make any values (M, ...) over the rows of a problem independent, in place; those of a pose measured once stay.
+    """Whiten values (M, ...) over the rows of a problem, in place; rows of a pose measured once are unchanged.
 
-    bundle: (N,) code of every pose, the same for repeats. ratio: between the two levels of the noise.
+    bundle: (N,) code of every pose, equal for repeats.
+    ratio: variance shared by repeats over the variance of one measurement.
     """
     if ratio > 0.0:
         rows, _, noise = blocks_of(problem, bundle, ratio).shared
@@ -92,20 +96,20 @@ def decorrelate(problem: Linearised, values: Array, bundle: IntArray, ratio: flo
 
 
 def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float) -> float:
-    """The ratio (variance of what the rows of a bundle share over that of one measurement) that the residual of a
-    problem says that was whitened by `ratio`, after a fit of the placement and so many effects.
+    """Estimate the variance shared by the repeats of a pose over the variance of one measurement, after a fit.
 
-    bundle: (N,) code of every pose. As it is where nothing was measured twice.
+    problem: its residual was whitened by `ratio`. bundle: (N,) code of every pose. held: number of fitted effects.
+    Returns `ratio` if no pose was measured twice.
     """
     noise = blocks_of(problem, bundle, ratio)
     return noise.estimated(noise.restored(problem.residual) / np.sqrt(1.0 + ratio), problem.placement + held).ratio
 
 
 def freedom(problem: Linearised, bundle: IntArray, ratio: float, rank: int) -> float:
-    """Degrees of freedom of the variance of one measurement about a model of `rank` unknowns.
+    """Return the degrees of freedom of the variance of one measurement about a model of `rank` unknowns.
 
-    Of M values that are independent M - rank. Of B blocks of n that share ρ of the variance of one, Satterthwaite's of
-    the sum of both parts: 2 (1 + ρ)² / V with V = (2 (1 + n ρ)² / (B - rank) + 2 (n - 1)² / (M - B)) / n². Source:
+    M - rank for M independent measurements. For B blocks of n with ratio ρ, Satterthwaite's value for the sum of both
+    variances: 2 (1 + ρ)² / V with V = (2 (1 + n ρ)² / (B - rank) + 2 (n - 1)² / (M - B)) / n². Source:
     JCGM 100 (2008), G.4.
     """
     count, blocks = len(problem.residual), len(blocks_of(problem, bundle).sizes)
@@ -117,9 +121,10 @@ def freedom(problem: Linearised, bundle: IntArray, ratio: float, rank: int) -> f
 
 
 def blocks_of(problem: Linearised, bundle: IntArray, ratio: float = 0.0) -> Whitening:
-    """The blocks of a linearised problem, one a bundle (N,) and component, of a known ratio between the two levels.
+    """Return the blocks of a linear problem: one per pose code `bundle` (N,) and component, with a known ratio.
 
-    What free joints leave has no components that repeats of a pose could share: there every row is a block of its own.
+    With free joints every row is a block of its own, since the remaining rows are no components that repeats could
+    share.
     """
     if problem.left is not None:
         return Whitening(np.arange(len(problem.residual)), ratio)

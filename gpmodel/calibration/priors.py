@@ -1,4 +1,4 @@
-"""Priors as additional rows of the linear problem."""
+"""Priors of a fit, as additional rows of the linear problem."""
 
 from dataclasses import dataclass, replace
 
@@ -11,16 +11,19 @@ from gpmodel.model.error_model import ErrorModel, Placement
 from gpmodel.numerics import rank as ident
 
 TOOL_REACH = 1.0
-"""Prior standard deviation of a tool point, m from the flange. It matters only where the poses do not determine the
-tool."""
+"""Prior standard deviation of a tool point, m from the flange. It matters only if the poses do not determine
+the tool."""
 
 GEOMETRY_REACH = 0.01
-"""Prior standard deviation of a length or twist of the description, metres or radians. It matters only where the poses
-hardly determine it, as with hundreds of harmonics in the model."""
+"""Prior standard deviation of a geometric constant about its nominal value, m or rad. It matters only if the poses
+hardly
+determine the constant, as with hundreds of harmonics in the model.
+"""
 
 
 def prior_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask) -> tuple[Array, Array]:
-    """Rows (B, K) and right side (B,) of the priors, (θ - mean) σ / prior = 0, one a kept effect that has one."""
+    """Return rows (B, K) and right side (B,) of the priors, (θ - mean) σ / prior = 0, one per fitted effect with a
+    prior."""
     prior = np.array([e.prior for e in model.effects])
     at = np.flatnonzero(kept & np.isfinite(prior))
     sigma = noise_sigma(model, problem)
@@ -28,29 +31,29 @@ def prior_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask)
 
 
 def _one_each(problem: Linearised, effects: IntArray, weights: Array) -> Array:
-    """Rows (B, K) with the weight (B,) of each of some effects, by number, in its column."""
+    """Return rows (B, K) with one nonzero entry: the weight (B,) in the column of the effect with that number."""
     rows = np.zeros((len(effects), problem.columns.shape[1]))
     rows[np.arange(len(effects)), problem.placement + effects] = weights
     return rows
 
 
 def off_mean(model: ErrorModel, theta: Array) -> Array:
-    """By how much the unknowns (E,) differ from what is believed of them."""
+    """Return the unknowns (E,) minus their prior means."""
     return theta - np.array([e.mean for e in model.effects], np.float64)
 
 
 def of_the_description(model: ErrorModel) -> Mask:
-    """The constants (E,) of which no more is believed than that they are within their reach of zero."""
+    """Return the mask (E,) of the constants of the nominal geometry, which have no prior of their own."""
     return np.array([e.constant and e.prior == np.inf for e in model.effects], dtype=bool)
 
 
 def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray) -> Array:
-    """Return the prior rows (H, H) of the held constants `at` (H,), m.
+    """Return the prior rows (H, H), m, of the fitted constants `at` (H,).
 
-    Their sum of squares is that of all constants relative to their error, times σ². In an instrument's frame each is
-    within GEOMETRY_REACH. Where no reading is, also those constants are believed that others stand for: what is held,
-    θ = A θ_all, has the covariance reach² A Aᵀ, so that the fit is the one nearest to the description whichever are
-    held; of what no reading shows TOLERANCE is the most.
+    If a measurement is in an instrument's frame, each constant has the standard deviation GEOMETRY_REACH. Otherwise the
+    dropped constants count too: the fitted ones, θ = A θ_all, have the covariance reach² A Aᵀ, so that the fit nearest
+    to
+    the nominal geometry does not depend on which constants are dropped. The reach is then estimated, at most TOLERANCE.
     """
     if not (len(at) and relative(problem)):
         return np.diag(np.full(len(at), residual_sigma(problem) / GEOMETRY_REACH))
@@ -64,9 +67,9 @@ def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, placemen
 def _explained(
     model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray
 ) -> tuple[Array, tuple[Array, Array, Array]]:
-    """Return L⁻¹ (H, H) with A Aᵀ = L Lᵀ, and what `spread` compares.
+    """Return L⁻¹ (H, H) with A Aᵀ = L Lᵀ, and the arguments of `spread`.
 
-    These are the columns (M, H) of the held constants in units of their prior, the readings (M,), and the columns
+    These are the columns (M, H) of the fitted constants in units of their prior, the measurements (M,) and the columns
     (M, P) of the placement.
     """
     others = np.setdiff1d(np.flatnonzero(of_the_description(model)), at)
@@ -82,9 +85,10 @@ def _explained(
 
 
 def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
-    """Return the prior rows of every tool point, p σ / TOOL_REACH = 0; its step is in the tool's own axes.
+    """Return rows and right side of the prior of every tool point, p σ / TOOL_REACH = 0, in the tool's own axes.
 
-    Without it the points of a table where few joints move can wander off by kilometres, unseen until the next pose.
+    Without this prior, the tool point of a table with few moving joints can drift by kilometres without changing the
+    fit.
     """
     rows = np.zeros((3 * len(placement.tool), problem.columns.shape[1]))
     pull = np.zeros(len(rows))
@@ -98,8 +102,12 @@ def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Beliefs:
-    """Rows (B, K) and right side (B,) of all of these. own: how many of them, the first, are of priors. single: how
-    many of one effect each. geometry: (G, E), those of the geometry, on the unknowns."""
+    """Rows (B, K) and right side (B,) of all priors of a fit.
+
+    own: number of rows, from the first, that are priors of effects.
+    single: number of rows, from the first, with one effect each.
+    geometry: (G, E) rows of the geometric constants, on the effects.
+    """
 
     rows: Array
     pulls: Array
@@ -109,7 +117,7 @@ class Beliefs:
 
 
 def beliefs(model: ErrorModel, problem: Linearised, theta: Array, placement: Placement, kept: Mask) -> Beliefs:
-    """All that is believed at a point, of the `kept` effects (E,)."""
+    """Return the priors of the `kept` effects (E,), linearised at `theta` and `placement`."""
     at = np.flatnonzero(kept & of_the_description(model))
     geometry = np.zeros((len(at), len(model.effects)))
     geometry[:, at] = geometry_rows(model, theta, problem, placement, at)
@@ -122,9 +130,9 @@ def beliefs(model: ErrorModel, problem: Linearised, theta: Array, placement: Pla
 
 @dataclass(frozen=True)
 class ReadJoints:
-    """Prior rows of the table's values of free joints (B,): (q_table - q) σ / τ = 0.
+    """Prior rows of the approximate joint values (B,) in the table: (q_table - q) σ / τ = 0.
 
-    alone: (B, W) combinations that only these values determine.
+    alone: (B, W) combinations that the measurements determine less well.
     weight: σ / τ, metres.
     """
 
@@ -133,8 +141,11 @@ class ReadJoints:
 
     @classmethod
     def beside(cls, problem: Linearised, rows: Array, free: Mask, sigma: float) -> "ReadJoints":
-        """Where they tell more of something than the problem does and other rows (B, F), of the columns that are `free`
-        (K,), each ± σ; nothing without free joints."""
+        """Select the combinations of joint values that determine an unknown better than the measurements and `rows` (B,
+        F) do.
+
+        free: mask (K,) of the fitted columns. sigma: noise of measurements and rows. Empty if no joint is free.
+        """
         if problem.left is None:
             return cls(np.zeros((0, 0)), 0.0)
         known = replace(problem.left.readings, rows=problem.left.readings.rows[:, free])
@@ -142,21 +153,21 @@ class ReadJoints:
         return cls(alone, sigma / known.error(alone.shape[1]))
 
     def rows(self, problem: Linearised) -> Array:
-        """Rows (W, K), metres."""
+        """Return the rows (W, K), metres."""
         if problem.left is None:
             return np.zeros((0, problem.columns.shape[1]))
         return self.weight * self.alone.T @ problem.left.readings.rows
 
     def pull(self, problem: Linearised) -> Array:
-        """Their right side (W,), metres."""
+        """Return the right side (W,), metres."""
         return np.zeros(0) if problem.left is None else self.weight * self.alone.T @ problem.left.readings.off
 
 
 def noise_sigma(model: ErrorModel, problem: Linearised) -> float:
-    """σ of one component, m, that priors are weighed by: the model's own, else that of the residual itself."""
+    """Return the noise σ of one component, m, that scales the priors: the model's own, else the RMS residual."""
     return residual_sigma(problem) if model.noise is None else model.noise
 
 
 def residual_sigma(problem: Linearised) -> float:
-    """RMS of the weighted residual, m, of one component."""
+    """Return the RMS of the weighted residual, m, of one component."""
     return float(np.sqrt(np.mean(problem.residual**2)))

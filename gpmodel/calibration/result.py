@@ -1,4 +1,4 @@
-"""Result of a fit, with its diagnostics."""
+"""Result of a fit: values, standard errors and diagnostics."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,13 +21,14 @@ from gpmodel.numerics.least_squares import MANY_COLUMNS, inverse_gram, inverse_o
 from gpmodel.numerics.rank import RankChoice
 
 CORRELATED = 0.8
-"""Correlation from which two numbers are reported as interchangeable. The standard error of each is then at least 1.7
-times that with the other known."""
+"""Correlation of two parameters above which they are reported as interchangeable. The standard error of each is then at
+least 1.7 times as large as with the other known.
+"""
 
 
 @dataclass(frozen=True)
 class Placed:
-    """One number of the registration or the tool: its name, value and deviation in m or rad (`unit`)."""
+    """One number of the registration or the tool: name, value, and standard error in m or rad (`unit`)."""
 
     name: str
     value: float
@@ -39,10 +40,11 @@ class Placed:
 class Covariance:
     """Covariance of registration, tool and effects: values (P + E, P + E), SI, zero where not fitted.
 
-    placement: names of the P unknowns before the effects. centre: (3,) m in the instrument's frame, about which a
-    twist of the registration turns.
-    others: (A,) effects that may be in the place of a finding, zero in the fit. over_causes: (P + E + A, P + E + A)
-    second moment of all unknowns about the fit over these causes, SI; empty where the fit has no alternative.
+    placement: names of the P unknowns before the effects.
+    centre: (3,) m in the instrument's frame, the point about which a rotation of the registration turns.
+    others: (A,) effects that are alternative explanations of a finding; zero in the fit.
+    over_causes: (P + E + A, P + E + A) second moment of all unknowns about the fit, averaged over the alternative
+    explanations, SI; empty if the fit has none.
     """
 
     values: Array
@@ -53,11 +55,14 @@ class Covariance:
 
     @property
     def predictive(self) -> Array:
-        """(P + E + A, P + E + A) what a prediction is uncertain by."""
+        """Covariance (P + E + A, P + E + A) of the unknowns for predictions, alternative explanations included; (P + E,
+        P + E)
+        without alternatives.
+        """
         return self.over_causes if len(self.over_causes) else self.values
 
     def only(self, kept: Mask) -> "Covariance":
-        """The covariance with some of its effects (E,)."""
+        """Return the covariance restricted to some effects, mask `kept` (E,)."""
         rows = np.concatenate([np.ones(len(self.placement), dtype=bool), kept])
         every = np.concatenate([rows, np.ones(len(self.others), dtype=bool)])
         moments = self.over_causes[np.ix_(every, every)] if len(self.over_causes) else self.over_causes
@@ -72,8 +77,8 @@ class Uncertainty:
     correlation: (E, E).
     covariance: of all fitted quantities.
     placed: registration and tool, number by number.
-    sigma: standard deviation of one measurement about the model, one component, m.
-    freedom: degrees of freedom of sigma, and of the Student's t of the numbers in units of stderr.
+    sigma: standard deviation of one component of a measurement about the model, m.
+    freedom: degrees of freedom of sigma, also for Student's t of the estimates.
     rank: number of unknowns that the measurements determine.
     """
 
@@ -89,12 +94,16 @@ class Uncertainty:
 
 @dataclass(frozen=True, eq=False)
 class Calibration(Uncertainty):
-    """The fitted numbers and what is needed to distrust them.
+    """Fitted model with its uncertainty and diagnostics.
 
-    theta: (E,) values of model.effects, zero where dropped. kept: (E,) bool. error: (N,) 3-D error of each pose, m.
-    outliers: indices of poses left out of the fit. rotation_weight: m that a radian of measured rotation counts.
-    pose_ratio: variance of what repeats of a pose share over that of their measurements about it, zero where nothing
-    was measured twice. status: converged, stalled, diverged or kept previous; reason says why.
+    theta: (E,) values of model.effects, zero where dropped.
+    kept: (E,) True where fitted.
+    error: (N,) 3-D error of each pose, m.
+    outliers: indices of poses excluded from the fit.
+    condition_limit, rank_curve: limit for dropping constants, and the cross-validation curve it was chosen from.
+    rotation_weight: weight of a radian of measured rotation, m.
+    pose_ratio: variance shared by the repeats of a pose over the variance of one measurement; 0 without repeats.
+    status: converged, stalled, diverged or kept previous. reason: explanation of the status.
     """
 
     model: ErrorModel
@@ -112,7 +121,7 @@ class Calibration(Uncertainty):
 
     @property
     def fitted_error(self) -> Array:
-        """3-D errors of the poses that were fitted, without the outliers, m."""
+        """3-D errors of the fitted poses, outliers excluded, m."""
         return np.delete(self.error, self.outliers)
 
     @property
@@ -122,20 +131,20 @@ class Calibration(Uncertainty):
 
     @property
     def effective(self) -> int:
-        """Effective number of unknowns: of one with a prior 1 - (stderr / prior)². Source: MacKay (1992)."""
+        """Effective number of unknowns; one with a prior counts 1 - (stderr / prior)². Source: MacKay (1992)."""
         prior = np.array([e.prior for e in self.model.effects])
         fitted = np.sqrt(np.diag(self.covariance.values)[len(self.covariance.placement) :])
         held = np.clip(fitted[self.kept] / prior[self.kept], 0.0, 1.0)
         return round(self.rank - float(np.sum(held**2)))
 
     def values_of(self, effects: Sequence[Effect]) -> list[float]:
-        """Values of some of its effects, by name."""
+        """Return the values of some of the model's effects, matched by name."""
         values = dict(zip((e.name for e in self.model.effects), self.theta.tolist(), strict=True))
         return [values[effect.name] for effect in effects]
 
     @cached_property
     def partners(self) -> Mapping[str, tuple[tuple[str, float], ...]]:
-        """Effects correlated above CORRELATED in absolute value with each kept effect."""
+        """Map each fitted effect to the effects correlated with it above CORRELATED in absolute value."""
         names, kept = [e.name for e in self.model.effects], np.flatnonzero(self.kept)
         out: dict[str, list[tuple[str, float]]] = {names[i]: [] for i in kept}
         among = self.correlation[np.ix_(kept, kept)]
@@ -146,34 +155,37 @@ class Calibration(Uncertainty):
 
 
 def problem_at(calibration: Calibration, poses: Poses) -> Linearised:
-    """The weighted linear problem of a fitted model at any poses of known setups and tools, every one of them."""
+    """Return the weighted linear problem of a fitted model at any poses of known set-ups and tools; all poses count."""
     use = np.ones(len(poses), dtype=bool)
     model, theta, placement = calibration.model, calibration.theta, calibration.placement
     return linearise(model, poses, theta, placement, calibration.rotation_weight, use)
 
 
 def errors_on(calibration: Calibration, poses: Poses) -> Array:
-    """3-D error (N,) of a fitted model on any poses of known setups and tools, m; free joints are solved first."""
+    """Return the 3-D error (N,) of a fitted model at poses of known set-ups and tools, m; free joints are
+    solved first."""
     poses = resolved(calibration, poses)
     observed = observe(calibration.model, poses, calibration.theta, calibration.placement)
     return pose_error(observed, poses.dataset)
 
 
 def resolved(calibration: Calibration, poses: Poses) -> Poses:
-    """The poses with the free joints of the mechanism solved against what was measured; the same without any."""
+    """Return the poses with free joints solved against the measurements; unchanged if no joint is free."""
     return solve_joints(calibration.model, poses, calibration.theta, calibration.placement)
 
 
 def without_outlier_marks(calibration: Calibration) -> Calibration:
-    """Return the calibration without outlier marks, to judge every pose anew."""
+    """Return the calibration without outliers, so that the next fit judges every pose again."""
     return replace(calibration, outliers=np.zeros(0, dtype=np.int64))
 
 
 def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
-    """Covariance σ² (CᵀC)⁻¹ of the columns and prior rows C at the end of a fit, σ² = Σ r² / (M - rank) where the model
-    does not know it.
-    Beside free joints what the measurements leave open is known as well as the table's joint values tell it, by how far
-    these are off."""
+    """Return the uncertainty at the end of a fit: covariance σ² (CᵀC)⁻¹ with C the columns and the prior rows.
+
+    σ² = Σ r² / (M - rank), unless the model has its own noise. If joints are free, approximate joint values of the
+    table
+    add rows for unknowns that the measurements leave undetermined.
+    """
     problem, at = fitted.problem, np.flatnonzero(kept)
     free = problem.free(kept)
     belief = beliefs(fitting.model, problem, fitted.theta, fitted.placement, kept)
@@ -214,18 +226,21 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
 
 
 def _or_one(norms: Array) -> Array:
-    """Norms (K,) that are no rounding, 1 for others."""
+    """Return the norms (K,) with rounding errors replaced by 1."""
     return np.where(norms < ident.NEGLIGIBLE, 1.0, norms)
 
 
 def _rank(columns: Array) -> int:
-    """Return the rank of columns (M, K) at the measurements."""
+    """Return the numerical rank of columns (M, K), scaled to unit length."""
     return int(np.linalg.matrix_rank(columns / _or_one(np.linalg.norm(columns, axis=0)), 1e-9))
 
 
 def placed_numbers(placement: Placement, problem: Linearised, covariance: Array) -> tuple[Placed, ...]:
-    """Registration and tool as numbers: place (m) of the root in the instrument's frame and of the tool point in the
-    flange, and rotation vectors (rad)."""
+    """Return registration and tool as numbers with standard errors.
+
+    Each frame has a position, m, and a rotation vector, rad: the root in the instrument's frame, the tool in the
+    flange.
+    """
     out: list[Placed] = []
     centre = problem.observed.tip[:, :3, 3].mean(axis=0)
     for name, frame in placement.registration.items():
@@ -240,8 +255,10 @@ def placed_numbers(placement: Placement, problem: Linearised, covariance: Array)
 
 
 def _frame(name: str, frame: Array, turn: Array, problem: Linearised, covariance: Array) -> list[Placed]:
-    """The numbers of one frame that have columns, none where no reading moves with it; turn (6, 6): their steps as a
-    shift and a turn about the axes of the outer frame."""
+    """Return the numbers of one frame that have columns; empty if no measurement depends on the frame.
+
+    turn: (6, 6) map from a step of the frame to a shift and a rotation about the axes of the outer frame.
+    """
     names = [f"{name} {axis}" for axis in AXES]
     at = [problem.placement_names.index(n) for n in names if n in problem.placement_names]
     if np.all(problem.sizes[at] <= ident.NEGLIGIBLE):

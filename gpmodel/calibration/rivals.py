@@ -26,91 +26,99 @@ from gpmodel.wording import measured
 
 @dataclass(frozen=True)
 class FittedColumns:
-    """The weighted columns (M, K) of a fitted model at some poses: of the placement, then of its effects."""
+    """Weighted columns (M, K) of a fitted model at given poses: first the placement, then the effects."""
 
     calibration: Calibration
     problem: Linearised
 
     @classmethod
     def at(cls, calibration: Calibration, poses: Poses) -> "FittedColumns":
-        """Rows at poses of known set-ups and tools."""
+        """Linearise a fitted model at poses of known set-ups and tools."""
         return cls(calibration, problem_at(calibration, poses))
 
     @property
     def columns(self) -> Array:
-        """(M, K), weighted like the residual."""
+        """Derivatives (M, K), weighted like the residual."""
         return self.problem.columns
 
     @property
     def first(self) -> int:
-        """The column of the first effect."""
+        """Index of the column of the first effect."""
         return self.problem.placement
 
     @property
     def held(self) -> Mask:
-        """The columns (K,) of the placement and of the effects that are not dropped."""
+        """Mask (K,) of the columns of the placement and of the fitted effects."""
         return self.problem.free(self.calibration.kept)
 
     @cached_property
     def apart(self) -> LeaveOneOut:
-        """Each of those columns without the others, as far as these are let by their priors, rows below the others."""
+        """Each fitted column with the other columns projected out, as far as their priors allow. Prior rows follow the
+        M rows."""
         fit = self.calibration
         loose = fit.kept & np.array([not effect.constant for effect in fit.model.effects], dtype=bool)
         priors, _ = prior_rows(fit.model, fit.theta, self.problem, loose)
         return LeaveOneOut.of(np.vstack([self.columns[:, self.held], priors[:, self.held]]))
 
     def over_all_rows(self, values: Array) -> Array:
-        """Values (M, R) with zeros in the rows of the priors."""
+        """Append zeros to values (M, R) for the prior rows."""
         return np.vstack([values, np.zeros((len(self.apart.u) - len(values), values.shape[1]))])
 
     def number(self, k: int) -> int:
-        """Return the column number of effect k."""
+        """Return the index of effect `k` among the fitted columns."""
         return self.first + int(np.sum(self.calibration.kept[:k]))
 
     def of(self, candidate: Candidate) -> Array:
-        """Columns (M, k) of a candidate's effects."""
+        """Return the columns (M, k) of a candidate's effects."""
         return self.problem.effect_rows(candidate.effects, self.calibration.model)
 
     def difference(self, k: int, candidate: Candidate, sizes: Array) -> Array:
-        """Return the displacement of the readings by effect k minus that by a candidate of given sizes (M,)."""
+        """Return the displacement (M,) of the measurements by effect `k` minus the displacement by a candidate of given
+        `sizes`."""
         return np.asarray(self.calibration.theta[k] * self.columns[:, self.first + k] - self.of(candidate) @ sizes)
 
 
 SIGNIFICANT = 3.0
-"""Standard errors from zero of a constant for which alternatives are sought."""
+"""Least distance of a constant from zero, in standard errors, for which alternatives are sought."""
 
 TOLD_APART = 2.0
-"""Distance of two explanations over all poses, in standard deviations. Below it the poses do not separate them."""
+"""Distance of two explanations over all poses, in standard deviations of the noise, below which they are
+indistinguishable."""
 
 PLAUSIBLE = 3.0
-"""Largest size of a candidate, in standard deviations of its prior."""
+"""Largest plausible size of a candidate, in standard deviations of its prior."""
 
 UNKNOWNS = 2
 """Largest number of unknowns of an alternative. A smooth term with many imitates every constant."""
 
 VISIBLE = 0.05
-"""Least share of a candidate that the model does not absorb. With less it is no alternative to a constant."""
+"""Least share of a candidate that the model does not absorb. A candidate with less is no alternative to a constant."""
 
 POOL = 400
 SHOWN = 4
-"""Random poses within the limits; how many of them are named as those that tell most."""
+"""Number of random poses within the joint limits, and number of them that are reported because the explanations differ
+most
+there.
+"""
 
 
 AT_ONCE = 50
-"""Candidates whose columns are held in memory: megabytes each with thousands of poses."""
+"""Candidates with columns in memory at the same time; a candidate needs megabytes with thousands of poses."""
 
 ROW = "row"
-"""The input of what follows the rows."""
+"""Input of effects that depend on the row number of the table."""
 
 
 @dataclass(frozen=True)
 class Rival:
-    """A constant of the standard model, and what its fitted value could equally be.
+    """A constant of the standard model, and an alternative explanation of its fitted value.
 
-    value: of the constant, in `unit`. sizes: (k,) of the candidate's effects that look the same at these poses.
-    moves: (m) how far those move the measured point, RMS over the poses.
-    apart: by how many standard deviations all poses together tell the two apart. poses: (p, n) joint values where they
-    differ most, and by how much, (p,) m; none where joint values do not determine what the candidate is of, `session`.
+    value: of the constant, in `unit`.
+    sizes: (k,) sizes of the candidate's effects that displace the measurements alike.
+    moves: RMS displacement, m, of the measured point by the candidate.
+    apart: distance of the two explanations over all poses, in standard deviations of the noise.
+    poses: (p, n) joint values where the two explanations differ most. difference: (p,) their distance there, m.
+    session: inputs of the candidate that joint values do not determine; `poses` is then empty.
     """
 
     constant: str
@@ -126,16 +134,16 @@ class Rival:
 
     @property
     def plausible(self) -> bool:
-        """True if the sizes are within their priors."""
+        """True if every size is within PLAUSIBLE standard deviations of its prior."""
         return all(abs(v) <= PLAUSIBLE * e.prior for v, e in zip(self.sizes, self.candidate.effects, strict=True))
 
     @property
     def amplitude(self) -> float:
-        """Root of the sum of squares of the sizes: of a pair, sine and cosine, its amplitude."""
+        """Root of the sum of squares of the sizes; the amplitude of a pair of sine and cosine."""
         return float(np.linalg.norm(self.sizes))
 
     def words(self, kinds: Sequence[str]) -> str:
-        """One sentence, with the poses that would tell the two apart where there are any. kinds: of joints."""
+        """State the alternative in one sentence, with the poses that would distinguish it. kinds: of the joints."""
         size, rival = measured(self.value, None, self.unit), measured(self.amplitude, None, self.candidate.unit)
         said = f"{self.constant} of {size} could equally be {self.candidate.name} of {rival}"
         if self.session:
@@ -149,12 +157,15 @@ class Rival:
 
 
 def rivals_of_constants(calibration: Calibration, poses: Poses, pool: Iterable[Candidate]) -> tuple[Rival, ...]:
-    """Every significant constant that a candidate of `pool` mimics within the noise of these poses, best mimics first.
+    """Return every significant constant that a candidate of `pool` imitates within the noise, the closest first.
 
-    With c the constant's column, C the candidate's, and ⊥ what the model's other columns leave, those of curves as far
-    as their priors let them: w minimises |θ c⊥ - C⊥ w|. The two cannot be distinguished where that is below TOLD_APART
-    σ. All columns with c among them leave C⊥ - ĉ ĉᵀC of C, ĉ the unit vector along c⊥ and at right angles to it, so
-    that one projection of a candidate serves every constant, and its triangle R of QR R and ĉᵀC say all of C⊥.
+    With c the constant's column, C the candidate's and ⊥ the part that no other column of the model explains (smooth
+    terms
+    as far as their priors allow), w minimises |θ c⊥ - C⊥ w|. The two are indistinguishable if this is below TOLD_APART
+    σ.
+    Removing all columns, c included, leaves C⊥ - ĉ ĉᵀC of C, with ĉ the unit vector along c⊥. One projection of a
+    candidate
+    therefore serves all constants; the triangle R of its QR decomposition and ĉᵀC replace C⊥.
     """
     model, theta = calibration.model, calibration.theta
     here = FittedColumns.at(calibration, poses)
@@ -196,7 +207,7 @@ def rivals_of_constants(calibration: Calibration, poses: Poses, pool: Iterable[C
 
 
 def _looked_at(here: FittedColumns, offered: Sequence[Candidate]) -> Iterator[tuple[Candidate, Array, Array]]:
-    """Every candidate with its columns (M, k) and what the model leaves of them."""
+    """Yield every candidate with its columns (M, k) and their part that the model does not explain."""
     for first in range(0, len(offered), AT_ONCE):
         some = offered[first : first + AT_ONCE]
         columns = here.over_all_rows(np.hstack([here.of(candidate) for candidate in some]))
@@ -206,11 +217,13 @@ def _looked_at(here: FittedColumns, offered: Sequence[Candidate]) -> Iterator[tu
 
 
 def hidden_rivals(calibration: Calibration, poses: Poses) -> tuple[Rival, ...]:
-    """Return the alternatives to significant constants, one a constant and at most LISTED.
+    """Return the alternatives to significant constants: at most one per constant, at most LISTED in total.
 
-    Of all that the catalogue has of at most UNKNOWNS unknowns: for every constant the plausible one that moves the
-    point least and that other measurements would tell from it; what nothing would is but another name for it. What
-    follows the rows is left out, hundreds of candidates: a constant is there from the first row to the last.
+    Candidates are those of the catalogue with at most UNKNOWNS unknowns. For each constant the plausible one that moves
+    the
+    point least is chosen, if other measurements could distinguish it. Effects that depend on the row number are
+    excluded,
+    because a constant acts on all rows alike.
     """
     mechanism = calibration.model.mechanism
     offered = catalogue.candidates(mechanism, poses.states)
@@ -243,10 +256,10 @@ def of_the_session(poses: Poses, mechanism: Mechanism, effects: Sequence[Effect]
 
 
 def _anywhere(calibration: Calibration, poses: Poses) -> Poses:
-    """Random poses within the limits as the fitted model sees them, in the first set-up and with the first tool.
+    """Return random poses within the joint limits, with predicted positions, of the first set-up and tool.
 
-    They are taken one after the other, for a model that remembers the rows before. Poses at which the fitted errors
-    leave a loop open are left out.
+    The rows are in order, for effects that depend on earlier rows. Poses at which a closed loop cannot close are
+    omitted.
     """
     model = calibration.model
     q = random_poses(model.mechanism, POOL, np.random.default_rng(0))
@@ -261,9 +274,9 @@ def _anywhere(calibration: Calibration, poses: Poses) -> Poses:
 def _telling(
     here: FittedColumns, fresh: FittedColumns, found: Sequence[tuple[int, Candidate, Array]]
 ) -> list[tuple[Array, Array]]:
-    """Joint values (p, n) at which each constant and what could be it differ most, and by how much (p,), m.
+    """Return for each pair the joint values (p, n) where constant and candidate differ most, and the distances (p,), m.
 
-    found: number of a constant, a candidate and its sizes. One solution serves all candidates of a constant.
+    found: index of the constant, candidate and its sizes. Candidates of one constant are solved together.
     """
     mechanism, poses = fresh.calibration.model.mechanism, fresh.problem.poses
     out = [(np.zeros((0, len(mechanism.joints))), np.zeros(0))] * len(found)
@@ -285,7 +298,10 @@ def _telling(
 
 
 def _shared(here: FittedColumns, fresh: FittedColumns) -> tuple[IntArray, IntArray]:
-    """Indices of the fitted columns that both have: what a table found of its own is read nowhere else."""
+    """Return the indices, in `here` and in `fresh`, of the fitted columns that both have.
+
+    A table's own unknowns, such as anchors, exist in `here` only.
+    """
     names = [c.problem.placement_names for c in (here, fresh)]
     pairs = [(names[0].index(name), k) for k, name in enumerate(names[1]) if name in names[0]]
     pairs += [(here.first + k, fresh.first + k) for k in range(int(here.calibration.kept.sum()))]

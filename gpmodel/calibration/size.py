@@ -1,8 +1,8 @@
-"""The size of a mechanism: touches of surfaces and points at unknown places fit one twice as large as well.
+"""Scale of a mechanism that touches and relative measurements leave undetermined.
 
-All lengths of a mechanism, its tool and the places of what it touches can grow alike without moving a gap: the fit is
-that whose constants, all of them, are nearest to the description. A bar, a ball of known diameter, an artefact or a
-point in metres shows size.
+If all lengths of a mechanism, its tool and the positions of the touched bodies grow by one factor, no touch changes.
+The fit with the constants nearest to the description is then chosen. A bar, a ball of known diameter, an artefact or
+measured coordinates determine the scale.
 """
 
 from collections.abc import Sequence
@@ -21,22 +21,27 @@ from gpmodel.model.touches import Touches
 from gpmodel.numerics import rank as ident
 
 LIMIT = 5000.0
-"""Condition limit where size does not show: what is nearly a combination of others is held by belief alone, and a limit
-that drops it would not be that belief."""
+"""Condition limit if no measurement determines the scale. Nearly redundant combinations are then held by their prior,
+so
+that the fit is nearest to the description; a lower limit would drop them instead.
+"""
 
 TOLERANCE = 1e-3
-"""Metres or radians: what makers state of links and zeros (0.5 to 2 mm and mrad), the most that a constant is believed
-to be off where no reading shows it. With ten times as much, touches of a two-armed robot made it 8 % larger. Of half or
-twice as much the constants that are shown do not change."""
+"""Largest prior standard deviation of a constant that no measurement determines, m or rad. Makers state 0.5 to 2 mm and
+mrad for links and joint zeros. With ten times as much, touches of a two-armed robot made it 8 % larger. At half and at
+double, the constants that the measurements determine do not change.
+"""
 LEAST, MOST, GRID = 3e-5, 3e-2, 60
-"""m and rad that the constants of a description appear to be off, at least and at most: machined, or with joint zeros
-that were lost; and how many between are weighed."""
+"""Grid of the standard deviation of constants about the description, m and rad: smallest (machined parts), largest
+(lost
+joint zeros), and number of values.
+"""
 SMALLEST = 1e-4
-"""Share of the readings that may be noise at least: rounding of a hundredth of a micrometre in millimetres."""
+"""Smallest share of noise in the measurements: rounding of coordinates in mm to 0.01 µm."""
 
 
 def shows_size(kind: Observation) -> bool:
-    """Return whether readings of a kind contain a known length."""
+    """Return whether the measurements of an instrument include a known length, so that they determine the scale."""
     if isinstance(kind, Touches):
         known = (
             f.frame[:3, 3].any() or (f.surface == "on_sphere" and f.radius > 0) for b in kind.bodies for f in b.features
@@ -46,15 +51,13 @@ def shows_size(kind: Observation) -> bool:
 
 
 def size_hidden(problem: Linearised) -> bool:
-    """Return whether no reading of a fit determines the scale of the mechanism; a sliding joint does, by its known
-    motion.
-    """
+    """Return whether no measurement of a fit determines the scale of the mechanism."""
     kinds = [kind for kind in problem.observed.kinds if kind.readings.any()]
     return bool(kinds) and problem.left is None and not any(map(shows_size, kinds))
 
 
 def relative(problem: Linearised) -> bool:
-    """Return whether no reading of a fit is in the frame of an instrument.
+    """Return whether no measurement of a fit is in the frame of an instrument.
 
     Touches, bars, cameras and inclinometers measure parts of a mechanism relative to each other. They determine much
     of its geometry weakly or not at all.
@@ -63,16 +66,17 @@ def relative(problem: Linearised) -> bool:
 
 
 def without_frame(kinds: Sequence[Observation]) -> bool:
-    """Return whether there are readings, none of them in the frame of an instrument."""
+    """Return whether there are measurements, but none in the frame of an instrument."""
     read = [kind for kind in kinds if kind.readings.any()]
     return bool(read) and not any(kind.absolute for kind in read)
 
 
 def share_of_size(model: ErrorModel, problem: Linearised) -> Array:
-    """Return the share (E,) of each effect's displacement of the tool point that is growth: their cosine over the
-    poses.
+    """Return how much each effect resembles a growth of the mechanism (E,): |cosine| of the two displacement fields.
 
-    Displacements by placing and turning the root and the tool are projected out.
+    Displacements of the tool point over the poses are compared, after rigid motions of the root and the tool are
+    projected
+    out.
     """
     count = len(problem.poses)
     bare = replace(problem.observed, kinds=(Point(np.zeros((count, 3))),))
@@ -88,11 +92,11 @@ def share_of_size(model: ErrorModel, problem: Linearised) -> Array:
 def standing_for(
     model: ErrorModel, problem: Linearised, placement: Placement, held: IntArray, others: IntArray
 ) -> tuple[Array, Array]:
-    """Return the change of the held effects (H,) equivalent to the others (O,): (H, O), unknowns per unknown; and to
-    growth (H,), unknowns per growth.
+    """Return the changes of the held effects that are equivalent to one unit of each other effect, and to growth.
 
-    All by how they move the tool point of the nominal mechanism over the poses, less what placing and turning the root
-    and the tool do: readings that do not show size would not say how much of it an effect is.
+    Returns (H, O), unknowns per unknown, and (H,), unknowns per relative growth. Effects are equivalent if they move
+    the
+    tool point of the nominal mechanism alike over the poses, up to rigid motions of the root and the tool.
     """
     count = len(problem.poses)
     nominal = observe(ErrorModel(model.mechanism, ()), problem.poses, np.zeros(0), placement)
@@ -110,15 +114,15 @@ def standing_for(
 
 
 def spread(columns: Array, target: Array, placed: Array, most: float) -> tuple[float, float, Array]:
-    """Estimate the error of the constants of a description, m and rad, from the readings they explain.
+    """Estimate the standard deviation of the constants about the description, m and rad, by Bayesian regression.
 
-    Returns also the RMS of the residual, m, and orthonormal columns (M, K) of the constants and of free unknowns.
-
-    columns: (M, H) per unknown of unit variance before measuring. target: (M,). placed: (M, P) of what is free.
-    most: largest of the former, m and rad.
-
-    Readings along the singular values s of what is left of the columns have the variance σ² + reach² s²; reach²
-    and log σ are averaged over their likelihood on a grid. Source: MacKay (1992), Bayesian Interpolation.
+    columns: (M, H) displacement per unknown of unit prior variance.
+    target: (M,) measurements. placed: (M, P) columns of unknowns without a prior.
+    most: largest standard deviation, m and rad.
+    Returns the standard deviation, the RMS residual, m, and orthonormal columns (M, K) that the measurements determine.
+    With s the singular values of the columns without their part along `placed`, the measurements have the variance
+    σ² + reach² s²; reach² and log σ are averaged over their likelihood on a grid. Source: MacKay (1992), Bayesian
+    Interpolation.
     """
     taken = ident.orthonormal(placed)
     left, values = ident.remove(taken, columns), ident.remove(taken, target)

@@ -1,4 +1,4 @@
-"""Where to start: registration and tool point in closed form, then what each observation has to find of itself."""
+"""Initial values of a fit: registration and tool point in closed form, then the unknowns of each instrument."""
 
 from collections.abc import Iterator
 
@@ -17,7 +17,8 @@ from gpmodel.table.dataset import Dataset
 
 
 def placement_columns(poses: Poses, observed: Observed, placement: Placement) -> tuple[list[Array], list[str]]:
-    """Columns (N, m, P) of registration, tool and what instruments have of their own, in blocks, and their names."""
+    """Return the derivatives (N, m, P) by registration, tool and the instruments' own unknowns, in blocks, and their
+    names."""
     data = poses.dataset
     blocks: list[Array] = []
     names: list[str] = []
@@ -44,9 +45,9 @@ def _tool_axes(observed: Observed) -> int:
 
 
 def placement_after(observed: Observed, placement: Placement, step: Array) -> Placement:
-    """The placement moved by a step (P,), m and rad, of the columns `linearise` gives it, in their order.
+    """Return the placement after a step (P,), m and rad, in the order of the columns of `linearise`.
 
-    Registrations turn about the middle of the predicted points, tools in their own axes; orientations stay rotations.
+    Registrations turn about the mean of the predicted points, tools about their own axes. Rotations stay orthonormal.
     """
     i = 0
     registration, tool, anchors = dict(placement.registration), dict(placement.tool), dict(placement.anchors)
@@ -69,27 +70,28 @@ def placement_after(observed: Observed, placement: Placement, step: Array) -> Pl
 
 
 START_POSES = 400
-"""Poses from which the start is computed. The fit that follows uses all."""
+"""Largest number of poses used for the initial values. The fit uses all poses."""
 
 TOOL_PULL = 1e-4
-"""Cost of a tool point one metre from the flange, as an error in metres. It decides where the poses leave the tool
-open."""
+"""Penalty on the tool point, m of error per m from the flange. It matters only if the poses do not determine
+the tool."""
 
 GOOD_START = 1e-4
-"""RMS error of a start, m, with which no other is tried. Poses in one plane have a mirrored start, which fits far
-worse."""
+"""RMS error, m, of initial values below which no further start is tried. Poses in one plane have a mirrored solution,
+which fits far worse.
+"""
 
 TRIED_TOOLS = np.vstack([np.zeros(3), *(0.15 * sign * axis for axis in np.eye(3) for sign in (1.0, -1.0))])
-"""Tool points (7, 3) to start from, m: the flange, and 0.15 m from it to every side."""
+"""Initial tool points (7, 3), m: the flange, and 0.15 m from it in each direction."""
 
 
 def start_placements(poses: Poses) -> Iterator[Placement]:
-    """Registration by Kabsch for every tool point tried, the tool points by least squares over what is left.
+    """Yield initial placements: registration by Kabsch for each trial tool point, tool points by least squares.
 
-    Of balls that were touched and nothing that places the tool one start from each of TRIED_TOOLS: a ball of unknown
-    place fits touches by another tool as well, with another radius, in a minimum of its own. Later ones from which a
-    ball has no place are left out. Every observation starts its own unknowns from the tips that these give. Raises
-    InputError when a setup has fewer than 3 measured poses, or an observation too little for its own.
+    If only balls were touched, each of TRIED_TOOLS gives one start, because the fit has several local minima: a ball of
+    unknown position fits another tool with another radius. Starts without a valid ball are skipped.
+    Each instrument's own unknowns are initialised from the predicted tips. Raises InputError if a set-up has fewer than
+    3 measured poses, or an instrument has too few measurements for its own unknowns.
     """
     data = poses.dataset
     slots = se3.chain(poses.transforms)
@@ -123,14 +125,16 @@ def start_placements(poses: Poses) -> Iterator[Placement]:
 
 
 def _balls(data: Dataset) -> bool:
-    """Return whether a ball was touched."""
+    """Return whether a spherical surface was touched."""
     touches = (kind for kind in observations(data) if isinstance(kind, Touches))
     return any(f.surface == "on_sphere" for kind in touches for body in kind.bodies for f in body.features)
 
 
 def _with_tools(poses: Poses, slots: Array, registration: dict[str, Array], points: Array) -> Placement:
-    """The placement by registrations and tool points (T, 3), m: tools turned as measured, and what each observation
-    finds of its own from there. slots: (S, N, 4, 4), the frames of the nominal mechanism."""
+    """Return the placement of given registrations and tool points (T, 3), m, with the instruments' own unknowns.
+
+    Tools are rotated as measured. slots: (S, N, 4, 4) frames of the nominal mechanism.
+    """
     data, frames = poses.dataset, slots[poses.tip_slot, np.arange(len(poses))]
     tool_frames = {name: se3.shift(point) for name, point in zip(data.codes("tool")[0], points, strict=True)}
     if data.has_rotation:

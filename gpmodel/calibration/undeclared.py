@@ -1,13 +1,13 @@
-"""Constants apart from undeclared effects, in readings without an instrument's frame.
+"""Separate constants from undeclared effects in measurements without an instrument's frame.
 
-An undeclared effect looks like constants where it was read, and like others elsewhere. With r (M,) the readings,
-F the columns of the placement and of declared effects, A those of every constant, c_a the column of axis a,
+Within the measured region, constants can imitate an undeclared effect; outside, their predictions differ. With r (M,)
+the measurements, F the columns of the placement and of declared effects, A those of all constants, c_a of axis a,
 
     r = F ρ + A θ + Σ_a c_a ∘ f_a(q) + e,   θ ~ N(0, τ² I),   f_a ~ N(0, γ_a² K),   e ~ N(0, n² I)
 
-where f_a are unknown smooth functions of the joint values. γ_a, τ and n are those of the largest restricted likelihood.
-Constants are then fitted by generalised least squares with the covariance V of the functions and the noise, and the
-functions join the model at their conditional mean, with α = V⁻¹ (r - F ρ - A θ):
+where f_a are unknown smooth functions of the joint values. γ_a, τ and n maximise the restricted likelihood.
+Constants are then fitted by generalised least squares with the covariance V of the functions and the noise. The
+conditional mean of the functions becomes part of the model, with α = V⁻¹ (r - F ρ - A θ):
 
     f_a(q) = γ_a² Σ_m K(q, q_m) c_a,m α_m
 
@@ -37,30 +37,37 @@ from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank
 
 MEAN, OF_ONE, OF_TWO = 0.3, ((0.3, 1.5), (0.1, 4.0)), (0.3, 1.5)
-"""Variance of an unknown function of size 1: of its mean; of waves of each joint and their rates, rad over its range;
-and of products of waves of two joints. A load hardly changes over a table, so that most of an effect is its mean:
-without one constants take it up, and touches leave arms worse outside their region than the description does. Of other
-shares and rates from 1 to 4.5 the error outside is up to twice as large on planes and within a fifth elsewhere."""
+"""Variance of an unknown function of size 1: of its mean; of sinusoids of one joint, with their rates, rad over its
+range;
+and of products of sinusoids of two joints. A load hardly changes over a table, so most of an effect is its mean;
+without a mean, constants absorb it and touches leave arms less accurate outside their region than the nominal geometry.
+With other shares and rates from 1 to 4.5 the error outside is up to twice as large on planes, within a fifth elsewhere.
+"""
 MOST_ROWS, LARGEST = 400, 3000
-"""Readings from which variances are estimated, drawn evenly along the rows; and readings up to which their covariance
-is inverted, of more the noise is taken to be white."""
+"""Measurements from which variances are estimated, drawn evenly along the rows; and measurements up to which their
+covariance is inverted. With more, the noise is taken as white.
+"""
 STEPS = 20
 """Updates of the variances; with 40 no constant changes by a tenth of its standard error."""
 PASSES = 3
-"""Steps of generalised least squares from the fit by ordinary ones; the third moves no reading by 0.1 µm."""
+"""Steps of generalised least squares after the ordinary fit; the third moves no measurement by 0.1 µm."""
 SHOWN = 0.1
-"""Noise of a reading, RMS: a function that moves the readings by less is left out of the model."""
+"""Least RMS displacement of the measurements by a function, in units of their noise; a smaller function is omitted."""
 MOST_WAVES, FAINT = 200, 1e-2
-"""Waves of one function that a model keeps, and the share of the largest below which a wave is left out."""
+"""Most sinusoids of one function in a model, and their least size relative to the largest."""
 SMOOTH, UNDECLARED = "smooth functions of the joint values", "undeclared"
-"""Name and family of the effect by which a model has the undeclared ones. Its unknown is a share, 1 as estimated."""
+"""Name and family of the effect that adds the undeclared functions to a model. Its unknown is a factor, 1 as
+estimated."""
 ALONE_STEPS = 200
-"""Updates of τ and n alone; of 100 the likelihood is the same to a thousandth of a nat."""
+"""Updates of τ and n without functions; with 100 the likelihood is equal within a thousandth of a nat."""
 EARNED = 20.0
-"""Nats. The largest gain of 56 tables of touches and cameras without an undeclared effect was 11, the least of eight
-with a yielding joint and two oval gears 38: at half one table of noise is called more, at double one effect noise."""
+"""Least gain, nats, at which undeclared effects are reported. The largest of 56 tables of touches and cameras without
+an
+undeclared effect was 11, the least of eight with a compliant joint and two oval gears 38. At half, one table more of
+pure noise is reported; at double, one table with an effect is missed.
+"""
 START, SMALLEST = (1e-4, 3e-4, 0.3), 1e-8
-"""γ and τ, m and rad, and the share of noise in the readings at first; the least γ and n, rounding."""
+"""Initial γ and τ, m and rad, and initial share of noise in the measurements; and the smallest γ and n, rounding."""
 
 
 @dataclass(frozen=True)
@@ -69,8 +76,8 @@ class Undeclared:
 
     sizes: (A,) γ of the unknown function at each axis of `geometric_effects`, m and rad.
     constant: τ of a constant, m and rad.
-    noise: n of a reading, m.
-    gain: log restricted likelihood above that without the functions, nats.
+    noise: n of a measurement, m.
+    gain: log restricted likelihood minus that without the functions, nats.
     """
 
     sizes: Array
@@ -108,11 +115,11 @@ class Undeclared:
 
     @property
     def stands_out(self) -> bool:
-        """Return whether the functions explain the readings beyond what noise would."""
+        """True if the functions explain the measurements better than noise would, by more than EARNED nats."""
         return self.gain > EARNED
 
     def covariance(self, problem: Linearised, model: ErrorModel) -> "Coloured":
-        """The covariance of the functions and the noise in the rows of a problem."""
+        """Return the covariance of the functions and the noise in the rows of a problem."""
         waves = Waves.of(problem, model)
         values = waves.values(problem.poses.dataset.q)[problem.pose_of_row]
         axes = _axes(problem, model) * self.sizes / self.noise
@@ -122,9 +129,11 @@ class Undeclared:
 
 @dataclass(frozen=True)
 class Coloured:
-    """Covariance n² V = n² L Lᵀ of M readings.
+    """Covariance n² V = n² L Lᵀ of M measurements.
 
-    axes: (M, A), columns of the axes times γ / n. values: (M, W) of the waves at the readings. lower: L (M, M).
+    axes: (M, A) columns of the axes times γ / n.
+    values: (M, W) sinusoids at the measurements.
+    lower: L (M, M).
     """
 
     unknown: Undeclared
@@ -134,16 +143,17 @@ class Coloured:
     lower: Array
 
     def white(self, problem: Linearised) -> Linearised:
-        """The problem with independent rows of variance n²."""
+        """Return the problem with whitened rows: independent, of variance n²."""
         columns, residual = (self._solved(values) for values in (problem.columns, problem.residual))
         ratio = self.unknown.noise / min(self.unknown.constant, TOLERANCE)
         return replace(problem, columns=columns, residual=residual, ratio=ratio)
 
     def mean(self, white: Array, model: ErrorModel) -> Effect | None:
-        """The conditional mean of the functions, given what generalised least squares leaves of white readings (M,).
+        """Return the conditional mean of the functions, as an effect, given the residual (M,) of whitened rows.
 
-        None where it is less than SHOWN of the noise. Its prior is the standard deviation of the functions relative to
-        their mean, both RMS over the readings: 1 - tr(V⁻¹) / M of n² to |f|².
+        None if all functions are below SHOWN times the noise. The effect's prior is the standard deviation of the
+        functions
+        relative to their mean, both RMS over the measurements.
         """
         pulled = linalg.solve_triangular(self.lower, white, lower=True, trans="T", check_finite=False)
         weights = self.values.T @ (self.axes * pulled[:, None])
@@ -159,14 +169,15 @@ class Coloured:
 
     @property
     def determined(self) -> float:
-        """M - tr(V⁻¹): how many parameters of the functions the readings determine."""
+        """Effective number of parameters of the functions that the measurements determine: M - tr(V⁻¹)."""
         return len(self.lower) - float(np.sum(self._solved(np.eye(len(self.lower))) ** 2))
 
     def left(self, q: Array, axes: Array, columns: Array, fit: Calibration, fitted: Linearised) -> Array:
-        """Variance (N,), m², of points, given the readings, by the unknowns and the functions together.
+        """Return the posterior variance (N,), m², of points, by the unknowns and the functions together.
 
-        axes, columns: (N, 3, A) and (N, 3, K) of the axes and the unknowns. fitted: the problem of the readings. What
-        the functions would make up for of an unknown is not counted twice (universal kriging).
+        axes, columns: (N, 3, A) and (N, 3, K), derivatives of the points by the axes and by the unknowns. fitted: the
+        problem of
+        the fit. The part of an unknown that the functions absorb is not counted twice (universal kriging).
         """
         unknowns, out = fit.covariance.values, np.sum((axes * self.unknown.sizes) ** 2, axis=(1, 2))
         for k in range(3):
@@ -176,8 +187,10 @@ class Coloured:
         return np.asarray(np.maximum(out, 0.0))
 
     def left_among(self, problem: Linearised, model: ErrorModel, fitted: Linearised) -> tuple[Array, Array]:
-        """Square root (R, R), m, of the covariance of other readings by the functions, given the readings; and what
-        the functions make up for of the unknowns there (R, K)."""
+        """Return a square root (R, R), m, of the posterior covariance of other measurements by the functions.
+
+        Also return how much of each unknown the functions absorb there (R, K).
+        """
         q, columns = problem.poses.dataset.q[problem.pose_of_row], _axes(problem, model)
         at, there = columns * self.unknown.sizes, self.waves.values(q)
         explained = self._explained(q, columns)
@@ -188,7 +201,8 @@ class Coloured:
         return np.asarray(explained.T @ self._solved(fitted.columns) / self.unknown.noise)
 
     def _explained(self, q: Array, columns: Array) -> Array:
-        """L⁻¹ times the covariance (M, N), m, of the readings and others; q: (N, J), columns: (N, A) of the axes."""
+        """Return L⁻¹ times the covariance (M, N), m, of the measurements and others. q: (N, J). columns: (N, A) of the
+        axes."""
         there = self.waves.values(q) @ self.values.T
         return self._solved((((columns * self.unknown.sizes) @ self.axes.T) * there).T)
 
@@ -197,14 +211,16 @@ class Coloured:
 
 
 Wave = tuple[str, int, float]
-"""sin or cos, the number of the joint, and the rate, rad per its unit."""
+"""Function (sin or cos), index of the joint, and rate, rad per unit of the joint."""
 
 
 @dataclass(frozen=True)
 class Waves:
-    """Products of waves of the joint values, of which an unknown function is a sum.
+    """Products of sinusoids of the joint values; an unknown function is a weighted sum of these products.
 
-    names: of the joints. sizes: (W,) standard deviation of the coefficient of each product. parts: its waves.
+    names: of the joints.
+    sizes: (W,) standard deviation of the coefficient of each product.
+    parts: sinusoids of each product.
     """
 
     names: tuple[str, ...]
@@ -213,7 +229,7 @@ class Waves:
 
     @classmethod
     def of(cls, problem: Linearised, model: ErrorModel) -> "Waves":
-        """The waves over the ranges of the joints in a problem."""
+        """Return the products for the joint ranges of a problem."""
         span = np.ptp(problem.poses.dataset.q, axis=0)
         moving = np.flatnonzero(span > 0).tolist()
         products: list[tuple[float, tuple[Wave, ...]]] = [(MEAN, ())]
@@ -228,7 +244,7 @@ class Waves:
         return cls(tuple(j.name for j in model.mechanism.joints), np.sqrt(np.array(shares)), parts)
 
     def values(self, q: Array) -> Array:
-        """Values (N, W) at joint values (N, J), times their sizes."""
+        """Return the products (N, W) at joint values (N, J), times their sizes."""
         out = np.tile(self.sizes, (len(q), 1))
         for k, waves in enumerate(self.parts):
             for name, joint, rate in waves:
@@ -236,7 +252,7 @@ class Waves:
         return out
 
     def text(self, weights: Array) -> str:
-        """The sum of the products times their sizes and weights (W,), as an expression."""
+        """Write the sum of the products times sizes and weights (W,) as an expression; small terms are omitted."""
         signed = weights * self.sizes
         sizes = np.abs(signed)
         largest = np.sort(np.argsort(-sizes)[:MOST_WAVES]).tolist()
@@ -254,19 +270,19 @@ def _waves(joint: int, rate: float) -> tuple[Wave, Wave]:
 
 
 def _sum(terms: Sequence[str]) -> str:
-    """A sum by halves, no deeper than the logarithm of its length."""
+    """Write a sum as nested halves, so that parentheses nest only to the logarithm of its length."""
     half = len(terms) // 2
     return terms[0] if len(terms) == 1 else f"({_sum(terms[:half])}) + ({_sum(terms[half:])})"
 
 
 def _likelihood(covariance: Array, known: Array) -> float:
-    """Log density of values (M,) with a covariance (M, M), but for the constant."""
+    """Return the log density of values (M,) with covariance (M, M), without its constant."""
     lower = np.linalg.cholesky(covariance)
     return -float(np.log(np.diag(lower)).sum() + 0.5 * np.sum(np.linalg.solve(lower, known) ** 2))
 
 
 def _without_functions(like: Array, known: Array) -> float:
-    """Largest log density of values (M,) over τ and n, with the covariance τ² like + n² I."""
+    """Return the largest log density of values (M,) with covariance τ² like + n² I, over τ and n."""
     values, vectors = np.linalg.eigh(like)
     squares, values = (vectors.T @ known) ** 2, np.maximum(values, 0.0)
     reach, noise = START[1] ** 2, START[2] ** 2 * float(np.mean(known**2)) + SMALLEST**2
@@ -284,7 +300,7 @@ def _axes(problem: Linearised, model: ErrorModel) -> Array:
 
 
 def uncertain_functions(model: ErrorModel, fitted: Linearised, theta: Array, other: Linearised) -> tuple[Array, Array]:
-    """Return `Coloured.left_among` of other readings by the undeclared effects of a model.
+    """Return `Coloured.left_among` of the undeclared effects of a model, for other measurements.
 
     fitted: the problem that the model was fitted to, at `theta` (E,).
     """
@@ -292,7 +308,7 @@ def uncertain_functions(model: ErrorModel, fitted: Linearised, theta: Array, oth
 
 
 def has_functions(model: ErrorModel) -> bool:
-    """Return whether a model has functions of undeclared effects."""
+    """Return whether a model contains functions of undeclared effects."""
     return bool(_smooth(model).any())
 
 
@@ -301,9 +317,11 @@ def _smooth(model: ErrorModel) -> Mask:
 
 
 def apart_from_effects(fit: Calibration, poses: Poses) -> Calibration:
-    """Fit constants again, apart from undeclared effects, and add these; as it is in an instrument's frame.
+    """Refit constants separately from undeclared effects, and add these effects to the model.
 
-    sigma² is n² and the variance of the functions, the mean over the readings.
+    The fit is returned unchanged if a measurement is in an instrument's frame. sigma² is n² plus the mean variance of
+    the
+    functions over the measurements.
     """
     fitting = fitting_of(fit, poses)
     raw = fitting.at(fit.theta, fit.placement)
@@ -328,9 +346,9 @@ def apart_from_effects(fit: Calibration, poses: Poses) -> Calibration:
 
 
 def _generalised(fitting: Fitting, known: Coloured, fit: Calibration) -> tuple[Fitted, Array]:
-    """Generalised least squares from a fit: where it ends, and what it leaves of the white readings (M,).
+    """Fit by generalised least squares from an ordinary fit; return the end point and the whitened residual (M,).
 
-    The ends of a bar are placed anew at every point, so that they move within a step alone.
+    The instruments' own unknowns are solved anew at every point.
     """
     theta, placement = fit.theta, fit.placement
     for _ in range(PASSES):

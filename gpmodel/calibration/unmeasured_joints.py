@@ -1,8 +1,8 @@
-"""Joints without a sensor: their angles are approximate, so every pose's own angles are unknowns too.
+"""Joints without a sensor: their table values are approximate, so the joint values of every pose are unknowns too.
 
-They are eliminated pose by pose (variable projection). With the weighted sensitivities A (m, n) of one pose to
-its own free joints and A = U S Vᵀ, only the observations along the columns of U with a negligible singular value
-still speak of the model; what lies in the span of the others, any angle error would explain as well.
+They are eliminated pose by pose (variable projection). With the weighted sensitivities A (m, n) of one pose to its
+free joints and A = U S Vᵀ, only the measurements along the columns of U with a negligible singular value still inform
+the model; an error of the joint values explains any residual along the other columns.
 Source: Golub and Pereyra (1973); the truncation takes the place of 1/S in Robertson (2003), Fig 3.17.
 """
 
@@ -18,39 +18,43 @@ from gpmodel.model.observed import Observed
 from gpmodel.table.dataset import Dataset
 
 TRUNCATION = 1e-2
-"""Least singular value over the largest of joint motions that the readings determine. Other directions keep their
-prior."""
+"""Least singular value, relative to the largest, of a joint direction that the measurements determine. Other directions
+keep the table's values.
+"""
 
 ELIMINATED = 1e-2
-"""Least share of a column that free joint angles do not absorb. With less it cannot be estimated together with them."""
+"""Least share of a column that free joints do not absorb. A column with less is set to zero."""
 
 ROUNDING = 1e-7
-"""Singular value over the largest below which a combination is rounding: the square root of double precision."""
+"""Singular value, relative to the largest, below which a combination is rounding: the square root of double
+precision."""
 PRIOR_SIGMA = {"revolute": np.radians(1.0), "prismatic": 1e-3}
-"""Standard deviation of approximate joint values where none is stated, radians and metres: read from a scale by eye."""
+"""Standard deviation of approximate joint values if none is stated, rad and m: read from a scale by eye."""
 ROTATION_WEIGHT = 0.3
-"""Metres that count as a radian of orientation: a typical lever from the wrist to the tool. The fit of a table replaces
-it by the ratio of its residuals."""
+"""Weight of a radian of orientation, m: a typical lever from wrist to tool. The fit of a table replaces it by the ratio
+of
+the residuals.
+"""
 MAX_ITERATIONS = 20
-"""Largest number of steps for the joints of a pose; three are usual."""
+"""Largest number of steps for the joint values of a pose; three are usual."""
 STEP_TOLERANCE = 1e-9
-"""Step that ends the iteration, radians or metres: less than a nanometre at the tool."""
+"""Size of the last step, rad or m: less than a nanometre at the tool."""
 MINIMUM_POSES = 4
-"""Poses that fix a sphere: fewer points lie on many."""
+"""Least number of points that determine a sphere."""
 
 
 def free_joints(mechanism: Mechanism) -> tuple[int, ...]:
-    """Indices of the joints whose table values are approximate."""
+    """Return the indices of the joints whose table values are approximate."""
     return tuple(i for i, joint in enumerate(mechanism.joints) if not joint.measured)
 
 
 def prior_sigmas(mechanism: Mechanism) -> Array:
-    """Weak prior (n,) of the free joints' table values: 1 deg or 1 mm; only its ratios matter where both occur."""
+    """Return the prior standard deviations (n,) of the free joints, 1 deg or 1 mm. Only their ratios matter."""
     return np.array([PRIOR_SIGMA[mechanism.joints[i].kind] for i in free_joints(mechanism)])
 
 
 def joint_columns(mechanism: Mechanism, observed: Observed) -> Array:
-    """Sensitivity (N, m, n) of each pose's observations to its own free joints, through their drives."""
+    """Return the sensitivity (N, m, n) of each pose's measurements to its free joints, through their drives."""
     free = free_joints(mechanism)
     out = np.zeros((len(observed.tip), observed.components, len(free)))
     for k, i in enumerate(free):
@@ -62,23 +66,24 @@ def joint_columns(mechanism: Mechanism, observed: Observed) -> Array:
 
 @dataclass(frozen=True)
 class Complement:
-    """Complement of the free joints in each pose's observations.
+    """Directions of each pose's measurements that its free joints do not move.
 
-    turn: (N, m, m), rows orthonormal.
-    keep: (N, m), the turned observations that no free joint moves.
+    turn: (N, m, m) orthonormal rows.
+    keep: (N, m) mask of the rotated measurements that no free joint moves.
     """
 
     turn: Array
     keep: Mask
 
     def rows(self, values: Array) -> Array:
-        """Weighted observations (N, m, ...) as the kept rows (M, ...)."""
+        """Return weighted measurements (N, m, ...) as the remaining rows (M, ...)."""
         turned: Array = np.einsum("nij,nj->ni", self.turn, values) if values.ndim == 2 else self.turn @ values
         return turned[self.keep]
 
 
 def complement(columns: Array, measured: Mask) -> Complement:
-    """The complement of weighted joint columns (N, m, n); what is not `measured` (N, m) is left out as well."""
+    """Return the complement of weighted joint columns (N, m, n). Components that are not `measured` (N, m) are
+    excluded."""
     largest = np.linalg.norm(columns, axis=(1, 2))
     absent = np.where(measured, 0.0, np.where(largest > 0, largest, 1.0)[:, None])
     blocks = np.concatenate([columns, np.eye(measured.shape[1]) * absent[:, :, None]], axis=2)
@@ -88,10 +93,11 @@ def complement(columns: Array, measured: Mask) -> Complement:
 
 
 def eliminate(columns: Array, residual: Array, joints: Array) -> tuple[Array, Array, IntArray]:
-    """Columns (N, m, K) and residual (N, m) less what each pose's own joints (N, m, n) explain.
+    """Eliminate each pose's joints (N, m, n) from columns (N, m, K) and residual (N, m).
 
-    Returns rows (M, K), rows (M,) and the pose (M,) of each row. Columns that the joints absorb, up to ELIMINATED,
-    come back exactly zero. NaN in the residual means not measured.
+    Returns columns (M, K), residual (M,) and the pose (M,) of each row. A column that the joints absorb, up to
+    ELIMINATED,
+    is exactly zero. NaN in the residual means not measured.
     """
     measured = np.isfinite(residual)
     left = complement(joints * measured[:, :, None], measured)
@@ -101,16 +107,19 @@ def eliminate(columns: Array, residual: Array, joints: Array) -> tuple[Array, Ar
 
 
 def without_eliminated(rows: Array, sizes: Array) -> Array:
-    """Columns (M, K) with those set to zero whose norm is below ELIMINATED of `sizes` (K,), that before elimination."""
+    """Return columns (M, K), set to zero where their norm is below ELIMINATED of `sizes` (K,), the norm before
+    elimination."""
     return np.where(np.linalg.norm(rows, axis=0) > ELIMINATED * sizes, rows, 0.0)
 
 
 def observable(rows: Array, nominal: Array, sizes: Array) -> Array:
-    """Columns (M, K) without the combinations that the free joints absorb in the nominal mechanism.
+    """Project out of columns (M, K) the combinations that free joints absorb in the nominal mechanism.
 
-    nominal: (M', K), the same columns without any effect, where an absorbed combination is zero but for rounding.
-    Effects as small as they are would let such a combination be fitted to noise. sizes: (K,) column norms before
-    elimination, which make metres and radians comparable.
+    nominal: (M', K) columns without any effect, where an absorbed combination is zero up to rounding. With effects such
+    a
+    combination is small but not zero, and would be fitted to noise. sizes: (K,) column norms before elimination, which
+    make
+    metres and radians comparable.
     """
     scale = np.where(sizes > 0, sizes, 1.0)
     _, s, vt = np.linalg.svd(nominal / scale, full_matrices=True)
@@ -121,9 +130,9 @@ def observable(rows: Array, nominal: Array, sizes: Array) -> Array:
 def solve_joints(model: ErrorModel, poses: Poses, theta: Array, placement: Placement) -> Poses:
     """Return the poses with their free joints solved against the measurements.
 
-    Per pose: the values nearest to the table's (in units of `prior_sigmas`) among those that fit the
-    observations best, by truncated Gauss-Newton:  δ = σ (V S⁺ Uᵀ r + (I - V V⁺) (q_table - q) / σ).
-    Poses without a free joint, and rows where nothing was measured, come back as they were.
+    Per pose: the joint values nearest to the table's (in units of `prior_sigmas`) among those that fit the
+    measurements best, by truncated Gauss-Newton:  δ = σ (V S⁺ Uᵀ r + (I - V V⁺) (q_table - q) / σ).
+    Without a free joint, and in rows without a measurement, joint values are unchanged.
     """
     free = list(free_joints(model.mechanism))
     if not free:
@@ -155,9 +164,9 @@ def solve_joints(model: ErrorModel, poses: Poses, theta: Array, placement: Place
 
 
 def what_is_left(mechanism: Mechanism, observed: Observed, measured: Mask, values: Array) -> Array:
-    """Observations (N, m), in metres, or columns (N, m, K), less what each pose's own free joints explain.
+    """Remove from measurements (N, m), in metres, or columns (N, m, K) the part that each pose's free joints explain.
 
-    Unchanged without any. m: all components that are observed, or the first few of them.
+    Unchanged if no joint is free. m: all measured components, or the first few of them.
     """
     if not free_joints(mechanism):
         return values
@@ -169,13 +178,13 @@ def what_is_left(mechanism: Mechanism, observed: Observed, measured: Mask, value
 
 
 def check_points(dataset: Dataset) -> None:
-    """Refuses points from which free angles leave nothing. Raises InputError naming the table and what was expected."""
+    """Raise InputError if free joints explain every measured point; the message names the table and what is needed."""
     if flaw := points_flaw(dataset):
         raise InputError(flaw)
 
 
 def points_flaw(dataset: Dataset) -> str | None:
-    """Reason why free angles explain every measured point; None if they do not."""
+    """Return the reason why free joints explain every measured point; None if they do not."""
     points = dataset.position[np.isfinite(dataset.position).all(axis=1)]
     if not len(points) and (dataset.has_rotation or dataset.distances or dataset.observations):
         return None
@@ -183,7 +192,7 @@ def points_flaw(dataset: Dataset) -> str | None:
 
 
 def sphere_flaw(points: Array, where: str) -> str | None:
-    """Why points (N, 3) determine no sphere: fewer than 4, alike, coplanar; None where they do."""
+    """Return the reason why points (N, 3) determine no sphere: fewer than 4, alike, or coplanar; None if they do."""
     expected = f"expected at least {MINIMUM_POSES} different points that are not all in one plane"
     if len(points) < MINIMUM_POSES:
         return f"{where}: {len(points)} measured poses; {expected}"

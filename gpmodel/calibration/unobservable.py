@@ -1,4 +1,4 @@
-"""Unobservable effects: those that free joints hide, and constants that stay at the description."""
+"""Unobservable effects: effects that free joints absorb, and constants that stay at their nominal values."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -27,31 +27,31 @@ from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.dataset import Dataset
 
 HELD = 0.9
-"""Share of the measured points in the ball: single far ones make no region."""
+"""Share of the measured points inside the ball that bounds the measured region; outlying points are ignored."""
 DRAWN = 400
-"""Random poses at which the error inside and outside the region is averaged."""
+"""Random poses over which the error inside and outside the measured region is averaged."""
 
 
 @dataclass(frozen=True)
 class Region:
-    """A ball about the median of points: middle (3,) and radius, m."""
+    """Ball about the median of the measured points: middle (3,) and radius, m."""
 
     middle: Array
     radius: float
 
     @classmethod
     def of(cls, points: Array) -> "Region":
-        """The ball that holds HELD of some points (N, 3), m."""
+        """Return the ball that holds HELD of the points (N, 3), m."""
         middle = np.median(points, axis=0)
         return cls(middle, float(np.quantile(np.linalg.norm(points - middle, axis=1), HELD)))
 
     def holds(self, points: Array) -> Mask:
-        """Return which of some points (N, 3), m, are inside."""
+        """Return the mask (N,) of the points (N, 3), m, inside the ball."""
         return np.asarray(np.linalg.norm(points - self.middle, axis=1) <= self.radius)
 
 
 def anywhere(mechanism: Mechanism, dataset: Dataset) -> Dataset:
-    """DRAWN random rows of a table, without its readings, at random joint values within the limits."""
+    """Return DRAWN random rows of a table without measurements, at random joint values within the limits."""
     rng = np.random.default_rng(0)
     rows = rng.integers(len(dataset), size=DRAWN)
     bare = replace(dataset, observations=(), in_order=False).subset(rows)
@@ -59,7 +59,7 @@ def anywhere(mechanism: Mechanism, dataset: Dataset) -> Dataset:
 
 
 def nominal_points(mechanism: Mechanism, poses: Poses) -> Array:
-    """Where each row's tip is (N, 3), m, in the root, by the description and without a tool."""
+    """Return the nominal position (N, 3), m, of each row's measured link in the root frame, without a tool."""
     frames = ErrorModel(mechanism, ()).frames(poses, np.zeros(0))
     return np.asarray(frames[poses.tip_slot, np.arange(len(poses)), :3, 3])
 
@@ -74,7 +74,7 @@ def unobservable_effects(calibration: Calibration, poses: Poses, effects: Sequen
 
 
 def unobservable_families(calibration: Calibration, poses: Poses) -> tuple[str, ...]:
-    """The model's constant effects, and the catalogue's families, of which free joints leave nothing at all."""
+    """Return the names of constant effects and of catalogue families that free joints absorb completely."""
     if not free_joints(calibration.model.mechanism):
         return ()
     pool = catalogue.candidates(calibration.model.mechanism, poses.states)
@@ -90,12 +90,13 @@ def unobservable_families(calibration: Calibration, poses: Poses) -> tuple[str, 
 
 
 def held_at_description(fit: Calibration, poses: Poses, *, searched: bool = False) -> Iterator[str]:
-    """Say the error inside and outside the measured region, with undeclared effects if these stand out, and the
-    constants that the readings do not show; nothing where points in an instrument's frame were read.
+    """Yield sentences on the expected error inside and outside the measured region, on undeclared effects, and on
+    constants
+    that the measurements do not determine.
 
-    searched: the model is that of a search for effects.
-
-    A constant is not shown where its standard error by the readings alone, σ / (|c| share), is above TOLERANCE.
+    Yields nothing if a measurement is in an instrument's frame. searched: the model is the result of a search for
+    effects.
+    A constant counts as not determined if its standard error without priors, σ / (|c| share), is above TOLERANCE.
     """
     problem = problem_at(fit, poses)
     at = np.flatnonzero(fit.kept & of_the_description(fit.model))
@@ -127,9 +128,9 @@ def held_at_description(fit: Calibration, poses: Poses, *, searched: bool = Fals
 
 
 def errors_by_region(fit: Calibration, poses: Poses, unknown: Undeclared) -> tuple[float, float, float]:
-    """The radius of the measured region, m, and the RMS error of a predicted point, m, inside and outside of it.
+    """Return the radius of the measured region, m, and the RMS error of a predicted point, m, inside and outside.
 
-    The variance is that of the constants and the placement, and what the readings leave open of the undeclared effects.
+    The variance includes constants, placement, and the posterior variance of undeclared effects.
     """
     model = fit.model
     drawn = anywhere(model.mechanism, poses.dataset)
@@ -152,7 +153,7 @@ def errors_by_region(fit: Calibration, poses: Poses, unknown: Undeclared) -> tup
 
 
 def unseen(kinds: tuple[Observation, ...]) -> Iterator[str]:
-    """One sentence each, of the kinds that were read; none where points or poses in an instrument's frame were."""
+    """Yield sentences on what the instruments cannot determine; none if a measurement is in an instrument's frame."""
     read = [kind for kind in kinds if kind.readings.any()]
     if not read or any(kind.absolute for kind in read):
         return

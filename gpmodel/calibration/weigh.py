@@ -1,4 +1,5 @@
-"""Weight of a pixel or a degree relative to a metre: two fits; the second uses weights estimated by the first."""
+"""Weight of a pixel or a degree relative to a metre, estimated by two fits; the second uses the weights of
+the first."""
 
 from dataclasses import replace
 
@@ -19,10 +20,9 @@ from gpmodel.table.dataset import Readings
 
 
 def hang_payload(mechanism: Mechanism, poses: Poses) -> tuple[Mechanism, Poses]:
-    """The mechanism and the same poses with the payload at the tool point that registration and tool alone give.
+    """Return the mechanism and its poses with the payload at the tool point, fitted with registration and tool alone.
 
-    Nothing changes where a centre of mass was given, where nothing is carried, or for a mechanism built in Python,
-    whose payload is where it says.
+    Unchanged if a centre of mass is given, no pose has a payload, or the mechanism is built in Python.
     """
     if not isinstance(mechanism, LoadedMechanism) or mechanism.choice.payload_com is not None:
         return mechanism, poses
@@ -33,10 +33,10 @@ def hang_payload(mechanism: Mechanism, poses: Poses) -> tuple[Mechanism, Poses]:
 
 
 def find_lever(mechanism: Mechanism, poses: Poses) -> Mechanism:
-    """The mechanism with its lever up to the tool point that registration and tool alone give.
+    """Return the mechanism with its lever extended to the tool point, fitted with registration and tool alone.
 
-    Nothing changes but for a loaded mechanism that has a lever: the nominal frames stay, what grows with temperature
-    is the lever that is there.
+    Only a loaded mechanism with a lever changes; nominal frames do not. The lever is the length that grows with
+    temperature.
     """
     if not isinstance(mechanism, LoadedMechanism) or not hasattr(mechanism.bare, "reaching"):
         return mechanism
@@ -51,14 +51,16 @@ def _tool_point(mechanism: Mechanism, poses: Poses) -> Array:
 FITS = 2
 """Number of fits; the second uses weights estimated by the first."""
 TRUSTED = 0.95
-"""Share of the rows from which their spread is estimated: one in twenty may be wrong."""
+"""Share of the rows, with the smallest residuals, that the noise is estimated from. One row in twenty may be an
+outlier."""
 
 
 def weighed(mechanism: Mechanism, poses: Poses) -> Poses:
-    """Return the poses with pixels and inclinations converted to metres by their noise.
+    """Return the poses with pixels and inclinations converted to metres.
 
-    Beside lengths, in proportion to the spreads of the residuals of the standard model, so that each reading weighs by
-    its own; alone, a pixel is what it covers at the distance of the board, and a radian a metre at a lever of one.
+    With lengths in the table, the factors equalise the residuals of the standard model. Without lengths, a pixel counts
+    as
+    its size at the distance of the board, and a radian as one metre.
     """
     dataset = poses.dataset
     if not any(isinstance(kind, Pixels | Inclination) for kind in dataset.observations):
@@ -86,10 +88,12 @@ def _counted(kind: Readings, spreads: dict[str, float], lengths: list[float], ob
 
 
 def _spread(kind: Observation, observed: Observed) -> float:
-    """Robust standard deviation of what is left of one kind, in its own unit, for the unknowns it took.
+    """Return a robust standard deviation of the residuals of one instrument, in its unit, corrected for its own
+    unknowns.
 
-    σ² = Σ |r|² / (ν F) over the rows of the smaller |r|, ν degrees of freedom a row, F the share of the sum that normal
-    rows have there. Not a median of components: of a bar's six, five are fitted to zero.
+    σ² = Σ |r|² / (ν F) over the rows of the smaller |r|, with ν degrees of freedom per row and F the share of the sum
+    that
+    normal residuals have there. A median of components would fail: of the six of a ball bar, five are fitted to zero.
     """
     left = kind.residual(observed.tips, observed.own)
     read = np.isfinite(left)
