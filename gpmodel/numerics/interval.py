@@ -1,4 +1,4 @@
-"""Intervals of numbers whose standard uncertainty is itself an estimate, and chances of many tests at once."""
+"""Confidence intervals with estimated standard uncertainties, and p-values corrected for many tests."""
 
 from dataclasses import dataclass
 
@@ -8,20 +8,20 @@ from scipy import special
 from gpmodel.arrays import Array
 
 FREEDOMS = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 1000.0)
-"""Degrees of freedom of Student's t with equal prior weights; the last one is the normal distribution."""
+"""Degrees of freedom of Student's t with equal prior weights. The last value stands in for the normal distribution."""
 NODES = 40
-"""Nodes of Student's t as a mixture of normal distributions."""
+"""Number of normal distributions whose mixture approximates Student's t."""
 STEPS = 100
 SETTLED = 1e-3
-"""Largest number of iterations for the scale, and its relative change that ends them."""
+"""Largest number of EM iterations for a scale; relative change of the scale per iteration that ends them."""
 
 
 @dataclass(frozen=True)
 class Tails:
-    """Error distributions of independent coordinates.
+    """Student's t distributions of the errors of independent coordinates, weighted by their evidence.
 
     freedom: degrees of freedom (K,).
-    scale: scales (K,).
+    scale: scales (K,), unit of the errors.
     weight: weights (K,) that sum to one.
     uncertain: relative standard errors of the scales (K,).
     evidence: logarithm of the mean likelihood over the degrees of freedom.
@@ -34,7 +34,10 @@ class Tails:
     evidence: float
 
     def drawn(self, shape: tuple[int, int, int], rng: np.random.Generator) -> Array:
-        """Errors (B, N, 3): in each of the B worlds one freedom and one scale, drawn by how sure they are."""
+        """Draw errors (B, N, 3): B simulated tables of N points, each with one distribution and one scale drawn.
+
+        A distribution is drawn by its weight, its scale log-normally with the relative standard error `uncertain`.
+        """
         which = rng.choice(len(self.weight), shape[0], p=self.weight)
         scale = self.scale[which] * np.exp(self.uncertain[which] * rng.normal(size=shape[0]))
         out = rng.normal(size=shape)
@@ -47,13 +50,15 @@ class Tails:
 
 
 def tails(values: Array, count: float, blur: Array | float = 0.0) -> Tails:
-    """Fit the tails to a sample (M,) about zero, worth `count` independent values.
+    """Fit Student's t distributions to values (M,) with mean zero.
 
-    The likelihood is taken over FREEDOMS, each with its best scale, whose variance is s² (f + 3) / (2 f count).
-
-    blur: (M,) variance of what a fit to the rest adds to each value, over that of the value: a sum of many, so that it
-    is normal. Student's t is one over draws of its variance s² u, u = f / χ²_f, at NODES quantiles; scales by the EM
-    iteration s² ← mean of Σ_u p(u | v) v² / (u + blur) (Lange, Little and Taylor 1989).
+    For each number of degrees of freedom f in FREEDOMS the scale s of highest likelihood is found.
+    Its variance is s² (f + 3) / (2 f count).
+    count: number of independent values that the sample is worth.
+    blur: (M,) variance that an error of the fitted parameters adds to each value, relative to the value's own variance.
+    It is taken as normal, as a sum of many terms.
+    Student's t is computed as a mixture of normal distributions with variances s² u, u = f / χ²_f, at NODES quantiles
+    of u. Scales by the EM iteration s² ← mean of Σ_u p(u | v) v² / (u + blur) (Lange, Little and Taylor 1989).
     """
     freedom, squares = np.array(FREEDOMS), np.square(values)[:, None, None]
     spread = freedom[:, None] / special.chdtri(freedom[:, None], 1.0 - (np.arange(NODES) + 0.5) / NODES)
@@ -74,13 +79,14 @@ def tails(values: Array, count: float, blur: Array | float = 0.0) -> Tails:
 def with_far_ones(
     inside: Array, far: Array, count: float, blurs: tuple[Array | float, Array | float] = (0.0, 0.0)
 ) -> Tails:
-    """Fit the tails to errors (M, 3) and to errors (F, 3) that a fit excluded.
+    """Fit error distributions to accepted errors (M, 3) and to outliers (F, 3) that a fit excluded.
 
-    Two alternatives are weighed by their evidence: tails of one distribution, or failures anywhere up to the
-    farthest distance. Any rate of failures has the same prior probability, so that F failures have F! M! / (F + M +
-    1)!.
-
-    count: independent coordinates that the errors inside are worth. blurs: (M,) and (F,), as in `tails`.
+    Two alternatives are weighted by their evidence. Either one distribution explains all errors, or outliers are
+    failures, uniform up to the farthest distance. Every rate of failures has the same prior probability, so that the
+    probability of F failures is F! M! / (F + M + 1)!.
+    inside, far: accepted errors (M, 3) and outliers (F, 3), m.
+    count: number of independent coordinates that the accepted errors are worth.
+    blurs: (M,) and (F,), as `blur` of `tails`.
     """
     own, other = (np.repeat(np.broadcast_to(b, len(v)), 3) for b, v in zip(blurs, (inside, far), strict=True))
     alone = tails(inside.ravel(), count, own)
@@ -95,7 +101,7 @@ def with_far_ones(
 
 
 def _mixed(one: Tails, other: Tails, share: float, evidence: float) -> Tails:
-    """The one with probability `share`, or the other."""
+    """Combine two sets of distributions: `one` with probability `share`, `other` with 1 - `share`."""
     freedom, scale, uncertain = (
         np.concatenate([getattr(t, k) for t in (one, other)]) for k in ("freedom", "scale", "uncertain")
     )
@@ -109,14 +115,19 @@ COVERAGE = 0.95
 
 
 def coverage_factor(freedom: float) -> float:
-    """k of an interval ± k σ that holds COVERAGE, by Student's t of `freedom` degrees, infinite where σ is known.
-    Source: JCGM 100 (2008), G.3."""
+    """Return k of an interval ± k σ of coverage COVERAGE, from Student's t.
+
+    freedom: degrees of freedom of σ; infinite if σ is known. Source: JCGM 100 (2008), G.3.
+    """
     return float(special.stdtrit(freedom, 0.5 * (1.0 + COVERAGE)))
 
 
 def freedom_of_sum(deviations: Array, freedoms: Array) -> Array:
-    """Degrees of freedom of √Σ u² along the first axis, of standard uncertainties u with degrees ν each:
-    (Σ u²)² / Σ (u⁴ / ν). Source: Welch and Satterthwaite; JCGM 100 (2008), G.4."""
+    """Return the effective degrees of freedom of √Σ u², summed along the first axis.
+
+    For standard uncertainties u with ν degrees of freedom each: (Σ u²)² / Σ (u⁴ / ν). Source: Welch and Satterthwaite;
+    JCGM 100 (2008), G.4.
+    """
     squares = np.square(deviations)
     spread = np.sum(squares**2 / freedoms, axis=0)
     total = np.sum(squares, axis=0) ** 2
@@ -124,13 +135,15 @@ def freedom_of_sum(deviations: Array, freedoms: Array) -> Array:
 
 
 SIGNIFICANCE = 0.01
-"""Significance level after correction for all tests, as in the acceptance rule."""
+"""Significance level of a test, after correction for the number of tests. The acceptance rule of findings uses it too.
+"""
 
 
 def holm(chances: Array) -> Array:
-    """Chances, of any shape, corrected for their number, however they depend on one another.
+    """Correct p-values of any shape for the number of tests, whether or not the tests are independent.
 
-    Sorted upwards p_(k), k from 1: max over j up to k of min(1, (n + 1 - j) p_(j)). Source: Holm (1979).
+    With p_(k) sorted upwards, k from 1, the k-th becomes max over j ≤ k of min(1, (n + 1 - j) p_(j)). Source: Holm
+    (1979).
     """
     flat = chances.ravel()
     order = np.argsort(flat)
@@ -140,11 +153,10 @@ def holm(chances: Array) -> Array:
 
 
 def chance_of_ratio(ratio: float, numbers: float, freedom: float) -> float:
-    """Return the chance of a mean square of `numbers` normal deviates at least `ratio` times an estimated variance.
+    """Return the probability that a mean square is at least `ratio` times an estimated variance.
 
-    Its degrees of freedom are `freedom`.
-
-    F distributed; where the variance is known, `freedom` infinite, χ² over its degrees.
+    The mean square is over `numbers` normal deviates; the variance has `freedom` degrees of freedom. The ratio is F
+    distributed. If `freedom` is infinite the variance is known, and the ratio is χ² over its degrees of freedom.
     """
     if np.isinf(freedom):
         return float(special.chdtrc(numbers, ratio * numbers))
@@ -152,7 +164,7 @@ def chance_of_ratio(ratio: float, numbers: float, freedom: float) -> float:
 
 
 def chance_of_less(ratio: float, numbers: float, freedom: float) -> float:
-    """Return the chance of a mean square at most `ratio` times the variance; see `chance_of_ratio`."""
+    """Return the probability that a mean square is at most `ratio` times an estimated variance; see `chance_of_ratio`."""
     if np.isinf(freedom):
         return float(special.chdtr(numbers, ratio * numbers))
     return float(special.fdtr(numbers, freedom, ratio))

@@ -1,4 +1,4 @@
-"""Least squares of unit columns, few by pivoted QR, many by normal equations; without a column, or without rows."""
+"""Least squares on unit columns: pivoted QR for few, normal equations for many; updates that omit a column or rows."""
 
 import ctypes
 import sys
@@ -13,51 +13,59 @@ from gpmodel.numerics.rank import NEGLIGIBLE, factored
 
 
 def give_back() -> None:
-    """Give it to the system, where the C library can: glibc keeps what arrays of up to 32 MB had, hundreds of megabytes
-    after a search, beside which larger ones are allocated anew."""
+    """Return freed memory to the operating system, on Linux.
+
+    glibc keeps the memory of freed arrays of up to 32 MB, hundreds of megabytes after a search.
+    """
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
     if trim:
         trim(0)
 
 
 OUTLIER_SIGMAS = 6.0
-"""Robust standard deviations beyond which an error is an outlier: one in 10⁵ lengths of 3-D normal errors."""
+"""Robust standard deviations from the median beyond which an error is an outlier: one in 10⁵ lengths of 3-D normal
+errors."""
 
 OUTLIER_SHARE = 0.15
-"""Largest share of poses that a fit leaves out. More of them are another model."""
+"""Largest share of poses that a fit excludes as outliers. If more poses deviate, the model is wrong."""
 
 SMALLEST_SPREAD = 1e-9
-"""Smallest spread of errors, m: exact tables have no outliers."""
+"""Smallest spread of errors, m, for the outlier limit. Tables without noise have no outliers."""
 
 
 NEIGHBOURS = 5
-"""Nearest poses that are compared with an outlier. If every fiftieth pose is one at random, three of five are with a
-probability of 1e-4."""
+"""Nearest poses that are compared with an outlier. If every fiftieth pose is an outlier at random, three of five are
+with a probability of 1e-4."""
 
 ALIKE = 0.5
-"""Least cosine between errors of one direction: a quarter of all directions."""
+"""Least cosine between two errors of one direction: true for a quarter of all directions."""
 
 MAD_SIGMAS = 1.4826
-"""Standard deviation of a Gaussian over its median absolute deviation."""
+"""Standard deviation of a normal distribution over its median absolute deviation."""
 
 
 def outlier_limit(errors: Array, sigmas: float = OUTLIER_SIGMAS) -> float:
-    """Length beyond which one of the errors (N,) is an outlier: median + sigmas · 1.4826 · MAD."""
+    """Return the length beyond which an error is an outlier: median + sigmas · 1.4826 · MAD of all errors (N,)."""
     middle = float(np.median(errors))
     return middle + sigmas * max(MAD_SIGMAS * float(np.median(np.abs(errors - middle))), SMALLEST_SPREAD)
 
 
 def among_worst(errors: Array, spared: int = 0) -> Mask:
-    """The largest of the errors (N,): OUTLIER_SHARE of them, one at least, less those spared already."""
+    """Mark the largest errors (N,) that may still be excluded as outliers.
+
+    At most the share OUTLIER_SHARE, and at least one, is excluded altogether. spared: number of poses excluded already.
+    """
     most = max(1, int(OUTLIER_SHARE * len(errors))) - spared
     return np.isin(np.arange(len(errors)), np.argsort(errors)[::-1][:most])
 
 
 def in_company(far: Mask, places: Array, errors: Array) -> Mask:
-    """Outliers (N,) of which most of the nearest NEIGHBOURS are outliers in the same direction: there the model is
-    wrong, not the measurement, and leaving them out would hide it.
+    """Mark outliers (N,) whose nearest neighbours are mostly outliers with errors in the same direction.
 
-    places: (N, n), compared over their ranges. errors: (N, m), NaN where nothing was measured.
+    In such a region the model is wrong, not the measurement; excluding these poses would hide the model's error.
+    far: outliers (N,).
+    places: joint values or positions (N, n), each column compared relative to its range.
+    errors: (N, m), NaN where nothing was measured.
     """
     company = np.zeros(len(far), dtype=bool)
     span = np.ptp(places, axis=0)
@@ -73,47 +81,51 @@ def in_company(far: Mask, places: Array, errors: Array) -> Mask:
 
 
 MANY_COLUMNS = 100
-"""Columns from which normal equations replace pivoted QR. So many come with priors, which keep the equations
-regular."""
+"""Number of columns from which normal equations replace pivoted QR. So many columns come with priors, which keep the
+normal equations regular."""
 
 
 def solve(system: Array, target: Array) -> Array:
-    """x (K,) or (K, R) that minimises |A x - b|² for unit columns A (M, K): by pivoted QR, or by normal equations where
-    hundreds of priors keep them regular."""
+    """Return x (K,) or (K, R) that minimises |A x - b|² for unit columns A (M, K).
+
+    Fewer than MANY_COLUMNS columns are solved by pivoted QR, more by normal equations, which their priors keep regular.
+    """
     if system.shape[1] < MANY_COLUMNS:
         return np.asarray(linalg.lstsq(system, target, cond=1e-10, lapack_driver="gelsy", check_finite=False)[0])
     return np.asarray(linalg.cho_solve(factored(system.T @ system), system.T @ target, check_finite=False))
 
 
 def inverse_gram(columns: Array) -> Array:
-    """(CᵀC)⁻¹ (K, K) of unit columns: a pseudo-inverse by QR."""
+    """Return (CᵀC)⁻¹ (K, K) of unit columns C (M, K), a pseudo-inverse by QR."""
     root = np.linalg.pinv(np.linalg.qr(columns, mode="r"), rcond=1e-9)
     return root @ root.T
 
 
 def inverse_of(products: Array) -> Array:
-    """The inverse (K, K) of products of unit columns that priors keep regular, by Cholesky; it overwrites them."""
+    """Return the inverse (K, K) of a matrix CᵀC that priors keep regular, by Cholesky; `products` is overwritten."""
     return np.asarray(linalg.cho_solve(factored(products), np.eye(len(products)), check_finite=False))
 
 
 def root_mean_square(values: Array) -> float:
-    """√ mean v² of values (N,); NaN of none."""
+    """Return √ mean v² of values v (N,), NaN if there are no values."""
     return float(np.sqrt(np.mean(np.square(values)))) if len(values) else float("nan")
 
 
 REGULAR = 1e-13
-"""Least eigenvalue of the products of unit columns over the largest. Smaller ones are rounding."""
+"""Least eigenvalue of the normal matrix of unit columns, relative to the largest. Smaller eigenvalues are rounding
+errors."""
 
 INSIDE = 1e-6
-"""Share of a unit vector of coefficients in the null space of the columns. Above it the column lies in the span of the
-others."""
+"""Largest share of a unit vector of coefficients in the null space of the columns. With a larger share the column lies
+in the span of the other columns."""
 
 
 @dataclass(frozen=True)
 class LeaveOneOut:
-    """Columns (M, K) as U s Vᵀ times their norms (K,), singular values that are rounding left out.
+    """Singular value decomposition of columns (M, K), from which any one column is fitted by the others.
 
-    The part of column k that no other explains lies along row k of the pseudo-inverse. Source: Golub and Van Loan, 5.5.
+    The columns are U s Vᵀ times their norms (K,); singular values at the level of rounding are left out. The part of
+    column k orthogonal to the other columns lies along row k of the pseudo-inverse. Source: Golub and Van Loan, 5.5.
     """
 
     norms: Array
@@ -123,9 +135,9 @@ class LeaveOneOut:
 
     @classmethod
     def of(cls, columns: Array) -> "LeaveOneOut":
-        """Build from columns (M, K), scaled before the rank is decided; negligible columns count as zero.
+        """Decompose columns (M, K), scaled to unit norm before the rank is decided; negligible columns count as zero.
 
-        With hundreds of columns that priors keep regular, uses the eigenvalues s² of their products.
+        For MANY_COLUMNS and more, s² are the eigenvalues of the normal matrix, which priors keep regular.
         """
         norms = np.sqrt(np.einsum("mk,mk->k", columns, columns))
         norms = np.where(norms > NEGLIGIBLE, norms, np.inf)
@@ -139,7 +151,7 @@ class LeaveOneOut:
         return cls(norms, u[:, :rank], s[:rank], vt[:rank].T)
 
     def alone(self, k: int) -> Array:
-        """Return the part (M,) of column k that the other columns do not span; zero if they span it."""
+        """Return the part (M,) of column k that is orthogonal to the other columns, zero if they span it."""
         own = self.v[k]
         if own @ own < 1.0 - INSIDE:
             return np.zeros(len(self.u))
@@ -147,7 +159,10 @@ class LeaveOneOut:
         return np.asarray(along * self.norms[k] / (along @ along))
 
     def by_others(self, k: int, values: Array) -> Array:
-        """Coefficients (K, R), zero for column k, with which the others come nearest to values (M, R)."""
+        """Return coefficients (K, R) of the least-squares fit of values (M, R) by all columns but column k.
+
+        The coefficient of column k is zero.
+        """
         solved = self.v @ ((self.u.T @ values) / self.s[:, None])
         spread = self.v @ (self.v[k] / self.s**2)
         return np.asarray((solved - np.outer(spread / spread[k], solved[k])) / self.norms[:, None])
@@ -155,11 +170,15 @@ class LeaveOneOut:
 
 @dataclass(frozen=True)
 class Omitted:
-    """Rows (T,) left out of columns with the orthonormal basis B (M, K), W (T, K) that of these rows.
+    """Residuals of rows that a fit omits, from the residuals of the fit to all rows.
 
-    What the columns fitted to the other rows miss them by is A⁻¹ times what those fitted to all rows leave there, A = I
-    - W Wᵀ. Where there are fewer columns than rows, A⁻¹ = I + W (I - WᵀW)⁻¹ Wᵀ. factor: of the smaller one, for scipy's
-    cho_solve. Source: Cook and Weisberg (1982), 2.2.
+    With the orthonormal basis B (M, K) of the columns and its omitted rows W (T, K), the residuals of the omitted rows
+    are A⁻¹ times their residuals in the fit to all rows, A = I - W Wᵀ. If there are fewer columns than rows, A⁻¹ = I +
+    W (I - WᵀW)⁻¹ Wᵀ.
+    rows: indices (T,) of the omitted rows.
+    there: W (T, K).
+    factor: Cholesky factor of the smaller of the two matrices, for scipy's cho_solve.
+    Source: Cook and Weisberg (1982), 2.2.
     """
 
     rows: IntArray
@@ -168,13 +187,13 @@ class Omitted:
 
     @classmethod
     def of(cls, rows: IntArray, basis: Array) -> "Omitted":
-        """Some rows of an orthonormal basis (M, K)."""
+        """Prepare the omission of `rows` (T,) from columns with the orthonormal basis (M, K)."""
         there = basis[rows]
         square = there @ there.T if len(rows) <= basis.shape[1] else there.T @ there
         return cls(rows, there, factored(np.eye(len(square)) - square))
 
     def freed(self, values: Array) -> Array:
-        """A⁻¹ times values (T, R)."""
+        """Return A⁻¹ times values (T, R): residuals of the omitted rows, from their residuals in the fit to all rows."""
         if len(self.rows) <= self.there.shape[1]:
             return np.asarray(linalg.cho_solve(self.factor, values, check_finite=False))
         inside = linalg.cho_solve(self.factor, self.there.T @ values, check_finite=False)

@@ -1,4 +1,4 @@
-"""Identifiable parameters of a set of poses: scaling, rank, unique shares."""
+"""Parameters that a set of poses can identify: scaling, rank, unique shares."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,14 +9,14 @@ from scipy import linalg
 from gpmodel.arrays import Array, Count, IntArray, Mask, NotNegative
 
 NEGLIGIBLE = 1e-7
-"""Relative norm below which a column is rounding: a few times the root of the precision of a double."""
+"""Relative norm below which a column is a rounding error: a few times the square root of double precision."""
 LIMITS = (1.0, 20.0, 50.0, 200.0, 1000.0, 1e4, 1e6)
-"""Condition limits among which cross-validation chooses. Between any two, the rank of an arm's standard model
+"""Condition limits among which cross-validation chooses. Between any two neighbours the rank of an arm's standard model
 changes."""
 
 
 def orthonormal(columns: Array) -> Array:
-    """Orthonormal basis (M, k) of the span of columns (M, K), scaled before the rank is decided."""
+    """Return an orthonormal basis (M, k) of the span of columns (M, K), scaled to unit norm before the rank is decided."""
     norms = np.linalg.norm(columns, axis=0)
     scaled = columns[:, norms > NEGLIGIBLE] / norms[norms > NEGLIGIBLE]
     if scaled.shape[1] == 0:
@@ -26,14 +26,14 @@ def orthonormal(columns: Array) -> Array:
 
 
 def remove(basis: Array, columns: Array) -> Array:
-    """Columns (M, K) less their part in the span of an orthonormal basis (M, k)."""
+    """Return columns (M, K) minus their projection on an orthonormal basis (M, k)."""
     return columns - basis @ (basis.T @ columns)
 
 
 def factored(gram: Array) -> tuple[Array, bool]:
-    """Cholesky factor, for scipy's cho_solve, of the normal matrix (K, K) of unit columns, which it overwrites.
+    """Return the Cholesky factor of the normal matrix (K, K) of unit columns, for scipy's cho_solve.
 
-    Row by row in memory it is its own transpose column by column, as LAPACK wants it.
+    The matrix is overwritten. It is passed transposed, since LAPACK stores matrices column by column.
     """
     gram[np.diag_indices_from(gram)] += 1e-12
     factor: tuple[Array, bool] = linalg.cho_factor(gram.T, overwrite_a=True, check_finite=False)
@@ -42,11 +42,11 @@ def factored(gram: Array) -> tuple[Array, bool]:
 
 @dataclass(frozen=True)
 class Span:
-    """Span of columns.
+    """Span of columns, some of which have priors.
 
     plain: orthonormal columns (M, k).
-    rest: further columns (M, b), orthogonal to those.
-    factor: Cholesky factor of the products of `rest`, for scipy's cho_solve.
+    rest: columns with priors (M, b), orthogonal to the plain columns.
+    factor: Cholesky factor of restᵀ rest, for scipy's cho_solve.
     """
 
     plain: Array
@@ -55,9 +55,12 @@ class Span:
 
     @classmethod
     def of(cls, columns: Array, believed: Mask, gram: Array) -> "Span":
-        """The span of unit columns (M, K): those without priors decided by rank, those with by Cholesky.
+        """Build the span of unit columns (M, K).
 
-        believed: (K,) which have priors, as rows of their own. gram: (K, K) products of all columns, where any has.
+        The rank of the columns without priors is decided by SVD; columns with priors are all kept and factored by
+        Cholesky.
+        believed: (K,) True for columns with a prior, which is a further row of the column.
+        gram: (K, K) products of all columns, needed if a column has a prior.
         """
         plain = orthonormal(columns[:, ~believed])
         if not believed.any():
@@ -69,18 +72,18 @@ class Span:
         return cls(plain, rest, factor)
 
     def weighed(self, rows: slice, weight: float) -> "Span":
-        """The span where some rows, in which the plain columns are zero, have another weight."""
+        """Return the span with `rows` multiplied by `weight`; the plain columns are zero in these rows."""
         rest = np.array(self.rest)
         rest[rows] *= weight
         return Span(self.plain, rest, factored(rest.T @ rest))
 
     @property
     def size(self) -> int:
-        """Number of columns."""
+        """Number of columns that span it."""
         return int(self.plain.shape[1] + (0 if self.rest is None else self.rest.shape[1]))
 
     def remove(self, columns: Array) -> Array:
-        """Columns (M, ...) less their part in the span."""
+        """Return columns (M, ...) minus their projection on the span."""
         left = remove(self.plain, columns)
         if self.rest is not None:
             left -= self.rest @ linalg.cho_solve(self.factor, self.rest.T @ left, check_finite=False)
@@ -88,7 +91,7 @@ class Span:
 
     @cached_property
     def basis(self) -> Array:
-        """Orthonormal columns (M, k + b)."""
+        """Orthonormal basis (M, k + b) of the span."""
         if self.rest is None:
             return self.plain
         upper = self.factor[0] if self.factor else np.zeros((0, 0))
@@ -97,7 +100,10 @@ class Span:
 
 
 def unique_shares(columns: Array) -> Array:
-    """Share (K,) of each column's norm that no other column explains: 1 / sqrt(diag((CᵀC)⁻¹)) of unit columns."""
+    """Return the share (K,) of each column's norm that no other column explains.
+
+    It is 1 / sqrt(diag((CᵀC)⁻¹)) of unit columns C.
+    """
     norms = np.linalg.norm(columns, axis=0)
     safe = np.where(norms > NEGLIGIBLE, norms, 1.0)
     _, r = linalg.qr(columns / safe, mode="economic")
@@ -111,10 +117,11 @@ def unique_shares(columns: Array) -> Array:
 
 @dataclass(frozen=True)
 class Ranking:
-    """Candidate columns in the order in which they are preferred, with all that is needed to say which to keep.
+    """Candidate columns in order of preference, from which a well-conditioned subset is selected.
 
-    fixed: (R, F) orthonormal. candidates: (R, C) of unit length. order: those worth an order (near-zero ones are
-    left out), the preferred first.
+    fixed: (R, F), orthonormal.
+    candidates: (R, C), of unit length.
+    order: indices of the candidates, the preferred first; candidates near zero are left out.
     """
 
     fixed: Array
@@ -122,9 +129,10 @@ class Ranking:
     order: IntArray
 
     def kept(self, condition_limit: float) -> IntArray:
-        """Candidates of which the fixed columns and those kept before them leave at least 1 / limit, sorted.
+        """Select candidates in order of preference; return their sorted indices.
 
-        What is kept among columns that depend on one another is thereby a matter of their order, not of the poses.
+        A candidate is kept if at least 1 / condition_limit of its unit length is orthogonal to the fixed and the kept
+        columns. Which of several dependent columns is kept is thereby decided by their order, not by the poses.
         """
         basis, kept = self.fixed, []
         for k in self.order:
@@ -137,10 +145,11 @@ class Ranking:
 
 
 def rank(fixed: Array, candidates: Array, order: IntArray | None = None) -> Ranking:
-    """The candidates (M, C) beside the fixed columns (M, F), in an order of preference (default: as they come).
+    """Order candidate columns (M, C), given fixed columns (M, F), by preference.
 
-    Near-zero columns are dropped before scaling. By QR, which keeps all inner products, the rows are as few as the
-    columns. Source: Golub and Van Loan, 5.2.
+    order: indices of the candidates, the preferred first; by default as they come.
+    Columns near zero are dropped before scaling. QR reduces the number of rows to the number of columns and keeps all
+    inner products. Source: Golub and Van Loan, 5.2.
     """
     norms = np.linalg.norm(candidates, axis=0)
     alive = norms > NEGLIGIBLE * np.sqrt(len(candidates))
@@ -152,7 +161,7 @@ def rank(fixed: Array, candidates: Array, order: IntArray | None = None) -> Rank
 
 @dataclass(frozen=True)
 class RankChoice:
-    """One point of the curve of cross-validated error against rank; spread: standard error of cv_rms over the folds."""
+    """One point of the curve of cross-validated error against rank. spread: standard error of cv_rms over the folds."""
 
     condition_limit: NotNegative
     rank: Count
@@ -162,16 +171,22 @@ class RankChoice:
 
 @dataclass(frozen=True)
 class Folded:
-    """Columns and a target as one triangle a fold, so that any subset of the columns is cross-validated at once.
+    """Columns and a target, reduced by QR to one triangle per fold, so that any subset of columns can be
+    cross-validated.
 
-    triangles: (K + 1, K + 1) each, Rᵀ R = [columns, target]ᵀ [columns, target] of the fold's rows. rows: in each.
+    triangles: R (K + 1, K + 1) per fold, with RᵀR = [columns, target]ᵀ [columns, target] of the rows of the fold.
+    rows: number of rows (folds,) of each fold.
     """
 
     triangles: tuple[Array, ...]
     rows: IntArray
 
     def squared(self, chosen: IntArray) -> Array:
-        """Squared errors (folds,) of the target predicted by some of the columns from the folds it is not in."""
+        """Return the sum of squared prediction errors (folds,) of each fold, with coefficients fitted to the other
+        folds.
+
+        chosen: indices of the columns of the fit.
+        """
         out = []
         for k, tested in enumerate(self.triangles):
             others = np.vstack([r for j, r in enumerate(self.triangles) if j != k])
@@ -183,7 +198,7 @@ class Folded:
 
 
 def folded(columns: Array, target: Array, fold_of_row: IntArray) -> Folded:
-    """Columns (M, K) and target (M,) made ready for cross-validation over folds (M,)."""
+    """Prepare columns (M, K) and target (M,) for cross-validation. fold_of_row: (M,) the fold of each row."""
     both = np.column_stack([columns, target])
     rows = np.unique(fold_of_row, return_counts=True)
     triangles = (triangle(both[fold_of_row == fold]) for fold in rows[0])
@@ -191,14 +206,15 @@ def folded(columns: Array, target: Array, fold_of_row: IntArray) -> Folded:
 
 
 def triangle(columns: Array) -> Array:
-    """Rows (at most K, K) with the inner products of columns (M, K)."""
+    """Return R (at most K rows, K) of the QR decomposition of columns (M, K); RᵀR are their inner products."""
     return np.asarray(linalg.qr(columns, mode="r", check_finite=False)[0])[: columns.shape[1]]
 
 
 def rank_curve(ranking: Ranking, data: Folded, fixed: int) -> tuple[RankChoice, ...]:
-    """Cross-validated error at each of LIMITS; limits that keep the same columns share one point.
+    """Return the cross-validated error at each of LIMITS; limits that keep the same columns share one point.
 
-    data: of the fixed columns, then the candidates. fixed: how many of the first are always there.
+    data: the fixed columns, followed by the candidates, and the target.
+    fixed: number of fixed columns.
     """
     curve: dict[tuple[int, ...], RankChoice] = {}
     for limit in LIMITS:

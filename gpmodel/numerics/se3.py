@@ -1,4 +1,4 @@
-"""Rigid motions, vectorised over poses. Transforms are (..., 4, 4); a twist is (Tx, Ty, Tz, Rx, Ry, Rz)."""
+"""Rigid motions, vectorised over poses: transforms (..., 4, 4) and twists (Tx, Ty, Tz, Rx, Ry, Rz) in m and rad."""
 
 import math
 
@@ -10,11 +10,11 @@ from gpmodel.arrays import Array
 from gpmodel.numerics import se3
 
 JACOBIAN_TERMS = 16
-"""Terms of the series of the Jacobian: exact to rounding for turns up to 1 rad, far beyond every error twist."""
+"""Terms of the series of the Jacobian: exact to rounding for rotations up to 1 rad, far above every error twist."""
 
 
 def hat(vectors: Array) -> Array:
-    """Cross-product matrices (..., 3, 3) of vectors (..., 3): hat(a) @ b = a × b."""
+    """Return cross-product matrices (..., 3, 3) of vectors (..., 3): hat(a) @ b = a × b."""
     x, y, z = np.moveaxis(vectors, -1, 0)
     out = np.zeros((*vectors.shape, 3))
     out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
@@ -23,10 +23,10 @@ def hat(vectors: Array) -> Array:
 
 
 def exp(twists: Array) -> Array:
-    """Exponential of twists (..., 6) in metres and radians: (..., 4, 4).
+    """Return the exponential (..., 4, 4) of twists (..., 6) in metres and radians.
 
-    R = I + a W + b W², p = (I + b W + c W²) v with W = hat(w), a = sin t / t, b = (1 - cos t) / t²,
-    c = (t - sin t) / t³; below t = 1e-4 the series. Source: Murray, Li, Sastry (1994), eq. 2.36.
+    R = I + a W + b W², p = (I + b W + c W²) v with W = hat(w), a = sin t / t, b = (1 - cos t) / t², c = (t - sin t) /
+    t³; a series below t = 1e-4. Source: Murray, Li, Sastry (1994), eq. 2.36.
     """
     v, w = twists[..., :3], twists[..., 3:]
     t2 = np.sum(w * w, axis=-1)
@@ -45,11 +45,11 @@ def exp(twists: Array) -> Array:
 
 
 def right_jacobian(twists: Array) -> Array:
-    """Right Jacobian (..., 6, 6) of the exponential: exp(ξ + dξ) = exp(ξ) exp(J dξ) to first order in dξ.
+    """Return the right Jacobian J (..., 6, 6) of the exponential: exp(ξ + dξ) = exp(ξ) exp(J dξ) to first order in dξ.
 
-    J = Σ (-ad)ᵏ / (k + 1)!, with ad of twists (..., 6) in metres and radians, up to the first term that is rounding
-    everywhere; a twist that is the same everywhere is worked out once.
-    Source: Barfoot (2017), State Estimation for Robotics, 7.1.5.
+    J = Σ (-ad)ᵏ / (k + 1)!, with ad of twists (..., 6) in metres and radians. The series ends where its terms are below
+    rounding at every pose. If all twists are equal, J is computed once. Source: Barfoot (2017), State Estimation for
+    Robotics, 7.1.5.
     """
     flat = twists.reshape(-1, 6)
     if len(flat) > 1 and not np.ptp(flat, axis=0).any():
@@ -66,16 +66,17 @@ def right_jacobian(twists: Array) -> Array:
 
 
 def rotation_vector(rotations: Array) -> Array:
-    """Rotation vectors (..., 3), rad, of rotation matrices (..., 3, 3)."""
+    """Return rotation vectors (..., 3), rad, of rotation matrices (..., 3, 3)."""
     flat: Array = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_rotvec()
     return flat.reshape(*rotations.shape[:-2], 3)
 
 
 def vector_change(vectors: Array) -> Array:
-    """Change (..., 3, 3) of rotation vectors φ (..., 3), rad, by a small turn about the outer axes: the inverse left
-    Jacobian
+    """Return the inverse left Jacobian (..., 3, 3) of rotation vectors φ (..., 3), rad.
 
-        J⁻¹ = I - W / 2 + (1 - (t / 2) cot(t / 2)) W² / t²,  W = hat(φ), t = |φ| up to π.
+    It is the derivative of φ by a small rotation about the axes of the outer frame:
+
+    J⁻¹ = I - W / 2 + (1 - (t / 2) cot(t / 2)) W² / t²,  W = hat(φ), t = |φ| up to π.
 
     Source: Barfoot (2017), State Estimation for Robotics, eq. 7.76.
     """
@@ -88,14 +89,14 @@ def vector_change(vectors: Array) -> Array:
 
 
 def frame(turn: Array, place: ArrayLike) -> Array:
-    """Transform (4, 4) of a rotation (3, 3) and a place (3,), m."""
+    """Return the transform (4, 4) of a rotation (3, 3) and a position (3,), m."""
     out = np.eye(4)
     out[:3, :3], out[:3, 3] = turn, place
     return out
 
 
 def shift(points: ArrayLike) -> Array:
-    """Transforms (..., 4, 4) that move by points (..., 3), m."""
+    """Return pure translations (..., 4, 4) by vectors (..., 3), m."""
     points = np.asarray(points, dtype=float)
     out = np.broadcast_to(np.eye(4), (*points.shape[:-1], 4, 4)).copy()
     out[..., :3, 3] = points
@@ -103,8 +104,10 @@ def shift(points: ArrayLike) -> Array:
 
 
 def along(axis: int, values: Array) -> Array:
-    """Transforms (N, 4, 4) by values (N,), m along or rad about a coordinate axis, by its number among those of a
-    twist."""
+    """Return transforms (N, 4, 4) by values (N,) along or about a coordinate axis.
+
+    axis: index in a twist; 0 to 2 translate along x, y, z, m; 3 to 5 rotate about x, y, z, rad.
+    """
     out = shift(np.zeros((len(values), 3)))
     if axis < 3:
         out[:, axis, 3] = values
@@ -117,13 +120,13 @@ def along(axis: int, values: Array) -> Array:
 
 
 def nearest_rotation(rough: Array) -> Array:
-    """The rotation (3, 3) nearest to a matrix in the least-squares sense. Source: Kabsch (1976)."""
+    """Return the rotation (3, 3) nearest to a matrix in the least-squares sense. Source: Kabsch (1976)."""
     u, _, vt = np.linalg.svd(rough)
     return np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt)) or 1.0]) @ vt)
 
 
 def chain(transforms: Array) -> Array:
-    """Running products (S, N, 4, 4) of relative transforms: each frame in the root."""
+    """Return the running products (S, N, 4, 4) of relative transforms: the pose of each frame in the root frame."""
     out = np.empty_like(transforms)
     out[0] = transforms[0]
     for i in range(1, len(transforms)):
@@ -132,9 +135,9 @@ def chain(transforms: Array) -> Array:
 
 
 def fit_rotation(source: Array, target: Array) -> tuple[Array, Array]:
-    """Rotation R and translation t with target ≈ R source + t in the least-squares sense.
+    """Return rotation R and translation t of the least-squares fit target ≈ R source + t.
 
-    source, target: (N, 3) metres.
+    source, target: points (N, 3), m.
     """
     a, b = source.mean(axis=0), target.mean(axis=0)
     turn = nearest_rotation((target - b).T @ (source - a))
@@ -142,8 +145,10 @@ def fit_rotation(source: Array, target: Array) -> tuple[Array, Array]:
 
 
 def roll_pitch_yaw(rotation: Array) -> Array:
-    """The angles (3,), rad, of Rz(yaw) Ry(pitch) Rx(roll) for a rotation (3, 3); at a pitch of a right angle only the
-    sum of roll and yaw is determined; the yaw is chosen and the roll follows."""
+    """Return the angles (3,), rad, of Rz(yaw) Ry(pitch) Rx(roll) for a rotation (3, 3).
+
+    At a pitch of ±90° only the sum or difference of roll and yaw is determined; a yaw is chosen and the roll follows.
+    """
     r = rotation
     yaw = np.arctan2(r[1, 0], r[0, 0])
     pitch = np.arctan2(-r[2, 0], np.hypot(r[0, 0], r[1, 0]))
@@ -152,23 +157,25 @@ def roll_pitch_yaw(rotation: Array) -> Array:
 
 
 def frame_of(value: Array) -> Array:
-    """Transform (4, 4) of six numbers: place (3,), m, and rotation vector (3,), rad."""
+    """Return the transform (4, 4) of a pose as six numbers: position (3,), m, and rotation vector (3,), rad."""
     out = se3.exp(np.concatenate([np.zeros(3), value[3:6]]))
     out[:3, 3] = value[:3]
     return out
 
 
 def numbers_of(frame: Array) -> Array:
-    """The six numbers of a transform (4, 4)."""
+    """Return a transform (4, 4) as six numbers: position (3,), m, and rotation vector (3,), rad."""
     return np.concatenate([frame[:3, 3], se3.rotation_vector(frame[:3, :3])])
 
 
 def turned(value: Array, twist: Array) -> Array:
-    """The six numbers after a twist (6,), m and rad, in the pose's own axes: T exp(twist)."""
+    """Return a pose as six numbers after a twist (6,), m and rad, about its own axes: T exp(twist)."""
     return numbers_of(frame_of(value) @ se3.exp(twist))
 
 
 def by_pose(points: Array) -> Array:
-    """Change (N, 3, 6) of points (N, 3) that stand still, seen in a frame, per unit twist of that frame in its own
-    axes: y' = exp(-ξ) y."""
+    """Return the derivative (N, 3, 6) of points y (N, 3) by a unit twist ξ of the frame in which they are expressed.
+
+    The points do not move with the frame, and ξ is in the axes of the frame: y' = exp(-ξ) y.
+    """
     return np.concatenate([np.broadcast_to(-np.eye(3), (len(points), 3, 3)), se3.hat(points)], axis=2)

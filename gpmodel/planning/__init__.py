@@ -1,1 +1,1 @@
-"""Poses worth measuring, and tables with known truth."""
+"""Selection of measurement poses, and simulated tables with known errors."""

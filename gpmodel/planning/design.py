@@ -1,7 +1,8 @@
-"""Choosing measurements by what they tell: optimal designs over a pool of candidate poses.
+"""Optimal experimental designs: selection of measurement poses from a pool of candidates.
 
-A pose adds JᵀJ to the information M of the unknowns, J (3, K) their columns over the standard deviation of a
-coordinate; M⁻¹ is then their covariance. Sources: Fedorov (1972); Pukelsheim (1993); Atkinson and Fedorov (1975).
+A pose adds JᵀJ to the information M of the unknowns. J (3, K) are the derivatives of its coordinates by the unknowns,
+over the standard deviation of a coordinate. M⁻¹ is the covariance of the unknowns. Sources: Fedorov (1972); Pukelsheim
+(1993); Atkinson and Fedorov (1975).
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,16 +21,20 @@ from gpmodel.numerics.interval import COVERAGE
 from gpmodel.numerics.se3 import chain
 
 MARGIN = 0.02
-"""Share of a joint's range that poses keep free at each limit."""
+"""Share of a joint's range that random poses avoid at its limits, half at each."""
 
 ATTEMPTS = 50
-"""Random poses tried for each wanted one before an error says that there are too few."""
+"""Random poses tried for each wanted pose, before an error reports that too few are possible."""
 
 
 @dataclass(frozen=True)
 class Sight:
-    """The instrument at (3,), m, in the root frame. The target reflects into a cone of half-angle `cone`, rad, about
-    `normal` (3,) in the measured frame."""
+    """Line of sight between an instrument and a reflector.
+
+    instrument: position (3,) in the root frame, m.
+    normal: axis (3,) of the reflector's acceptance cone in the measured frame.
+    cone: half-angle of the acceptance cone, rad.
+    """
 
     instrument: Array
     normal: Array
@@ -38,9 +43,13 @@ class Sight:
 
 @dataclass(frozen=True)
 class Reach:
-    """box: (2, 3), m, lowest and highest tool point in the root frame. tool: (3,), m, tool point in the measured frame.
-    sight: of the instrument, where it matters. collisions: whether poses in which the arm meets itself are left out,
-    where its geometry is known."""
+    """Constraints that every pose has to meet.
+
+    box: (2, 3), m, lowest and highest tool point in the root frame.
+    tool: tool point (3,) in the measured frame, m.
+    sight: line of sight to the instrument; None if it does not matter.
+    collisions: whether poses in which the arm collides with itself are excluded, if its shape is known.
+    """
 
     box: Array = field(default_factory=lambda: np.array([[-np.inf] * 3, [np.inf] * 3]))
     tool: Array = field(default_factory=lambda: np.zeros(3))
@@ -48,7 +57,7 @@ class Reach:
     collisions: bool = True
 
     def failures(self, mechanism: Mechanism, q: Array) -> dict[str, Mask]:
-        """Return the violated constraints of poses q (N, n), by name, each (N,)."""
+        """Return the violated constraints of poses q (N, n): the name of each constraint and a mask (N,)."""
         frames = chain(mechanism.transforms(q))[-1]
         points = frames[:, :3, :3] @ self.tool + frames[:, :3, 3]
         found: dict[str, Mask] = {"outside the box": ((points < self.box[0]) | (points > self.box[1])).any(axis=1)}
@@ -74,9 +83,9 @@ def knows_its_shape(mechanism: Mechanism) -> bool:
 
 
 def candidates(mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Reach | None = None) -> Array:
-    """Random joint values (count, n) a little inside the limits, within reach.
+    """Draw random joint values (count, n) inside the joint limits that meet all constraints.
 
-    Raises InputError that says what forbids most of them where fewer are found.
+    Raises InputError with the constraint that excludes most poses if fewer are found.
     """
     reach = reach or Reach()
     middle = np.array([sum(joint_range(j)) / 2 for j in mechanism.joints])
@@ -105,59 +114,59 @@ def _unit(vectors: Array) -> Array:
 
 
 EXCHANGES = 200
-"""Largest number of exchanges of a chosen pose for another."""
+"""Largest number of exchanges of a selected pose for another pose."""
 
 TRIED = 10
-"""Poses tried for an exchange, those that gain most on entering."""
+"""Poses tried in an exchange: the poses with the largest gain when added."""
 
 ENOUGH = 1e-6
 """Least improvement of the logarithm of the criterion by an exchange."""
 
 DETERMINED = 1e-12
-"""Least eigenvalue of M scaled to a unit diagonal. With a smaller one some unknown is not determined. The prior on
-geometry counts a millionth of a measurement."""
+"""Least eigenvalue of M, scaled to a unit diagonal. With a smaller eigenvalue some unknown is not determined. The prior
+of the geometry weighs a millionth of a measurement."""
 
 LITTLE = 1e-6
-"""Information added on every unknown, so that M is regular: a millionth of that of one pose."""
+"""Information added to every unknown to keep M regular: a millionth of the information of one pose."""
 
 SHORTLIST = 60
-"""Candidate poses for which the smallest eigenvalue is computed exactly: those with most information on its
-eigenvector."""
+"""Number of candidate poses for which the smallest eigenvalue is computed exactly: the poses with most information on
+its eigenvector."""
 
 
 class Goal(Protocol):
-    """Goal of a design: smaller is better."""
+    """Criterion of a design; smaller is better."""
 
     def value(self, information: Array) -> float:
-        """The logarithm of what is to be small, of M (K, K)."""
+        """Return the logarithm of the criterion for the information M (K, K)."""
 
     def change(self, information: Array, columns: Array, sign: float) -> Array:
-        """Return the gain (N,) of adding (sign 1) each of N poses with columns (N, 3, K), or of removing it (-1)."""
+        """Return the gain (N,) of adding (sign 1) or removing (sign -1) each of N poses with columns (N, 3, K)."""
 
 
 @dataclass(frozen=True)
 class Determinant:
-    """D-optimal: the volume of the unknowns' confidence region, -log det M."""
+    """D-optimality: minimise the volume of the confidence region of the unknowns, -log det M."""
 
     def value(self, information: Array) -> float:
-        """-log det M."""
+        """Return -log det M."""
         return -float(np.linalg.slogdet(information)[1])
 
     def change(self, information: Array, columns: Array, sign: float) -> Array:
-        """log det (I ± J M⁻¹ Jᵀ)."""
+        """Return log det (I ± J M⁻¹ Jᵀ) of each pose."""
         return np.asarray(np.linalg.slogdet(_inner(linalg.inv(information), columns, sign))[1])
 
 
 @dataclass(frozen=True)
 class Smallest:
-    """E-optimal: the worst determined combination of unknowns, -log of the smallest eigenvalue of M."""
+    """E-optimality: minimise the variance of the least determined combination of unknowns, -log λ_min of M."""
 
     def value(self, information: Array) -> float:
-        """-log λ_min."""
+        """Return -log of the smallest eigenvalue of M."""
         return -float(np.log(max(np.linalg.eigvalsh(information)[0], 1e-300)))
 
     def change(self, information: Array, columns: Array, sign: float) -> Array:
-        """Change of log λ_min, exact for the poses with most (or least) information on its eigenvector."""
+        """Return the change of log λ_min, exact for the SHORTLIST poses and -inf for the other poses."""
         values, vectors = np.linalg.eigh(information)
         told = np.sum((columns @ vectors[:, 0]) ** 2, axis=1)
         near = np.argsort(-sign * told)[:SHORTLIST]
@@ -169,16 +178,16 @@ class Smallest:
 
 @dataclass(frozen=True)
 class Variance:
-    """I-, c- and L-optimal: the variance trace(L M⁻¹) of something predicted. weight: L (K, K)."""
+    """I-, c- and L-optimality: minimise the variance trace(L M⁻¹) of a predicted quantity. weight: L (K, K)."""
 
     weight: Array
 
     def value(self, information: Array) -> float:
-        """log trace(L M⁻¹)."""
+        """Return log trace(L M⁻¹)."""
         return float(np.log(np.trace(linalg.solve(information, self.weight, assume_a="pos"))))
 
     def change(self, information: Array, columns: Array, sign: float) -> Array:
-        """-log of what (I ± J M⁻¹ Jᵀ)⁻¹ J M⁻¹ L M⁻¹ Jᵀ leaves of the trace."""
+        """Return -log of the ratio of trace(L M⁻¹) after and before each pose is added or removed."""
         inverse = linalg.inv(information)
         through = columns @ inverse
         inner = _inner(inverse, columns, sign)
@@ -193,10 +202,11 @@ def _inner(inverse: Array, columns: Array, sign: float) -> Array:
 
 
 def choose(columns: Array, known: Array, count: int, goal: Goal) -> IntArray:
-    """Indices (count,) of the poses to take, the one that tells most first.
+    """Select `count` poses that minimise a criterion; return their indices, the most informative first.
 
-    columns: (P, 3, K) of the pool, of the order of 1. known: (K, K), M of what is measured already. One after the
-    other the pose that gains most, then swaps until none gains, then in the order in which each next one gains most.
+    Poses are added greedily, then exchanged until no exchange improves the criterion, then sorted by greedy gain.
+    columns: (P, 3, K) of the pool, of the order of 1.
+    known: (K, K), information M of the existing measurements.
     """
     known = known + LITTLE * np.eye(len(known))
     chosen, information = _greedy(columns, known, count, np.arange(len(columns)), goal)
@@ -212,7 +222,8 @@ def choose(columns: Array, known: Array, count: int, goal: Goal) -> IntArray:
 
 
 def _swap(columns: Array, chosen: IntArray, information: Array, goal: Goal) -> tuple[int, int] | None:
-    """A pose to enter and the place of the one to leave, so that the goal gains; None where none of the TRIED does."""
+    """Return a pose to add and the index in `chosen` of the pose to remove, or None if no exchange improves the
+    criterion."""
     gains = goal.change(information, columns, 1.0)
     gains[chosen] = -np.inf
     for enter in np.argsort(-gains)[:TRIED].tolist():
@@ -224,7 +235,7 @@ def _swap(columns: Array, chosen: IntArray, information: Array, goal: Goal) -> t
 
 
 def _greedy(columns: Array, known: Array, count: int, among: IntArray, goal: Goal) -> tuple[IntArray, Array]:
-    """Each next pose the one of `among` that gains most; and M with all of them."""
+    """Select poses one at a time, each with the largest gain among the indices `among`; return also the final M."""
     information, left, chosen = known.copy(), list(among.tolist()), []
     for _ in range(count):
         at = left.pop(int(np.argmax(goal.change(information, columns[left], 1.0))))
@@ -235,8 +246,12 @@ def _greedy(columns: Array, known: Array, count: int, among: IntArray, goal: Goa
 
 @dataclass(frozen=True)
 class Question:
-    """Something to find out: columns (P, 3, K) of the pool and known M (K, K) of its unknowns, and what is to be
-    small."""
+    """A design problem of a pool of poses.
+
+    columns: derivatives (P, 3, K) of the coordinates by the unknowns, over the standard deviation of a coordinate.
+    known: information (K, K) of the existing measurements.
+    goal: criterion to minimise.
+    """
 
     columns: Array
     known: Array
@@ -244,25 +259,30 @@ class Question:
 
 
 def at_best(question: Question) -> float:
-    """Square root of the variance in question with every candidate pose measured. Raises TypeError where no variance
-    is."""
+    """Return the standard deviation of the predicted quantity if every pose of the pool is measured.
+
+    Raises TypeError if the criterion is not a Variance.
+    """
     every = np.arange(len(question.columns))
     whole = replace(question, known=question.known + np.einsum("pij,pik->jk", question.columns, question.columns))
     return float(_deviations(whole, every[:0])[0])
 
 
 def in_units_of(deviation: float, question: Question) -> Question:
-    """The question of a variance with that deviation as its unit. Raises TypeError where the
-    goal is no variance."""
+    """Return the design problem with its variance in units of deviation².
+
+    Raises TypeError if the criterion is not a Variance.
+    """
     if not isinstance(question.goal, Variance):
         raise TypeError("a deviation is that of a Variance")
     return replace(question, goal=Variance(question.goal.weight / deviation**2))
 
 
 def choose_for_all(questions: Sequence[Question], count: int) -> IntArray:
-    """Indices (count,) of the poses to take: each next one tells most of the question that is then the worst answered.
+    """Select `count` poses for several design problems; return their indices.
 
-    A single question is answered as `choose` does.
+    Each pose is the most informative one for the problem with the worst criterion so far. A single problem is solved by
+    `choose`.
     """
     if len(questions) == 1:
         return choose(questions[0].columns, questions[0].known, count, questions[0].goal)
@@ -279,18 +299,21 @@ def choose_for_all(questions: Sequence[Question], count: int) -> IntArray:
 
 
 def deviations(questions: Sequence[Question], order: IntArray) -> Array:
-    """√ trace(L M⁻¹) (n + 1,) of the worst answered of questions of variances, with none, the first, the first two ...
-    of the poses `order` (n,); NaN where an unknown is not determined."""
+    """Return √ trace(L M⁻¹) (n + 1,) after none, one, two ... of the n poses `order`: the worst of all problems.
+
+    NaN where an unknown is not determined.
+    """
     return np.asarray(np.max([_deviations(question, order) for question in questions], axis=0))
 
 
 def decided_after(question: Question, order: IntArray, odds: float) -> int | None:
-    """Number of the poses `order` (n,) after which one of two causes is COVERAGE probable, whichever is true, in as
-    large a share of cases; None where so many do not suffice.
+    """Return after how many of the poses `order` (n,) one of two causes reaches the probability COVERAGE.
 
-    odds: of the causes now. The inverse deviation s is their distance in standard errors. Poses add ln odds
-    ~ N(d²/2, d²) for the true cause, d² = s² - s₀², to -|ln odds| at worst:
-    d²/2 - z d ≥ ln (COVERAGE / (1 - COVERAGE)) + |ln odds|, z the quantile of COVERAGE.
+    It does so with probability COVERAGE, whichever cause is true. None if the n poses do not suffice.
+    odds: ratio of the probabilities of the two causes now.
+    The inverse of the predicted standard deviation, s, is the distance of the causes in standard errors. Poses add ln
+    odds ~ N(d²/2, d²) for the true cause, d² = s² - s₀², to -|ln odds| at worst: d²/2 - z d ≥ ln (COVERAGE / (1 -
+    COVERAGE)) + |ln odds|, z the quantile of COVERAGE.
     """
     apart = np.nan_to_num(deviations((question,), order) ** -2.0)
     z, lacking = float(ndtri(COVERAGE)), np.log(COVERAGE / (1.0 - COVERAGE)) + abs(np.log(odds))
@@ -316,9 +339,16 @@ def _deviations(question: Question, order: IntArray) -> Array:
 
 @dataclass(frozen=True)
 class Asked:
-    """said: in words. choose: what decides; none to spread them, away from those `taken` (M, n). measure: questions of
-    variances whose worst is what the curve shows, as `label`: times `factor`, or its inverse where that is larger the
-    better. pairs: two causes by their names, with the question and the odds of them."""
+    """A purpose for which poses are selected, and the curve that reports how well they serve it.
+
+    said: description of the purpose.
+    choose: design problems that select the poses; if empty, poses are spread evenly, away from poses `taken` (M, n).
+    measure: design problems whose worst standard deviation the curve plots.
+    label: label of the curve.
+    factor: factor from a standard deviation to the unit of the label.
+    inverse: whether the curve plots the inverse standard deviation, so that larger is better.
+    pairs: for two causes by name, the design problem that separates them and the ratio of their probabilities.
+    """
 
     said: str
     choose: tuple[Question, ...]
@@ -330,6 +360,6 @@ class Asked:
     pairs: Mapping[str, tuple[Question, float]] = field(default_factory=dict)
 
     def said_of(self, deviation: Array) -> Array:
-        """Standard deviations (n,) as the curve shows them."""
+        """Convert standard deviations (n,) to the values that the curve plots."""
         with np.errstate(divide="ignore"):
             return np.asarray(1.0 / deviation if self.inverse else self.factor * deviation)

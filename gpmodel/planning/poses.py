@@ -1,4 +1,4 @@
-"""Measurement poses worth taking before anything is measured."""
+"""Selection of measurement poses before anything is measured."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -19,20 +19,19 @@ from gpmodel.planning.design import LITTLE, Determinant, Goal, Question, Reach, 
 from gpmodel.table.dataset import Dataset, unmeasured
 
 STEPS = 300
-"""Largest number of multiplicative steps."""
+"""Largest number of multiplicative steps of the optimal weights."""
 
 CLOSE = 0.01
-"""Largest relative gap between the bound and the best variance: half a per cent of the standard deviation."""
+"""Largest relative gap between the lower bound and the best variance: half a per cent of the standard deviation."""
 
 
 def least_deviation(questions: Sequence[Question], count: int) -> float:
-    """√ of the variance that no `count` poses of the pool can bring the worst answered of questions below.
+    """Return a lower bound of the standard deviation that any `count` poses of the pool can reach: the worst problem's.
 
-    The same pose may be taken twice in what it is held against. Raises TypeError for a question without a variance.
-
-    A choice of n poses is a measure of mass n over the pool; among all measures the variance is convex in the
-    information M, so that the tangent at any measure bounds every choice, and the best measure nearly meets it.
-    Sources: Kiefer and Wolfowitz (1960); the multiplicative steps, Silvey, Titterington and Torsney (1978), Yu (2010).
+    The bound holds even if a pose is measured twice. Raises TypeError if a criterion is not a Variance.
+    A selection of n poses is a measure of mass n over the pool. The variance is convex in the information M, so that
+    the tangent at any measure is a lower bound for every selection; at the best measure it is nearly reached. Sources:
+    Kiefer and Wolfowitz (1960); the multiplicative steps, Silvey, Titterington and Torsney (1978), Yu (2010).
     """
     return max(_least(question, count) for question in questions)
 
@@ -58,37 +57,41 @@ def _least(question: Question, count: int) -> float:
 
 
 POOL, SMALLEST_POOL, LARGEST_POOL = 20, 600, 10_000
-"""Candidate poses for each wanted one; their least number; and their largest, as long as there are two for each wanted
-one."""
+"""Candidate poses for each wanted pose; the least size of the pool; its largest size, as long as it holds two
+candidates for each wanted pose."""
 
 
 def coordinates(mechanism: Mechanism, q: Array) -> Array:
-    """Where a pose is, (N, n + 3): joint values over their ranges, and the tip over its greatest spread."""
+    """Return coordinates (N, n + 3) in which poses are compared.
+
+    Joint values relative to their ranges, and the tip position relative to its largest spread over the poses.
+    """
     ranges = np.array([max(joint_range(j)[1] - joint_range(j)[0], 1e-9) for j in mechanism.joints])
     tips = chain(mechanism.transforms(q))[-1][:, :3, 3]
     return np.hstack([q / ranges, tips / max(float(np.ptp(tips, axis=0).max()), 1e-9)])
 
 
 def pool_of(mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Reach | None = None) -> Array:
-    """Joint values (P, n) to choose `count` poses from. Raises InputError as `candidates`."""
+    """Draw the joint values (P, n) of a pool from which `count` poses are selected. Raises InputError as `candidates`."""
     return candidates(mechanism, max(min(POOL * count, LARGEST_POOL), 2 * count, SMALLEST_POOL), rng, reach)
 
 
 def spread_poses(mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Reach | None = None) -> Array:
-    """Joint values (count, n) that differ as much as possible from one another: the equal distribution criterion.
+    """Select joint values (count, n) that differ as much as possible from one another: the equal distribution
+    criterion.
 
-    From a pool of random poses, each next one is the farthest from those chosen, in joint values and tip position
-    together, so the smallest difference between any two is nearly as large as it can be (within a factor 2).
-    Source: Robertson (2003), 3.3.3; Gonzalez (1985).
+    From a pool of random poses, each further pose is the farthest from the selected poses, in joint values and tip
+    position together. The smallest distance between two poses is within a factor 2 of the largest possible. Source:
+    Robertson (2003), 3.3.3; Gonzalez (1985).
     """
     pool = candidates(mechanism, max(POOL * count, 400), rng, reach)
     return pool[spread_among(mechanism, pool, count)]
 
 
 def spread_among(mechanism: Mechanism, pool: Array, count: int, taken: Array | None = None) -> IntArray:
-    """Indices (count,) of the poses of a pool (P, n) that are farthest from one another and from those `taken` (M, n).
+    """Return the indices (count,) of poses of a pool (P, n) far from one another and from poses `taken` (M, n).
 
-    Without any taken the first is the one in the middle.
+    If no pose is taken, the first is the pose nearest to the mean of the pool.
     """
     before = 0 if taken is None else len(taken)
     where = coordinates(mechanism, pool if taken is None else np.vstack([taken, pool]))
@@ -107,19 +110,22 @@ def spread_among(mechanism: Mechanism, pool: Array, count: int, taken: Array | N
 
 
 def spacing(mechanism: Mechanism, q: Array) -> float:
-    """Smallest difference between two poses, in the measure of `coordinates`; infinite for one pose."""
+    """Return the smallest distance between two poses in the coordinates of `coordinates`, infinite for one pose."""
     where = coordinates(mechanism, q)
     return float(cKDTree(where).query(where, k=2)[0][:, 1].min())
 
 
 def _at_points(mechanism: Mechanism, q: Array) -> Dataset:
-    """Poses (N, n) with points, wherever these are."""
+    """Return a data set of poses (N, n) whose measured positions are all zero."""
     return replace(unmeasured([j.name for j in mechanism.joints], q), position=np.zeros((len(q), 3)))
 
 
 def geometric_columns(mechanism: Mechanism, q: Array) -> Array:
-    """Columns (N, 3, K) of the tip's position for registration, tool and the geometric errors poses can tell apart,
-    scaled to unit RMS; at the nominal geometry with a tool point off the last axis."""
+    """Return derivatives (N, 3, K) of the tip position by registration, tool point and identifiable geometric
+    constants.
+
+    They are taken at the nominal geometry, with a tool point off the last axis, and scaled to unit RMS.
+    """
     measured = _at_points(mechanism, q)
     problem = linearised_at_nominal(mechanism, geometric_effects(mechanism), measured)
     placed, errors = problem.columns[:, : problem.placement], problem.columns[:, problem.placement :]
@@ -129,14 +135,14 @@ def geometric_columns(mechanism: Mechanism, q: Array) -> Array:
 
 
 def _by_pose(pose_of_row: IntArray, columns: Array) -> Array:
-    """Columns (M, K) of positions as blocks (N, 3, K)."""
+    """Reshape columns (M, K) of positions into blocks (N, 3, K), one per pose."""
     blocks = np.zeros((pose_of_row.max() + 1, 3, columns.shape[1]))
     blocks[pose_of_row, np.arange(len(columns)) - np.searchsorted(pose_of_row, pose_of_row)] = columns
     return blocks
 
 
 def over_the_pool(columns: Array) -> Array:
-    """Weight (K, K) of the mean variance of the point over the poses of a pool with columns (P, 3, K)."""
+    """Return the weight L (K, K) of the mean variance of the point over the poses of a pool with columns (P, 3, K)."""
     return np.asarray(np.einsum("pij,pik->jk", columns, columns)) / len(columns)
 
 
@@ -145,12 +151,13 @@ GOALS: dict[str, Callable[[Array], Goal]] = {
     "e-optimal": lambda columns: Smallest(),
     "i-optimal": lambda columns: Variance(over_the_pool(columns)),
 }
-"""By the name of a criterion, what is to be small, over a pool of columns (P, 3, K)."""
+"""The criterion of a design by name, given the columns (P, 3, K) of a pool."""
 
 
 def geometric_question(mechanism: Mechanism, pool: Array, noise: float) -> Question:
-    """Pose the design question of the tool position, m, given the geometric errors: I-optimal over a pool (P, n).
+    """Return the design problem of the tool position, m, with the geometric constants unknown: I-optimal over a pool.
 
+    pool: joint values (P, n).
     noise: standard deviation of one coordinate, m.
     """
     columns = geometric_columns(mechanism, pool)
@@ -159,11 +166,10 @@ def geometric_question(mechanism: Mechanism, pool: Array, noise: float) -> Quest
 
 
 def typed_question(prior: ErrorModel, pool: Array) -> Question:
-    """Pose the design question of the tool position, m, of a machine that is only known by its type: I-optimal over a
-    pool (P, n). Registration and tool are not known.
+    """Return the design problem of the tool position, m, of a machine of a known type: I-optimal over a pool (P, n).
 
-    prior: effects with their deviation between machines, and the noise. Effects that read more than a pose are left
-    out.
+    Registration and tool are unknown. Effects that depend on more than the pose are left out.
+    prior: effects with their standard deviation between machines of the type, and the noise.
     """
     mechanism, data, noise = prior.mechanism, _at_points(prior.mechanism, pool), prior.noise or 1.0
     known = set(prepare(mechanism, data).states.columns)

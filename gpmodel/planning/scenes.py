@@ -1,4 +1,4 @@
-"""Targets and surfaces of a simulated instrument, and its poses."""
+"""Targets and surfaces of a simulated instrument, and the poses in which it can measure."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,25 +16,31 @@ from gpmodel.numerics.se3 import numbers_of
 
 INSTRUMENTS = ("tracker", "camera", "hand camera", "planes", "spheres", "points", "bar", "inclinometer")
 NOISE = {"camera": ("pixels", "0.1 px"), "hand camera": ("pixels", "0.1 px"), "inclinometer": ("angle", "0.002 deg")}
-"""Dimension and usual size of their noise; of all others that of a tracker."""
+"""Dimension and usual standard deviation of the noise of some instruments. All others have that of a tracker."""
 POOL = 60
-"""Random poses drawn for every one that is kept. A board faces the camera at one in ten."""
+"""Random poses drawn for each pose that is kept. In one of ten poses the camera can see the board."""
 FOCAL, IMAGE, BOARD, PITCH = 2400.0, (2448.0, 2048.0), (5, 4), 0.02
-"""A camera of 5 megapixels: focal length and image, px; columns and rows of its board, and their distance, m."""
+"""A camera of 5 megapixels and its board: focal length and image size, px; columns and rows of corners, and their
+distance, m."""
 TILTED = np.cos(np.radians(55.0))
-"""Cosine of the largest tilt of a board whose corners are found well."""
+"""Cosine of the largest tilt of a board at which its corners are located well."""
 BAR, BALL, TOUCHES = 0.3, 0.025, 4
-"""Length of a bar and radius of a sphere, m; touches of a shared point."""
+"""Length of a bar and radius of a sphere, m; number of touches of a shared point."""
 NEARBY = 30
-"""Random poses from which the nearest, or one of the nearest, is taken."""
+"""Random poses from which the pose nearest to a target, or one of the nearest, is taken."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Poses q (N, n) to start from, spare ones (P, n) with the tool points (A, P, 3) of every arm, and labels (N,) of
-    what is touched; row k is of arm k modulo A.
-    aims: tool points (N, 3) to where they go, m, in the root. described: of cameras and boards. link: that an
-    inclinometer is on. own: truth of what they stand at."""
+    """Poses and targets of a simulated measurement. Pose k is of arm k modulo A.
+
+    q: joint values (N, n) to start from.
+    labels: name (N,) of the touched object, per label column.
+    spare: joint values (P, n) of other starting poses; points: their tool points (A, P, 3) for every arm, m.
+    aims: maps tool points (N, 3) to the points that they have to touch, m, in the root frame.
+    described: description of cameras and boards, as in their TOML files.
+    own: true poses of camera and board as six numbers, m and rad, by name.
+    """
 
     instrument: str
     q: Array
@@ -49,7 +55,8 @@ class Scene:
 def scene_of(
     instrument: str, mechanism: Mechanism, pool: Array, count: int, tool_point: Array, rng: np.random.Generator
 ) -> Scene:
-    """Poses of a pool (P, n) that an instrument can take, `count` of them. Raises InputError: too few of them."""
+    """Select `count` poses of a pool (P, n) that an instrument can measure, and their targets.
+    Raises InputError if too few poses can be measured."""
     slots, tree = se3.chain(mechanism.transforms(pool)), branched(mechanism)
     if tree is not None:
         tips = slots[[mechanism.slots.index(slot) for slot in tree.tips.values()]]
@@ -65,7 +72,7 @@ def scene_of(
 
 
 def _touched(instrument: str, pool: Array, points: Array, count: int, rng: np.random.Generator) -> Scene:
-    """Surfaces, shared points or bars near the middle of tool points (P, 3)."""
+    """Place surfaces, shared points or bars near the middle of the tool points (P, 3), m."""
     near = np.argsort(np.linalg.norm(points - np.median(points, axis=0), axis=1))[: POOL // 4 * count]
     chosen = rng.choice(near, count, replace=False)
     q, there, own = pool[chosen], points[chosen], np.arange(count)
@@ -104,7 +111,7 @@ def _touched(instrument: str, pool: Array, points: Array, count: int, rng: np.ra
 
 
 def _two_armed(instrument: str, pool: Array, points: Array, count: int, rng: np.random.Generator) -> Scene:
-    """Shared points that every arm touches in turn, of tool points (A, P, 3)."""
+    """Place shared points that every arm touches in turn, near tool points (A, P, 3), m."""
     if instrument != "points":
         raise InputError(f"{instrument} is of one arm; expected tracker or points of several", "instrument")
     own, known = np.arange(count), [cKDTree(arm) for arm in points]
@@ -117,7 +124,8 @@ def _two_armed(instrument: str, pool: Array, points: Array, count: int, rng: np.
 
 
 def _seen_scene(outside: bool, pool: Array, frames: Array, count: int, rng: np.random.Generator) -> Scene:
-    """A camera in the world and a board in the hand, or the other way round, both facing along the flange's z."""
+    """Place a camera in the world and a board in the hand (`outside`), or the reverse, facing along the flange's z
+    axis."""
     middle = np.median(frames[:, :3, 3], axis=0)
     distance = 2.5 * float(np.median(np.linalg.norm(frames[:, :3, 3] - middle, axis=1))) + 0.3
     z = frames[rng.integers(len(frames)), :3, 2]
@@ -147,7 +155,7 @@ def _seen_scene(outside: bool, pool: Array, frames: Array, count: int, rng: np.r
 
 
 def _inside(seen: Array) -> Mask:
-    """Return whether all corners are in the image, for boards (P, 4, 4) in the camera."""
+    """Return whether all corners are in the image, for boards (P, 4, 4) in the camera frame."""
     grid = PITCH * np.array([[i, j, 0.0] for j in range(BOARD[1]) for i in range(BOARD[0])])
     points = np.einsum("pij,cj->pci", seen[:, :3, :3], grid) + seen[:, None, :3, 3]
     ahead = points[:, :, 2] > 0.1

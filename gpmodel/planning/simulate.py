@@ -1,4 +1,4 @@
-"""Measured tables with known truth, from the error model itself."""
+"""Simulated tables of measurements with known errors, made by the error model itself."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,12 +23,12 @@ from gpmodel.table.dataset import Dataset, unmeasured
 from gpmodel.table.units import convert
 
 CLOSE, STEPS, REDRAWN = 1e-9, 25, 12
-"""Largest distance of a simulated touch from its surface, m; steps from one start; starts."""
+"""Largest distance of a simulated touch from its surface, m; steps from one starting pose; number of starting poses."""
 
 
 @dataclass(frozen=True)
 class Real:
-    """A mechanism with its errors, where its root and its tool are."""
+    """A mechanism with known errors. theta: values of the effects of `model`. placement: its registration and tool."""
 
     model: ErrorModel
     theta: Array
@@ -38,9 +38,11 @@ class Real:
 def read_in(
     scene: Scene, real: Real, empty: Dataset, noise: float, rng: np.random.Generator
 ) -> tuple[Dataset, Placement]:
-    """Simulate the readings of a mechanism with known errors, and the placement with the observations' unknowns.
+    """Simulate the measurements of a mechanism with known errors.
 
-    empty: the poses with nothing measured. noise: standard deviation of one reading, m, px or rad.
+    Return the table, and the placement with the poses of cameras, boards and inclinometers added.
+    empty: the poses, without measurements.
+    noise: standard deviation of one measured value, m, px or rad.
     """
     mechanism = real.model.mechanism
     if scene.aims is not None:
@@ -72,7 +74,7 @@ def _mounted(scene: Scene, rng: np.random.Generator) -> dict[str, Array]:
 
 
 def _reached(scene: Scene, real: Real, empty: Dataset, noise: float, rng: np.random.Generator) -> Array:
-    """Joint values (N, n) at which the real tool point is where it should touch, but for the noise of a contact."""
+    """Return joint values (N, n) at which the tool point with errors is on its target, up to the noise of a contact."""
     assert scene.aims is not None
     mechanism, q = real.model.mechanism, scene.q.copy()
     limits = np.array([(j.lower, j.upper) for j in mechanism.joints]).T
@@ -105,15 +107,16 @@ def _reached(scene: Scene, real: Real, empty: Dataset, noise: float, rng: np.ran
 INSTRUMENT_DISTANCE = 3.0
 TOOL_OFFSET = 0.15
 LEVER = 1.0
-"""Standard deviation of each coordinate of the instrument's place, m; distance of the tool point from the flange, m;
-and metres that count as a radian of geometry."""
+"""Standard deviation of each coordinate of the instrument's position, m; distance of the tool point from the flange, m;
+metres of geometric error that weigh as much as a radian."""
 FARTHEST = 1.0
 """Largest motion of a frame by simulated errors, m or rad."""
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """A table and the truth behind it. theta: (E,) values of model.effects in their own SI units."""
+    """A simulated table and its true errors. theta: (E,) values of model.effects in SI units. noise: standard
+    deviation, as in `simulate`."""
 
     dataset: Dataset
     model: ErrorModel
@@ -125,10 +128,10 @@ class Simulation:
 def planted(
     text: str, mechanism: Mechanism, states: States, rng: np.random.Generator
 ) -> tuple[tuple[Effect, ...], Array]:
-    """Effects of `NAME=VALUE UNIT` and their values, in the effects' own units.
+    """Parse `NAME=VALUE UNIT` into effects and their values, in the unit of the effects.
 
-    NAME is a catalogue name (`gear_harmonic J4`) or `slot:axis:expression`. Of effects that come in pairs, sine and
-    cosine, VALUE is the amplitude and the phase is random. Raises InputError for what cannot be read.
+    NAME is a catalogue name (`gear_harmonic J4`) or `slot:axis:expression`. If NAME has two effects or more, as sine
+    and cosine, VALUE is the amplitude and the phase is random. Raises InputError if the text cannot be parsed.
     """
     name, found, value = text.rpartition("=")
     if not found or not name.strip():
@@ -140,7 +143,7 @@ def planted(
 
 
 def random_tool_point(rng: np.random.Generator) -> Array:
-    """A tool point (3,) off the flange's axes, m."""
+    """Return a random tool point (3,) off the axes of the flange, m."""
     return np.asarray(rng.uniform(0.3, 1.0, 3) * TOOL_OFFSET * rng.choice([-1.0, 1.0], 3))
 
 
@@ -159,14 +162,17 @@ def simulate(
     scene: Scene | None = None,
     drawn: bool = False,
 ) -> Simulation:
-    """Measure `mechanism` at q (N, n) with an instrument at a random place and a random tool point.
+    """Simulate measurements of `mechanism` at q (N, n) by an instrument at a random position, of a random tool point.
 
-    effects: as `planted` reads them. noise: standard deviation of each of x, y, z, m. geometry_sigma: standard
-    deviation of every constant error twist, m, and rad at a lever of 1 m. payload: (N,) kg. inputs: further columns
-    (N,) in `input_units`. tool_point: (3,) in the flange, m, drawn where None. scene: of an
-    instrument that reads no points, whose noise is in the unit of its readings. drawn: q is random; poses at which
-    loops do not close with the errors are replaced by others.
-    Raises InputError for an effect that cannot be read or is not finite, or for poses at which loops do not close.
+    effects: texts as `planted` parses them.
+    noise: standard deviation of each of x, y, z, m, or of one value in the unit of the instrument of `scene`.
+    geometry_sigma: standard deviation of every geometric constant, m, and rad at a lever of 1 m.
+    payload: (N,) kg.
+    inputs: further columns (N,) in `input_units`.
+    tool_point: (3,) in the flange frame, m; random if None.
+    scene: instrument that measures something other than points.
+    drawn: q is random; poses at which loops do not close with the errors are replaced by other random poses.
+    Raises InputError for an effect that cannot be parsed or is not finite, or for poses at which loops do not close.
     """
     bare = unmeasured([j.name for j in mechanism.joints], q, payload)
     tree = branched(mechanism)
@@ -204,9 +210,9 @@ def simulate(
 
 
 def _closed(model: ErrorModel, data: Dataset, theta: Array, rng: np.random.Generator | None) -> Dataset:
-    """Replace poses at which loops do not close with the errors by random ones.
+    """Replace poses at which the kinematic loops do not close with the errors by random poses.
 
-    Raises InputError without a generator, or where hardly any pose closes.
+    Raises InputError without a generator, or if loops close at hardly any pose.
     """
     for _ in range(MOST_DRAWS):
         open_rows = np.setdiff1d(np.arange(len(data)), closing(model, data, theta))

@@ -1,4 +1,4 @@
-"""Finished parts of a long command on disk: sealed JSON with its request."""
+"""Finished parts of an interrupted command on disk: JSON files with a seal of the request that they belong to."""
 
 import dataclasses
 import math
@@ -28,11 +28,12 @@ _TYPES = {
     t.__name__: t
     for t in (Candidate, NonlinearParameters, Constant, Effect, TakenUp, Term, Expression, Solution, Program, Node)
 }
-"""Types that may be read back; other names are refused."""
+"""Types that `decode` can create; other names are refused."""
 
 
 def encode(value: Any) -> Any:
-    """JSON content of a value made of these types, arrays, tuples, lists and numbers, infinite ones as well."""
+    """Convert a value to JSON content: these types, arrays, tuples, lists, dictionaries and numbers, infinite numbers
+    too."""
     if isinstance(value, Node) or (dataclasses.is_dataclass(value) and not isinstance(value, type)):
         names = value._fields if isinstance(value, Node) else [f.name for f in dataclasses.fields(value)]
         return {"type": type(value).__name__, "fields": {name: encode(getattr(value, name)) for name in names}}
@@ -51,7 +52,7 @@ def encode(value: Any) -> Any:
 
 
 def decode(value: Any) -> Any:
-    """The value again. Raises KeyError, TypeError or ValueError where it is none that `encode` wrote."""
+    """Convert JSON content of `encode` back to the value. Raises KeyError, TypeError or ValueError for other content."""
     if not isinstance(value, dict):
         return value
     if "type" in value:
@@ -75,11 +76,12 @@ _BROKEN = (ValueError, KeyError, TypeError, AttributeError, RecursionError)
 
 @dataclass(frozen=True)
 class Unfinished:
-    """The subfolder `unfinished` of a folder of results, a file for each thing that is finished: KIND-NUMBER.json.
+    """The subfolder `unfinished` of a folder of results: one file KIND-NUMBER.json for each finished part.
 
-    request: JSON content of the command. identity: what of it, and of the content of the files it names, the numbers
-    depend on; only files written for the same are read. A file that is damaged is named through `say` and set aside,
-    and what it held is done again.
+    request: JSON content of the command.
+    identity: the part of the request, with the contents of its files, on which the numbers depend. Files with another
+    identity are not used.
+    say: receives a message about each damaged file, which is renamed; its part is computed again.
     """
 
     out: Path
@@ -89,11 +91,11 @@ class Unfinished:
 
     @property
     def folder(self) -> Path:
-        """Where the files are."""
+        """Folder of the files."""
         return self.out / FOLDER
 
     def refuse_another(self) -> None:
-        """Raises InputError for the unfinished parts of another command, with the differences."""
+        """Raise InputError with the differences if the folder holds unfinished parts of another command."""
         before = unfinished(self.out)
         if before and (differing := _differing(before["identity"], self.identity)):
             raise InputError(
@@ -102,9 +104,9 @@ class Unfinished:
             )
 
     def begin(self) -> None:
-        """Write the request, before the first line of progress; say what is finished already.
+        """Write the request before the first line of progress, and report the parts that are finished already.
 
-        Raises InputError of refuse_another, WriteError where it cannot be written.
+        Raises InputError as `refuse_another`, and WriteError if the request cannot be written.
         """
         self.refuse_another()
         asked = {"schema": SCHEMA, "request": dict(self.request), "identity": dict(self.identity)}
@@ -115,12 +117,12 @@ class Unfinished:
             Teller(self.say)(f"going on from {counted} in {self.folder}")
 
     def write(self, name: str, content: Mapping[str, Any]) -> None:
-        """Write what `encode` knows. Raises WriteError where it cannot be written."""
+        """Write the record `name` with content that `encode` can convert. Raises WriteError if it cannot be written."""
         sealed = {"of": seal(self.identity)} | {key: encode(value) for key, value in content.items()}
         write_json(self.folder / f"{name}.json", sealed)
 
     def read(self, name: str) -> dict[str, Any] | None:
-        """Read the record of this request; None if it is missing or damaged."""
+        """Read the record `name` of this request; return None if it is missing or damaged."""
         path = self.folder / f"{name}.json"
         try:
             content = read_json(path)
@@ -134,12 +136,12 @@ class Unfinished:
             return None
 
     def close(self) -> None:
-        """Remove the files, once the results are written."""
+        """Remove the files once the results are written."""
         remove_folder(self.folder)
 
     @property
     def empty(self) -> bool:
-        """True if nothing is finished yet."""
+        """Whether no part is finished yet."""
         return not self._finished()
 
     def _finished(self) -> list[Path]:
@@ -147,9 +149,9 @@ class Unfinished:
 
 
 def unfinished(out: Path) -> dict[str, Any] | None:
-    """`request` and `identity` of what is unfinished in `out`, None where nothing is.
+    """Return `request` and `identity` of the unfinished command in folder `out`, None if there is none.
 
-    Raises InputError where the file is damaged, which is set aside, or of another schema.
+    Raises InputError if the file is damaged, and renames it, or if its schema is another.
     """
     path = out / FOLDER / REQUEST
     try:
@@ -169,7 +171,7 @@ def unfinished(out: Path) -> dict[str, Any] | None:
 
 
 def _differing(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """List the changes, one phrase each."""
+    """List the differences between two identities, one phrase each."""
     changed = [key for key in (*before, *(k for k in now if k not in before)) if before.get(key) != now.get(key)]
     return [_difference(key, before, now) for key in changed]
 
@@ -183,12 +185,12 @@ def _difference(key: str, before: Mapping[str, Any], now: Mapping[str, Any]) -> 
 
 @dataclass(frozen=True)
 class RunFiles(KeptRuns):
-    """A file each run."""
+    """Finished runs of evolution, one file each."""
 
     files: Unfinished
 
     def run(self, number: Number) -> Evolution | None:
-        """Read a finished run, without its settings."""
+        """Read a finished run; its settings are not stored."""
         content = self.files.read(_run(number))
         if content is None:
             return None
@@ -199,7 +201,7 @@ class RunFiles(KeptRuns):
         )
 
     def keep_run(self, number: Number, found: Evolution) -> None:
-        """Write what is needed of a run."""
+        """Write the parts of a run that `run` reads."""
         names = ("front", "best", "history", "evaluations", "seconds")
         self.files.write(_run(number), {name: getattr(found, name) for name in names})
 

@@ -1,1 +1,1 @@
-"""Measured tables: reading, units, splits, writing."""
+"""Measured tables: reading, units, held-out poses and folds, writing."""

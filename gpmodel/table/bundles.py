@@ -1,4 +1,4 @@
-"""Rows that say the same thing again: repeats of a pose, and groups that belong together."""
+"""Rows that depend on one another: repeats of a pose, clusters of poses, and labelled groups."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,36 +16,38 @@ SAME_JOINT = 5e-4
 motion of a servo at rest (0.02 deg)."""
 
 NEAR = 5.0
-"""Largest distance of poses in a cluster, over the median distance to the nearest pose. Of ten or twenty poses in a
-small box it is three to five; poses spread over a workspace have no such gap."""
+"""Largest distance of neighbouring poses in a cluster, over the median distance to the nearest pose. For ten or twenty
+poses in a small box the ratio is three to five; poses spread over a workspace have no such gap."""
 
 HARDLY_MORE = 1.5
-"""Growth of the number of pairs when their distance doubles, below which poses lie in clusters: one in clusters, two
-along a line."""
+"""Largest growth of the number of pairs of poses within a distance, when the distance doubles, if poses lie in
+clusters. The growth is one in clusters and two along a line."""
 
 FAR_JOINT = 10 * SAME_JOINT
-"""Difference of joint values, rad or m, beyond which rows with one label are no repeats: 0.3 deg moves a tool by
+"""Difference of joint values, rad or m, beyond which rows with one label are no repeats. 0.3 deg moves a tool by
 millimetres."""
 
 FAR_POINT = 0.05
-"""Distance of the points of one pose, m, beyond which they are no repeats: no play or slip is as large."""
+"""Distance, m, beyond which two points were not measured at one pose. No play or slip is as large."""
 
 FEWEST_POSES = 20
-"""Least number of poses for clusters: with fewer, a gap between their distances is chance."""
+"""Least number of poses for clusters. With fewer poses, a gap between their distances is chance."""
 
 FEW_TOUCHES = 12
-"""Touches of one surface, point or bar up to which all are needed to locate it. Of more, any half suffices."""
+"""Largest number of touches of one surface, point or bar that are kept together, since all are needed to locate it.
+With more touches, any half suffices."""
 
 SAMPLE = 50
-"""Poses compared first, so that thousands of poses without clusters are not all compared."""
+"""Poses that are searched for clusters first, so that a table of thousands of poses without clusters is recognised
+early."""
 
 
 def bundles(dataset: Dataset) -> IntArray:
-    """Bundle code (N,) of every row, 0 to B - 1: rows of one code share more than the model, so no split parts them.
+    """Return the number (N,) of the bundle of each row, 0 to B - 1; no split separates rows of a bundle.
 
-    Together are rows with the same `group`, with the same `repeat`, that touched one point, bar or a surface that was
-    touched FEW_TOUCHES times at most, and rows whose joint values all agree within SAME_JOINT or lie in one cluster,
-    whatever the set-up or payload. Codes are in the order of the joint values: the order of the rows does not matter.
+    A bundle joins rows with the same `group` or `repeat` label, and rows that touched one point, bar or surface with at
+    most FEW_TOUCHES touches. It also joins rows whose joint values agree within SAME_JOINT or lie in one cluster,
+    whatever their set-up or payload. Bundles are numbered by joint values, so that the order of rows does not matter.
     """
     links = [_same_label(dataset, column) for column in ("group", "repeat")]
     links += [_same_label(dataset, column, FEW_TOUCHES) for column in TOUCHED if column in dataset.labels]
@@ -58,11 +60,11 @@ def bundles(dataset: Dataset) -> IntArray:
 
 
 def replicates(dataset: Dataset, whatever: bool = False) -> IntArray:
-    """Code (N,) of every row: rows of one code read the same at the same pose, payload, set-up and tool; or whatever
-    they read, in whichever set-up.
+    """Return a number (N,) per row, equal for repeated measurements at one pose, payload, set-up and tool.
 
-    A `repeat` label decides where there is one; elsewhere joint values within SAME_JOINT, unless they are
-    approximate. Rows that copy the measurement of another are not counted as measured again: they are alone.
+    whatever: count rows as equal whatever was measured and in whichever set-up.
+    A `repeat` label decides if present. Otherwise joint values within SAME_JOINT do, unless joint values are
+    approximate. A row that copies the measurement of another row gets a number of its own.
     """
     read = () if whatever else ("setup", "tool", *READ)
     keys = np.column_stack([_of_one_pose(dataset, whatever), *(dataset.codes(c)[1] for c in read)])
@@ -71,7 +73,7 @@ def replicates(dataset: Dataset, whatever: bool = False) -> IntArray:
 
 
 def _of_one_pose(dataset: Dataset, whatever: bool = False) -> IntArray:
-    """Code (N,) of every row, of its label or its joint values; copies are alone, or of the pose they copy."""
+    """Return a number (N,) per row, equal for one label or one pose; `whatever` gives copies the number of their pose."""
     labels = dataset.label("repeat")
     same = np.arange(len(dataset)) if dataset.joints_approximate else _same_joints(dataset.q)
     if not whatever:
@@ -81,7 +83,7 @@ def _of_one_pose(dataset: Dataset, whatever: bool = False) -> IntArray:
 
 
 def numbered(keys: Array | IntArray) -> IntArray:
-    """Code (N,) of every row of keys (N, K), the same where all keys are."""
+    """Return a number (N,) per row of keys (N, K), equal where all K keys are equal."""
     return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
@@ -91,15 +93,16 @@ def different_poses(dataset: Dataset) -> int:
 
 
 def different_readings(dataset: Dataset) -> Dataset:
-    """The first row of everything that was read at each pose: no repeats, no copies."""
+    """Return the table with the first row of each measurement at each pose, without repeats and copies."""
     once = dataset.subset(~copies(dataset))
     return once.subset(np.sort(np.unique(replicates(once), return_index=True)[1]))
 
 
 def sharing(dataset: Dataset) -> IntArray:
-    """Code (N,) of every row: rows of one code may share a deviation that no model explains.
+    """Return a number (N,) per row, equal for rows that may share a deviation that no model explains.
 
-    Of one pose, whatever the payload, or where poses lie in clusters in one of these; with the same set-up and tool.
+    Such rows are of one cluster, or of one pose if poses do not lie in clusters, with one set-up and tool, whatever
+    their payload.
     """
     near = np.arange(len(dataset)) if dataset.joints_approximate else _clusters(dataset.q)
     if len(np.unique(near)) == len(dataset):
@@ -108,10 +111,10 @@ def sharing(dataset: Dataset) -> IntArray:
 
 
 def noise_floor(dataset: Dataset) -> float | None:
-    """RMS 3-D distance, m, of repeated measurements from their own mean, or None without repeats.
+    """Return the RMS 3-D distance, m, of repeated measurements from their own mean, or None without repeats.
 
-    σ² = Σ |p - mean|² / Σ (n - 1) over poses measured n times (see `replicates`), but for those whose own spread stands
-    far out: a reading that failed is no noise.
+    σ² = Σ |p - mean|² / Σ (n - 1) over poses measured n times (see `replicates`). Poses whose own spread is an outlier
+    are left out, since a failed measurement is not noise.
     """
     known = np.isfinite(dataset.position).all(axis=1)
     points = dataset.position[known]
@@ -129,10 +132,10 @@ def noise_floor(dataset: Dataset) -> float | None:
 
 
 def check_repeats(dataset: Dataset) -> None:
-    """Refuses rows labelled as repeats of one pose whose joint values differ by more than FAR_JOINT, and repeats of
-    either kind whose points lie farther apart than FAR_POINT.
+    """Check that repeats of a pose agree in their joint values and measured points.
 
-    Raises InputError naming the two rows, and the joint or the distance.
+    Raises InputError naming two rows with one `repeat` label whose joint values differ by more than FAR_JOINT, or two
+    repeats whose points lie farther apart than FAR_POINT.
     """
     first = _same_label(dataset, "repeat")
     apart = np.abs(dataset.q - dataset.q[first])
@@ -154,18 +157,17 @@ def check_repeats(dataset: Dataset) -> None:
 
 
 def _same_label(dataset: Dataset, column: str, most: float = np.inf) -> IntArray:
-    """First row (N,) with the same text in a column; rows without text, or with one of more rows than `most`, are
-    alone."""
+    """Return the first row (N,) with the same text in a column.
+    A row without text, or with a text that more than `most` rows have, is alone."""
     labels = dataset.label(column)
     _, first, code, count = np.unique(labels, return_index=True, return_inverse=True, return_counts=True)
     return np.where((labels == "") | (count[code] > most), np.arange(len(labels)), first[code]).astype(np.int64)
 
 
 def _same_joints(q: Array) -> IntArray:
-    """First row (N,) of each pose: a row joins the earliest unjoined one within SAME_JOINT in every joint.
+    """Return the first row (N,) of the pose of each row: the earliest row within SAME_JOINT in every joint.
 
-    Rows are compared with the first of their pose, not with their neighbours, so that a slow motion does not become
-    one pose.
+    Rows are compared with the first row of their pose, not with neighbours, so that a slow motion is not one pose.
     """
     _, first, code = np.unique(q, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)  # equal rows stand for one another: the tree is slow among them
@@ -183,12 +185,12 @@ def _same_joints(q: Array) -> IntArray:
 
 
 def _clusters(q: Array) -> IntArray:
-    """First row (N,) of each cluster of neighbouring poses; every row alone where poses do not lie in clusters.
+    """Return the first row (N,) of the cluster of each row; every row is alone if poses do not lie in clusters.
 
-    With joints over their ranges and r = NEAR times the median distance of a pose to the next: clusters are there where
-    within 2 r lie hardly more pairs of poses than within r; along a line there are twice as many, and more where poses
-    fill anything. A cluster is what is linked by steps of at most r, so that two that lie close are one; with half of
-    all poses in one there are none. Repeats of a pose count as one.
+    Joint values are taken relative to their ranges, and r is NEAR times the median distance of a pose to the nearest.
+    Poses lie in clusters if hardly more pairs lie within 2 r than within r. Along a line twice as many pairs do, in an
+    area or volume more. Poses linked by steps of at most r form a cluster. If one cluster has more than half of all
+    poses, there are none. Repeats of a pose count once.
     """
     own, first = np.arange(len(q)), _same_joints(q)
     span = np.ptp(q, axis=0) if len(q) else np.zeros(0)
@@ -212,13 +214,13 @@ def _clusters(q: Array) -> IntArray:
 
 
 def copies(dataset: Dataset) -> Mask:
-    """Rows (N,) whose joint values and measurement are, to the last digit, those of an earlier row."""
+    """Mark rows (N,) that repeat the joint values and the measurement of an earlier row to the last digit."""
     return original(dataset) < np.arange(len(dataset))
 
 
 def original(dataset: Dataset) -> IntArray:
-    """First row (N,) with the same joint values, labels of what it reads and measurement to the last digit; itself
-    where nothing was measured in columns."""
+    """Return the first row (N,) with the same joint values, labels and measurement to the last digit.
+    A row without measured values is its own."""
     read = (*dataset.distances.values(), *dataset.readings.values())
     measured = np.column_stack([dataset.position, dataset.rotation, *read])
     labels = [dataset.codes(column)[1] for column in ("tool", *READ)]
@@ -229,7 +231,7 @@ def original(dataset: Dataset) -> IntArray:
 
 
 def _renumbered(codes: IntArray, order: IntArray) -> IntArray:
-    """Renumber codes (N,) from 0 as they appear in an order of the rows."""
+    """Renumber codes (N,) from 0 in their order of appearance, with the rows in a given order."""
     _, first, code = np.unique(codes[order], return_index=True, return_inverse=True)
     out = np.empty(len(codes), dtype=np.int64)
     out[order] = np.argsort(np.argsort(first))[code]
@@ -237,20 +239,22 @@ def _renumbered(codes: IntArray, order: IntArray) -> IntArray:
 
 
 FEWEST_HELD, USUAL = 5, 0.3
-"""Least number of held-out poses, and the usual share. With fewer the p-value exceeds 3 % even if all improve."""
+"""Least number of held-out poses, and the usual share. With fewer poses the p-value exceeds 3 % even if all improve."""
 
 FOLDS = 5
-"""Folds where a whole fit or search is repeated: 80 % of the poses are left to each (Hastie et al. 2009, 7.10)."""
+"""Folds of a cross-validation that repeats a whole fit or search. Each uses 80 % of the poses (Hastie et al. 2009,
+7.10)."""
 
 JUDGED = 0
-"""Seed of every split, fold and permutation by which a discovery is judged. It does not follow the seed of the search,
-so that findings do not depend on which poses are held out (experiments/seeds)."""
+"""Seed of every split, fold and permutation that tests a discovery. It is independent of the seed of the search, so
+that findings do not depend on which poses are held out (experiments/seeds)."""
 
 
 def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tuple[IntArray, IntArray]:
-    """Rows (T,) to train on and rows (H,) held out (about `fraction` of the poses, whole bundles), both sorted.
+    """Split a table into training rows (T,) and held-out rows (H,), both sorted, without splitting bundles.
 
-    Raises InputError where all poses are one bundle, or `fraction` leaves none to train on or hardly any held out.
+    fraction: share of the poses to hold out, approximately.
+    Raises InputError if all poses are one bundle, or if `fraction` leaves no training rows or too few held-out rows.
     """
     if not 0.0 < fraction < 1.0:
         raise InputError(f"{fraction}, expected a share above 0 and below 1, as in 0.3", "holdout")
@@ -277,7 +281,7 @@ def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tup
 
 
 def folds(dataset: Dataset, count: int, rng: np.random.Generator) -> IntArray:
-    """Fold index (N,) for cross-validation, whole bundles, folds of nearly equal size."""
+    """Return the fold (N,) of each row for cross-validation; bundles are not split, folds have nearly equal size."""
     of_pose = bundles(dataset)
     n = int(of_pose.max()) + 1
     fold_of_bundle: NDArray[np.int64] = np.empty(n, dtype=np.int64)
@@ -286,6 +290,7 @@ def folds(dataset: Dataset, count: int, rng: np.random.Generator) -> IntArray:
 
 
 def stretches(row: Array, count: int) -> IntArray:
-    """Code (N,) of the stretch that each value of `row` (N,) lies in, of `count` with nearly equally many."""
+    """Divide the values `row` (N,) in ascending order into `count` parts of nearly equal size; return each value's part
+    (N,)."""
     place = np.argsort(np.argsort(row, kind="stable"), kind="stable")
     return (place * count // len(row)).astype(np.int64)

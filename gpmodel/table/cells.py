@@ -1,4 +1,4 @@
-"""Files as cells of text, and cells as numbers: separators and decimal commas found out."""
+"""Files as text cells, and cells as numbers; separators and decimal commas are recognised."""
 
 import contextlib
 import csv
@@ -23,16 +23,14 @@ from gpmodel.table.units import joint_column, split_header
 from gpmodel.texts import read_limited
 
 _DIGITS = {"deg": 9, "rad": 11}
-"""Decimals of a written angle: a nanoradian or less."""
+"""Decimals of a written angle: a nanoradian or finer."""
 CONTROLLER_DECIMALS = 4
-"""Decimals of a degree or a millimetre that a controller takes."""
+"""Decimals of a degree or a millimetre that a robot controller accepts."""
 
 
 def frame_of(dataset: Dataset, mechanism: Mechanism) -> pd.DataFrame:
-    """Text cells with units in the headers: joints [deg] or [mm], inputs, payload [kg], labels, what was measured.
-
-    Unmeasured components are empty cells.
-    """
+    """Return a data set as text cells with units in the headers: joints, inputs, payload, labels and measurements.
+    Units are [deg], [mm] and [kg]; a component that was not measured is an empty cell."""
     names = tuple(joint.name for joint in mechanism.joints)
     frame = replace(dataset, columns=names, kinds=tuple(joint.kind for joint in mechanism.joints), extra_names={})
     cells = frame.to_dataframe().drop(columns="row")
@@ -48,24 +46,22 @@ def frame_of(dataset: Dataset, mechanism: Mechanism) -> pd.DataFrame:
 def with_results(
     frame: pd.DataFrame, results: Mapping[str, Array | list[str]], prefixes: tuple[str, ...]
 ) -> pd.DataFrame:
-    """Add computed columns by header. Columns of an earlier run, of their names or with these prefixes, are dropped."""
+    """Add computed columns by header. Columns of an earlier run with the same names or with `prefixes` are replaced."""
     names = {split_header(header)[0] for header in results}
     old = [c for c in frame.columns if (name := split_header(str(c))[0]) in names or name.startswith(prefixes)]
     return frame.drop(columns=old).assign(**results)
 
 
 def joint_table(mechanism: Mechanism, q: Array, names: Sequence[str] = ()) -> pd.DataFrame:
-    """Joint values (N, n), rad and m, a row for each pose, with units in the headers; names: of the columns, by default
-    those of the joints."""
+    """Return joint values (N, n), rad or m, as a table of poses with units in the headers.
+    names: column names, by default the names of the joints."""
     columns = zip(names or [joint.name for joint in mechanism.joints], mechanism.joints, q.T, strict=True)
     return pd.DataFrame(dict(joint_column(name, joint.kind, values) for name, joint, values in columns))
 
 
 def table_text(frame: pd.DataFrame, decimals: int | None = None) -> str:
-    """CSV text: nine decimals of an angle, six of every other number, nothing where there is none.
-
-    decimals: of all of them.
-    """
+    """Return a table as CSV text; missing numbers are empty cells.
+    decimals: of all numbers; by default nine for degrees, eleven for radians and six for all other numbers."""
     cells = frame.copy()
     for header, column in frame.items():
         if pd.api.types.is_float_dtype(column):
@@ -79,29 +75,29 @@ def _cells(values: np.ndarray, digits: int) -> list[str]:
 
 
 LARGEST = 1e20
-"""Largest number in a cell, in any unit: a time in nanoseconds since 1970 is smaller."""
+"""Largest number in a cell, in any unit. A time in nanoseconds since 1970 is smaller."""
 
 LARGEST_FILE = 128 << 20
-"""Bytes of an unpacked Excel table: a million poses. Reading takes about ten times as much memory."""
+"""Largest size of an unpacked Excel table, bytes: a million poses. Reading takes about ten times as much memory."""
 
 MOST_COLUMNS = 1000
-"""Largest number of columns of a table. Reading time grows with it; a model keeps 500 inputs."""
+"""Largest number of columns of a table. Reading time grows with it; a model accepts 500 inputs."""
 LONGEST_HEADER = 100_000
-"""Characters of the first line: a hundred a column."""
+"""Largest number of characters of the first line: a hundred a column."""
 
 EMPTY = "{}: the file is empty; expected a header line and one row per pose"
 
 COMMENTS = ("#", "//", "%", "!")
-"""Prefixes of comments; no column name begins with one."""
+"""Prefixes of comment lines. No column name begins with one."""
 NAMES = "expected names with units, as J1 [deg]"
 MOST_ABOVE, FEWEST_UNITS = 50, 3
-"""Lines among which the header is sought, and the least number of units on its line: x, y and z have three."""
+"""Number of lines in which the header line is searched, and its least number of units: x, y and z have three."""
 SEPARATORS, OF_TABLES = ("\t", ";", ",", "|", " "), ("\t", ";", ",")
-"""Separators of files of any layout, and of tables, whose names have blanks."""
+"""Separators of files of any layout, and separators of tables with column names that contain blanks."""
 FEWEST_NUMBERS = 3
-"""Least number of numbers on a line of data: x, y and z are three."""
+"""Least number of numbers in a line of data: x, y and z are three."""
 SNIFFED = 300
-"""Lines by which separator and decimal sign are recognised."""
+"""Number of lines from which separator and decimal sign are recognised."""
 _UNIT = re.compile(r"[\[(][^\W\d_][^\])]*[\])](?=\s*(?:[,;\t\"]|$))", re.MULTILINE)
 _NUMBER = re.compile(r"^[-+]?\d+,\d+(?:[eE][-+]?\d+)?$")
 
@@ -111,9 +107,9 @@ _COMMA = re.compile(r"^[-+]?(?:\d{1,3}(?:[. ]\d{3})+|\d+)?,?\d*(?:[eE][-+]?\d+)?
 
 
 def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
-    """The file's cells as text, empty ones missing, decimal points throughout; and the SHA-256 of its bytes.
+    """Return the cells of a file as text, with decimal points and None for empty cells, and the SHA-256 of its bytes.
 
-    Raises InputError: missing, empty, unreadable, or rows that do not fit the header.
+    Raises InputError if the file is missing, empty or unreadable, or if rows do not fit the header.
     """
     raw = read_limited(path, LARGEST_FILE, "a measured table")
     if not raw.strip():
@@ -138,7 +134,8 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
 
 
 def excel_cells(raw: bytes, path: Path) -> list[list[list[str]]]:
-    """Cells of each sheet of an Excel file, row by row, "" where empty. Raises InputError where it cannot be read."""
+    """Return the cells of each sheet of an Excel file, row by row, "" where empty. Raises InputError if it is
+    unreadable."""
     try:
         _check_unpacked(raw, path)
         sheets = pd.read_excel(
@@ -154,7 +151,7 @@ def excel_cells(raw: bytes, path: Path) -> list[list[list[str]]]:
 
 
 def _check_unpacked(raw: bytes, path: Path) -> None:
-    """Raises InputError where an Excel table is larger than it looks."""
+    """Raise InputError if an Excel table is too large when unpacked."""
     if zipfile.is_zipfile(io.BytesIO(raw)):
         size = sum(part.file_size for part in zipfile.ZipFile(io.BytesIO(raw)).infolist())
         if size > LARGEST_FILE:
@@ -162,8 +159,9 @@ def _check_unpacked(raw: bytes, path: Path) -> None:
 
 
 def decoded(raw: bytes, path: Path) -> tuple[str, str]:
-    """Text of a file and its encoding: UTF-8, UTF-16 (by its mark, or by every other byte being zero), Windows-1252 or
-    Latin-1. Raises InputError where it is no text."""
+    """Return the text of a file and its encoding: UTF-8, UTF-16, Windows-1252 or Latin-1.
+    UTF-16 is recognised by its byte order mark or by zeros in every other byte. Raises InputError if the file is not
+    text."""
     wide = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}.get(raw[:2])
     start = raw[:200]
     if wide is None and len(start) > 9 and start[1::2].count(0) > 0.9 * len(start) // 2:
@@ -177,22 +175,20 @@ def decoded(raw: bytes, path: Path) -> tuple[str, str]:
 
 
 def is_number(cell: str, decimal: str) -> bool:
-    """Return whether a cell is a number with that decimal sign, with or without signs between thousands."""
+    """Return whether a cell is a number with this decimal sign, with or without thousands separators."""
     return bool((_COMMA if decimal == "," else _POINT).match(cell)) and any(c.isdigit() for c in cell)
 
 
 def split(line: str, separator: str) -> list[str]:
-    """Return the cells of a line, without blanks and quotes around them."""
+    """Return the cells of a line, without the blanks and quotes around them."""
     if separator == " " or len(line) > LONGEST_HEADER:
         return line.split()
     return [cell.strip().strip("'") for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
 
 
 def separator_and_decimal(lines: Sequence[str], among: Sequence[str] = SEPARATORS) -> tuple[str, str]:
-    """Choose the separator and the decimal sign that give most numbers in lines of one width.
-
-    Of several the separator that is most frequent in the first line.
-    """
+    """Choose the separator and the decimal sign that give most numbers in lines with equal numbers of cells.
+    Of equally good separators the most frequent one in the first line is chosen."""
     lines = [line for line in lines[:SNIFFED] if line.strip()] or [""]
     best = (-1, -1, ",", ".")
     for separator in among:
@@ -242,15 +238,15 @@ def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
 
 
 def _header_line(text: str) -> str:
-    """Say what was expected of the first line: names with units, and which of the first lines has them."""
+    """Return what the first line should be, and the number of the line with names and units if one is found below it."""
     first = (i for i, line in enumerate(text.splitlines()[:MOST_ABOVE], 1) if len(_UNIT.findall(line)) >= FEWEST_UNITS)
     line = next(first, 0)
     return f"{NAMES}; line {line} has them, delete those above it" if line > 1 else NAMES
 
 
 def _check_end(frame: pd.DataFrame, last: list[str], separator: str, path: Path) -> None:
-    """Raises InputError where the last of the lines `last` has fewer cells than the other, or its last cell fewer
-    decimals than all above it have."""
+    """Raise InputError if the file was cut within its last row.
+    The last of two lines then has fewer cells, or its last cell has fewer decimals than all rows above."""
     decimals = frame.iloc[:, -1].str.extract(r"^[^.,]*[.,]?(.*)$")[0].str.len()
     shorter = decimals.iloc[:-1].nunique() == 1 and decimals.iloc[-1] < decimals.iloc[0]
     if shorter or last[1].count(separator) < last[0].count(separator):
@@ -259,7 +255,7 @@ def _check_end(frame: pd.DataFrame, last: list[str], separator: str, path: Path)
 
 
 def _check_names(header: list[str], path: Path) -> None:
-    """Raises InputError: too many columns, or one that appears twice, which pandas would rename."""
+    """Raise InputError if a header has too many columns, or a name twice, which pandas would rename."""
     if len(header) > MOST_COLUMNS:
         raise InputError(f"{path.name}: {len(header)} columns; expected at most {MOST_COLUMNS}")
     written = [name.strip() for name in header if name.strip()]
@@ -269,7 +265,7 @@ def _check_names(header: list[str], path: Path) -> None:
 
 
 def numbers(column: pd.Series, where: str) -> Array:
-    """The cells of a column as numbers (N,), NaN where empty. Raises InputError naming `where` for anything else."""
+    """Return the cells of a column as numbers (N,), NaN where empty. Raises InputError naming `where` for other cells."""
     text = column.astype("string")
     values = pd.to_numeric(text, errors="coerce")
     unread = np.flatnonzero((values.isna() & text.notna()).to_numpy())

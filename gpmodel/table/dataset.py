@@ -1,4 +1,4 @@
-"""The measured table: rows of poses, SI inside, immutable."""
+"""The measured table: rows of poses in SI units, immutable."""
 
 import math
 import re
@@ -22,30 +22,29 @@ EXPECTED = (
     "as in '15um + 6um/m'"
 )
 COVERAGE = 2.0
-"""Standard deviations that a stated limit stands for. Source: JCGM 100 (2008), 6.2: expanded uncertainty, k = 2."""
+"""Standard deviations that a stated limit is worth. Source: JCGM 100 (2008), 6.2: expanded uncertainty, k = 2."""
 
 
 @dataclass(frozen=True)
 class Specification:
-    """U(r) = offset + slope r of a coordinate, m, at the distance r, m, from the instrument.
-
-    Source: ISO 10360-10, maximum permissible error.
-    """
+    """Maximum permissible error of a coordinate, U(r) = offset + slope r, m, at distance r, m, from the instrument.
+    Source: ISO 10360-10."""
 
     offset: float
     slope: float
 
     def distance(self, points: Array) -> float:
-        """The typical distance (RMS), m, of points (N, 3), m, in the instrument's frame; NaN ones left out."""
+        """Return the RMS distance, m, of points (N, 3), m, from the instrument at the origin; points with NaN are left
+        out."""
         whole = points[np.isfinite(points).all(axis=1)]
         return float(np.sqrt(np.mean(np.sum(whole**2, axis=1)))) if len(whole) else 0.0
 
     def at(self, points: Array) -> float:
-        """U, m, at the typical distance of points."""
+        """Return U, m, at the RMS distance of points (N, 3), m."""
         return self.offset + self.slope * self.distance(points)
 
     def noise(self, points: Array) -> float:
-        """The standard deviation of a coordinate, m, that it leads to expect at points (N, 3), m."""
+        """Return the expected standard deviation, m, of a coordinate of points (N, 3), m: U over COVERAGE."""
         return self.at(points) / COVERAGE
 
     def __str__(self) -> str:
@@ -53,7 +52,7 @@ class Specification:
 
 
 def specification(text: str) -> Specification:
-    """`15um + 6um/m`, `±0.02 mm`, `10 µm + 5 ppm`. Raises InputError naming `instrument`."""
+    """Parse a specification such as `15um + 6um/m`, `±0.02 mm`, `10 µm + 5 ppm`. Raises InputError naming `instrument`."""
     offset, slope = 0.0, 0.0
     try:
         for part in re.split(r"(?<=[^eE+])\+", text.strip().strip("±()")):
@@ -69,40 +68,46 @@ def specification(text: str) -> Specification:
 
 
 TOUCHED = ("on_plane", "on_sphere", "on_line", "same_point", "pair")
-"""Labels of what the tool point touched."""
+"""Label columns that name the object that the tool point touched."""
 
 READ = (*TOUCHED, "camera", "marker", "link", "tip")
-"""Labels that say what a row reads: rows that differ in one are no repeats."""
+"""Label columns that name the object of a measurement. Rows that differ in such a label are no repeats."""
 
 LABELS = ("group", "repeat", "setup", "tool", *READ)
 
 READINGS = {"u": "px", "v": "px", "length": "m", "inclination_x": "rad", "inclination_y": "rad"}
-"""Columns of instruments that read no point, and their units here."""
+"""Columns of instruments that do not measure points, and their units in a Dataset."""
 
 
 class Readings(Protocol):
-    """Readings at N poses of a kind that tables have no columns for: a gpmodel.model.observation.Observation."""
+    """Measurements at N poses for which a Dataset has no columns: a gpmodel.model.observation.Observation."""
 
     def subset(self, rows: IntArray) -> "Readings":
-        """Return the readings at some poses."""
+        """Return the measurements at some poses."""
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """N poses of a mechanism with n joints.
+    """N measured poses of a mechanism with n joints.
 
-    q: (N, n) joint values, rad or m, in the mechanism's order. position: (N, 3) in the instrument's frame, m,
-    NaN where unmeasured. rotation: (N, 3) rotation vectors, rad, or all NaN. distances: name -> (N,) m.
-    readings: columns (N,) of READINGS. described: what files say of cameras, boards and surfaces, by "cameras", "board"
-    and "surfaces". observations: what was read besides points, poses and distances.
-    labels: column -> (N,) text ("" where the column is absent or empty). payload: (N,) kg. extras: name -> (N,)
-    in `extra_units`. row: (N,) data row in the file, counted from 1. sha256: of the file's bytes.
-    columns: the joints' names in the table, where they differ from the mechanism's. extra_names: the extra columns'.
-    ignored: columns of the file that hold text and are none of the labels. empty_rows: rows of it left out.
+    q: (N, n) joint values, rad or m, in the order of the mechanism.
+    position: (N, 3) in the frame of the instrument, m, NaN where not measured.
+    rotation: (N, 3) rotation vectors, rad, NaN where not measured.
+    row: (N,) data row in the file, counted from 1.
+    payload: (N,) kg; payload_given: whether the table states it.
+    distances: name -> (N,) m.
+    readings: columns (N,) of READINGS.
+    described: content of the files of cameras, boards and surfaces, by "cameras", "board" and "surfaces".
+    observations: measurements other than points, poses and distances.
+    labels: column -> (N,) text, "" where empty.
+    extras: further columns: name -> (N,) in `extra_units`; extra_names: their names in the table.
+    sha256: of the bytes of the file.
+    columns: names of the joints in the table, if they differ from those of the mechanism.
+    kinds: of the joints, "revolute" if empty.
     joints_approximate: some joint has no sensor, so that equal joint values need not be one pose.
-    kinds: of the joints, "revolute" where none are given.
-    in_order: the rows are stated to be in the order of measurement, so that a pose may depend on those before it.
-    instrument: what its maker states of the instrument that measured, None unless stated.
+    ignored: columns of the file that hold text and are no labels; empty_rows: number of its empty rows.
+    in_order: rows are stated to be in the order of measurement, so that a pose may depend on earlier poses.
+    instrument: specification of the instrument; None unless stated.
     """
 
     joints: tuple[str, ...]
@@ -140,7 +145,7 @@ class Dataset:
         return len(self.q)
 
     def __getitem__(self, rows: slice) -> "Dataset":
-        """Some of the rows: `table[:10]`. Raises InputError for what is no slice."""
+        """Return the rows of a slice: `table[:10]`. Raises InputError if `rows` is not a slice."""
         if not isinstance(rows, slice):
             raise InputError(
                 f"table[{rows!r}], expected a slice, as in table[:10]; columns are those of to_dataframe()"
@@ -148,14 +153,15 @@ class Dataset:
         return self.subset(np.arange(len(self))[rows])
 
     def __repr__(self) -> str:
-        """One line."""
+        """Return one line with the source, the number of poses and the joints."""
         names = ", ".join(self.columns or self.joints)
         measured = int(np.isfinite(self.position).all(axis=1).sum())
         return f"<table {self.source}: {len(self)} poses of {names}, {measured} with x, y, z>"
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Numbers with units in the headers: row, joints [deg] or [mm], every further column under its own name,
-        payload, labels, and what was measured [mm], [deg] and [px]."""
+        """Return the table as a DataFrame with units in the headers, in the order of the file format.
+        Joints and angles are in [deg], lengths in [mm], pixels in [px]; every further column keeps its own name and
+        unit."""
         columns: dict[str, object] = {"row": self.row}
         kinds = self.kinds or ("revolute",) * len(self.joints)
         for name, kind, values in zip(self.columns or self.joints, kinds, self.q.T, strict=True):
@@ -175,15 +181,15 @@ class Dataset:
 
     @property
     def has_rotation(self) -> bool:
-        """True if any orientation was measured."""
+        """Whether any orientation was measured."""
         return bool(np.isfinite(self.rotation).any())
 
     def label(self, column: str) -> NDArray[np.str_]:
-        """Text labels (N,) of group, repeat, setup or tool."""
+        """Return the text (N,) of a label column, "" if the table has no such column."""
         return self.labels.get(column, np.full(len(self), "", dtype="<U1"))
 
     def codes(self, column: str) -> tuple[list[str], IntArray]:
-        """Distinct labels in order of first appearance, and each row's index into them."""
+        """Return the distinct labels of a column in order of appearance, and the index (N,) of each row's label."""
         if column not in self.labels:
             return [""][: len(self)], np.zeros(len(self), dtype=np.int64)
         labels = self.label(column)
@@ -192,7 +198,7 @@ class Dataset:
         return names, np.array([index[x] for x in labels.tolist()], dtype=np.int64)
 
     def subset(self, rows: IntArray | Sequence[int] | NDArray[np.bool_]) -> "Dataset":
-        """Return the table with some rows."""
+        """Return a table of some rows, given by index or mask."""
         take = np.asarray(rows)
         return replace(
             self,
@@ -214,10 +220,8 @@ SAME_MASS = 1e-9
 
 
 def with_payload(dataset: Dataset, payload: float | None) -> Dataset:
-    """Return the poses with `payload` (kg) at every row, if one is given.
-
-    Raises InputError where a payload column of the table has another mass.
-    """
+    """Return the table with `payload` (kg) in every row, unchanged if it is None.
+    Raises InputError if a payload column of the table holds another mass."""
     if payload is None:
         return dataset
     if dataset.payload_given:
@@ -230,7 +234,7 @@ def with_payload(dataset: Dataset, payload: float | None) -> Dataset:
 
 
 def unmeasured(joints: Sequence[str], q: Array, payload: Array | None = None) -> Dataset:
-    """A table of poses at q (N, n), rad or m, rows counted from 1, with nothing measured. payload: (N,) kg, none."""
+    """Return a table of poses q (N, n), rad or m, without measurements. payload: (N,) kg, by default zero."""
     count = len(q)
     missing = np.full((count, 3), np.nan)
     return Dataset(

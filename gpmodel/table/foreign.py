@@ -1,4 +1,4 @@
-"""Measured files of other programs: a small map of columns turns one into a table this program reads."""
+"""Measured files of other programs: a map of columns converts a file to a table of this program."""
 
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -23,9 +23,12 @@ from gpmodel.texts import read_toml
 
 @dataclass(frozen=True)
 class Imported:
-    """content: a table of text cells, the text of a mechanism's file, or cameras as a TOML file has them. described:
-    further descriptions, "cameras" and "board", in the same form. left_out: parts of the file that are not in it, each
-    with the reason."""
+    """The result of an import.
+
+    content: a table of text cells, the text of a mechanism's file, or the content of a TOML file of cameras.
+    described: content of further TOML files, by "cameras" and "board".
+    left_out: parts of the file that were not imported, each with the reason.
+    """
 
     content: pd.DataFrame | str | dict[str, object]
     described: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
@@ -33,16 +36,15 @@ class Imported:
 
 
 def left_out(what: str, names: Iterable[str]) -> tuple[str, ...]:
-    """Say which parts of a file are not imported, as "no joint of arm.urdf: l6_x"; nothing of none."""
+    """List parts of a file that are not imported in one phrase, as "no joint of arm.urdf: l6_x"; empty without names."""
     named = ", ".join(names)
     return (f"{what}: {named}",) if named else ()
 
 
 def joint_cells(mechanism: Mechanism | None, values: Mapping[str, Array], where: str) -> dict[str, list[str]]:
-    """Joint columns with units, of values (N,) by joint name, rad and m.
+    """Return joint columns with units, from values (N,) by joint name, rad and m.
 
-    Raises InputError without a mechanism, which says which joints there are and which of them slide, or where one of
-    its joints is missing.
+    Raises InputError if a joint is missing, or without a mechanism, which defines which joints are prismatic.
     """
     if mechanism is None:
         raise InputError(f"{where}: joint values without units; expected --mechanism M, whose joints turn or slide")
@@ -52,7 +54,7 @@ def joint_cells(mechanism: Mechanism | None, values: Mapping[str, Array], where:
 
 
 def surplus_joints(mechanism: Mechanism | None, names: Iterable[str]) -> tuple[str, ...]:
-    """Say which names are of no joint of a mechanism, and so in no table of it."""
+    """List names that are no joint of the mechanism; their values are not imported."""
     if mechanism is None:
         return ()
     joints = {joint.name for joint in mechanism.joints}
@@ -60,12 +62,12 @@ def surplus_joints(mechanism: Mechanism | None, names: Iterable[str]) -> tuple[s
 
 
 def cells(values: Array) -> list[str]:
-    """Numbers as text, nothing where there is none."""
+    """Return numbers as text, "" for NaN."""
     return ["" if np.isnan(v) else repr(float(v)) for v in values]
 
 
 def rotation_vectors(read: Callable[[Array], Rotation], numbers: Array) -> Array:
-    """Rotation vectors (N, 3), rad, of rows of numbers (N, k) that are whole; NaN of others."""
+    """Convert rows of numbers (N, k) to rotation vectors (N, 3), rad; NaN for a row with a missing number."""
     out, known = np.full((len(numbers), 3), np.nan), np.isfinite(numbers).all(axis=1)
     if known.any():
         out[known] = read(numbers[known]).as_rotvec()
@@ -74,16 +76,17 @@ def rotation_vectors(read: Callable[[Array], Rotation], numbers: Array) -> Array
 
 EXAMPLE = 'x = "tracker_x [mm]" or x = "target_x - error_x [mm]"'
 FAR_FROM_ONE = 0.05
-"""Largest deviation of a quaternion's norm from one; two written digits are closer."""
+"""Largest deviation of a quaternion's norm from one. Quaternions of two digits are closer."""
 _EULER = re.compile(r"^(intrinsic|fixed) ([XYZ])(?!\2)([XYZ])(?!\3)([XYZ])$")
 _NUMBERED = re.compile(r"^c?(\d+)$")
 
 
 @dataclass(frozen=True)
 class OrientationColumns:
-    """Orientation columns of a file: columns (or formulas) with units, and their convention.
+    """Orientation columns of a file.
 
-    convention: `intrinsic XYZ` means R = Rx(a) Ry(b) Rz(c), `fixed XYZ` R = Rz(c) Ry(b) Rx(a), any axes likewise;
+    columns: columns, or formulas of columns, with units.
+    convention: `intrinsic XYZ` is R = Rx(a) Ry(b) Rz(c), `fixed XYZ` is R = Rz(c) Ry(b) Rx(a), and other axes likewise;
     `rotation vector`; `quaternion xyzw` or `quaternion wxyz`, whose columns have no unit.
     """
 
@@ -93,9 +96,14 @@ class OrientationColumns:
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """columns: name in the table -> column of the file, or formula of its columns, with its unit in brackets; a column
-    is written by its name, or by its number as c7. tools: columns of x, y and z of several reflectors, by their names.
-    header: whether the file has one. join: how a second file is joined, see `gpmodel.table.join`."""
+    """Map from the columns of a file to the columns of a table.
+
+    columns: name in the table -> column of the file, or a formula of columns, with its unit in brackets. A column is
+    given by its name or by its number, as c7.
+    tools: columns of x, y and z of several reflectors, by reflector.
+    header: whether the file has a header.
+    join: how a second file is joined, see `gpmodel.table.join`.
+    """
 
     columns: Mapping[str, str]
     orientation: OrientationColumns | None = None
@@ -105,7 +113,7 @@ class ColumnMap:
     join: str = ""
 
     def content(self) -> dict[str, object]:
-        """Return what a TOML file says of it."""
+        """Return the map as the content of a TOML file."""
         out: dict[str, object] = ({} if self.header else {"header": False}) | ({"join": self.join} if self.join else {})
         out["columns"] = dict(self.columns)
         if self.tools:
@@ -118,10 +126,8 @@ class ColumnMap:
 
 
 def read_map(path: Path) -> ColumnMap:
-    """The map in a TOML file: a table [columns] and, for full poses, [orientation].
-
-    Raises InputError where it is missing, no TOML, or has other keys.
-    """
+    """Read a map from a TOML file: a table [columns] and, for orientations, [orientation].
+    Raises InputError if the file is missing, not TOML, or has unknown keys."""
     content = read_toml(path, "a map of columns")
     columns, orientation = content.pop("columns", None), content.pop("orientation", None)
     header, join, tools = content.pop("header", True), content.pop("join", ""), content.pop("tool", {})
@@ -154,7 +160,7 @@ def _orientation(content: object, where: str) -> OrientationColumns:
 
 
 def orientation_reader(convention: object, where: str) -> tuple[Callable[[Array], Rotation], int]:
-    """Return the conversion of rows of numbers (radians) to rotations, and the number of columns it needs."""
+    """Return the conversion of rows of numbers (radians) to rotations, and the number of columns that it needs."""
     if convention == "rotation vector":
         return Rotation.from_rotvec, 3
     if convention == "quaternion xyzw":
@@ -172,11 +178,12 @@ def orientation_reader(convention: object, where: str) -> tuple[Callable[[Array]
 
 
 def import_file(sheet: Sheet, columns: ColumnMap) -> pd.DataFrame:
-    """The sheet's rows as a table with units in its headers, text cells; orientations as rotation vectors [deg].
+    """Convert the rows of a sheet to a table of text cells with units in its headers.
 
-    Columns the map does not name are left out; three equal coordinates are no point, but what programs write where
-    none was seen. Of several reflectors a row is a pose and reflector. Raises InputError for a column that is not
-    there, a formula that cannot be read, a missing or unknown unit, text among numbers.
+    Orientations become rotation vectors [deg]. Columns that the map does not name are left out. Three equal coordinates
+    are no point; some programs write them if no reflector was seen. With several reflectors there is one row per pose
+    and reflector. Raises InputError for a missing column, a formula that cannot be parsed, a missing or unknown unit,
+    or text among numbers.
     """
     out = _mapped(sheet, columns.columns, columns.source)
     if columns.orientation is not None:
@@ -195,7 +202,7 @@ def import_file(sheet: Sheet, columns: ColumnMap) -> pd.DataFrame:
 
 
 def _without_equal(table: pd.DataFrame) -> pd.DataFrame:
-    """Empty x, y and z where the three are one number."""
+    """Clear x, y and z in rows where the three are equal."""
     point = [name for name in table if split_header(str(name))[0] in ("x", "y", "z")]
     if len(point) == 3:
         same = (table[point[0]] == table[point[1]]) & (table[point[1]] == table[point[2]])
@@ -204,7 +211,7 @@ def _without_equal(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _mapped(sheet: Sheet, columns: Mapping[str, str], source: str) -> dict[str, pd.Series | list[str]]:
-    """Cells by the header they get."""
+    """Return the cells of each mapped column, by the column's new header."""
     out: dict[str, pd.Series | list[str]] = {}
     for name, text in columns.items():
         where = f"{source}: {name}"
@@ -220,7 +227,7 @@ def _mapped(sheet: Sheet, columns: Mapping[str, str], source: str) -> dict[str, 
 
 
 def unread(sheet: Sheet, columns: ColumnMap) -> tuple[str, ...]:
-    """Say which columns of a sheet a map does not name."""
+    """List the columns of a sheet that a map does not name."""
     oriented = () if columns.orientation is None else columns.orientation.columns
     points = (text for point in columns.tools.values() for text in point.values())
     read = {i for text in (*columns.columns.values(), *points, *oriented) for i in _read_by(sheet, text)}
@@ -228,7 +235,7 @@ def unread(sheet: Sheet, columns: ColumnMap) -> tuple[str, ...]:
 
 
 def _read_by(sheet: Sheet, text: str) -> tuple[int, ...]:
-    """The columns that a line of a map reads: one by its name, or those of a formula."""
+    """Return the columns that an entry of a map uses: one column by name, or the columns of a formula."""
     for name in (text.strip(), split_header(text)[0]):
         if (found := find(sheet, name)) is not None:
             return (found,)
@@ -237,9 +244,7 @@ def _read_by(sheet: Sheet, text: str) -> tuple[int, ...]:
 
 def find(sheet: Sheet, name: str) -> int | None:
     """Find a column by its header, its header without the unit, its name in an expression, or its number, c7.
-
-    None where no column has it, or several have.
-    """
+    Return None if no column matches, or several do."""
     for as_named in (str.strip, lambda header: name_and_unit(header)[0], identifier):
         found = [i for i, header in enumerate(sheet.names) if header and as_named(header) == name]
         if found:
@@ -249,7 +254,7 @@ def find(sheet: Sheet, name: str) -> int | None:
 
 
 def _rotation_vectors(sheet: Sheet, orientation: OrientationColumns, where: str) -> Array:
-    """Rotation vectors (N, 3), rad; NaN where any of the numbers is missing."""
+    """Return rotation vectors (N, 3), rad, from orientation columns; NaN where a number is missing."""
     reader, count = orientation_reader(orientation.convention, where)
     parts = []
     for text in orientation.columns:
@@ -265,7 +270,7 @@ def _rotation_vectors(sheet: Sheet, orientation: OrientationColumns, where: str)
 
 
 def _values(sheet: Sheet, text: str, where: str) -> tuple[Array, str | None]:
-    """Numbers (N,) of a column or a formula of columns, and the unit written behind it."""
+    """Return the numbers (N,) of a column or a formula of columns, and the unit behind it."""
     name, unit = split_header(text)
     if (column := find(sheet, name)) is not None:
         header = sheet.names[column]
@@ -292,14 +297,14 @@ def _values(sheet: Sheet, text: str, where: str) -> tuple[Array, str | None]:
 
 
 def _numbers(sheet: Sheet, column: int, unit: str | None = None) -> Array:
-    """Numbers (N,) of a column; of clock times in seconds those after the first."""
+    """Return the numbers (N,) of a column; clock times become seconds after the first time."""
     if unit == "s" and (times := sheet.seconds(column)) is not None:
         return np.asarray(times, dtype=np.float64)
     return numbers(sheet.cells[column], f"{sheet.source}, column '{sheet.names[column] or column + 1}'")
 
 
 def column_of(sheet: Sheet, name: str, where: str) -> int:
-    """Find a column. Raises InputError where no column has the name, or several have."""
+    """Return the index of a column. Raises InputError if no column has the name, or several have it."""
     if (found := find(sheet, name)) is None:
         if sheet.names.count(name) > 1:
             numbers = ", ".join(f"c{i + 1}" for i, header in enumerate(sheet.names) if header == name)

@@ -1,4 +1,4 @@
-"""Two files of one session side by side: by the order of their rows, by a column of both, or by time."""
+"""Joins two files of one session row by row: in order, by a common column, or by time."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -22,7 +22,8 @@ _LAST_NUMBER = re.compile(r"(\d+)\D*$")
 
 
 def sheets_of(paths: Sequence[Path], header: bool = True) -> list[Sheet]:
-    """Read one file or two; one Excel file may hold two sheets. Raises InputError as `read_sheets`, and of more."""
+    """Read one file or two; one Excel file may hold two sheets.
+    Raises InputError as `read_sheets`, and if there are more than two files."""
     sheets = [sheet for path in paths for sheet in read_sheets(path, header)[: max(2 // len(paths), 1)]]
     if len(paths) > 2:
         raise InputError(f"{paths[2]}: a third file; expected one, or joint values in one and positions in the other")
@@ -30,7 +31,7 @@ def sheets_of(paths: Sequence[Path], header: bool = True) -> list[Sheet]:
 
 
 def read_files(paths: Sequence[Path], how: str, header: bool = True) -> Sheet:
-    """Read one file, or two joined. Raises InputError as `sheets_of` and `joined`."""
+    """Read one file, or join two. Raises InputError as `sheets_of` and `joined`."""
     sheets = sheets_of(paths, header)
     if len(sheets) == 1 and how:
         raise InputError(f"{paths[0].name} alone; expected a second file that is joined by '{how}'", "join")
@@ -38,8 +39,8 @@ def read_files(paths: Sequence[Path], how: str, header: bool = True) -> Sheet:
 
 
 def ways(first: Sheet, second: Sheet) -> Iterator[str]:
-    """Ways in which two sheets could belong together, the surest first: columns that hold the same texts or numbers of
-    points, clock times, the order of as many rows."""
+    """Yield the ways in which two sheets can be joined, the most reliable first.
+    Columns with common texts or point numbers come first, then clock times, then the order if row counts are equal."""
     ours, theirs = ({i: _keys(sheet, i) for i in sheet.columns} for sheet in (first, second))
     for i, one in ours.items():
         for k, other in theirs.items():
@@ -52,10 +53,11 @@ def ways(first: Sheet, second: Sheet) -> Iterator[str]:
 
 
 def joined(first: Sheet, second: Sheet, how: str) -> Sheet:
-    """Rows of both sheets side by side; `said` names the rows without a partner.
+    """Join the rows of two sheets; `said` of the result lists the rows without a partner.
 
-    how: `order`; `No = Point`, a column of each, or one name of both; `time t = Time Stamp`, the nearest row of the
-    first sheet for each of the second; `rows 1-6 = 1-6, 8-40 = 7-39`. Raises InputError where that is impossible.
+    how: `order`; `No = Point`, a column of each sheet, or one name for both; `time t = Time Stamp`, the row of the
+    first sheet nearest in time to each row of the second; `rows 1-6 = 1-6, 8-40 = 7-39`. Raises InputError if the join
+    is impossible.
     """
     if how == ORDER:
         if len(first.cells) != len(second.cells):
@@ -87,14 +89,14 @@ def joined(first: Sheet, second: Sheet, how: str) -> Sheet:
 
 
 def rows_side_by_side(pairs: IntArray) -> str:
-    """Write pairs of rows (K, 2), counted from 0, as `joined` reads them: `rows 1-6 = 1-6, 8-40 = 7-39`."""
+    """Format pairs of rows (K, 2), counted from 0, as `joined` reads them: `rows 1-6 = 1-6, 8-40 = 7-39`."""
     parts = np.split(pairs, np.flatnonzero((np.diff(pairs, axis=0) != 1).any(axis=1)) + 1)
     ends = [(part[0] + 1, part[-1] + 1) for part in parts]
     return ROWS + ", ".join(f"{a[0]}-{b[0]} = {a[1]}-{b[1]}" for a, b in ends)
 
 
 def _stretch(text: str) -> list[tuple[int, int]]:
-    """Pairs of rows, counted from 0, of `8-40 = 7-39`. Raises InputError where it is none."""
+    """Parse `8-40 = 7-39` into pairs of rows, counted from 0. Raises InputError for other text."""
     found = _STRETCH.match(text)
     numbers = [int(word) - 1 for word in found.groups()] if found else [0, 0, 0, 1]
     if numbers[1] - numbers[0] != numbers[3] - numbers[2]:
@@ -105,7 +107,7 @@ def _stretch(text: str) -> list[tuple[int, int]]:
 
 
 def _clock(sheet: Sheet, column: int) -> np.ndarray:
-    """Seconds of the day (N,), or whatever a column of numbers counts."""
+    """Return the seconds of the day (N,) of a column of clock times, or the values of a column of numbers."""
     if sheet.seconds(column) is None:
         if (values := sheet.numbers(column)) is None:
             raise InputError(f"join: {sheet.source}, column {column + 1}: no times; expected clock times or numbers")
@@ -117,7 +119,7 @@ def _clock(sheet: Sheet, column: int) -> np.ndarray:
 
 
 def _keys(sheet: Sheet, column: int) -> "pd.Series[str]":
-    """Return the keys of the rows' points: a text, or the last number in it; broken numbers are no keys."""
+    """Return the key of each row's point: its text, or the last number in it. Decimal numbers are no keys."""
     text = sheet.cells[column].fillna("").astype(str).str.strip().str.casefold()
     if text.str.contains(r"\d[.:]\d").any() or (text == "").any():
         return pd.Series([f"{column} {row} {sheet.source}" for row in range(len(text))])

@@ -1,4 +1,4 @@
-"""Cells of files of any layout: encoding, separator, decimal sign, header and units are recognised."""
+"""Files of any layout as cells: encoding, separator, decimal sign, header and units are recognised."""
 
 import re
 from collections import Counter
@@ -26,18 +26,18 @@ from gpmodel.table.units import known_unit
 from gpmodel.texts import read_limited
 
 MOST_HEADERS = 4
-"""Largest number of header lines: names, kinds and units one below the other."""
+"""Largest number of header lines: names, kinds and units in separate lines."""
 LONGEST_NAME = 200
-"""Characters of a name in which a unit is sought."""
+"""Number of characters of a name that are searched for a unit."""
 MISSING = {"", "-", "--", "---", "nan", "n/a", "na", "#n/a", "null", "none", "-nan", "-nan(ind)"}
-"""Cells that say that nothing was measured."""
+"""Cells that mean "not measured"."""
 UNITS = {
     "°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad", "millimeters": "mm",
     "millimetres": "mm", "millimeter": "mm", "meter": "m", "meters": "m", "micron": "um", "microns": "um",
     "inches": "in", "inch": "in", "°c": "degC", "c": "degC", "celsius": "degC", "°f": "degF", "sec": "s",
     "seconds": "s", "%": "percent", "nm": "N*m", "grad": "deg",
 }  # fmt: skip
-"""Spellings of units in other programs, in small letters."""
+"""Spellings of units in other programs, in lower case."""
 BEHIND = (
     "mm",
     "cm",
@@ -56,7 +56,7 @@ BEHIND = (
     "sec",
     "ms",
 )
-"""Units that are recognised at the end of a name without brackets."""
+"""Units that are recognised at the end of a column name without brackets."""
 _BRACKETS = re.compile(r"[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]")
 _BEHIND = re.compile(rf"(?i)^(.*?\w)\s*(?:[ _/,.-]|\bin\b)\s*({'|'.join(BEHIND)})$")
 _ROBTARGET = re.compile(r"\brobtarget\b|\[\[[^][]*\],\s*\[(?:[^][,]*,){3}[^][,]*\],\s*\[(?:[^][,]*,){3}[^][,]*\]")
@@ -70,8 +70,12 @@ _BETWEEN_WORDS = re.compile(
 
 @dataclass(frozen=True)
 class Sheet:
-    """A file's cells. names: name of each column in the header, "" without one. cells: text (N, columns),
-    decimal points throughout, missing where empty; columns are numbered from 0. said: how the file was read."""
+    """The cells of a file.
+
+    names: header of each column, "" without header.
+    cells: text (N, columns) with decimal points, missing where empty; columns are numbered from 0.
+    said: notes on how the file was read.
+    """
 
     names: tuple[str, ...]
     cells: pd.DataFrame
@@ -84,19 +88,19 @@ class Sheet:
         return range(len(self.names))
 
     def part(self, rows: slice) -> "Sheet":
-        """Take some of the rows."""
+        """Return the sheet with some of its rows."""
         return replace(self, cells=self.cells.iloc[rows].reset_index(drop=True))
 
     def numbers(self, column: int) -> "pd.Series[float] | None":
-        """Return the numbers (N,) of a column, NaN where empty; None where it holds text, or nothing."""
+        """Return the numbers (N,) of a column, NaN where empty; None if the column has text or is empty."""
         text = self.cells[column]
         values = pd.to_numeric(text, errors="coerce")
         return values.astype(float) if values.notna().any() and (values.isna() == text.isna()).all() else None
 
     def seconds(self, column: int) -> "pd.Series[float] | None":
-        """Return times (N,), s after the first, of a column of clock times, with or without dates; None of any other.
+        """Return the times (N,) of a column of clock times, s after the first, with or without dates; else None.
 
-        Dates with strokes, whose order of day and month differs from country to country, are read if all are one.
+        Dates with slashes are read only if all are equal, since the order of day and month differs between countries.
         """
         text = self.cells[column]
         known = text.dropna().astype(str)
@@ -111,11 +115,9 @@ class Sheet:
 
 
 def read_sheets(path: Path, header: bool = True) -> list[Sheet]:
-    """Read a text file of any layout, or the sheets of an Excel file that hold numbers. header: whether lines above the
-    data may name the columns.
-
-    Raises InputError: missing, empty, or without a number.
-    """
+    """Read a text file of any layout, or the sheets of an Excel file that hold numbers.
+    header: whether lines above the data may name the columns. Raises InputError if the file is missing, empty or has no
+    number."""
     raw = read_limited(path, LARGEST_FILE, "a measured table")
     if not raw.strip():
         raise InputError(EMPTY.format(path.name))
@@ -133,10 +135,8 @@ def read_sheets(path: Path, header: bool = True) -> list[Sheet]:
 
 
 def name_and_unit(header: str, own: str | None = None) -> tuple[str, str | None, bool]:
-    """Split what a header says into a name and a unit; whether the unit is in brackets or in a line of units (`own`).
-
-    `J1 (deg)`, `X_mm`, `Temperature in °C` are read as well as `J1 [deg]`.
-    """
+    """Split a header into name, unit, and whether the unit is certain: in brackets, or in a line of units (`own`).
+    `J1 (deg)`, `X_mm` and `Temperature in °C` are recognised as well as `J1 [deg]`."""
     text = " ".join(header.split()).strip("\"' ")
     if own and (unit := spelled_unit(own)):
         return text, unit, True
@@ -149,7 +149,7 @@ def name_and_unit(header: str, own: str | None = None) -> tuple[str, str | None,
 
 
 def spelled_unit(text: str) -> str | None:
-    """Return a unit as this program writes it; None where it is none."""
+    """Return a unit in the spelling of this program, or None for text that is no unit."""
     bare = text.strip(" []().").replace("µ", "u").replace("μ", "u")
     for unit in (UNITS.get(bare.lower(), bare), bare.lower()):
         if unit and not unit[0].isdigit() and known_unit(unit):
@@ -158,14 +158,14 @@ def spelled_unit(text: str) -> str | None:
 
 
 def _plain(cell: str, decimal: str) -> str:
-    """A number with a decimal point and without signs between thousands; other text as it is."""
+    """Return a number with a decimal point and without thousands separators; other text unchanged."""
     if not is_number(cell, decimal):
         return cell
     return cell.replace("." if decimal == "," else ",", "").replace(" ", "").replace(",", ".")
 
 
 def _sheet(rows: list[list[str]], decimal: str, path: Path, header: bool) -> Sheet:
-    """Find the data among rows of cells, and what stands above them."""
+    """Find the lines of data among rows of cells, and the header above them."""
     counts = [sum(is_number(cell, decimal) for cell in row) for row in rows]
     fewest = max(min(FEWEST_NUMBERS, max(counts, default=0)), 1)
     data = [i for i, n in enumerate(counts) if n >= fewest and not rows[i][0].startswith(COMMENTS)]
@@ -188,7 +188,8 @@ def _sheet(rows: list[list[str]], decimal: str, path: Path, header: bool) -> She
 
 
 def _above(rows: list[list[str]], first: int, width: int, decimal: str) -> list[list[str]]:
-    """Lines of the header, of `width` cells each: those above the data with about as many cells and hardly a number."""
+    """Return the lines of the header, with `width` cells each.
+    They stand above the data, have about as many cells, and contain hardly any numbers."""
     found: list[list[str]] = []
     for row in reversed(rows[:first]):
         words = list(row)
@@ -208,22 +209,20 @@ def _above(rows: list[list[str]], first: int, width: int, decimal: str) -> list[
 
 
 def _programmed(lines: Sequence[str]) -> bool:
-    """Return whether numbers stand in brackets or behind signs of equality, as in points of a robot's program."""
+    """Return whether numbers stand in brackets or after equals signs, as in the points of a robot program."""
     numbers = [line for line in lines if len(_BETWEEN_WORDS.findall(line)) >= FEWEST_NUMBERS]
     return bool(numbers) and sum(bool(re.search(r"[={\[].*\d", line)) for line in numbers) > len(numbers) / 2
 
 
 def _of_the_controller(line: str, names: Sequence[str]) -> bool:
-    """Return whether a line of a program is a position that its controller computed.
-
-    A robtarget of ABB, an E6POS of KUKA (X, Y, Z, A, B, C), a position of Fanuc (X, Y, Z, W, P, R).
-    """
+    """Return whether a line of a robot program is a Cartesian position computed by the controller.
+    It is a robtarget of ABB, an E6POS of KUKA (X, Y, Z, A, B, C) or a position of Fanuc (X, Y, Z, W, P, R)."""
     words = " ".join(name.split(" ")[0] for name in names)
     return bool(_ROBTARGET.search(line) or _POSE.search(words)) and not _AXES.search(words)
 
 
 def _between_words(text: str, path: Path) -> Sheet:
-    """Numbers of the lines that are alike but for them, as `A1 -12.5,A2 30` or `[[1.5,2,3],[1,0,0,0]]`."""
+    """Extract the numbers from lines that differ in numbers only, as `A1 -12.5,A2 30` or `[[1.5,2,3],[1,0,0,0]]`."""
     if kind := _POSTYPE.search(text):
         what = "pulses of the encoders" if kind[1] == "PULSE" else "positions that the controller computed"
         raise InputError(f"{path.name}: a job with {what}; expected joint values in degrees")

@@ -1,4 +1,4 @@
-"""Files of other programs: UR, robot_calibration, OpenCV, ROS, FIGAROH."""
+"""Imports of files of other programs: UR, robot_calibration, OpenCV, ROS, FIGAROH."""
 
 import math
 import re
@@ -24,14 +24,15 @@ OFFSETS = "robot_calibration's offsets, a line `NAME: number` each, of at most 1
 
 
 def calibrated_urdf(path: Path, nominal: Path) -> Imported:
-    """The URDF with the offsets in it. Raises InputError where a file cannot be read, or no offset is of one of its
-    joints.
+    """Return the nominal URDF with the offsets of robot_calibration applied.
 
-        origin' = origin · X · M(o),   X of NAME_x, NAME_y, NAME_z, m, and NAME_a, NAME_b, NAME_c, a rotation vector,
-        rad; M(o) the motion of the joint NAME by its offset o, rad or m
+    origin' = origin · X · M(o)
 
-    Source: mikeferguson/robot_calibration, optimization/offsets.cpp, getOffsetYAML and updateURDF, where an offset of a
-    joint goes into <calibration rising>, which nothing reads.
+    X: transform of the offsets NAME_x, NAME_y, NAME_z, m, and NAME_a, NAME_b, NAME_c, a rotation vector, rad.
+    M(o): motion of the joint NAME by its offset o, rad or m.
+    Raises InputError if a file is unreadable, or no offset belongs to a joint of the URDF.
+    Source: mikeferguson/robot_calibration, optimization/offsets.cpp, getOffsetYAML and updateURDF. There the offset of
+    a joint is written to <calibration rising>, which no other program reads.
     """
     offsets = _offsets(path)
     try:
@@ -75,7 +76,7 @@ def _offsets(path: Path) -> dict[str, float]:
 
 
 def _given(joint: ET.Element, tag: str, key: str, default: str, file: str) -> list[float]:
-    """Three numbers of a joint's tag."""
+    """Return the three numbers of an attribute of a joint's tag."""
     place = joint.find(tag)
     text = default if place is None else place.get(key, default)
     try:
@@ -88,13 +89,14 @@ def _given(joint: ET.Element, tag: str, key: str, default: str, file: str) -> li
 
 
 def origin_of(joint: ET.Element, file: str) -> Array:
-    """Where a joint of a URDF sits on its parent link, (4, 4), m. Raises InputError naming the file."""
+    """Return the transform (4, 4), m, from the parent link of a URDF joint to the joint. Raises InputError naming the
+    file."""
     turn = Rotation.from_euler("xyz", _given(joint, "origin", "rpy", "0 0 0", file)).as_matrix()
     return se3.frame(turn, _given(joint, "origin", "xyz", "0 0 0", file))
 
 
 def axis_of(joint: ET.Element, file: str) -> list[float]:
-    """The three numbers of a joint's axis. Raises InputError in these cases too."""
+    """Return the axis (3,) of a URDF joint. Raises InputError naming the file."""
     return _given(joint, "axis", "xyz", "1 0 0", file)
 
 
@@ -113,18 +115,18 @@ def _set_origin(joint: ET.Element, frame: Array) -> None:
 
 
 LARGEST_CAMERA = 64 << 20
-"""Bytes: corners of ten thousand views."""
+"""Largest size of a camera file, bytes: corners of ten thousand views."""
 A_CAMERA = "a camera's YAML, or corners, as OpenCV or ROS writes them"
 
 
 def camera_or_corners(path: Path, joints: Path | None, square: float | None) -> Imported:
-    """Cameras as a TOML file has them; or, of a file with corners, the table of pixels with camera and board beside it.
+    """Import a camera; if the file holds corners, import a table of pixels together with camera and board.
 
-    joints: a table of joint values with units, a row a view in which corners were found. square: from corner to corner,
-    m. Raises InputError: no such file, another lens than plumb_bob, as many views as rows there are not.
-
+    joints: table of joint values with units, one row per view with corners.
+    square: distance between neighbouring corners, m.
+    Raises InputError if a file is missing, the lens model is not plumb_bob, or the numbers of views and rows differ.
     Sources: OpenCV, samples/cpp/calibration.cpp (image_points, board_width, board_height) and FileStorage, whose first
-    line is no YAML of its own version; ROS, camera_calibration_parsers (camera_matrix, distortion_model plumb_bob).
+    line is not valid YAML; ROS, camera_calibration_parsers (camera_matrix, distortion_model plumb_bob).
     """
     content = _camera_file(path)
     if "image_points" not in content:
@@ -179,7 +181,7 @@ def _camera_name(content: dict[str, object], path: Path) -> str:
 
 
 def _lens(content: dict[str, object], path: Path) -> dict[str, object]:
-    """A camera that stands in the world; of no known lens where the file has none."""
+    """Return the description of a camera fixed in the world, without lens parameters if the file has none."""
     if "camera_matrix" not in content:
         return {"link": "world"}
     model = str(content.get("distortion_model", "plumb_bob"))
@@ -202,7 +204,7 @@ def _side(content: dict[str, object], key: str, path: Path) -> int:
 
 
 def _matrix(content: dict[str, object], key: str, path: Path) -> Array:
-    """Its numbers in a row."""
+    """Return the numbers of a matrix in a flat array."""
     given = content[key]
     try:
         found = np.asarray(given["data"] if isinstance(given, dict) else given, dtype=float).ravel()
@@ -217,15 +219,15 @@ _MARKER = re.compile(r"^(?:phi)?[xyz](\d+)$")
 
 
 def is_figaroh(path: Path) -> bool:
-    """Return whether the header of a CSV file names a first marker."""
+    """Return whether the header of a CSV file names a first marker, x1, y1 and z1."""
     return path.suffix.lower() == ".csv" and {"x1", "y1", "z1"} <= {str(c).strip() for c in read_frame(path)[0].columns}
 
 
 def figaroh_map(path: Path, mechanism: Mechanism | None) -> ColumnMap:
-    """A row a pose and marker: several markers are tools of one setup, rows of one pose one group. Angles are read of
-    a single marker.
+    """Return the map of a FIGAROH file, for a table with one row per pose and marker.
 
-    Raises InputError without a mechanism, or where a joint or a coordinate of a marker is missing. Source:
+    Several markers are tools of one set-up, and rows of one pose form a group. Orientations are read for a single
+    marker only. Raises InputError without a mechanism, or if a joint or a coordinate of a marker is missing. Source:
     thanhndv212/figaroh-plus, calibration/data_loader.py.
     """
     if mechanism is None:
@@ -248,16 +250,16 @@ def figaroh_map(path: Path, mechanism: Mechanism | None) -> ColumnMap:
 
 ROWS = ("theta", "d", "a", "alpha")
 NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
-"""Joints, as ROS calls them, with `_joint`."""
+"""Joints as named in ROS, where `_joint` follows each."""
 
 
 def calibrated_rows(path: Path, nominal: Path | None) -> Imported:
-    """A mechanism: TOML of the corrected standard rows, in the axes of the controller's base. nominal: urcontrol.conf.
+    """Import the calibration of a Universal Robots arm as a mechanism: TOML of its corrected standard DH rows.
 
-    Raises InputError where a file or one of its lines is missing, or a line has not six numbers.
+    T_i = Rz(q_i + delta_theta_i) Tz(d_i + delta_d_i) Tx(a_i + delta_a_i) Rx(alpha_i + delta_alpha_i)
 
-        T_i = Rz(q_i + delta_theta_i) Tz(d_i + delta_d_i) Tx(a_i + delta_a_i) Rx(alpha_i + delta_alpha_i)
-
+    nominal: urcontrol.conf. The base frame is that of the controller.
+    Raises InputError if a file or a line is missing, or a line does not have six numbers.
     Source: Universal Robots, forum threads 1638 and 18921; UniversalRobots/Universal_Robots_ROS_Driver, ur_calibration.
     """
     if nominal is None:
@@ -278,7 +280,7 @@ def calibrated_rows(path: Path, nominal: Path | None) -> Imported:
 
 
 def _lines(path: Path) -> dict[str, Array]:
-    """Lists of numbers by the name before them; others are left out."""
+    """Return the lists of numbers of the DH lines of a UR .conf file by name; other lines are left out."""
     found = {}
     for name, text in re.findall(
         r"^\s*(\w+)\s*=\s*\[([^\]]*)\]", read_text(path, LARGEST_FILE, "a UR .conf file"), re.M

@@ -1,4 +1,4 @@
-"""Reading measured tables: CSV or Excel, units in the headers, separators and decimal commas found out."""
+"""Reading of measured tables: CSV or Excel with units in the headers; separators and decimal commas are recognised."""
 
 import re
 from dataclasses import dataclass, field
@@ -22,11 +22,11 @@ FARTHEST = 1e5
 """Largest coordinate of a measured point, m."""
 
 ABSOLUTE_ZERO = {"degC": -273.15, "degF": -459.67, "K": 0.0}
-"""By the units that temperatures come in."""
+"""Absolute zero in each unit of temperature."""
 
 _DIMENSION = {"revolute": "angle", "prismatic": "length"}
 _DIMENSIONS = {**dict.fromkeys("xyz", "length"), **dict.fromkeys(("rx", "ry", "rz"), "angle"), "payload": "mass"}
-"""Names that say what a column is, beside LABELS."""
+"""Dimension of columns with reserved names, other than LABELS."""
 _EXAMPLES = {"length": "mm", "angle": "deg", "mass": "kg"}
 _TORQUE = re.compile(r"^(torque|tau|effort)_")
 _PARENTHESES = re.compile(r"^(?P<name>.*?)\s*\(\s*(?P<unit>[^\W\d_][^()]*?|°.*?|%)\s*\)$")
@@ -36,10 +36,10 @@ _NAMELESS = re.compile(r"^Unnamed: \d+$")
 def dataset_from(
     frame: pd.DataFrame, path: Path, mechanism: Mechanism, *, need_measurement: bool = True, sha256: str = ""
 ) -> Dataset:
-    """The poses in a frame of text cells, as read_frame gives it; `path` is what messages name.
+    """Return the poses in a frame of text cells from `read_frame`. path: file named in messages.
 
-    Columns are described in the README. Raises InputError: a column without or with an unknown unit, joints missing or
-    in surplus, text among numbers, nothing measured.
+    The columns are described in the README. Raises InputError for a column without or with an unknown unit, missing or
+    surplus joints, text among numbers, or a table without measurements.
     """
     columns = _split_columns(frame, path)
     empty = [split_header(name)[0] for name in frame.attrs.get("empty_columns", ())]
@@ -75,13 +75,13 @@ def dataset_from(
 
 
 def _with_tools(labels: dict[str, NDArray[np.str_]], mechanism: Mechanism) -> dict[str, NDArray[np.str_]]:
-    """Labels in which every arm has a tool of its own where no column says which it has."""
+    """Return labels in which every arm has a tool of its own, unless a tool column is given."""
     return {"tool": labels["tip"], **labels} if branched(mechanism) and "tip" in labels else labels
 
 
 @dataclass
 class _Cells:
-    """Content of the columns other than joints, filled column by column, in SI units; extras in their own."""
+    """Content of the columns other than joints, in SI units; `extras` are in their own units."""
 
     position: Array
     rotation: Array
@@ -96,7 +96,7 @@ class _Cells:
     ignored: list[str] = field(default_factory=list)
 
     def take(self, name: str, unit: str | None, column: pd.Series, where: str) -> None:
-        """Put a column where its name says it belongs."""
+        """Store a column by its name: label, position, rotation, distance, instrument column, payload or input."""
         if name in LABELS:
             self.labels[name] = _labels(column, where)
         elif name in ("x", "y", "z"):
@@ -130,8 +130,8 @@ class _Cells:
 
 
 def _labels(column: pd.Series, where: str) -> NDArray[np.str_]:
-    """The texts of a column (N,), spaces and line ends between words as one space. Raises InputError naming the row of
-    one with control characters."""
+    """Return the texts of a column (N,) with single blanks between words.
+    Raises InputError naming the row of a label with control characters."""
     words = [" ".join(word.split()) for word in column.fillna("").astype(str)]
     if bad := next((row for row, word in enumerate(words, 1) if steers(word)), 0):
         raise InputError(f"{where}, row {bad}: control characters in a label; expected plain text")
@@ -139,7 +139,7 @@ def _labels(column: pd.Series, where: str) -> NDArray[np.str_]:
 
 
 def _not_negative(values: Array, where: str) -> Array:
-    """Distances (N,). Raises InputError naming the row of a negative one."""
+    """Return distances (N,), m. Raises InputError naming the row of a negative distance."""
     if (values < 0).any():
         row = int(np.flatnonzero(values < 0)[0])
         raise InputError(f"{where}, row {row + 1}: {1e3 * values[row]:g} mm; expected a distance of zero or more")
@@ -147,7 +147,7 @@ def _not_negative(values: Array, where: str) -> Array:
 
 
 def _check_temperature(values: Array, unit: str, where: str) -> None:
-    """Raises InputError naming the row of a temperature below absolute zero."""
+    """Raise InputError naming the row of a temperature below absolute zero."""
     least = ABSOLUTE_ZERO.get(unit, -np.inf)
     if (values < least).any():
         row = int(np.flatnonzero(values < least)[0])
@@ -155,7 +155,7 @@ def _check_temperature(values: Array, unit: str, where: str) -> None:
 
 
 def _check_near(path: Path, cells: _Cells) -> None:
-    """Raise InputError where anything was measured from farther than any instrument reaches."""
+    """Raise InputError if a measured point or distance is farther than any instrument can measure."""
     for what, values in (("x, y, z", cells.position), *((n, v[:, None]) for n, v in cells.distances.items())):
         if (far := np.nanmax(np.abs(values), initial=0.0, axis=1)).max() > FARTHEST:
             raise InputError(
@@ -180,7 +180,7 @@ def _split_columns(frame: pd.DataFrame, path: Path) -> dict[str, tuple[str | Non
 
 
 def _check_brackets(columns: dict[str, tuple[str | None, pd.Series]], path: Path) -> None:
-    """Raises InputError naming all columns of numbers whose unit is in parentheses."""
+    """Raise LayoutError naming all columns of numbers whose unit is in parentheses."""
     found = {name: _PARENTHESES.match(name) for name, (unit, cells) in columns.items() if unit is None}
     wrong = [m for n, m in found.items() if m and known_unit(m["unit"]) and _has_numbers(columns[n][1])]
     if wrong:
@@ -191,7 +191,7 @@ def _check_brackets(columns: dict[str, tuple[str | None, pd.Series]], path: Path
 def _joint_columns(
     columns: dict[str, tuple[str | None, pd.Series]], joints: tuple[Joint, ...], path: Path, empty: list[str]
 ) -> dict[str, Joint]:
-    """Assign columns to joints. Raises InputError: joints missing, in surplus, or in other capitals."""
+    """Assign columns to joints. Raises InputError for missing or surplus joints, or names in other capitals."""
     written = {identifier(column): column for column in columns}
     by_name = {written.get(j.name, j.name): j for j in joints}
     by_number = {f"J{i}": j for i, j in enumerate(joints, 1)}
@@ -220,13 +220,13 @@ def _joint_columns(
 
 
 def _joint_values(column: tuple[str | None, pd.Series], joint: Joint, where: str) -> Array:
-    """Return values (N,) of a joint, rad or m."""
+    """Return the values (N,) of a joint, rad or m."""
     unit, cells = column
     return numbers(cells, where) * factor(unit or "1", _DIMENSION[joint.kind], where)
 
 
 def _check_headers(columns: dict[str, tuple[str | None, pd.Series]], joints: dict[str, Joint], path: Path) -> None:
-    """Raise InputError naming all columns in capitals that are expected in small letters, and all without a unit."""
+    """Raise LayoutError naming columns with capitals in a reserved name, and columns of numbers without a unit."""
     capitals, bare, own = [], {}, {*_DIMENSIONS, *LABELS}
     for name, (unit, cells) in columns.items():
         if name not in own | joints.keys() and name.lower() in own:
@@ -249,7 +249,7 @@ def _columns(names: list[str]) -> str:
 
 
 def _example(name: str, cells: pd.Series, joints: dict[str, Joint]) -> str:
-    """Return a unit to write behind a name without one, "unit" for an input; empty where none is needed."""
+    """Return an example unit for a column without one: "unit" for an input, "" if none is needed."""
     if name in LABELS:
         return ""
     if name in READINGS:
@@ -261,7 +261,7 @@ def _example(name: str, cells: pd.Series, joints: dict[str, Joint]) -> str:
 
 
 def _is_reading(name: str, unit: str | None) -> bool:
-    """Return whether a column of that name is an instrument's; `u [V]` is an input like any other."""
+    """Return whether a column with a reserved name was measured by an instrument; `u [V]` is an input."""
     return unit is None or READINGS[name] != "px" or unit in ("px", "pixel", "pixels")
 
 

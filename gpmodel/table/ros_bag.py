@@ -1,4 +1,4 @@
-"""Recordings of ROS 1 and 2: joint states, and the points, poses or transforms that were measured in addition.
+"""Recordings of ROS 1 and 2: joint states and the points, poses or transforms measured with them.
 
 Sources: sensor_msgs/JointState; geometry_msgs/PointStamped, PoseStamped, TransformStamped; read by rosbags.
 """
@@ -23,14 +23,14 @@ MEASURED = {
     "geometry_msgs/msg/PoseStamped": ("pose", "position", "orientation"),
     "geometry_msgs/msg/TransformStamped": ("transform", "translation", "rotation"),
 }
-"""Types of messages, and where in them are the point and the quaternion."""
+"""Types of messages, and the fields that hold the point and the quaternion."""
 APART = 0.05
 """Largest time between a measurement and its joint state, s. Drives report 20 times a second or more often."""
 
 
 @dataclass(frozen=True)
 class _JointState:
-    """A joint state: time, s, and values, rad and m, by name."""
+    """A joint state. time: s. values: joint name -> value, rad or m."""
 
     time: float
     values: dict[str, float]
@@ -38,7 +38,7 @@ class _JointState:
 
 @dataclass(frozen=True)
 class _Measured:
-    """A measurement: time, s, point (3,), m, and rotation vector (3,), rad, NaN where there is none."""
+    """A measurement. time: s. point: (3,) m. vector: rotation vector (3,), rad, NaN if not measured."""
 
     time: float
     point: Array
@@ -46,15 +46,15 @@ class _Measured:
 
 
 def is_bag(path: Path) -> bool:
-    """A ROS 1 file, or the folder of ROS 2."""
+    """Return whether a path is a recording: a ROS 1 file, or a file or folder of ROS 2."""
     return path.suffix.lower() in (".bag", ".mcap", ".db3") or (path / "metadata.yaml").is_file()
 
 
 def bag_table(path: Path, mechanism: Mechanism | None, topic: str | None) -> Imported:
-    """A row a measured message, with the joint state nearest in time. topic: of the measurements, where there are
-    several.
+    """Return a table with one row per measurement and the joint state nearest in time.
 
-    Raises InputError: no such extra or file, no topic of either kind or several, no joint state near a measurement.
+    topic: of the measurements, needed if there are several.
+    Raises InputError if rosbags or the file is missing, a topic is missing or ambiguous, or no joint state is near.
     """
     states, measured = _messages(path, topic)
     if not states or not measured:
@@ -77,7 +77,7 @@ def bag_table(path: Path, mechanism: Mechanism | None, topic: str | None) -> Imp
 
 
 def _messages(path: Path, topic: str | None) -> tuple[list[_JointState], list[_Measured]]:
-    """Joint states and measurements."""
+    """Return the joint states and the measurements of a recording."""
     with extra_for(f"reading {path.name}"):
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_typestore
@@ -127,4 +127,4 @@ def _time(message: object) -> float:
 
 
 _part = getattr
-"""Field of a message, whose class rosbags makes of its definition."""
+"""Field of a message, whose class rosbags creates from its definition."""

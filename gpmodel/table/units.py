@@ -1,4 +1,4 @@
-"""Units, only at the door: what a header or an option says, turned into SI."""
+"""Units of headers and options, and their conversion to SI on input."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ DIMENSIONS = {unit: dimension for dimension, unit in SI.items()}
 
 
 JOINT_UNITS = {"revolute": "rad", "prismatic": "m"}
-"""SI units of joint values by the kind of the joint."""
+"""SI units of joint values by kind of joint."""
 
 
 @lru_cache(maxsize=1)
@@ -39,27 +39,27 @@ def _registry() -> pint.UnitRegistry:
 
 
 def split_header(header: str) -> tuple[str, str | None]:
-    """`J1 [deg]` gives ("J1", "deg"); a header without brackets gives (header, None)."""
+    """Split a header into name and unit: `J1 [deg]` gives ("J1", "deg"). The unit is None without brackets."""
     match = _HEADER.match(header)
     return (match["name"], match["unit"]) if match else (header.strip(), None)
 
 
 def joint_column(name: str, kind: str, values: Array) -> tuple[str, Array]:
-    """Header and values of a joint column as it is written: [deg] for revolute joints, [mm] for prismatic ones."""
+    """Return header and values of a written joint column: [deg] for revolute joints, [mm] for prismatic joints."""
     return (f"{name} [deg]", np.degrees(values)) if kind == "revolute" else (f"{name} [mm]", 1e3 * values)
 
 
 def identifier(name: str) -> str:
-    """A name as expressions can write it: what is no letter or digit becomes an underscore."""
+    """Return a name as expressions spell it: every character but letters and digits becomes an underscore."""
     word = "".join(c if f"_{c}".isidentifier() else "_" for c in re.sub(r"\W", "_", name))
     return word if word.isidentifier() else f"_{word}"
 
 
 def _spelled(unit: str) -> str:
-    """Return the text of a unit.
+    """Return the text of a unit if it is safe to parse.
 
-    Raises ValueError if it is too long or raises anything but a name to a power: the units library would evaluate
-    9**9**9.
+    Raises ValueError if it is too long or contains a power of anything but a name, as 9**9**9, which the units library
+    would evaluate.
     """
     if len(unit) > QUOTED or len(_POWER.findall(unit)) != len(_RAISED.findall(unit)):
         raise ValueError(unit)
@@ -68,7 +68,7 @@ def _spelled(unit: str) -> str:
 
 @lru_cache(maxsize=256)
 def known_unit(unit: str) -> bool:
-    """Return whether the units library can read and convert this unit; `1` is the dimensionless one."""
+    """Return whether the units library can parse and convert this unit; `1` is dimensionless."""
     try:
         registry = _registry()
         spelled = registry.parse_units("" if unit == "1" else _spelled(unit))
@@ -80,18 +80,18 @@ def known_unit(unit: str) -> bool:
 
 @lru_cache(maxsize=256)
 def is_time(unit: str) -> bool:
-    """Return whether it is a unit of time."""
+    """Return whether a unit is a unit of time."""
     return unit != "1" and known_unit(unit) and _registry().parse_units(unit).is_compatible_with("s")
 
 
 def clock_names(units: Mapping[str, str]) -> set[str]:
-    """The row number and, of inputs with these units, the times: what the order of a session is told by."""
+    """Return "row" and the names of inputs with units of time: the inputs that order the poses of a session."""
     return {"row", *(name for name, unit in units.items() if is_time(unit))}
 
 
 @lru_cache(maxsize=256)
 def torque_factor(unit: str) -> float | None:
-    """Return the size of one `unit` in N·m (or N, of a force); None for a unit of neither."""
+    """Return the size of one `unit` in N·m (torque) or N (force); None for other units."""
     if unit == "1" or not known_unit(unit.replace("Nm", "N*m")):
         return None
     own = _registry().Quantity(1.0, unit.replace("Nm", "N*m"))
@@ -99,9 +99,9 @@ def torque_factor(unit: str) -> float | None:
 
 
 def factor(unit: str, dimension: str, where: str) -> float:
-    """Return the size of one `unit` of `dimension` (length, angle or mass) in SI units.
+    """Return the size of one `unit` of `dimension` (length, angle, mass or pixels) in SI units.
 
-    Raises InputError naming `where` when the unit is unknown or of another dimension.
+    Raises InputError naming `where` if the unit is unknown or of another dimension.
     """
     si = SI[dimension]
     if known_unit(unit) and unit != "1":
@@ -115,22 +115,22 @@ def factor(unit: str, dimension: str, where: str) -> float:
 
 
 def as_typed(text: str) -> str:
-    """A quantity as the pages print it, in the letters of a keyboard: `12.0 ± 0.3 ×10⁻⁶ 1/°C` as `12.0e-6 1/degC`."""
+    """Return a printed quantity as it is typed on a keyboard: `12.0 ± 0.3 ×10⁻⁶ 1/°C` becomes `12.0e-6 1/degC`."""
     text = _TIMES_TEN.sub(lambda m: f"e{m[1]}", _DEVIATION.sub("", text).translate(_PRINTED))
     return text.replace("°C", "degC").replace("°F", "degF").strip()
 
 
 def split_quantity(text: str) -> tuple[float, str] | None:
-    """`0.03 mm` gives (0.03, "mm"); None where there is no number or no unit."""
+    """Split a quantity into number and unit: `0.03 mm` gives (0.03, "mm"). Return None if one of them is missing."""
     text = as_typed(text)
     match = None if _NUMBER.match(text) else _QUANTITY.match(text)
     return (float(match["value"]), match["unit"]) if match else None
 
 
 def factor_like(unit: str, like: str) -> float | None:
-    """Return the size of one `unit` in SI units, also of `/K`; None unless its dimension is that of `like`.
+    """Return the size of one `unit`, which may be `/K`, in SI units; None unless its dimension is that of `like`.
 
-    None also for scales with a zero of their own (degC): their values are no multiples of a unit.
+    None also for units with an offset (degC), whose values are not multiples of a unit.
     """
     try:
         value: pint.Quantity = _one(unit)
@@ -147,7 +147,7 @@ def _one(unit: str) -> pint.Quantity:
 
 
 def parse_quantity(text: str, dimension: str, where: str) -> float:
-    """`60kg`, `0.03 mm` in SI. Raises InputError when there is no number or no unit."""
+    """Convert a quantity such as `60kg` or `0.03 mm` to SI. Raises InputError without a number or a unit."""
     split = split_quantity(text)
     if split is None:
         example = {"length": "0.03mm", "angle": "20deg", "mass": "60kg", "pixels": "0.1px"}[dimension]
@@ -156,9 +156,9 @@ def parse_quantity(text: str, dimension: str, where: str) -> float:
 
 
 def convert(text: str, unit: str, where: str) -> float:
-    """The number in `text`, `20 arcsec` or `20`, in `unit`; without a unit it is in `unit`.
+    """Return the number in `text`, as `20 arcsec` or `20`, in `unit`; a number without a unit is taken in `unit`.
 
-    Raises InputError when it is no number or its unit does not convert.
+    Raises InputError if there is no number, or its unit cannot be converted.
     """
     try:
         split = split_quantity(text)
@@ -179,10 +179,10 @@ UNITS = {"angle": ("deg", "rad"), "length": ("mm", "m", "in"), "mass": ("kg",), 
 
 
 class TomlTable:
-    """One table of a TOML file, units in its keys; keys are taken one by one, what is left over is an error.
+    """One table of a TOML file with units in its keys. Keys are taken one by one; a key that remains is an error.
 
-    content: what tomllib made of it. where: how messages name it. Every method raises InputError for a value of
-    the wrong kind.
+    content: output of tomllib. where: name of the table in messages. Every method raises InputError for a value of the
+    wrong kind.
     """
 
     def __init__(self, content: object, where: str) -> None:
@@ -193,23 +193,23 @@ class TomlTable:
         self.known: list[str] = []
 
     def take(self, key: str, default: Any) -> Any:
-        """Whatever the key holds."""
+        """Remove a key and return its value, or the default."""
         self.known.append(key)
         return self.content.pop(key, default)
 
     def tables(self, key: str) -> list[TomlTable]:
-        """The array of tables [[key]]; empty where there is none."""
+        """Return the array of tables [[key]]; empty if the key is missing."""
         content = self.take(key, [])
         if not isinstance(content, list):
             raise InputError(f"{self.where}: {key} is one table, expected [[{key}]] with double brackets")
         return [TomlTable(row, f"{self.where}: [[{key}]] {number}") for number, row in enumerate(content, 1)]
 
     def table(self, key: str) -> TomlTable:
-        """The table [key]; empty where there is none."""
+        """Return the table [key]; empty if the key is missing."""
         return TomlTable(self.take(key, {}), f"{self.where}: [{key}]")
 
     def quantity(self, key: str, dimension: str, default: Any, size: int | None = None) -> Any:
-        """Number, or vector of `size`, in SI from the key with a unit of the dimension behind it."""
+        """Return a number, or a vector of `size`, in SI units, from a key that ends in a unit of the dimension."""
         units = UNITS[dimension]
         written = [f"{key}_{unit}" for unit in units]
         self.known += written
@@ -230,7 +230,7 @@ class TomlTable:
         return value * scale if size is None else np.array(value, dtype=np.float64) * scale
 
     def choice(self, key: str, choices: tuple[Any, ...], default: Any = None) -> Any:
-        """One of the choices."""
+        """Return the value of a key that has to be one of `choices`."""
         value = self.take(key, default)
         if value not in choices or isinstance(value, bool):
             listed = ", ".join(map(repr, choices))
@@ -238,14 +238,14 @@ class TomlTable:
         return value
 
     def text(self, key: str, default: str) -> str:
-        """A text that is not empty."""
+        """Return the text of a key, which may not be empty."""
         value = self.take(key, default)
         if not isinstance(value, str) or not value:
             raise InputError(f"{self.where}: {key} is {value!r}, expected a text")
         return value
 
     def number(self, key: str) -> float:
-        """A finite number without unit."""
+        """Return the finite number, without unit, of a required key."""
         value = self.take(key, None)
         if value is None:
             raise InputError(f"{self.where}: {key} is missing; expected one finite number")
@@ -254,7 +254,7 @@ class TomlTable:
         return float(value)
 
     def numbers(self, key: str, size: int) -> Array | None:
-        """A list of finite numbers without unit; None where the key is missing."""
+        """Return a list of `size` finite numbers without unit; None if the key is missing."""
         value = self.take(key, None)
         if value is None:
             return None
@@ -264,14 +264,14 @@ class TomlTable:
         return np.array(value, dtype=np.float64)
 
     def needed(self, key: str, size: int) -> Array:
-        """Return the numbers of a required key."""
+        """Return the list of `size` finite numbers of a required key."""
         values = self.numbers(key, size)
         if values is None:
             raise InputError(f"{self.where}: expected {key}, a list of {size} finite numbers")
         return values
 
     def done(self) -> None:
-        """Checks that no key was left over."""
+        """Raise InputError if a key remains that was not taken."""
         if self.content:
             unknown = next(iter(self.content))
             raise InputError(f"{self.where}: unknown key {unknown}; expected {choices(unknown, self.known)}")

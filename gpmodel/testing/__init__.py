@@ -1,6 +1,6 @@
-"""Contract checks for what others bring: a mechanism, a family of effects, a representation of programs.
+"""Contract checks of extensions: a mechanism, a family of effects, a representation of programs.
 
-Each is a plain function for one's own test suite; it raises AssertionError that says what does not hold.
+Each check is a plain function for the author's own tests. It raises AssertionError that names the violated condition.
 """
 
 from gpmodel.testing.effects import check_effect, check_family

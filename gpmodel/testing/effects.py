@@ -1,4 +1,4 @@
-"""Contract of effects and their families."""
+"""Contract checks of effects and their families."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -29,11 +29,12 @@ INSTRUMENT_AT = (-1.0, -3.5, 0.5)
 def check_family(
     family: Family, mechanism: Mechanism, *, inputs: Mapping[str, Array] | None = None, poses: int = 24, seed: int = 0
 ) -> None:
-    """A family's candidates on a mechanism: named, finite, savable, and what the model does with them, signs included.
+    """Check the candidates of a family on a mechanism: names, values, text form and effect on the tool point.
 
-    inputs: further columns by header, "temperature [degC]": values (poses,). Checked: at least one candidate; names
-    once; the family's own name on each; bases that read known inputs, are finite and survive being saved as text; a
-    column that is the derivative of the predicted point.
+    inputs: further columns by header: "temperature [degC]": values (poses,).
+    The family cites a source and offers at least one candidate; names are unique, costs are not negative. Basis
+    functions depend on known inputs only, are finite, and survive conversion to text. The column of each effect is the
+    derivative of the predicted point, signs included.
     """
     scene, placement = _scene(mechanism, inputs or {}, poses, seed)
     found = tuple(instances(family, mechanism, scene.states))
@@ -51,7 +52,7 @@ def check_family(
 def check_effect(
     effect: Effect, mechanism: Mechanism, *, inputs: Mapping[str, Array] | None = None, poses: int = 24, seed: int = 0
 ) -> None:
-    """A single effect: as `check_family` checks those of a family."""
+    """Check a single effect as `check_family` checks the effects of a family."""
     _check_effect(effect, mechanism, *_scene(mechanism, inputs or {}, poses, seed))
 
 
@@ -79,7 +80,7 @@ def _check_effect(effect: Effect, mechanism: Mechanism, poses: Poses, placement:
 
 
 def _has(states: States, name: str) -> bool:
-    """Return whether these poses have a column or can derive it, as memory and instrument columns."""
+    """Return whether the poses have a column or can derive it, as columns of time lags and instruments."""
     try:
         return len(states[name]) == len(states)
     except InputError:

@@ -1,4 +1,4 @@
-"""Contract of a mechanism: slots, transforms, drives and loads."""
+"""Contract checks of a mechanism (slots, transforms, drives, loads) and of a representation of programs."""
 
 from collections.abc import Callable, Sequence
 
@@ -17,11 +17,11 @@ from gpmodel.numerics.se3 import chain, hat, right_jacobian
 
 
 def check_representation(representation: Representation, *, population: int = 64, seed: int = 0) -> None:
-    """A representation of programs: what it starts, breeds and decodes, and that a search with it finds a plain law.
+    """Check a representation of programs: initial programs, breeding, decoding, and a search for a simple formula.
 
-    Checked: populations of the size asked for; effective code that runs like the program it stands for, signs and
-    order of operands included; take and join keep programs; the seed alone decides, whatever the threads; the law
-    a - b is found, which b - a is not.
+    Populations have the requested size. Effective code gives the values of its program, with signs and order of
+    operands. `take` and `join` keep programs. The result depends on the seed alone, not on the number of threads. The
+    search finds a - b, which differs from b - a.
     """
     rng = np.random.default_rng(seed)
     inputs = Inputs(("a", "b"), rng.normal(size=(2, 40)))
@@ -64,24 +64,25 @@ def _check_search(representation: Representation, inputs: Inputs, seed: int) -> 
 
 
 PAYLOAD = 10.0
-"""Payload of a check, kg, whose weight shows in the loads."""
+"""Payload of a check, kg, large enough for its weight to be visible in the loads."""
 DOWN = (0.0, 0.0, -1.0)
-"""Direction of gravity in the root frame unless stated."""
+"""Direction of gravity in the root frame, unless stated."""
 ERROR, STEP = 1e-3, 1e-5
-"""Errors of a check, m and rad, larger than a machine's; and the step of central differences, whose third order is
-1e-10."""
+"""Errors of a check, m and rad, larger than a machine's; step of central differences, whose third-order error is 1e-10.
+"""
 
 GRAVITY = (9.7, 9.9)
-"""Range of gravity on Earth, m/s²: 9.780 at the equator, 9.832 at the poles."""
+"""Range of gravity on Earth, m/s²: 9.780 at the equator, 9.832 at the poles, and a margin."""
 
 
 def check_mechanism(mechanism: Mechanism, *, down: Sequence[float] = DOWN, poses: int = 12, seed: int = 0) -> None:
-    """A mechanism's slots, transforms, drives and loads, signs included.
+    """Check the slots, transforms, drives and loads of a mechanism, signs included.
 
-    down: the direction of gravity in the root frame. Checked: slots are base, both sides of each joint, tool;
-    transforms are rigid, each pose on its own; a drive is the derivative of the pose; what a payload adds to the loads
-    is its weight times its lever arms, and its torque about a coordinate minus the slope of its potential energy. Where
-    loops close also: with error twists at every slot at once, what a further one moves the tool by.
+    down: direction of gravity in the root frame.
+    Slots are base, both sides of each joint, and tool. Transforms are rigid and independent of other poses. A drive is
+    the derivative of the pose by its joint value. A payload adds its weight times its lever arms to the loads; its
+    torque about a joint is minus the slope of its potential energy. With closed loops, the motion of the tool by a
+    further error twist is checked too, with errors at every slot.
     """
     q = random_poses(mechanism, poses, np.random.default_rng(seed))
     _check_slots(mechanism)
@@ -196,7 +197,7 @@ def _payload_loads(mechanism: Mechanism, q: Array) -> dict[str, Array]:
 
 
 def _payload_centre(mechanism: Mechanism, q: Array, base: Array, moment: Array, weight: Array) -> Array:
-    """Centre of mass of a payload in the tool frame (3,), m: (p + R c - o) × m g = moment, by least squares."""
+    """Fit the centre of mass of a payload in the tool frame (3,), m: (p + R c - o) × m g = moment."""
     tool = chain(mechanism.transforms(q))[-1]
     arm = tool[:, :3, 3] - base[:, :3, 3]
     left = moment / PAYLOAD - np.cross(arm, weight)
@@ -219,12 +220,12 @@ def _slope(function: Callable[[Array], Array], q: Array, column: int) -> Array:
 
 
 def _rate(frame: Array, axis: str) -> Array:
-    """Change (N, 4, 4) in root coordinates of what follows a unit twist in `frame`."""
+    """Return the change (N, 4, 4), in the root frame, of the poses of later frames by a unit twist of `frame`."""
     return frame @ _twisted(np.eye(6)[None, AXES.index(axis)]) @ np.linalg.inv(frame)
 
 
 def _twisted(twists: Array) -> Array:
-    """The matrices (N, 4, 4) of twists (N, 6), m and rad, whose exponentials are motions."""
+    """Return the matrices (N, 4, 4) of twists (N, 6), m and rad, whose matrix exponentials are rigid motions."""
     out = np.zeros((len(twists), 4, 4))
     out[:, :3, :3], out[:, :3, 3] = hat(twists[:, 3:]), twists[:, :3]
     return out
