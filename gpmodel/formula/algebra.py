@@ -1,4 +1,4 @@
-"""Programs and computer algebra: to sympy and back."""
+"""Convert programs to sympy expressions and back, and simplify them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from math import prod
@@ -15,13 +15,13 @@ from gpmodel.formula.program import Builder, Node, Program
 _LARGEST_POWER = 64
 Pieces = Mapping[sympy.Symbol, sympy.Expr]
 LARGEST_PIECE = 30
-"""Operators and leaves of one expression in SymPy. Longer ones take minutes."""
+"""Largest number of operators and leaves of one expression in sympy. Longer expressions take minutes."""
 
 logical_not = sympy.Function("not_")
-"""1 where its argument is 0, else 0: left alone by the algebra."""
+"""1 where the argument is 0, else 0. sympy does not simplify it."""
 
 deadzone, logistic, hypot = map(sympy.Function, ("deadzone", "logistic", "hypot"))
-"""Functions that the algebra leaves alone: excess of the argument beyond -1 to 1; 1/(1 + exp(-a)); sqrt(a*a + b*b)."""
+"""Functions that sympy does not simplify: excess of the argument beyond -1 to 1; 1/(1 + exp(-a)); sqrt(a*a + b*b)."""
 
 _SYMPY: dict[str, Callable[..., sympy.Expr]] = {
     "add": lambda a, b: a + b,
@@ -54,15 +54,15 @@ _SYMPY: dict[str, Callable[..., sympy.Expr]] = {
 
 
 def to_sympy(program: Program) -> list[sympy.Expr]:
-    """One sympy expression an output, all of it written out; inputs are real symbols of the same names."""
+    """Return one sympy expression for each output, without abbreviations. Inputs become real symbols of equal names."""
     return in_pieces(program, None)[1]
 
 
 def in_pieces(program: Program, largest: int | None) -> tuple[dict[sympy.Symbol, sympy.Expr], list[sympy.Expr]]:
-    """Expressions of the outputs over inputs and over symbols for their larger parts, with what these stand for.
+    """Return definitions of symbols for large subexpressions, and the outputs in terms of inputs and these symbols.
 
-    No expression has more than about `largest` operators and leaves, so that algebra on a long program with many shared
-    parts, whose written-out form may be exponentially longer, comes to an end. None: one piece, whatever its size.
+    No expression has more than about `largest` operators and leaves. The written-out form of a program with shared
+    parts may be exponentially longer, and algebra on it would not end. largest: None for no limit.
     """
     values: list[sympy.Expr] = []
     sizes: list[int] = []
@@ -91,7 +91,7 @@ def _value(node: Node, values: list[sympy.Expr]) -> sympy.Expr:
 
 
 def from_sympy(expressions: Sequence[sympy.Expr], pieces: Pieces | None = None) -> Program:
-    """The program of sympy expressions made of our operators; `pieces` are what some of their symbols stand for.
+    """Return the program of sympy expressions. `pieces` defines some of their symbols.
 
     Raises ValueError for a function that no operator computes.
     """
@@ -144,7 +144,7 @@ def _build(builder: Builder, expression: sympy.Expr, built: Mapping[sympy.Symbol
 
 
 def _chain(builder: Builder, expression: sympy.Expr, built: Mapping[sympy.Symbol, int]) -> int:
-    """A sum with its negative terms subtracted, or a product with its inverse factors divided by."""
+    """Build a sum, with negative terms subtracted, or a product, with inverse factors as divisors."""
     join, invert = ("add", "subtract") if expression.is_Add else ("multiply", "divide")
     neutral = 0.0 if expression.is_Add else 1.0
     plain, inverse = [], []
@@ -165,7 +165,7 @@ def _chain(builder: Builder, expression: sympy.Expr, built: Mapping[sympy.Symbol
 
 
 def _magnitude(expression: sympy.Expr) -> sympy.Expr:
-    """Without an outer absolute value, which ``sqrt`` and ``log`` take anyway."""
+    """Remove an outer absolute value: ``sqrt`` and ``log`` take the absolute value of their argument."""
     return expression.args[0] if isinstance(expression, sympy.Abs) else expression
 
 
@@ -185,16 +185,14 @@ def _power(builder: Builder, base: sympy.Expr, exponent: sympy.Expr, built: Mapp
 _ONE_OPERATOR = 2
 
 MOST_TERMS = 64
-"""Largest number of terms of an expanded expression, a sine or cosine counted as two.
-
-Algebra on more takes seconds and hardly shortens any.
-"""
+"""Largest number of terms of an expanded expression that is simplified; a sine or cosine counts as two. Algebra on a
+longer expression takes seconds and hardly shortens any."""
 
 
 def simplify(program: Program) -> Program:
-    """The program with numbers and neutral elements worked out, then what algebra makes of it where that is shorter.
+    """Return the shortest form of a program that constant folding and algebra find.
 
-    One with an operator that is only written, never evolved, stays as it is.
+    A program with an operator that evolution does not use is returned unchanged.
     """
     if _is_written(program):
         return program
@@ -211,7 +209,7 @@ def simplify(program: Program) -> Program:
 
 
 def _is_written(program: Program) -> bool:
-    """Return whether any of its operators is used in texts only and never evolved."""
+    """Return whether a program has an operator that is written by users and never evolved."""
     return any(BY_NAME[name].code >= WRITTEN for name in program.operator_counts)
 
 
@@ -224,10 +222,11 @@ def _unchanged(expression: sympy.Expr) -> sympy.Expr:
 
 
 def _by_levels(expression: sympy.Expr) -> sympy.Expr:
-    """Simplify an expression level by level: functions of an angle nested within a function are simplified first.
+    """Simplify an expression level by level: functions of an angle inside another function come first.
 
-    Identities of angles are sought in the whole of what they are given, also within the arguments of what is one
-    number to them. One that multiplied out had more than MOST_TERMS stays as it is.
+    sympy seeks trigonometric identities also inside the arguments of functions, which takes long. Each such argument is
+    therefore simplified alone and replaced by a symbol. A level with more than MOST_TERMS terms after expansion stays
+    as it is.
     """
     inside: dict[sympy.Expr, sympy.Symbol] = {}
 

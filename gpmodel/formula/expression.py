@@ -1,4 +1,4 @@
-"""Bases: the shape of an effect as a function of the pose's states."""
+"""Basis functions: the dependence of an effect on the state of the pose, read from text."""
 
 import ast
 import sys
@@ -25,23 +25,23 @@ _BINARY: dict[type, str] = {
 
 LARGEST_NUMBER = sys.float_info.max
 DIGITS = 6
-"""Significant digits of a written constant: a millionth of it is far below its standard error."""
+"""Significant digits of a written constant: an error of a millionth is far below the standard error of a constant."""
 LONGEST_TEXT = 50_000
-"""Characters of a formula. A sequence of 256 instructions, the longest that is evolved, has 10 000."""
+"""Largest number of characters of a formula. A sequence of 256 instructions, the longest that evolves, has 10 000."""
 MOST_PARTS = 5_000
-"""Operators, inputs and numbers of a formula."""
+"""Largest number of operators, inputs and numbers of a formula."""
 DEEPEST = 300
-"""Nesting of a formula: that of a sequence of 256 instructions whose parts are each used once."""
+"""Largest nesting of a formula: that of a sequence of 256 instructions whose results are each used once."""
 _ALONE = threading.RLock()
-"""Held while a text is parsed: Python 3.11 counts the depth of syntax trees for all threads together."""
+"""Lock held while a text is parsed: Python 3.11 counts the depth of syntax trees for all threads together."""
 
 
 def parse(text: str, what: str = "program") -> Program:
-    """``v1 = sin(J1); v1*v1 + 2*'oil temperature', v1`` to a program. The text is read, never executed.
+    """Parse a text such as ``v1 = sin(J1); v1*v1 + 2*'oil temperature', v1`` into a program, without executing it.
 
-    Functions are the operators' names; ``x**n`` with a whole n is written out, any other power is ``power``. A quoted
-    text is an input whose name is no identifier. ``what`` names the text in errors. Raises InputError with the part
-    that could not be read.
+    Functions have the names of the operators. ``x**n`` with a whole n becomes a product; any other power is ``power``.
+    A quoted text is an input whose name is no identifier. Raises InputError with the part that cannot be parsed. what:
+    name of the text in the message.
     """
     if len(text) > LONGEST_TEXT:
         raise InputError(f"{what} {text[:40]!r}…: {len(text)} characters, expected at most {LONGEST_TEXT}")
@@ -76,12 +76,12 @@ def _read(statements: list[ast.stmt], whole: str) -> Program:
 
 
 def _short(text: str) -> str:
-    """The text in quotes, or how it begins."""
+    """Return the text in quotes, shortened to 200 characters."""
     return repr(text) if len(text) <= 200 else f"{text[:200]!r}…"
 
 
 def _check_size(statements: list[ast.stmt], whole: str) -> None:
-    """Raises InputError where there are too many parts, or too many within each other."""
+    """Raise InputError if a text has too many parts or too deep a nesting."""
     level: list[ast.AST] = list(statements)
     depth = parts = 0
     while level:
@@ -98,7 +98,7 @@ class _Reader:
         self.names: dict[str, int] = {}
 
     def read(self, node: ast.expr) -> int:
-        """The number of the node that computes a part of the text."""
+        """Return the index of the node that computes a part of the text."""
         match node:
             case ast.Constant(value=str() as name):
                 return self.builder.input(name)
@@ -126,20 +126,20 @@ class _Reader:
         raise InputError(f"{self.whole}: cannot read {said!r}; functions are {choices(said.split('(')[0], BY_NAME)}")
 
     def number(self, value: float) -> int:
-        """A constant. Raises InputError where it is too large for one."""
+        """Return the index of a constant. Raises InputError if the constant is too large."""
         if abs(value) > LARGEST_NUMBER:
             raise InputError(f"{self.whole}: holds a number that is too large, expected at most {LARGEST_NUMBER:g}")
         return self.builder.constant(float(value))
 
     def call(self, name: str, arguments: list[ast.expr]) -> int:
-        """A function of its arguments. Raises InputError where it takes another number of them."""
+        """Return the index of a function call. Raises InputError for a wrong number of arguments."""
         if len(arguments) != BY_NAME[name].arity:
             raise InputError(f"{self.whole}: {name} takes {BY_NAME[name].arity} arguments, {len(arguments)} given")
         return self.builder.apply(name, *(self.read(argument) for argument in arguments))
 
 
 def raise_to(builder: Builder, base: int, power: int) -> int:
-    """``base**power`` for a whole power of at least one, by squaring."""
+    """Return the index of ``base**power`` for a whole power of at least one, computed by squaring."""
     if power == 1:
         return base
     half = raise_to(builder, base, power // 2)
@@ -148,33 +148,33 @@ def raise_to(builder: Builder, base: int, power: int) -> int:
 
 
 LARGEST_WRITTEN = 50_000
-"""Parts of a basis with every name expanded; each name may double it."""
+"""Largest number of parts of a basis function with each name replaced by its definition; each name may double it."""
 
 
 class Columns(Protocol):
-    """Named columns (N,), one value a pose; its length is N."""
+    """Columns (N,) by name, with one value a pose. The length of the object is N."""
 
     def __getitem__(self, name: str, /) -> Array: ...
     def __len__(self) -> int: ...
 
 
 class Basis(Protocol):
-    """A shape φ(s). `str(basis)` is its expression; `inputs` are the state columns it reads."""
+    """A basis function φ(s) of the states s. `str(basis)` is its expression."""
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The state columns that it reads, in the order of their first mention."""
+        """Names of the state columns in the expression, in the order of first use."""
 
     def __call__(self, states: Columns) -> Array:
-        """Values (N,) at the poses of `states`."""
+        """Return the values (N,) at the poses of `states`."""
 
 
 @dataclass(frozen=True)
 class Expression:
-    """A basis written as text, `sin(2*J4)`: a program of one output over state columns.
+    """A basis function written as text, such as `sin(2*J4)`: a program of one output over state columns.
 
-    What may be written and what it means is stated by `gpmodel.formula.expression` and `gpmodel.formula.operators`.
-    Raises InputError for anything else: the text is read, never executed.
+    `gpmodel.formula.expression.parse` states the syntax, `gpmodel.formula.operators` the functions. Raises InputError
+    for any other text. The text is parsed, never executed.
     """
 
     text: str
@@ -186,22 +186,23 @@ class Expression:
 
     @property
     def program(self) -> Program:
-        """The program that the text stands for; equal parts of it are one node."""
+        """The program of the text, with equal subexpressions as one node."""
         return _parsed(self.text)
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
-        """The state columns that it reads, in the order of their first mention."""
+        """Names of the state columns in the expression, in the order of first use."""
         return tuple(str(node.value) for node in self.program.nodes if node.operator == "input")
 
     @cached_property
     def length(self) -> int:
-        """Operators, inputs and constants that it is written with, as in `gpmodel.formula.program`."""
+        """Number of operators, inputs and constants, as `gpmodel.formula.program.length` counts them."""
         return length(self.program)
 
     @cached_property
     def call(self) -> tuple[str, str]:
-        """Name and argument of the function that it is a call of, `sin` and `2*J4`; both empty where it is none."""
+        """Name and argument of the outermost function, such as `sin` and `2*J4`. Both empty if there is no outer
+        function."""
         program = self.program
         last = program.nodes[program.outputs[0]]
         if len(last.arguments) != 1:
@@ -218,7 +219,7 @@ class Expression:
 
 @lru_cache(maxsize=1 << 16)
 def _parsed(text: str) -> Program:
-    """The program of a text; thousands of candidates are written anew in every round."""
+    """Return the program of a text. It is cached, because each round writes thousands of candidates anew."""
     program = parse(text, "basis")
     if len(program.outputs) != 1:
         raise InputError(f"basis {text!r}: {len(program.outputs)} values, expected one; write for example sin(2*J4)")

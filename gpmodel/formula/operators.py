@@ -1,19 +1,17 @@
-"""The operators of Table 5.1 of the thesis and a few more, with every choice the thesis leaves open.
+"""The operators of Table 5.1 of Robertson (2003) and some more, with their exact meaning.
 
-This table is the only meaning that an operator has: programs, texts of effects, algebra and the printers read it, and
-the kernels, which compute the same on rows of numbers, are tested against it.
+This table is the only definition of an operator. Programs, formulas in text, algebra and printing use it. The kernels
+compute the same functions on rows of numbers and are tested against it.
 
-Choices, made once and tested:
-
-* arithmetic is IEEE and unprotected: a division by zero gives an infinity, and a program whose output is
-  not finite is rejected by the search. No branch is hidden inside a smooth function.
-* ``sqrt`` and ``log`` read the absolute value; ``modulo`` is ``a - b*floor(a/b)``, the sign of the divisor.
-* ``not`` is C's: 1 where the accumulator is 0, else 0.
-* ``min`` and ``max`` hand on a NaN.
-* ``step`` is 1 above 0, else 0; ``deadzone`` is what of its argument is below -1 or above 1, else 0.
+* Arithmetic is IEEE and unprotected: a division by zero gives an infinity. The search rejects a program whose output is
+not finite. No smooth function contains a hidden branch.
+* ``sqrt`` and ``log`` take the absolute value; ``modulo`` is ``a - b*floor(a/b)`` and has the sign of the divisor.
+* ``not`` is that of C: 1 where the argument is 0, else 0.
+* ``min`` and ``max`` propagate a NaN.
+* ``step`` is 1 above 0, else 0; ``deadzone`` is the excess of its argument below -1 or above 1, else 0.
 * ``logistic`` is 1/(1 + exp(-a)), ``hypot`` is sqrt(a*a + b*b).
-* ``power`` is real: a NaN of a negative base and a broken exponent.
-* angles are radians.
+* ``power`` is real: NaN for a negative base and an exponent that is not whole.
+* Angles are in radians.
 """
 
 from collections.abc import Callable, Iterable
@@ -25,16 +23,16 @@ from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError, choices
 
 TABLE_CONSTANTS: tuple[float, ...] = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
-"""Input elements 9 to 15 of Table 5.1."""
+"""Constants of a program: input elements 9 to 15 of Table 5.1 of Robertson (2003)."""
 
 
 @dataclass(frozen=True)
 class Operator:
-    """One operator: its op-code, its function of one or two arguments and the partial derivatives of it.
+    """An operator: its op-code, its function of one or two arguments and the partial derivatives of that function.
 
-    ``code`` is ``WRITTEN`` or more where it stands in texts only and no search evolves it.
-    ``smooth`` says that the first derivative is continuous everywhere; ``derivatives`` takes the arguments
-    and returns one array an argument (almost everywhere for the others).
+    code: ``WRITTEN`` or more for an operator that only users write and evolution does not use.
+    smooth: the first derivative is continuous everywhere.
+    derivatives: function of the arguments that returns one array an argument; exact almost everywhere if not smooth.
     """
 
     code: int
@@ -79,7 +77,7 @@ INPUT, LOAD, STORE = 0, 1, 2
 """Op-codes that move data and compute nothing."""
 
 WRITTEN = 23
-"""First op-code of the operators that are written, read and fitted, but not evolved."""
+"""First op-code of the operators that are written, parsed and fitted, but not evolved."""
 
 ARITHMETIC: tuple[Operator, ...] = (
     Operator(3, "add", 2, True, np.add, lambda a, b: (_ones(a), _ones(b))),
@@ -103,7 +101,7 @@ ARITHMETIC: tuple[Operator, ...] = (
     Operator(21, "asin", 1, False, _arcsin, lambda a: (1.0 / np.sqrt(1.0 - a * a),)),
     Operator(22, "reciprocal", 1, False, lambda a: 1.0 / a, lambda a: (-1.0 / (a * a),)),
 )
-"""All operators that can be evolved; codes 3 to 17 are those of Table 5.1, the rest are ours."""
+"""All operators that can be evolved. Codes 3 to 17 are those of Table 5.1 of Robertson (2003)."""
 
 LANGUAGE: tuple[Operator, ...] = (
     *ARITHMETIC,
@@ -117,7 +115,7 @@ LANGUAGE: tuple[Operator, ...] = (
         lambda a, b: (b * np.float_power(a, b - 1.0), np.float_power(a, b) * np.log(a)),
     ),
 )  # fmt: skip
-"""All operators that can be written."""
+"""All operators that can be written in a formula."""
 
 BY_NAME: dict[str, Operator] = {operator.name: operator for operator in LANGUAGE}
 BY_CODE: dict[int, Operator] = {operator.code: operator for operator in ARITHMETIC}
@@ -128,14 +126,14 @@ SETS: dict[str, tuple[str, ...]] = {
     "slot": ("add", "subtract", "multiply", "divide", "min", "max", "abs", "square", "sin", "cos", "exp", "tanh"),
     "physics": ("reciprocal", "add", "subtract", "multiply", "divide", "square", "sqrt", "sin", "cos", "exp", "log"),
 }
-"""Named subsets: ``thesis`` (Table 5.1), ``smooth`` (continuous first derivative, section 5.2.3), ``slot``
-(shapes of mechanism errors: harmonics, springs, dead zones, bumps, saturation), ``physics`` (laws)."""
+"""Named subsets: ``thesis`` (Table 5.1 of Robertson 2003), ``smooth`` (continuous first derivative, its section 5.2.3),
+``slot`` (shapes of mechanism errors: harmonics, springs, dead zones, bumps, saturation), ``physics`` (laws)."""
 
 
 def operator_set(names: str | Iterable[str]) -> tuple[Operator, ...]:
-    """The operators of a named set, or of a list of operator names, in op-code order.
+    """Return the operators of a named set, or of a list of operator names, in op-code order.
 
-    Raises InputError for a name that is neither.
+    Raises InputError for an unknown name.
     """
     if isinstance(names, str):
         names = SETS[names] if names in SETS else [name.strip() for name in names.split(",")]

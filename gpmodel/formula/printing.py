@@ -1,4 +1,4 @@
-"""Programs in the languages of others: LaTeX, NumPy and C99 source."""
+"""Write programs as LaTeX, NumPy or C99 source."""
 
 import re
 from collections.abc import Mapping
@@ -14,12 +14,12 @@ from gpmodel.formula.expression import DIGITS
 from gpmodel.formula.program import Program
 
 _ONE_LETTER = re.compile(r"[A-Za-z]\d*$")
-"""Names that mathematics sets as they are; of longer ones each letter would be a factor."""
+"""Names that LaTeX sets in italics. In a longer name each letter would look like a factor."""
 _STEP, _NOT = sympy.Function("step"), sympy.Function("not")
 
 
 def latex(program: Program) -> str:
-    """LaTeX of the outputs, separated by commas; after the definitions of their parts where they are long.
+    """Return the outputs in LaTeX, separated by commas, after the definitions of their parts if they are long.
 
     Numbers are rounded to DIGITS.
     """
@@ -30,9 +30,7 @@ def latex(program: Program) -> str:
 def latex_lines(
     program: Program, names: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[list[tuple[str, str]], list[str]]:
-    """Return LaTeX names and texts of the parts, and one text an output. names: replacements for the names of
-    inputs.
-    """
+    """Return names and definitions of the parts in LaTeX, and one text for each output. names: replaced input names."""
     written = {sympy.Symbol(name, real=True): _symbol(names.get(name, name)) for name in program.inputs}
     pieces, outputs = _rounded(program)
 
@@ -51,19 +49,22 @@ def _symbol(name: str) -> str:
 
 
 def in_latex(name: str) -> str:
-    """Write a name in LaTeX: no command, no comment."""
+    """Escape a name for LaTeX, so that it is no command and no comment."""
     return harmless(name).replace("%", "\\%").replace(" ", "\\ ").replace("_", "\\_")
 
 
 def as_in_latex(program: Program) -> Program:
-    """The program that its LaTeX says: with numbers of DIGITS."""
+    """Return the program with its numbers rounded to DIGITS, as its LaTeX shows them."""
     pieces, outputs = _rounded(program)
     return from_sympy(outputs, pieces)
 
 
 @lru_cache(maxsize=1)
 def _rounded(program: Program) -> tuple[dict[sympy.Symbol, sympy.Expr], list[sympy.Expr]]:
-    """Pieces and outputs with numbers of DIGITS; of the last program, which is written and then read."""
+    """Return pieces and outputs with numbers rounded to DIGITS.
+
+    The last result is cached, since `latex` and `as_in_latex` need it one after the other.
+    """
 
     def rounded(expression: sympy.Expr) -> sympy.Expr:
         return expression.xreplace({n: sympy.Float(f"{float(n):.{DIGITS}g}") for n in expression.atoms(sympy.Float)})
@@ -73,7 +74,10 @@ def _rounded(program: Program) -> tuple[dict[sympy.Symbol, sympy.Expr], list[sym
 
 
 def inline(program: Program, language: Literal["numpy", "c99"], columns: Mapping[str, str]) -> str:
-    """The first output as one expression. columns: what each input is called there. C needs <math.h>."""
+    """Write the first output as one expression. C99 needs <math.h>.
+
+    columns: name or source text of each input in that language.
+    """
     written: list[str] = []
     for node in program.nodes:
         if node.operator == "input":

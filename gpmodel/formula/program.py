@@ -1,4 +1,4 @@
-"""An evolved expression as an object: a small directed graph of operators over named inputs."""
+"""A program: a small directed graph of operators over named inputs, which evolution makes or a text defines."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -25,7 +25,10 @@ class Named(Protocol):
 
 
 class Node(NamedTuple):
-    """A leaf (``input`` with its name, ``constant`` with its value) or an operator over earlier nodes."""
+    """An input with its name, a constant with its value, or an operator on earlier nodes.
+
+    arguments: indices of the nodes to which the operator applies.
+    """
 
     operator: str
     arguments: tuple[int, ...] = ()
@@ -34,18 +37,18 @@ class Node(NamedTuple):
 
 @dataclass(frozen=True)
 class Program:
-    """Effective code only: every node reaches an output, equal nodes are one, arguments precede their use.
+    """A graph without dead code: every node reaches an output, equal nodes are merged, arguments come before their use.
 
-    ``evaluate`` gives one row an output; the outputs of a slot's program are a small set of basis functions.
+    The outputs of the program of a slot are a small set of basis functions.
     """
 
     nodes: tuple[Node, ...]
     outputs: tuple[int, ...]
 
     def evaluate(self, inputs: Mapping[str, Array]) -> Array:
-        """Values of the outputs, shape (outputs, N), from a mapping of input name to (N,) array.
+        """Return the values (outputs, N) of the outputs, from a mapping of input name to (N,) array.
 
-        Raises InputError where an input of the program is missing.
+        Raises InputError if an input of the program is missing.
         """
         missing = sorted(set(self.inputs) - set(inputs))
         if missing:
@@ -55,9 +58,10 @@ class Program:
         return np.array([values[k] for k in self.outputs]).reshape(-1, length)
 
     def values(self, columns: Named, length: int, constants: Iterable[float] | None = None) -> list[Array]:
-        """Values (N,) of every node, N being ``length``, by the functions of ``gpmodel.formula.operators``.
+        """Return the values (N,) of every node, with N = ``length``, by the functions of ``gpmodel.formula.operators``.
 
-        constants: others than its own. A value that is no number comes back as NaN or infinity, without a warning.
+        constants: values that replace the constants of the program. An undefined value is NaN or infinite, without a
+        warning.
         """
         found: list[Array] = []
         remaining = iter(self.constants if constants is None else constants)
@@ -73,17 +77,17 @@ class Program:
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs that effective code references, sorted."""
+        """Names of the inputs, sorted."""
         return tuple(sorted(str(node.value) for node in self.nodes if node.operator == "input"))
 
     @cached_property
     def constants(self) -> tuple[float, ...]:
-        """Constants of the effective code, in node order."""
+        """Values of the constants, in node order."""
         return tuple(float(node.value or 0.0) for node in self.nodes if node.operator == "constant")
 
     @cached_property
     def input_counts(self) -> dict[str, int]:
-        """Number of references to each input in effective code."""
+        """Number of uses of each input."""
         counts: dict[str, int] = {}
         for index in self._references():
             if self.nodes[index].operator == "input":
@@ -93,12 +97,12 @@ class Program:
 
     @cached_property
     def operator_counts(self) -> dict[str, int]:
-        """Number of occurrences of each operator in effective code."""
+        """Number of uses of each operator."""
         return dict(Counter(node.operator for node in self.nodes if node.arguments))
 
     @cached_property
     def complexity(self) -> int:
-        """Operators plus references to leaves; a shared subexpression counts once."""
+        """Number of operators plus uses of inputs and constants; a shared subexpression counts once."""
         leaves = sum(1 for index in self._references() if not self.nodes[index].arguments)
         return leaves + sum(1 for node in self.nodes if node.arguments)
 
@@ -108,13 +112,13 @@ class Program:
         yield from self.outputs
 
     def select(self, outputs: Iterable[int]) -> "Program":
-        """The program of some of the outputs, by position; nodes that reach none of them are left out."""
+        """Return the program of some of the outputs, by index, without the nodes that only the others need."""
         return Builder(list(self.nodes)).program(self.outputs[k] for k in outputs)
 
     def with_constants(self, values: Iterable[float]) -> "Program":
-        """Return the program with other constants, in the order of ``constants``; equal ones become one node.
+        """Return the program with other constants, in the order of ``constants``. Equal constants are merged.
 
-        Raises InputError for one that is not finite.
+        Raises InputError for a constant that is not finite.
         """
         remaining = iter(values)
         return self.with_leaves(
@@ -122,9 +126,9 @@ class Program:
         )
 
     def with_leaves(self, nodes: Iterable[Node]) -> "Program":
-        """The program with other leaves, from all its nodes in turn; equal leaves become one node.
+        """Return the program with replaced inputs and constants. Equal ones are merged.
 
-        Raises InputError for a constant that is not finite.
+        nodes: all nodes of the program, with the replacements. Raises InputError for a constant that is not finite.
         """
         changed = tuple(nodes)
         leaves = [node for node in changed if not node.arguments]
@@ -144,18 +148,23 @@ class Program:
         return self.rebuilt(build)
 
     def rebuilt(self, build: "Build") -> "Program":
-        """The program of what is built for each node in turn, beside the numbers of those built before it."""
+        """Return the program in which `build` replaces each node.
+
+        build: function of a builder, a node and the new indices of the earlier nodes; it returns the new index of the
+        node.
+        """
         builder, copies = Builder(), list[int]()
         for node in self.nodes:
             copies.append(build(builder, node, copies))
         return builder.program(copies[k] for k in self.outputs)
 
     def __str__(self) -> str:
-        """Infix text that ``parse`` reads back; shared subexpressions are named first, outputs follow ``;``."""
+        """Return infix text that ``parse`` accepts. Shared subexpressions get names; the outputs are after the last
+        ``;``."""
         return self._text(named=True)
 
     def written_out(self) -> str:
-        """Write the program without names: a shared subexpression is repeated at each use."""
+        """Return infix text without names: a shared subexpression is repeated at each use."""
         return self._text(named=False)
 
     def _text(self, named: bool) -> str:
@@ -198,7 +207,7 @@ def _node_text(node: Node, texts: list[tuple[str, int]]) -> tuple[str, int]:
 
 @dataclass
 class Builder:
-    """Collects nodes, merging equal ones, and hands out a program without dead code."""
+    """Collect nodes, merge equal ones, and return programs without dead code."""
 
     nodes: list[Node] = field(default_factory=list)
     _known: dict[Node, int] = field(default_factory=dict)
@@ -210,17 +219,17 @@ class Builder:
         return self._known[node]
 
     def input(self, name: str) -> int:
-        """The number of the node that reads a column."""
+        """Return the index of the node for an input."""
         return self._intern(Node("input", (), name))
 
     def constant(self, value: float) -> int:
-        """The number of the node that is a constant. Raises InputError where it is not finite."""
+        """Return the index of the node for a constant. Raises InputError if the constant is not finite."""
         if not isfinite(value):
             raise InputError(f"program: constant {value} is not finite")
         return self._intern(Node("constant", (), float(value)))
 
     def apply(self, operator: str, *arguments: int) -> int:
-        """The number of the node that applies an operator to earlier ones. Raises InputError for an unknown one."""
+        """Return the index of the node for an operator on earlier nodes. Raises InputError for an unknown operator."""
         if operator not in BY_NAME:
             raise InputError(f"program: unknown operator {operator!r}, available: {choices(operator, BY_NAME)}")
         if len(arguments) != BY_NAME[operator].arity:
@@ -228,18 +237,18 @@ class Builder:
         return self._intern(Node(operator, arguments))
 
     def add(self, node: Node, copies: list[int]) -> int:
-        """A node of another program, its arguments translated by ``copies``."""
+        """Add a node of another program and return its index. copies: new index of each earlier node."""
         return self._intern(Node(node.operator, tuple(copies[k] for k in node.arguments), node.value))
 
     def copy(self, program: Program) -> list[int]:
-        """All nodes of a program; the new index of each."""
+        """Add all nodes of a program and return their new indices."""
         copies: list[int] = []
         for node in program.nodes:
             copies.append(self.add(node, copies))
         return copies
 
     def program(self, outputs: Iterable[int]) -> Program:
-        """The program of some nodes; its own nodes are in the order in which the outputs first need them."""
+        """Return the program of these output nodes, with nodes in the order in which the outputs first need them."""
         chosen = tuple(outputs)
         place: dict[int, int] = {}
         pending = list(reversed(chosen))
@@ -258,7 +267,7 @@ class Builder:
 
 
 Build = Callable[[Builder, Node, list[int]], int]
-"""Builds the node that stands for another in a copy of its program, and says its number."""
+"""Function that adds the replacement of a node to a builder and returns the index of the replacement."""
 
 
 LINEAR = ("add", "subtract", "multiply", "divide")
@@ -269,7 +278,7 @@ and none worse."""
 
 
 def description_size(program: Program) -> int:
-    """Nodes of a program, and `NESTED` more for every curved function of a curved function."""
+    """Return the complexity of a program plus `NESTED` for every function of CURVED inside another one."""
     curved, nested = list[bool](), 0
     for node in program.nodes:
         inside = any(curved[k] for k in node.arguments)
@@ -279,7 +288,10 @@ def description_size(program: Program) -> int:
 
 
 def length(program: Program) -> int:
-    """Operators, inputs and constants of a program written out; an input with an origin and a scale counts as one."""
+    """Return the number of operators, inputs and constants of a program that is written out without names.
+
+    An input with an offset and a scale counts as one.
+    """
     nodes, sizes, plain = program.nodes, list[int](), list[bool]()
     for node in nodes:
         plain.append(node.operator == "input" or _scales(node, nodes, plain))
@@ -288,7 +300,7 @@ def length(program: Program) -> int:
 
 
 def _scales(node: Node, nodes: tuple[Node, ...], plain: list[bool]) -> bool:
-    """Return whether a node shifts or scales an input by a constant; plain: whether each earlier node does no more."""
+    """Return whether a node shifts or scales an input by a constant. plain: whether each earlier node is an input."""
     if node.operator not in LINEAR:
         return False
     first, second = node.arguments

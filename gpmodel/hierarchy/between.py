@@ -1,6 +1,6 @@
-"""Random effects: mean and spread of a parameter between machines, and which machine stands out of it.
+"""Random effects: mean and spread of a parameter between machines, and a test for outlying machines.
 
-y_i = μ + δ_i + ε_i,   δ_i ~ N(0, τ²),   ε_i ~ N(0, v_i)          y_i: estimate of machine i, v_i its variance
+    y_i = μ + δ_i + ε_i,   δ_i ~ N(0, τ²),   ε_i ~ N(0, v_i)          y_i: estimate of machine i, v_i its variance
 """
 
 from collections.abc import Callable, Sequence
@@ -13,16 +13,21 @@ from gpmodel.arrays import Array, Mask
 from gpmodel.numerics.interval import COVERAGE, SIGNIFICANCE, holm
 
 SMALLEST = 1e-300
-"""Smallest chance that is told from zero."""
+"""Smallest probability that is distinguished from zero."""
 
 FEWEST = 4
-"""Least number of machines for an outlier test. With three, the spread of the others has one degree of freedom, and
-nothing is improbable."""
+"""Least number of machines for an outlier test. With three machines, the spread of the others has one degree of
+freedom, and no deviation is improbable."""
 
 
 @dataclass(frozen=True)
 class Shared:
-    """mean ± stderr of the type; spread: τ between machines, low to high its interval of COVERAGE coverage."""
+    """Distribution of a parameter between machines.
+
+    mean, stderr: mean of the type and its standard error.
+    spread: standard deviation τ between machines.
+    low, high: interval of τ with coverage COVERAGE.
+    """
 
     mean: float
     stderr: float
@@ -32,13 +37,17 @@ class Shared:
 
 
 Judge = Callable[[Mask], tuple[Array, Array]]
-"""z (m,) of each machine by those inside (m,) but itself, and their chances (m,)."""
+"""Function of the machines that are no outliers (m,) to z (m,) of each machine by the others, and the chances (m,)."""
 
 
 @dataclass(frozen=True)
 class Deviations:
-    """Machines among the others, (m, K): z by the others' mean and spread, chance of it anywhere in an innocent fleet,
-    and whether the machine is one of the `inside`."""
+    """Deviation of each of m machines from the others, in each of K parameters or blocks. All arrays are (m, K).
+
+    z: deviation in units of the standard deviation expected from the others.
+    chance: probability of a deviation at least as large for any machine of a fleet without outliers.
+    inside: whether the machine is no outlier.
+    """
 
     z: Array
     chance: Array
@@ -46,11 +55,11 @@ class Deviations:
 
 
 def between(values: Array, variances: Array) -> Shared:
-    """Mean and spread of estimates (m,), m ≥ 2, with variances (m,).
+    """Return mean and spread of estimates (m,), m ≥ 2, with variances (m,).
 
     τ² solves Q(τ²) = m - 1 with Q = Σ w_i (y_i - μ)², w_i = 1 / (v_i + τ²), μ = Σ w y / Σ w (Paule and Mandel 1982;
-    DerSimonian and Kacker 2007); its interval where Q is a quantile of χ² with m - 1 degrees of freedom (Viechtbauer
-    2007).
+    DerSimonian and Kacker 2007). At the ends of its interval Q is a quantile of χ² with m - 1 degrees of freedom
+    (Viechtbauer 2007).
     """
     tail = (1.0 - COVERAGE) / 2.0
     quantiles = special.chdtri(len(values) - 1, [tail, 1.0 - tail])
@@ -59,21 +68,21 @@ def between(values: Array, variances: Array) -> Shared:
 
 
 def _pooled(values: Array, variances: Array) -> tuple[float, float, float]:
-    """Mean, its standard deviation, and τ."""
+    """Return the mean, its standard error, and τ."""
     variance = _variance(values, variances, len(values) - 1.0)
     mean, total, _ = _weighed(values, variances + variance)
     return mean, float(1.0 / np.sqrt(total)), float(np.sqrt(variance))
 
 
 def _weighed(values: Array, variances: Array) -> tuple[float, float, float]:
-    """Weighted mean, sum of weights, and Q."""
+    """Return the weighted mean, the sum of weights, and Q."""
     weights = 1.0 / variances
     mean = float(weights @ values / weights.sum())
     return mean, float(weights.sum()), float(weights @ (values - mean) ** 2)
 
 
 def _variance(values: Array, variances: Array, wanted: float) -> float:
-    """τ² at which Q is as wanted, zero where it is below that without any."""
+    """Return τ² at which Q equals `wanted`, or zero if Q is smaller at τ² = 0."""
     if _weighed(values, variances)[2] <= wanted:
         return 0.0
     most = float(np.sum((values - values.mean()) ** 2) / wanted)
@@ -82,11 +91,11 @@ def _variance(values: Array, variances: Array, wanted: float) -> float:
 
 
 def deviations(judges: Sequence[Judge], machines: int) -> Deviations:
-    """Test every machine in every judged quantity against the others.
+    """Test every machine against the others in every parameter or block.
 
-    A judge's residuals are each against the other machines, its chances are corrected for all machines and judges
-    (Holm). The farthest is set outside first where its chance is below SIGNIFICANCE, so that it hides no other; then
-    all are judged anew. With fewer than FEWEST machines nothing is outside.
+    The chances are corrected for all machines and all judges (Holm). While the smallest chance is below SIGNIFICANCE,
+    that machine becomes an outlier and the parameter is tested again without it, so that it masks no other. With fewer
+    than FEWEST machines there are no outliers.
     """
     inside = np.ones((machines, len(judges)), dtype=bool)
     z, chance = np.zeros(inside.shape), np.ones(inside.shape)
@@ -106,7 +115,7 @@ def deviations(judges: Sequence[Judge], machines: int) -> Deviations:
 
 
 def residual(value: float, variance: float, mean: float, prior: float, machines: int) -> tuple[float, float]:
-    """z of a further machine by mean and prior deviation of `machines` others, and its chance, two-sided."""
+    """Return z of a further machine by the mean and prior deviation of `machines` others, and its two-sided chance."""
     z = (value - mean) / float(np.hypot(np.sqrt(variance), prior))
     return z, chance_of(z, machines)
 
@@ -114,24 +123,25 @@ def residual(value: float, variance: float, mean: float, prior: float, machines:
 def chance_of(z: float, machines: int) -> float:
     """Return the two-sided chance of a deviation of `z` from the mean of `machines` others in units of their spread.
 
-    Student's t of `machines` - 1 degrees of freedom.
+    The distribution is Student's t with `machines` - 1 degrees of freedom.
     """
     return 2.0 * float(special.stdtr(machines - 1, -abs(z)))
 
 
 def in_normal(z: float, chance: float) -> float:
-    """The deviation, in σ of a normal law, that is as improbable as the corrected chance of z, with its sign: machines
-    that do not stand out are never far."""
+    """Convert a corrected chance to the equally improbable number of standard deviations of a normal distribution.
+
+    It has the sign of z. Machines that are no outliers get small values.
+    """
     return float(np.copysign(special.ndtri(0.5 * max(chance, SMALLEST)), z))
 
 
 def deleted(values: Array, variances: Array, inside: Mask) -> tuple[Array, Array]:
-    """Return deleted residuals z (m,) and their chances for estimates and variances (m,).
+    """Return deleted residuals z (m,) and their chances, for estimates and variances (m,).
 
-    Each is compared with the machines inside, without itself.
-
-    z_i = (y_i - μ) / √(v_i + τ² + stderr(μ)²) with μ, τ of the other machines: a deleted residual, with Student's t of
-    m - 2 degrees of freedom because τ is estimated (Viechtbauer and Cheung 2010; Higgins et al. 2009).
+    Each machine is compared with the other machines that are `inside`: z_i = (y_i - μ) / √(v_i + τ² + stderr(μ)²). It
+    has Student's t distribution with m - 2 degrees of freedom because τ is estimated (Viechtbauer and Cheung 2010;
+    Higgins et al. 2009).
     """
     z, chance = np.empty(len(values)), np.empty(len(values))
     for i in range(len(values)):

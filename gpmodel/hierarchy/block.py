@@ -1,8 +1,8 @@
-"""Random effects of a block: effects that come with priors and act in one place, as the harmonics of an error curve.
+"""Random effects of a block: effects with priors at one site, such as the harmonics of an error curve.
 
-    b_i ~ N(μ, τ² P),  P = diag(prior²)                    b_i: the effects of machine i; P: what their priors expect
+    b_i ~ N(μ, τ² P),  P = diag(prior²)                    b_i: the effects of machine i; P: their prior variances
 
-Poses tell such effects together, hardly one by one. Everything here is in units of the priors, where P is 1.
+Poses determine such effects together, hardly one by one. All values here are in units of the priors, so that P = 1.
 """
 
 from collections.abc import Sequence
@@ -19,13 +19,13 @@ from gpmodel.model.effect import Effect
 from gpmodel.numerics.interval import COVERAGE
 
 TOLD = 1.0
-"""Information of the poses on a direction, over that of the prior, from which the direction is tested. Others would
-dilute the test."""
+"""Least ratio of the information of the poses to that of the prior in a direction for that direction to be tested.
+Other directions would dilute the test."""
 
 
 @dataclass(frozen=True)
 class BlockInformation:
-    """Information of poses about a block of effects.
+    """Information of the poses of m machines about a block of E effects.
 
     values: (m, E) with unit variance.
     root: (m, E, E) factor of the information, zero in directions that the poses do not determine.
@@ -37,13 +37,13 @@ class BlockInformation:
     count: Array
 
     def subset(self, machines: Mask) -> "BlockInformation":
-        """Return the information of some machines (m,)."""
+        """Return the information of some machines. machines: mask (m,)."""
         return BlockInformation(self.values[machines], self.root[machines], self.count[machines])
 
 
 @dataclass(frozen=True)
 class Common:
-    """Mean (E,) of the machines, its covariance (E, E), and τ."""
+    """Mean (E,) over the machines, the covariance (E, E) of this mean, and the spread τ between machines."""
 
     mean: Array
     covariance: Array
@@ -51,7 +51,10 @@ class Common:
 
 
 def blocks(effects: Sequence[Effect]) -> list[tuple[str, tuple[Effect, ...]]]:
-    """Effects with priors in blocks, each with its name: of one family at the same slots, what has no family alone."""
+    """Group effects with priors into named blocks: one block for each family and set of slots.
+
+    An effect without a family is a block of its own.
+    """
     groups: dict[object, list[Effect]] = {}
     for effect in effects:
         if np.isfinite(effect.prior):
@@ -60,15 +63,16 @@ def blocks(effects: Sequence[Effect]) -> list[tuple[str, tuple[Effect, ...]]]:
 
 
 def _alike(names: list[str]) -> str:
-    """Return the common beginning of names up to a comma; the first name without one."""
+    """Return the common beginning of names up to a comma, or the first name if there is no common beginning."""
     parts = [name.split(", ") for name in names]
     same = takewhile(lambda at: len(set(at)) == 1, zip(*parts, strict=False))
     return ", ".join(at[0] for at in same) or names[0]
 
 
 def block_information(fits: Sequence[Calibration], effects: tuple[Effect, ...]) -> BlockInformation:
-    """Compute the information of fits about a block of effects, given priors and known noise: Λ = C⁻¹ - 1 and Λ b̂ =
-    C⁻¹ θ of each, Λ = Rᵀ R.
+    """Compute the information of each fit about a block of effects, given their priors and the noise.
+
+    Λ = C⁻¹ - 1 and Λ b̂ = C⁻¹ θ, with Λ = Rᵀ R and C the posterior covariance in units of the priors.
     """
     values, roots = [], []
     prior, mean = (np.array([getattr(e, k) for e in effects]) for k in ("prior", "mean"))
@@ -87,15 +91,18 @@ def block_information(fits: Sequence[Calibration], effects: tuple[Effect, ...]) 
 
 
 def shared(of: BlockInformation) -> tuple[float, float, float]:
-    """τ and its interval of COVERAGE coverage, as `between` has them: Q(τ²) is as large as expected, and its quantiles
-    those of χ² with m - 1 degrees of freedom, as if all effects of a machine differed in one proportion."""
+    """Return τ of a block and its interval of coverage COVERAGE, as `between` does for one parameter.
+
+    Q(τ²) equals its expectation. At the ends of the interval it is a quantile of χ² with m - 1 degrees of freedom, as
+    if all effects of a machine differed in one proportion.
+    """
     tail, free = (1.0 - COVERAGE) / 2.0, len(of.values) - 1
     low, high = (_common(of, float(special.chdtri(free, q)) / free).spread for q in (tail, 1.0 - tail))
     return _common(of).spread, low, high
 
 
 def deleted(of: BlockInformation, inside: Mask) -> tuple[Array, Array]:
-    """Distance (m,) of each machine from the others `inside`, and its chance."""
+    """Return the distance (m,) of each machine from the others that are `inside`, and its chance (m,)."""
     distances, chance = np.empty(len(inside)), np.empty(len(inside))
     for i in range(len(inside)):
         others = inside & (np.arange(len(inside)) != i)
@@ -106,11 +113,11 @@ def deleted(of: BlockInformation, inside: Mask) -> tuple[Array, Array]:
 
 
 def distance(of: BlockInformation, machine: int, mean: Array, covariance: Array, machines: int) -> tuple[float, float]:
-    """√(χ² / n) of a machine's n told directions about a mean (E,) with a covariance (E, E) known from `machines`
-    others, and its chance.
+    """Return √(χ² / n) of the n determined directions of a machine about a mean (E,), and its chance.
 
-    Σ w_k χ²_k with Σ w_k = 1 is large no more often than one χ² is (Székely and Bakirov 2003): the chance is that of
-    one effect so far out, whatever effects of a block differ between machines.
+    covariance: (E, E) of the mean and spread, estimated from `machines` others. Σ w_k χ²_k with Σ w_k = 1 is large no
+    more often than one χ² is (Székely and Bakirov 2003). The chance is therefore that of a single effect with this
+    distance, whichever effects of the block differ between machines.
     """
     root = of.root[machine]
     left = of.values[machine] - root @ mean
@@ -122,9 +129,9 @@ def distance(of: BlockInformation, machine: int, mean: Array, covariance: Array,
 def further_distance(
     fit: Calibration, effects: tuple[Effect, ...], believed: tuple[Effect, ...], machines: int
 ) -> tuple[float, float]:
-    """Return the distance of a machine fitted alone from the prior of its type.
+    """Return the distance of a machine fitted alone from the prior of its type, and its chance.
 
-    believed: the same effects with the prior learned from `machines` machines.
+    believed: the effects with the prior learned from `machines` machines.
     """
     own, mean, deviation = (
         np.array([getattr(e, k) for e in of]) for of, k in ((effects, "prior"), (believed, "mean"), (believed, "prior"))
@@ -134,7 +141,7 @@ def further_distance(
 
 
 def _common(of: BlockInformation, share: float = 1.0) -> Common:
-    """Estimate what machines have in common.
+    """Estimate the mean and the spread of the machines.
 
     τ² solves Q = Σ r² / (1 + τ² λ) = `share` of its expectation; it is zero if Q is below that at τ² = 0.
     """
@@ -153,7 +160,10 @@ def _common(of: BlockInformation, share: float = 1.0) -> Common:
 
 
 def _weighed(of: BlockInformation, variance: float) -> tuple[Array, Array, float, float]:
-    """Mean beside μ ~ N(0, 1), its covariance, Q, and Q's expectation: told directions less those the mean takes."""
+    """Return the mean with prior μ ~ N(0, 1), its covariance, Q, and the expectation of Q at a given τ².
+
+    The expectation is the number of determined directions less those that the mean absorbs.
+    """
     weight = 1.0 / (1.0 + variance * np.sum(of.root**2, axis=2))
     weighed = weight[:, :, None] * of.root
     matrix = np.einsum("mki,mkj->ij", weighed, of.root)

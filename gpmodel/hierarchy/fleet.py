@@ -1,4 +1,4 @@
-"""Many machines of one type calibrated together: own numbers, what the type has in common, and both together."""
+"""Calibrate machines of one type: each machine alone, then the type, then each machine with the type as its prior."""
 
 from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
@@ -20,8 +20,8 @@ from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import table_names, translate
 
 WIDE = 3e-3
-"""Prior standard deviation of geometry in the fit of one machine, m and rad: more than any machine's. It is removed
-before the type is estimated and remains only where no machine's poses determine a number."""
+"""Prior standard deviation of geometry in the fit of one machine, m and rad: more than that of any machine. It is
+removed before the type is estimated and remains only for constants that no machine's poses determine."""
 
 STEPS, SETTLED = 500, 1e-4
 """Largest number of iterations, and the relative change of every τ² that ends them: a hundredth of the standard error
@@ -30,8 +30,9 @@ of τ² with hundreds of machines."""
 
 @dataclass(frozen=True)
 class Information:
-    """Information of poses about effects: Λ (m, E, E) and η (m, E), likelihood exp(ηᵀb - bᵀΛb / 2) of each of m
-    machines.
+    """Information of the poses of m machines about E effects: matrix Λ (m, E, E) and vector η (m, E).
+
+    The likelihood of effects b is exp(ηᵀb - bᵀΛb / 2).
     """
 
     matrix: Array
@@ -41,16 +42,17 @@ class Information:
 def learned(
     machines: Sequence[tuple[Mechanism, Poses]], own: Sequence[Calibration], effects: tuple[Effect, ...]
 ) -> tuple[Effect, ...]:
-    """The effects with the mean and the prior deviation √(τ² + var μ) of the type.
+    """Return the effects with the mean of the type and the prior deviation √(τ² + var μ) of a further machine.
 
-    own: fits of the machines alone, whose noise weighs their poses, with at least the varying ones of the
-    effects. Constant effects of one unit have one τ, every other its own. Means are believed to be within WIDE of zero,
-    within an effect's own prior, or of the size it has alone. Source: Laird and Ware (1982), by the EM algorithm.
+    own: fits of the machines alone. Their noise weights the poses; they contain at least the effects that are not
+    constant. Constant effects of one unit have one τ, every other effect has its own. The mean of a constant has a
+    prior of WIDE about zero; that of any other effect the smaller of its own prior and its size over the machines.
+    Source: Laird and Ware (1982), by the EM algorithm.
 
         b_i ~ N(μ, T),  T = diag(τ²)                                b_i: all effects of machine i, geometry complete
 
-    Coordinates of the complete geometry are equivalent in part; machines differ independently in all of them,
-    where in a set without such coordinates they would differ together.
+    The complete geometry contains equivalent constants. Machines differ independently in all of them; in a set without
+    equivalent constants they would differ together.
     """
     constant = np.array([e.constant for e in effects])
     size = np.array([WIDE if e.constant else min(e.prior, _size(own, e.name)) for e in effects])
@@ -68,22 +70,22 @@ def learned(
 
 
 def beyond(fit: Calibration, effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """The effects of a fit that the type does not have: what the machine alone has."""
+    """Return the effects of a fit that are not effects of the type."""
     names = {effect.name for effect in effects}
     return tuple(effect for effect in fit.model.effects if effect.name not in names)
 
 
 def _size(own: Sequence[Calibration], name: str) -> float:
-    """Root mean square of an effect over the machines, or of its ± where that is larger."""
+    """Return the RMS over the machines of the value of an effect, or of its standard error where that is larger."""
     at = [[e.name for e in fit.model.effects].index(name) for fit in own]
     values = [max(abs(fit.theta[k]), fit.stderr[k]) for fit, k in zip(own, at, strict=True)]
     return float(np.sqrt(np.mean(np.square(values))))
 
 
 def _information(fits: Sequence[Calibration], size: Array) -> Information:
-    """Compute the information of the poses alone, in units of `size`, about the first effects of each fit.
+    """Compute the information of the poses alone about the first effects of each fit, in units of `size`.
 
-    Λ = C⁻¹ - 1 and η = C⁻¹ θ, with θ, C of fits with `size` as prior; later effects are the machine's own.
+    Λ = C⁻¹ - 1 and η = C⁻¹ θ, with θ, C of fits with `size` as prior. The later effects belong to the machine alone.
     """
     of_effects = [slice(first := len(fit.covariance.placement), first + len(size)) for fit in fits]
     own = [fit.covariance.values[at, at] for fit, at in zip(fits, of_effects, strict=True)]
@@ -93,11 +95,12 @@ def _information(fits: Sequence[Calibration], size: Array) -> Information:
 
 
 def _expectation_maximisation(told: Information, kinds: IntArray, constant: Mask) -> tuple[Array, Array]:
-    """μ (E,) and the deviations (E,) of a further machine; effects of one kind (E,) have one τ.
+    """Return μ (E,) and the prior deviations (E,) of a further machine. Effects of one kind (E,) have one τ.
 
-    Expectation: C_i = (Λ_i + T⁻¹)⁻¹, b_i = C_i (η_i + T⁻¹ μ). Maximisation: μ their mean beside μ ~ N(0, 1), τ² that of
-    (b_i - μ)² + diag C_i. The precision of μ is P = 1 + Σ (1 + Λ_i T)⁻¹ Λ_i; its variance diag P⁻¹, and 1 / diag P of
-    what is `constant` (E,): of equivalent parameters each is as well known as with the others in the model.
+    Expectation: C_i = (Λ_i + T⁻¹)⁻¹, b_i = C_i (η_i + T⁻¹ μ). Maximisation: μ is the mean of b_i with prior μ ~ N(0,
+    1), and τ² the mean of (b_i - μ)² + diag C_i. The precision of μ is P = 1 + Σ (1 + Λ_i T)⁻¹ Λ_i. Its variance is
+    diag P⁻¹, and 1 / diag P for a `constant` (E,) effect: each of several equivalent constants is as well known as with
+    the others in the model.
     """
     count = np.bincount(kinds)
     mean, variance = np.zeros(len(kinds)), np.ones(len(kinds))
@@ -118,8 +121,11 @@ def _expectation_maximisation(told: Information, kinds: IntArray, constant: Mask
 
 @dataclass(frozen=True)
 class SharedBlock:
-    """Effects with priors of their own that are judged together: spread between machines, low to high its interval, as
-    a share of what these priors expect."""
+    """A block of effects with priors, judged together.
+
+    spread: standard deviation between machines, as a share of the priors.
+    low, high: its interval.
+    """
 
     name: str
     effects: tuple[Effect, ...]
@@ -130,12 +136,17 @@ class SharedBlock:
 
 @dataclass(frozen=True)
 class Fleet:
-    """Machines calibrated together. alone: each calibrated alone. own: each by its poses alone, all with the same
-    effects. shrunken: by its poses and the type's `prior`, with complete geometry.
+    """Machines calibrated together.
 
-    values, stderr: (m, K + 1) of the `effects` without priors of their own and, last, the logarithm of the noise.
-    shared: of each of these. blocks: of all other effects. deviations: of each machine in each of both. left_out:
-    effects that not every machine's poses can tell.
+    alone: each machine calibrated alone, with its own selection of effects.
+    own: each machine by its poses alone, with the effects of the type.
+    shrunken: each machine by its poses and the type's `prior`, with complete geometry.
+    effects: effects without priors of their own.
+    values, stderr: (m, K + 1) of these effects and, last, of the logarithm of the noise.
+    shared: mean and spread of each of these K + 1 parameters.
+    blocks: effects with priors of their own.
+    deviations: of each machine in each parameter and block.
+    left_out: names of effects that not every machine's poses determine.
     """
 
     alone: tuple[Calibration, ...]
@@ -154,14 +165,15 @@ class Fleet:
 def calibrate_fleet(
     machines: Sequence[tuple[Mechanism, Poses]], alone: Sequence[Calibration], effects: tuple[Effect, ...]
 ) -> Fleet:
-    """Empirical Bayes over machines with the same effects: each estimated alone, mean and spread of what they
-    share learned from that, then each estimated again with it as its prior.
+    """Estimate each machine alone, the mean and spread of the type, then each machine with the type as its prior.
 
-    effects: of the type. alone: each machine calibrated alone, with these first and after them those that it alone
-    has, which stay in every fit of it. An effect's own prior holds for a machine alone and
-    for the mean of the type. A machine that stands out in an effect, or in a block of effects with priors, keeps its
-    own numbers there and teaches nothing of the type, unless fewer than two are left. Source: Efron and Morris (1975).
-    Raises InputError where the poses of a machine are too few for the effects.
+    alone: fit of each machine alone, with `effects` first and then the effects of that machine alone. The latter stay
+    in all its fits.
+    effects: effects of the type. The prior of an effect holds for a machine alone and for the mean of the type.
+
+    An outlier in an effect or a block keeps its own values there and is not used to learn the type, unless fewer than
+    two machines remain. Source: Efron and Morris (1975), empirical Bayes. Raises InputError if a machine has too few
+    poses for the effects.
     """
     held = np.all([fit.kept[: len(effects)] for fit in alone], axis=0)
     common = tuple(effect for effect, k in zip(effects, held, strict=True) if k)
@@ -208,7 +220,7 @@ def with_prior(own: Calibration, poses: Poses, prior: tuple[Effect, ...], outlyi
 
 
 def shared_parts(final: Fleet) -> tuple[SharedPart, ...]:
-    """Every effect without a prior of its own that all machines' poses tell and, last, the noise."""
+    """Return the record of every effect without a prior of its own and, last, of the noise."""
     noise = Effect(NOISE, (), "1")
     out = []
     for k, (effect, of) in enumerate(zip((*final.effects, noise), final.shared, strict=True)):
@@ -230,7 +242,7 @@ def shared_parts(final: Fleet) -> tuple[SharedPart, ...]:
 
 
 def block_parts(final: Fleet) -> tuple[BlockPart, ...]:
-    """Every block of effects with priors of their own."""
+    """Return the record of every block of effects with priors of their own."""
     out = []
     for k, one in enumerate(final.blocks, len(final.shared)):
         outside = np.flatnonzero(np.logical_not(final.deviations.inside[:, k]))
@@ -240,7 +252,7 @@ def block_parts(final: Fleet) -> tuple[BlockPart, ...]:
 
 
 def in_table_names(fleet: FleetPart) -> FleetPart:
-    """Return the record with the joint names of the tables, for reading; fleet.json has the mechanism's names."""
+    """Return the record with the joint names of the tables, for the report. fleet.json has the mechanism's names."""
     names, renamed = table_names(fleet.joints, fleet.columns), msgspec.structs.replace
 
     def said(of: tuple[str, ...]) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Effects that the machines of a type have in common, and effects of each machine alone."""
+"""Select effects that the machines of a type have in common, and effects of each machine alone."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -33,13 +33,17 @@ from gpmodel.table.bundles import JUDGED
 from gpmodel.wording import listed
 
 Residuals = Callable[[Sequence[Candidate]], Sequence[Residual]]
-"""The residual of every machine, calibrated with some candidates in addition to the geometry."""
+"""Function of candidates to the residual of every machine, calibrated with the geometry and these candidates."""
 
 
 @dataclass(frozen=True)
 class Pooled:
-    """A group scored on all machines. nats: net gain at the best common variance. typical: more than half of the
-    machines gain at that variance, and the others do without the one that gains most."""
+    """A group scored on all machines.
+
+    nats: net gain at the best common variance.
+    typical: more than half of the machines gain at that variance, and the net gain without the best machine is
+    positive.
+    """
 
     nats: float
     typical: bool
@@ -48,11 +52,11 @@ class Pooled:
 def select_for_type(
     proposals: Mapping[str, Candidate], residuals: Residuals, criteria: Criteria, seed: int
 ) -> tuple[Candidate, ...]:
-    """Forward selection with backward elimination over all machines.
+    """Select candidates for the type by forward selection with backward elimination over all machines.
 
-    A candidate comes in where its pooled net gain is the largest, passes the limits of `criteria` (net gain,
-    permutation null over all candidates, pooled cross-validation) and it is no effect of a minority.
-    After each addition, a selected candidate that fails given the others is deleted for good.
+    Each step adds the candidate with the largest pooled net gain, if it is typical (no effect of a minority) and passes
+    the limits of `criteria`: net gain, permutation null over all candidates, pooled cross-validation. After each
+    addition, a selected candidate that fails given the others is deleted for good.
     """
     rng, chosen, left = np.random.default_rng(seed), dict[str, Candidate](), dict(proposals)
     while left:
@@ -72,12 +76,13 @@ def select_for_type(
 
 
 def pooled(machines: Sequence[Residual], group: Group) -> Pooled:
-    """Score a group on all machines, the noise of each estimated with it.
+    """Score a group on all machines. The noise of each machine is estimated with the group.
 
         gain(a) = Σ_i ½ Σ_k [ a q_ik² / (1 + a s_ik) - ln(1 + a s_ik) ] - cost            i: machines, k: directions
 
-    One variance a and one price for all machines. S_i = X_iᵀX_i / σ_i² = V diag(s_i) Vᵀ and q_i = VᵀX_iᵀr_i / σ_i², X_i
-    the columns of the group with everything that the model of machine i explains projected out, r_i its residual.
+    The variance a and the price are common to all machines. S_i = X_iᵀX_i / σ_i² = V diag(s_i) Vᵀ and q_i = VᵀX_iᵀr_i /
+    σ_i². X_i are the columns of the group after projection onto the complement of the model of machine i; r_i is its
+    residual.
     """
     spectra = [_spectrum(of, group, of.values[:, None]) for of in machines]
     gains = _gains(machines, group, spectra)
@@ -88,14 +93,14 @@ def pooled(machines: Sequence[Residual], group: Group) -> Pooled:
 
 
 def _gains(machines: Sequence[Residual], group: Group, spectra: Sequence[tuple[Array, Array]]) -> Array:
-    """Gains (m,) at the best common variance, nats."""
+    """Return the gain (m,) of each machine at the best common variance, nats."""
     s, q = (np.concatenate(parts, axis=-1) for parts in zip(*spectra, strict=True))
     variance = float(best(s[None], q, np.array([group.cap]))[1][0])
     return np.array([_gain(of, variance, *own) for of, own in zip(machines, spectra, strict=True)])
 
 
 def _gain(of: Residual, variance: float, s: Array, q: Array) -> float:
-    """Gain of a group on one machine at a given variance, nats."""
+    """Return the gain of a group on one machine at a given variance, nats."""
     ratio = 1.0 + variance * s
     gain = 0.5 * float(np.sum(variance * q[0] ** 2 / ratio - np.log(ratio)))
     fit = fitted(np.array([variance]), s[None], q)
@@ -103,7 +108,8 @@ def _gain(of: Residual, variance: float, s: Array, q: Array) -> float:
 
 
 def _spectrum(of: Residual, group: Group, trials: Array) -> tuple[Array, Array]:
-    """s (K,) and q (T, K) of a group on residuals (M + B, T)."""
+    """Return s (K,) and q (T, K) of a group for T residuals. trials: residuals (M + B, T), M measurements and B prior
+    rows."""
     left, _ = of.projected(group.effects)
     x = left * np.linalg.norm(of.columns(group.effects), axis=0) * np.array(group.spreads) / of.sigma
     s, turn = np.linalg.eigh(x.T @ x)
@@ -111,7 +117,7 @@ def _spectrum(of: Residual, group: Group, trials: Array) -> tuple[Array, Array]:
 
 
 def _null(machines: Sequence[Residual], groups: Sequence[Group], rng: np.random.Generator, count: int) -> Array:
-    """Largest pooled net gain (T,) of any group on residuals permuted within each machine."""
+    """Return the largest pooled net gain (T,) of any group on residuals permuted within each machine."""
     trials, most = [of.shuffled(rng, count) for of in machines], np.full(count, -np.inf)
     for group in groups:
         spectra = [_spectrum(of, group, t) for of, t in zip(machines, trials, strict=True)]
@@ -122,7 +128,7 @@ def _null(machines: Sequence[Residual], groups: Sequence[Group], rng: np.random.
 
 
 def _weeded(chosen: dict[str, Candidate], residuals: Residuals, criteria: Criteria) -> dict[str, Candidate]:
-    """The candidates that pass given all others, the weakest deleted first."""
+    """Delete candidates that fail given all others, the weakest first, and return the remaining ones."""
     while len(chosen) > 1:
         full = residuals(tuple(chosen.values()))
         nats = dict[str, float]()
@@ -140,7 +146,10 @@ def _weeded(chosen: dict[str, Candidate], residuals: Residuals, criteria: Criter
 
 
 def _passes(machines: Sequence[Residual], group: Group, nats: float, criteria: Criteria) -> bool:
-    """Return whether net gain and cross-validated gain over all machines, each at its own noise, are large enough."""
+    """Return whether the net gain and the cross-validated gain over all machines pass the criteria.
+
+    The errors of each machine are in units of its noise.
+    """
     if nats <= criteria.minimum_nats:
         return False
     gains = [
@@ -151,7 +160,7 @@ def _passes(machines: Sequence[Residual], group: Group, nats: float, criteria: C
 
 
 def _common(candidate: Candidate, machines: Sequence[Residual]) -> Group | None:
-    """The candidate as one group for all machines, spreads averaged; None where one of them cannot have it."""
+    """Return a candidate as one group for all machines, with averaged spreads. None if it fails on one of them."""
     try:
         groups = [group_of(candidate, Shapes(of.poses.states)) for of in machines]
     except InputError:
@@ -165,7 +174,7 @@ def _common(candidate: Candidate, machines: Sequence[Residual]) -> Group | None:
 
 @dataclass(frozen=True)
 class Found:
-    """Findings of one machine's search, and whether its held-out poses confirm them."""
+    """Findings of the search on one machine, and whether its held-out poses confirm them."""
 
     candidates: tuple[Candidate, ...]
     confirmed: bool
@@ -178,18 +187,20 @@ class Found:
 
 @dataclass(frozen=True)
 class KeptMachines:
-    """Where the findings of a machine go at once, a file each, so that an interrupted fleet repeats only what was under
-    way; nowhere without files."""
+    """Storage of the findings of each machine in a file, so that an interrupted run repeats only the unfinished ones.
+
+    files: None for no storage.
+    """
 
     files: Unfinished | None = None
 
     def machine(self, name: str) -> Found | None:
-        """Findings of the search of that name, None where it is still to be made."""
+        """Return the stored findings of the search of that name, or None if there are none."""
         content = self.files.read(name) if self.files else None
         return None if content is None else Found(tuple(content["found"]), bool(content["confirmed"]))
 
     def keep_machine(self, name: str, found: Found) -> None:
-        """Keep them. Raises WriteError where they cannot be written."""
+        """Store findings. Raises WriteError if the file cannot be written."""
         if self.files:
             self.files.write(name, {"found": found.candidates, "confirmed": found.confirmed})
 
@@ -199,8 +210,11 @@ Rows = tuple[IntArray, IntArray]
 
 @dataclass(frozen=True)
 class Searched:
-    """One machine's search: all that a worker needs. rows: training and held-out ones of its poses. known: effects in
-    its model from the start."""
+    """Data of the search on one machine, sent to a worker process.
+
+    rows: indices of the training and held-out poses.
+    known: effects in its model from the start.
+    """
 
     mechanism: Mechanism
     poses: Poses
@@ -209,25 +223,28 @@ class Searched:
     known: tuple[Candidate, ...] = ()
 
     def found(self) -> Found:
-        """Search the catalogue alone."""
+        """Search the catalogue, without evolution."""
         result = discover(
             self.mechanism, self.poses, *self.rows, search=Search(runs=0, workers=1), known=self.known, seed=self.seed
         )
         return Found(tuple(finding.candidate for finding in result.findings), result.confirmed)
 
     def fit(self, shared: Sequence[Candidate]) -> Calibration:
-        """Calibrate the training poses with effects in addition to the geometry."""
+        """Calibrate the training poses with the geometry and the effects `shared`."""
         effects = (*geometric_effects(self.mechanism), *(e for c in shared for e in c.effects))
         return calibrate(ErrorModel(self.mechanism, effects), self.poses.subset(self.rows[0]), seed=self.seed)
 
     def residual(self, shared: Sequence[Candidate], criteria: Criteria) -> Residual:
-        """Residual of the training poses with effects in addition to the geometry."""
+        """Return the residual of the training poses with the geometry and the effects `shared`."""
         return residual_of(self.fit(shared), self.poses.subset(self.rows[0]), criteria, JUDGED)
 
 
 @dataclass(frozen=True)
 class FleetSearch:
-    """The searches of all machines. kept: where findings go at once; machines found there are not searched again."""
+    """The searches on all machines.
+
+    kept: storage of findings. A machine with stored findings is not searched again.
+    """
 
     serials: Sequence[str]
     tasks: Sequence[Searched]
@@ -237,7 +254,8 @@ class FleetSearch:
     criteria: Criteria = field(default_factory=Criteria)
 
     def found(self, places: Sequence[int], known: tuple[Candidate, ...] = ()) -> dict[int, Found]:
-        """Findings of the machines at some places, by place, given the `known` effects."""
+        """Return the findings of some machines by their index, given the `known` effects. places: indices of the
+        machines."""
         names = {k: f"machine-{k + 1:04d}{'-again' if known else ''}" for k in places}
         done = {k: one for k, name in names.items() if (one := self.kept.machine(name)) is not None}
         left, which = [k for k in places if k not in done], "again, " if known else ""
@@ -248,8 +266,10 @@ class FleetSearch:
         return done
 
     def shared(self, found: Sequence[Found]) -> tuple[Candidate, ...]:
-        """Effects of the type: selected by the pooled evidence of the training poses among the findings of all machines
-        and the catalogue, where the held-out poses of all machines together confirm them."""
+        """Return the effects of the type, or none if the held-out poses of all machines together do not confirm them.
+
+        The pooled evidence of the training poses selects among the findings of all machines and the catalogue.
+        """
         first = self.tasks[0]
         named = candidates(first.mechanism, first.poses.states)
         proposals: dict[str, Candidate] = {}
@@ -265,7 +285,7 @@ class FleetSearch:
         return chosen if chosen and self._confirmed(chosen) else ()
 
     def _confirmed(self, chosen: tuple[Candidate, ...]) -> bool:
-        """Paired test on the held-out poses of all machines, errors in units of each machine's noise."""
+        """Test the effects on the held-out poses of all machines, with errors in units of each machine's noise."""
         errors, units, count = [], [], 0
         for task in self.tasks:
             fits, unseen = (task.fit(()), task.fit(chosen)), task.poses.subset(task.rows[1])
@@ -277,10 +297,10 @@ class FleetSearch:
 
 
 def found_on_type(search: FleetSearch) -> tuple[tuple[Effect, ...], tuple[tuple[Effect, ...], ...], str]:
-    """Effects of the type, of each machine what it has in addition, and in words where both are from.
+    """Return the effects of the type, the additional effects of each machine, and a text on their origin.
 
-    Every machine is searched alone. The type's effects are selected by the evidence of all machines together. A
-    machine whose findings are others than these is searched again given them: what is confirmed there is its own.
+    Every machine is searched alone. The evidence of all machines together selects the effects of the type. A machine
+    with other findings is searched again given the effects of the type; confirmed new findings are its own effects.
     """
     everyone = range(len(search.tasks))
     search.say("searching every machine alone", passing=True)

@@ -1,4 +1,4 @@
-"""A further machine of a known type: its poses, and what is believed of it before they are measured."""
+"""Fit a further machine of a known type: combine its poses with the prior that the type gives."""
 
 from dataclasses import dataclass, replace
 from functools import partial
@@ -28,17 +28,21 @@ from gpmodel.numerics.interval import SIGNIFICANCE, holm
 from gpmodel.wording import length
 
 LARGEST = 1e3
-"""Upper bound of s, and of σ over the noise of the type."""
+"""Upper bound of the distance ratio s, and of the ratio of σ to the noise of the type."""
 
 DOUBTFUL, TWICE = 1e-3, 2.0
-"""Chance and s from which a machine counts as different from its type. The chance takes the prior for exact; it is
-estimated, so that s has to be 2 as well."""
+"""Chance and distance ratio s from which a machine counts as different from its type. The chance neglects the error of
+the estimated prior, so that s has to be 2 as well."""
 
 
 @dataclass(frozen=True)
 class Likeness:
-    """times: s, how many times farther from the mean of its type a machine is than the type's machines. chance: of at
-    least that in a brother. noise: σ of one component, m, of a brother."""
+    """Comparison of a machine with the machines of its type.
+
+    times: s, the ratio of its distance from the mean of the type to that of a machine of the type.
+    chance: probability of an s at least as large for a machine of the type.
+    noise: σ of one coordinate, m, if it is a machine of the type.
+    """
 
     times: float
     chance: float
@@ -46,18 +50,18 @@ class Likeness:
 
     @property
     def brother(self) -> bool:
-        """True unless the machine differs from its type clearly more than the machines of the type do."""
+        """Whether the machine may be one of its type: s is below TWICE or its chance above DOUBTFUL."""
         return self.times < TWICE or self.chance > DOUBTFUL
 
 
 def likeness(fit: Calibration, poses: Poses) -> Likeness:
-    """Compare a machine with its type by the marginal likelihood of s ≥ 1, σ at its most likely value for each s.
+    """Compare a machine with its type by the marginal likelihood of s ≥ 1, with the most likely σ for each s.
 
-    fit: to the poses with the prior and the noise of the type. Effects without a prior are fitted, not compared. The
-    larger of the noise and σ explains what the effects of the type cannot. Chance: half of χ² of one degree of freedom,
-    as s = 1 is a bound (Self and Liang 1987).
+    fit: fit to the poses with the prior and the noise of the type. Effects without a prior are fitted and not compared.
+    σ is at least the noise of the type and includes errors that the effects cannot describe. The chance is half of that
+    of χ² with one degree of freedom, as s = 1 is a bound (Self and Liang 1987).
 
-    y = X (θ - μ) + e,   θ - μ ~ N(0, s² T),   e ~ N(0, σ² 1)            y: readings without the placement
+        y = X (θ - μ) + e,   θ - μ ~ N(0, s² T),   e ~ N(0, σ² 1)            y: residual without registration and tool
     """
     problem, noise = problem_at(fit, poses), fit.model.noise or fit.sigma
     prior = np.array([e.prior for e in fit.model.effects])
@@ -89,17 +93,22 @@ def likeness(fit: Calibration, poses: Poses) -> Likeness:
 
 
 PRIOR, ALONE = "the prior of the fleet", "its own poses alone"
-"""Names of the last step of a further machine, and of the step before it."""
+"""Names of the last step of a further machine, and of the step before."""
 
 LOUDER = 1.1
-"""Noise over that of the type from which the last fit is repeated."""
+"""Ratio of the noise to that of the type from which the last fit is repeated."""
 
 
 @dataclass(frozen=True)
 class Further:
-    """steps: registration, its own poses alone where they are enough, and with the prior of its type. final: the last
-    of them; alone: the one before it, where it tells every effect. outlying: effects in which it is unlike its type.
-    likeness: to the machines of the type, in the other effects where these are fewer than half."""
+    """Fits of a further machine.
+
+    steps: registration, the fit to its poses alone if they are enough, and the fit with the prior of its type.
+    final: the last fit.
+    alone: the fit to its poses alone, None if it does not determine every effect.
+    outlying: names of effects in which the machine differs from its type.
+    likeness: comparison in the other effects, or in all if the outlying ones are half of them or more.
+    """
 
     steps: tuple[Step, ...]
     final: Calibration
@@ -109,19 +118,20 @@ class Further:
 
     @property
     def too_few(self) -> bool:
-        """True if its own poses do not give as many values as the model has unknowns."""
+        """Whether the poses of the machine have fewer measurements than the model has unknowns."""
         return [step.name for step in self.steps] == ["registration", PRIOR]
 
     @property
     def no_brother(self) -> str:
-        """State how far the machine is from its type; empty for a brother."""
+        """Text that states how far the machine is from its type; empty if it may be one of its type."""
         if self.likeness.brother:
             return ""
         times, chance = wording.significant(self.likeness.times, 2), wording.chance(self.likeness.chance)
         return f"is no brother of its type: {times} times as far from the mean as its machines, p {chance}"
 
     def in_words(self, poses: Poses) -> str:
-        """State the value of the prior in poses, and the effects in which the machine differs from its type."""
+        """State the value of the prior as a number of poses, and the effects in which the machine differs from its
+        type."""
         found = f" It is unlike its type in {', '.join(self.outlying)}." if self.outlying else ""
         if self.no_brother:
             return f"This machine {self.no_brother}.{found}"
@@ -137,10 +147,10 @@ class Further:
 
 
 def further_machine(fleet: FleetPart, mechanism: Mechanism, seen: Poses, unseen: Poses, seed: int = 0) -> Further:
-    """A machine of the type fitted to the poses `seen` and judged by those `unseen`.
+    """Fit a machine of the type to the poses `seen` and compute its errors on the poses `unseen`.
 
-    An effect whose value by these poses alone is beyond chance for the type keeps it, without a prior. Raises
-    InputError where the fleet is of another mechanism.
+    An effect that deviates significantly from the type in the fit to these poses alone loses the prior of the type.
+    Raises InputError if the fleet has another mechanism.
     """
     prior = prior_model(fleet, mechanism)
     steps = _own_poses(fleet, prior, seen, unseen, seed)
@@ -154,7 +164,7 @@ def further_machine(fleet: FleetPart, mechanism: Mechanism, seen: Poses, unseen:
 
 
 def _own_poses(fleet: FleetPart, prior: ErrorModel, seen: Poses, unseen: Poses, seed: int) -> tuple[Step, ...]:
-    """Registration and, where its own poses are enough, the machine alone."""
+    """Return the step of the registration and, if the poses are enough, that of the machine alone."""
     bare = tuple(effects_alone(fleet, prior).values())
     try:
         return climb(prior.mechanism, growing(bare, ()), seen, unseen, seed=seed)
@@ -165,10 +175,10 @@ def _own_poses(fleet: FleetPart, prior: ErrorModel, seen: Poses, unseen: Poses, 
 def from_the_type(
     fleet: FleetPart, mechanism: Mechanism, loop: "partial[Discovery]", poses: Poses, train: IntArray, heldout: IntArray
 ) -> Discovery:
-    """Run the loop with what is believed of the type as its standard model.
+    """Run the discovery loop with the effects and priors of the type as its standard model.
 
-    Findings are in addition to the type's effects. The fit to all poses is repeated at the noise that the poses show,
-    where that is larger than the type's.
+    Findings are in addition to the effects of the type. If the noise of these poses is larger than that of the type,
+    the fit to all poses is repeated with it.
     """
     machine = further_machine(fleet, mechanism, poses.subset(train), poses.subset(heldout))
     believed = replace(machine.final.model, noise=fleet.noise)
@@ -188,8 +198,10 @@ def from_the_type(
 
 
 def alone_steps(found: Discovery) -> tuple[Step, ...]:
-    """The machine's own poses without the prior, with the errors on those that `found` held out; none where they are
-    too few."""
+    """Return the fit to the machine's poses without the prior, with errors on the poses that `found` held out.
+
+    Empty if the poses are too few for that fit.
+    """
     rows = found.poses.dataset.row
     errors = np.full(len(rows), np.nan)
     for part in found.parts or (found,):
@@ -199,7 +211,7 @@ def alone_steps(found: Discovery) -> tuple[Step, ...]:
 
 
 def effects_alone(fleet: FleetPart, prior: ErrorModel) -> dict[str, Effect]:
-    """The effects that every machine's poses told, by name, as a machine alone has them: with their own priors."""
+    """Return the effects that every machine's poses determine, by name, with their own priors instead of the type's."""
     own = {part.name: part.effect for block in fleet.blocks for part in block.effects}
     told = own.keys() | {part.name for part in fleet.effects}
     return {e.name: own.get(e.name, replace(e, mean=0.0, prior=np.inf)) for e in prior.effects if e.name in told}
@@ -208,8 +220,10 @@ def effects_alone(fleet: FleetPart, prior: ErrorModel) -> dict[str, Effect]:
 def fitted_with_prior(
     fleet: FleetPart, prior: ErrorModel, poses: Poses, alone: Calibration | None = None, outlying: tuple[str, ...] = ()
 ) -> Calibration:
-    """Poses fitted with what is believed of the type but of the `outlying`, weighed by the larger of its noise and of
-    that which the machine's poses `alone` leave."""
+    """Fit poses with the prior of the type, except for the `outlying` effects, which keep their own priors.
+
+    The noise is the larger of that of the type and of the fit `alone`.
+    """
     names = set(outlying) | {e.name for block in fleet.blocks if block.name in outlying for e in block.effects}
     untaught = {name: effect for name, effect in effects_alone(fleet, prior).items() if name in names}
     effects = tuple(untaught.get(e.name, e) for e in prior.effects)
@@ -221,7 +235,7 @@ def _noise(prior: ErrorModel, alone: Calibration | None) -> float:
 
 
 def _outlying(fleet: FleetPart, alone: Calibration, prior: ErrorModel, poses: Poses) -> tuple[str, ...]:
-    """Effects and blocks that the poses of the machine alone put beyond chance for its type."""
+    """Return names of effects and blocks that deviate significantly from the type in the fit `alone`."""
     noise = _noise(prior, alone)
     at = {e.name: k for k, e in enumerate(alone.model.effects)}
     parts: tuple[Part, ...] = (*fleet.effects, *fleet.blocks)
@@ -242,6 +256,6 @@ def _outlying(fleet: FleetPart, alone: Calibration, prior: ErrorModel, poses: Po
 
 
 def _known(fit: Calibration, poses: Poses) -> float:
-    """RMS standard deviation, m, of the predicted point over poses."""
+    """Return the RMS standard deviation, m, of the predicted point over poses."""
     observed = observe(fit.model, poses, fit.theta, fit.placement)
     return float(np.sqrt(np.mean(point_deviation(saved_model(fit, poses), poses, observed) ** 2)))

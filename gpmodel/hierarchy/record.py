@@ -1,4 +1,4 @@
-"""fleet.json: what is known of machines of one type, with a bound for everything in it.
+"""fleet.json: mean, spread and machines of one type, with a bound on every value.
 
 Values are SI with their unit; lengths that end in `_mm` are millimetres.
 """
@@ -40,33 +40,35 @@ from gpmodel.texts import SEAL, read_toml, seal
 
 TABLES = (".csv", ".txt", ".xlsx")
 HIDDEN = (".", "~$")
-"""Prefixes of files that are not tables; Excel leaves the latter next to an open table."""
+"""Prefixes of files that are not tables. Excel writes a file `~$...` next to an open table."""
 LONGEST_NAME = 60
-"""Characters of the folder name of a machine."""
+"""Largest number of characters of the folder name of a machine."""
 ABOUT = "fleet.toml"
 EXPECTED = "mechanism = NAME and, below [serials], FILE = SERIAL"
 
 
 @dataclass(frozen=True)
 class Folder:
-    """Tables by the serial of their machine, and the mechanism of all, where the folder says it."""
+    """The tables of a folder by the serial number of their machine, and the mechanism if fleet.toml states it."""
 
     tables: Mapping[str, Path]
     mechanism: str | None
 
     @property
     def said_mechanism(self) -> str:
-        """The mechanism of all. Raises InputError where the folder does not say it."""
+        """The mechanism of all machines. Raises InputError if the folder does not state it."""
         if self.mechanism is None:
             raise InputError(f"is missing; expected a name or a file, here or in {ABOUT}", "mechanism")
         return self.mechanism
 
 
 def folder_of_tables(folder: Path) -> Folder:
-    """Every table in a folder, by the serial that fleet.toml gives its file, else by the file's name without ending.
+    """Return every table in a folder, by the serial that fleet.toml gives its file, else by the file name without
+    suffix.
 
-    fleet.toml: `mechanism`, a name or a file seen from the folder, and `[serials]`, both optional. Raises InputError:
-    no folder, no tables, two of one serial, a serial of a file that is not there, no such TOML.
+    fleet.toml: `mechanism`, a name or a file relative to the folder, and `[serials]`, both optional. Raises InputError
+    if the folder or its tables are missing, if two tables have one serial, if a listed file is missing, or if
+    fleet.toml cannot be read.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; expected one with a table for each machine")
@@ -86,14 +88,14 @@ def folder_of_tables(folder: Path) -> Folder:
 
 
 def folder_names(serials: Sequence[str]) -> tuple[str, ...]:
-    """A name of a folder for each machine: its serial as files may be called, with its place where two are alike."""
+    """Return a folder name for each machine: its serial number with valid characters, with a number if not unique."""
     plain = [re.sub(r"[^\w-]+", "_", serial)[:LONGEST_NAME] for serial in serials]
     alike = {name for name, count in Counter(name.lower() for name in plain).items() if count > 1}
     return tuple(f"{n}-{k}" if n.lower() in alike else n for k, n in enumerate(plain, 1))
 
 
 def files_of(folder: Path) -> tuple[Path, ...]:
-    """Every table in a folder, and its fleet.toml where there is one. Raises InputError where a table is no file."""
+    """Return every table in a folder, and its fleet.toml if there is one. Raises InputError if a table is no file."""
     return (*_tables(folder), *(path for path in [folder / ABOUT] if path.is_file()))
 
 
@@ -105,7 +107,7 @@ def _tables(folder: Path) -> list[Path]:
 
 
 def _said(path: Path) -> tuple[str | None, dict[str, str]]:
-    """The mechanism and the serials of a fleet.toml; nothing where there is none."""
+    """Return the mechanism and the serials of a fleet.toml; None and no serials if there is no such file."""
     if not path.exists():
         return None, {}
     content = read_toml(path, EXPECTED)
@@ -124,17 +126,22 @@ KIND, SCHEMA, NAME = "gpmodel fleet", 2, "fleet.json"
 MACHINES = "machines"
 """The folder next to fleet.json, with a folder for each machine."""
 NOISE = "noise of one coordinate"
-"""The last of the parameters: its values are logarithms of metres."""
+"""Name of the last parameter. Its values are logarithms of metres."""
 MOST_MACHINES = 10_000
-"""Largest number of machines. A type with more is known well enough from these."""
+"""Largest number of machines. They determine a type well enough."""
 
 PerMachine = Annotated[tuple[Finite, ...], msgspec.Meta(max_length=MOST_MACHINES)]
 
 
 class MachinePart(msgspec.Struct, frozen=True):
-    """One machine: its table, σ of one coordinate, and RMS 3-D errors on held-out poses, of the standard model, of its
-    own poses alone and with the prior of the type; null where none was held out. effects: its effects in addition to
-    the type's. folder: of its page and its model, below that of fleet.json."""
+    """One machine of the fleet.
+
+    effects: names of its effects in addition to those of the type.
+    folder: folder of its page and its model, below that of fleet.json.
+    sigma_mm: σ of one coordinate.
+    standard_mm, own_mm, fleet_mm: RMS 3-D errors on held-out poses of the standard model, of the fit to its poses alone
+    and of the fit with the prior of the type; null if no pose is held out.
+    """
 
     serial: Label
     folder: FileName
@@ -150,10 +157,15 @@ class MachinePart(msgspec.Struct, frozen=True):
 
 
 class SharedPart(msgspec.Struct, frozen=True):
-    """A parameter over the machines. mean ± stderr and spread (low to high, its 95 % interval) of the type; of each
-    machine its own value, z of it among the others and the chance of it anywhere in an innocent fleet; outliers:
-    numbers of the machines that stand out and are not counted. shrunken: with the prior of the type, of varying effects
-    alone: of geometry the prior has further parameters, which share what one means here."""
+    """A parameter over the machines.
+
+    mean, stderr, spread: of the type. low, high: 95 % interval of the spread.
+    values, stderrs: of each machine alone.
+    shrunken: of each machine with the prior of the type. Empty for geometry, whose prior has further, equivalent
+    constants.
+    z, chances: deviation of each machine from the others, and its chance for any machine of a fleet without outliers.
+    outliers: indices of outlying machines, which do not count for the mean and spread.
+    """
 
     name: Label
     unit: Unit
@@ -173,7 +185,7 @@ class SharedPart(msgspec.Struct, frozen=True):
 
     @property
     def prior(self) -> float:
-        """Standard deviation of what is believed of a machine of the type."""
+        """Prior standard deviation of the parameter for a further machine of the type."""
         return math.hypot(self.spread, self.stderr)
 
 
@@ -195,10 +207,13 @@ class PriorPart(msgspec.Struct, frozen=True):
 
 
 class BlockPart(msgspec.Struct, frozen=True):
-    """Effects with priors of their own, as a curve's harmonics, judged together: the spread between machines (low to
-    high, its 95 % interval) is a share of what these priors expect; z: root mean square distance of each machine from
-    the others over what its poses tell, and the chance of it anywhere in an innocent fleet; outliers: as in SharedPart.
-    effects: with their own priors."""
+    """Effects with priors of their own, such as the harmonics of a curve, judged together.
+
+    effects: with their own priors.
+    spread, low, high: standard deviation between machines, as a share of these priors, and its 95 % interval.
+    z: RMS distance of each machine from the others in the directions that its poses determine.
+    chances, outliers: as in SharedPart.
+    """
 
     name: Label
     effects: Annotated[tuple[PriorPart, ...], msgspec.Meta(min_length=1, max_length=MOST_EFFECTS)]
@@ -214,9 +229,14 @@ Part = SharedPart | BlockPart
 
 
 class FleetPart(msgspec.Struct, frozen=True):
-    """The whole of fleet.json but its seal. chosen: where the effects are from. left_out: what not every machine's
-    poses could tell. parameters: geometry, effects without priors of their own, and the noise. prior: of a further
-    machine, its geometry complete. columns: what the tables call the joints, where all of them agree."""
+    """The content of fleet.json without its seal.
+
+    columns: names of the joints in the tables, if all tables agree.
+    chosen: text on the origin of the effects.
+    left_out: effects that not every machine's poses determine.
+    parameters: geometry, effects without priors of their own, and the noise.
+    prior: effects of a further machine, with complete geometry.
+    """
 
     kind: str
     schema: int
@@ -251,7 +271,7 @@ class FleetPart(msgspec.Struct, frozen=True):
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """All in which a machine is judged by the others: the parameters, then the blocks."""
+        """The parameters, then the blocks: all quantities in which a machine is compared with the others."""
         return (*self.parameters, *self.blocks)
 
     @property
@@ -261,20 +281,20 @@ class FleetPart(msgspec.Struct, frozen=True):
 
     @property
     def noise(self) -> float:
-        """σ of one component, m, of a machine of the type."""
+        """σ of one coordinate, m, of a machine of the type."""
         return math.exp(self.parameters[-1].mean)
 
     def outliers(self) -> list[tuple[int, Part]]:
-        """Machine and parameter or block of all that stand out, the least probable first."""
+        """Return pairs of an outlying machine and the parameter or block, the least probable first."""
         found = [(k, part) for part in self.parts for k in part.outliers]
         return sorted(found, key=lambda one: one[1].chances[one[0]])
 
     def worst_first(self) -> list[int]:
-        """The machines, in order of their least chance in anything, then of the largest |z|."""
+        """Return the machines in order of their least chance in any parameter or block, then of the largest |z|."""
         return sorted(range(len(self.machines)), key=lambda k: (self.worst(k).chances[k], -abs(self.worst(k).z[k])))
 
     def worst(self, machine: int) -> Part:
-        """Parameter or block in which a machine differs most from the others."""
+        """Return the parameter or block in which a machine differs most from the others."""
         return min(self.parts, key=lambda part: (part.chances[machine], -abs(part.z[machine])))
 
 
@@ -284,7 +304,7 @@ FILE = Sealed(KIND, (SCHEMA,), FleetPart, "fleet", f"the {NAME} of gpmodel fleet
 def prior_model(fleet: FleetPart, mechanism: Mechanism) -> ErrorModel:
     """Return the prior model of a further machine of the type: effects with mean and prior, and the noise.
 
-    Raises InputError where the fleet's machines have other joints, or put their tips elsewhere.
+    Raises InputError if the machines of the fleet have other joints or another nominal geometry.
     """
     joints = tuple(joint.name for joint in mechanism.joints)
     if fleet.joints != joints or not same_machine(fleet.tip_at_probe_m, tip_at_probe(mechanism)):
@@ -296,7 +316,7 @@ def prior_model(fleet: FleetPart, mechanism: Mechanism) -> ErrorModel:
 
 
 def check_serial(serial: object) -> None:
-    """Raises InputError for a name of a machine that fleet.json may not hold."""
+    """Raise InputError for a serial number that fleet.json cannot hold."""
     try:
         msgspec.convert(serial, Label)
     except msgspec.ValidationError:
@@ -306,7 +326,7 @@ def check_serial(serial: object) -> None:
 
 
 def prior_parts(effects: tuple[Effect, ...]) -> tuple[PriorPart, ...]:
-    """Effects with what is believed of them."""
+    """Return effects and their priors as records."""
     return tuple(
         PriorPart(
             e.name, e.family, e.unit, tuple(TermPart(t.slot, t.axis, str(t.basis), t.weight) for t in e.terms),
@@ -317,16 +337,16 @@ def prior_parts(effects: tuple[Effect, ...]) -> tuple[PriorPart, ...]:
 
 
 def fleet_text(fleet: FleetPart) -> str:
-    """The text of fleet.json, sealed."""
+    """Return the text of fleet.json, with its seal."""
     content = msgspec.to_builtins(fleet)
     return to_json(content | {SEAL: seal(content)})
 
 
 def fleet_file(path: Path) -> Path:
-    """The fleet.json of a folder, or the file itself."""
+    """Return the fleet.json of a folder, or the file itself."""
     return path / NAME if path.is_dir() else path
 
 
 def read_fleet(path: Path) -> FleetPart:
-    """The content of a fleet.json. Raises InputError as `read_sealed`."""
+    """Read the content of a fleet.json. Raises InputError as `read_sealed`."""
     return read_sealed(path, FILE)[0]
