@@ -1,4 +1,4 @@
-"""Mechanisms of several chains: two arms on one torso, each with a tip of its own."""
+"""Mechanisms of several chains, such as two arms on one torso, each with its own tip."""
 
 from collections.abc import Mapping
 from typing import Protocol, runtime_checkable
@@ -14,14 +14,15 @@ from gpmodel.numerics.se3 import chain
 
 FREE_TURN = np.pi
 FREE_TRAVEL = 0.5
-"""Travel to each side of a joint without limits, radians and metres."""
+"""Largest travel to each side of zero for a joint without limits, rad and m."""
 
 MOST_DRAWS = 100
-"""Random joint values drawn for each pose at most. If fewer than one in a hundred closes the loops, the search ends."""
+"""Largest number of random draws of joint values for each pose. The search ends if fewer than one in a hundred closes
+the loops."""
 
 
 def joint_range(joint: Joint) -> tuple[float, float]:
-    """Limits of a joint, rad or m; at most half a turn to each side, or half a metre where nothing limits it."""
+    """Return the limits of a joint, rad or m, reduced to a width of one turn or one metre if they are wider."""
     widest = FREE_TURN if joint.kind == "revolute" else FREE_TRAVEL
     if joint.upper - joint.lower <= 2 * widest:
         return joint.lower, joint.upper
@@ -33,15 +34,15 @@ def joint_range(joint: Joint) -> tuple[float, float]:
 
 
 def random_poses(mechanism: Mechanism, count: int, rng: np.random.Generator) -> Array:
-    """Joint values (count, n), uniform within the limits, rad and m; where loops close alone."""
+    """Return random joint values (count, n), uniform within the limits, rad and m, at which closed loops close."""
     lower, upper = np.array([joint_range(j) for j in mechanism.joints]).T
     return drawn_between(mechanism, lower, upper, count, rng)
 
 
 def drawn_between(mechanism: Mechanism, lower: Array, upper: Array, count: int, rng: np.random.Generator) -> Array:
-    """Joint values (count, n), uniform between two (n,), of a machine with loops those at which these close.
+    """Return random joint values (count, n), uniform between two (n,), at which closed loops close.
 
-    Raises InputError where hardly any do.
+    Raises InputError if hardly any draw closes the loops.
     """
     loops, found = closed(mechanism), np.zeros((0, len(lower)))
     batch = count if loops is None else max(count, MOST_DRAWS)
@@ -55,9 +56,10 @@ def drawn_between(mechanism: Mechanism, lower: Array, upper: Array, count: int, 
 
 
 def links(mechanism: Mechanism) -> dict[str, Array]:
-    """Slot -> the vector (3,), m, from the slot before to it, in its own frame: what grows with temperature.
+    """Return the vector (3,), m, from the previous slot to each slot, in its own frame: the length that grows with
+    temperature.
 
-    A Levered mechanism states its own, as a joint whose lever a first fit has found.
+    A Levered mechanism states these vectors itself, such as a joint whose lever a first fit determines.
     """
     if isinstance(mechanism, Levered):
         return mechanism.levers
@@ -70,7 +72,8 @@ TIP_TOLERANCE = 1e-7
 
 
 def probe(mechanism: Mechanism) -> Array:
-    """One oblique pose (1, n); near the middle of the limits where loops do not close at the usual one."""
+    """Return one oblique pose (1, n). With closed loops it is near the middle of the limits if the usual pose does not
+    close."""
     count = np.arange(1.0, len(mechanism.joints) + 1.0)
     q, loops = 0.1 * count[None], closed(mechanism)
     if loops is not None and not loops.closes(q)[0]:
@@ -80,7 +83,7 @@ def probe(mechanism: Mechanism) -> Array:
 
 
 def tip_at_probe(mechanism: Mechanism) -> Array:
-    """Tip (3,), m, at that pose: a fingerprint of the nominal geometry up to the measured frame."""
+    """Return the tip (3,), m, at the probe pose: a fingerprint of the nominal geometry up to the measured frame."""
     return np.asarray(chain(mechanism.transforms(probe(mechanism)))[-1][0, :3, 3])
 
 
@@ -91,8 +94,11 @@ def same_machine(tip: ArrayLike, other: ArrayLike) -> bool:
 
 @runtime_checkable
 class Branched(Protocol):
-    """A mechanism whose slots are those of several chains, one after the other. `transforms` leads from each slot to
-    the next in that list; an error moves only what its own chain carries."""
+    """A mechanism of several chains. `slots` lists the slots of all chains one after the other.
+
+    `transforms` gives each slot in the frame of the previous slot of that list. An error moves only later slots of its
+    chain.
+    """
 
     @property
     def slots(self) -> tuple[str, ...]:
@@ -100,25 +106,28 @@ class Branched(Protocol):
 
     @property
     def parents(self) -> tuple[int, ...]:
-        """The slot before each on its own chain, by index; -1 for the first, which all share."""
+        """Index of the previous slot of each slot on its own chain; -1 for the first slot, which all chains share."""
 
     @property
     def tips(self) -> Mapping[str, str]:
-        """Measured link -> the slot that carries it; the first is the one a row reads that names none."""
+        """Slot that carries each measured link. The first link is the default of a row that names none."""
 
     def alone(self, tip: str) -> Mechanism:
-        """The chain that ends at a measured link, alone: its slots by their names here, but the last, `tool`."""
+        """Return the chain that ends at a measured link as a mechanism. Its slots keep their names; the last becomes
+        `tool`."""
 
 
 def branched(mechanism: Mechanism) -> Branched | None:
-    """The mechanism, or what it was loaded from, where it has several chains; None of a single one."""
+    """Return the mechanism, or the one inside a loaded mechanism, if it has several chains, else None."""
     bare = bare_of(mechanism)
     return bare if isinstance(bare, Branched) else None
 
 
 def stands(tree: Branched) -> list[int]:
-    """Slots, by index, at which an arm stands beside another on what both share: of each place all but the first, and
-    none of a tip, which the tool places."""
+    """Return indices of slots at which a further arm is mounted on a slot that carries another arm.
+
+    The first arm at each place is not listed, nor are tips, whose place is that of the tool.
+    """
     tips = [*tree.tips.values()]
     found = [i for i, parent in enumerate(tree.parents) if parent >= 0 and parent in tree.parents[:i]]
     return [i for i in found if tree.slots[i] not in tips]
@@ -126,8 +135,7 @@ def stands(tree: Branched) -> list[int]:
 
 def lineage(mechanism: Mechanism) -> Mask:
     """Return whether an error at one slot moves the frame of another (S, S): the slot itself or a later one of its
-    chain.
-    """
+    chain."""
     tree, count = branched(mechanism), len(mechanism.slots)
     if tree is None:
         return np.triu(np.ones((count, count), dtype=bool))
@@ -139,7 +147,7 @@ def lineage(mechanism: Mechanism) -> Mask:
 
 
 def assembled(tree: Branched, transforms: Array, errors: Mapping[int, Array]) -> Array:
-    """Frames (S, N, 4, 4) in the root, m, each after its own error (N, 4, 4), by the index of its slot.
+    """Return frames (S, N, 4, 4) in the root, m, each after its own error (N, 4, 4), by the index of its slot.
 
     transforms: (S, N, 4, 4) from each slot to the next in the list.
     """
@@ -161,14 +169,15 @@ class Linked(Protocol):
 
     @property
     def link_slots(self) -> Mapping[str, str]:
-        """Link -> the slot whose frame it is fixed to; the empty text where it stands still."""
+        """Slot to whose frame each link is fixed; an empty text for a stationary link."""
 
 
 def carrier_slot(mechanism: Mechanism, link: str, where: str) -> int:
-    """Index of the slot that carries a link, -1 of what stands still.
+    """Return the index of the slot that carries a link, -1 for a stationary link.
 
-    link: "world", "tool", a joint's name for the part beyond it, the name of a link or of an arm. Raises InputError,
-    saying `where` it is written, for another; and for a link of a mechanism with closed loops other than these two.
+    link: "world", "tool", the name of a joint for the part beyond it, or the name of a link or an arm. With closed
+    loops only "world", "base" and "tool" are known. where: location of the name in the message. Raises InputError for
+    an unknown name.
     """
     bare = bare_of(mechanism)
     known = {**dict.fromkeys(WORLD, ""), "tool": "tool"}

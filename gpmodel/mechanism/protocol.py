@@ -1,4 +1,4 @@
-"""Interface of a mechanism: a chain of slots, and the loads in it."""
+"""Interfaces of a mechanism: its slots, its loads, and properties that only some mechanisms have."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -10,18 +10,17 @@ from gpmodel.errors import InputError
 
 GRAVITY = 9.81
 """Acceleration of gravity at middle latitudes, m/s². Standard gravity is 9.80665, and the range on Earth 9.78 to 9.83:
-loads and compliances are right to 0.3 %."""
+loads and compliances are correct to 0.3 %."""
 
 SI = {"length": "m", "angle": "rad", "mass": "kg", "acceleration": "m/s**2", "pixels": "px"}
-"""Units by dimension."""
+"""Unit of each dimension."""
 
 LARGEST = {"length": 1e3, "angle": 1e3, "mass": 5e4, "acceleration": 1e2, "pixels": 1e5}
-"""Largest accepted values, in SI: lengths, angles, masses, accelerations and pixels of every machine are smaller. A
-larger one has a wrong unit."""
+"""Largest accepted lengths, angles, masses, accelerations and pixels, SI. A larger value has a wrong unit."""
 
 
 def checked(value: float, dimension: str, where: str) -> float:
-    """A value in SI of a machine. Raises InputError naming `where` when it is beyond LARGEST or no number."""
+    """Return a value in SI units. Raises InputError naming `where` if it is beyond LARGEST or not a number."""
     if not abs(value) <= LARGEST[dimension]:
         most = f"{LARGEST[dimension]:g} {SI[dimension]}"
         raise InputError(f"{where}: {value:g} {SI[dimension]}; expected at most {most}, the unit may be wrong")
@@ -29,7 +28,7 @@ def checked(value: float, dimension: str, where: str) -> float:
 
 
 def checked_mass(mass: float, where: str, argument: str = "") -> float:
-    """A mass, kg. Raises InputError naming `where` when it is negative, beyond LARGEST or no number."""
+    """Return a mass, kg. Raises InputError naming `where` if it is negative, beyond LARGEST or not a number."""
     if not 0.0 <= mass <= LARGEST["mass"]:
         said = f"{where}: " if where else ""
         raise InputError(f"{said}{mass:g} kg; expected a mass from 0 to {LARGEST['mass']:g} kg", argument)
@@ -43,10 +42,11 @@ AXES = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")
 class Joint:
     """One joint coordinate of the measured table.
 
-    kind: "revolute" (SI unit rad) or "prismatic" (m). lower, upper: limits in SI, infinite where unknown.
-    drive: what a small error of this coordinate moves, as (slot, axis, weight) terms. One term for a serial
-    joint; two for an axis driven through a parallel bar. `measured` is False for a joint without a
-    sensor, whose table values are approximate.
+    kind: "revolute" (rad) or "prismatic" (m).
+    lower, upper: limits in rad or m, infinite if unknown.
+    drive: (slot, axis, weight) of each twist that a unit error of this coordinate causes. A serial joint has one term;
+    an axis driven through a parallel bar has two.
+    measured: False for a joint without a sensor, whose table values are approximate.
     """
 
     name: str
@@ -61,9 +61,9 @@ class Joint:
 class Mechanism(Protocol):
     """A chain of nominal frames.
 
-    The measured point is  T_register · T_0 E_0 · T_1(q) E_1 · ... · T_S(q) E_S · T_tool  with the error twists
-    E_s = exp(twist) acting in the frame of slot s. Joint j has a slot on each side of its motion, `NAME.fixed`
-    and `NAME.moving`; the first slot is `base`, the last is `tool` (the flange).
+    The measured point is  T_register · T_0 E_0 · T_1(q) E_1 · ... · T_S(q) E_S · T_tool  with the error twists E_s =
+    exp(twist) in the frame of slot s. Joint j has a slot on each side of its motion, `NAME.fixed` and `NAME.moving`;
+    the first slot is `base`, the last is `tool` (the flange).
     """
 
     @property
@@ -72,95 +72,101 @@ class Mechanism(Protocol):
 
     @property
     def joints(self) -> tuple[Joint, ...]:
-        """Its joints, in the order of the table's columns."""
+        """The joints, in the order of the columns of the table."""
 
     @property
     def slots(self) -> tuple[str, ...]:
-        """The frames at which error twists act, from the base to the tool."""
+        """Names of the frames at which error twists act, from the base to the tool."""
 
     def transforms(self, q: Array) -> Array:
-        """Nominal transforms (S, N, 4, 4) of each slot's frame in the frame of the slot before it (metres);
-        the first is given in the mechanism's root frame. q: (N, n), rad and m, table coordinates."""
+        """Return the nominal transforms (S, N, 4, 4) of each slot in the frame of the previous slot, m.
+
+        The first is in the root frame of the mechanism. q: (N, n), rad and m, in the coordinates of the table.
+        """
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
         """Return the gravity loads on the mechanism at rest, by name, each (N,): the load itself, not its reaction.
 
-        torque_J2 (Nm; N of a prismatic joint): generalised force on the coordinate J2, in table coordinates: minus the
-        slope of the potential energy, positive where gravity pushes the coordinate up. With J2 counted positive
-        upwards, a payload on a horizontal arm gives a negative torque; a joint that yields moves by compliance times
+        torque_J2 (Nm; N for a prismatic joint): generalised force on the coordinate J2 of the table, minus the
+        derivative of the potential energy. It is positive where gravity increases the coordinate. If J2 is positive
+        upwards, a payload on a horizontal arm gives a negative torque. A compliant joint moves by compliance times
         torque.
-        force_J2_x .. moment_J2_z (N, Nm): wrench that the weight of everything beyond J2 exerts at the origin of
-        J2.moving, in its axes; force_base_x .. moment_base_z likewise of the whole, in the frame of the base. A
-        weight points along gravity. Names use the joints' names. payload: (N,) kg carried at the tool.
-        Empty where no masses are known and payload is zero.
+
+        force_J2_x .. moment_J2_z (N, Nm): wrench of the weight of everything beyond J2 at the origin of J2.moving, in
+        its axes. force_base_x .. moment_base_z: that of the whole mechanism, in the frame of the base.
+
+        Names contain the names of the joints. payload: (N,) kg at the tool. Empty if no masses are known and payload is
+        zero.
         """
 
 
 @runtime_checkable
 class ClosedLoops(Protocol):
-    """A mechanism whose legs meet again in one platform: an error in a leg moves the tool as the other legs allow.
+    """A mechanism whose legs meet in one platform. An error in a leg moves the tool as far as the other legs allow.
 
-    Its slots are listed one after the other like those of a chain, and `transforms` leads from each to the next; only
-    what an error does is another. The standard model of a chain does not fit it, so that it states its own.
+    `slots` and `transforms` are as for a chain; the effect of an error twist is different. The geometric constants of a
+    chain do not fit it, so that it states its own.
     """
 
     @property
     def constants(self) -> tuple[tuple[str, str], ...]:
-        """(slot, axis) of every constant of its complete geometry."""
+        """Slot and axis of every constant of the complete geometry."""
 
     def assembled(self, q: Array, twists: Mapping[int, Array]) -> Array:
-        """Frames (S, N, 4, 4) of the slots in the root, m, each after its own error twist, with all loops closed.
+        """Return frames (S, N, 4, 4) of the slots in the root, m, each after its error twist, with all loops closed.
 
-        q: (N, n) table coordinates. twists: a slot's index -> (N, 6), m and rad. Raises InputError where they do not
-        close.
+        q: (N, n) table coordinates. twists: (N, 6), m and rad, by the index of the slot. Raises InputError if the loops
+        do not close.
         """
 
     def closes(self, q: Array, twists: Mapping[int, Array] | None = None) -> Mask:
-        """Return whether the loops close (N,) with the error twists of `assembled`, nominally without.
+        """Return whether the loops close (N,), with the error twists of `assembled` or nominally.
 
         q: (N, n) table coordinates.
         """
 
     def carried(self, frames: Array, slot: int) -> Array:
-        """Twist of the slot `tool` in its own frame per unit twist at a slot, (N, 6, 6), by implicit differentiation.
+        """Return the twist of the slot `tool` per unit twist at another slot, (N, 6, 6), by implicit differentiation.
 
-        frames: (S, N, 4, 4) of a closed mechanism in any common frame. A twist acts in a slot's frame as it is there.
+        frames: (S, N, 4, 4) of the closed mechanism in any common frame. Each twist is in the frame of its own slot.
         """
 
 
 def closed(mechanism: Mechanism) -> ClosedLoops | None:
-    """Return the mechanism with closed loops, or the one inside; None for a chain."""
+    """Return the mechanism, or the one inside a loaded mechanism, if it has closed loops, else None."""
     bare = bare_of(mechanism)
     return bare if isinstance(bare, ClosedLoops) else None
 
 
 INSTRUMENT = "instrument"
-"""Where the instrument's own errors act: a twist in the frame of its readings, before they are registered."""
+"""Name of the slot for errors of the instrument: a twist in the frame of its measurements, before registration."""
 
 
 def places(mechanism: Mechanism) -> tuple[str, ...]:
-    """Where an error twist may act: the slots of the mechanism, and the instrument after them."""
+    """Return the names at which an error twist may act: the slots of the mechanism, then the instrument."""
     return (*mechanism.slots, INSTRUMENT)
 
 
 @runtime_checkable
 class Weighed(Protocol):
-    """A mechanism that also says how each of its parts weighs on its joints. Gravity's loads at rest are linear in the
-    masses and first moments of mass (kg·m), so that they can be unknowns."""
+    """A mechanism that states the weight of each part separately.
+
+    Static gravity loads are linear in the masses and first moments of mass (kg·m), so that these can be unknowns.
+    """
 
     def unit_loads(self, q: Array) -> dict[str, Array]:
-        """Parts of the static loads by name, each (N,); those that are zero throughout are left out.
+        """Return parts of the static loads by name, each (N,), without parts that are zero everywhere.
 
         torque_J2_of_J4_x: torque about the coordinate J2 of a first moment of mass of 1 kg·m along x of J4.moving,
-        carried by the link beyond J4; moment_base_x_of_J4_x: likewise about the base. Every arm's gravity torque about
-        a turning joint is a combination of these whatever its masses. torque_J2_of_J4: torque of the weight that the
-        description gives the link beyond J4. Source: Khalil and Dombre 2002, ch. 9.
+        carried by the link beyond J4. moment_base_x_of_J4_x: its moment about the base. The gravity torque about a
+        revolute joint of any arm is a combination of these. torque_J2_of_J4: torque of the nominal weight of the link
+        beyond J4. Source: Khalil and Dombre 2002, ch. 9.
         """
 
 
 @runtime_checkable
 class Wrapping(Protocol):
-    """A mechanism around another, which it was loaded as."""
+    """A mechanism that contains another one and the choice from which it was loaded."""
 
     @property
     def bare(self) -> Mechanism:
@@ -168,7 +174,7 @@ class Wrapping(Protocol):
 
 
 def followers(mechanism: Mechanism) -> dict[str, str]:
-    """Find the joints that move with another one alone, as a mimic joint does: their name -> that of the other."""
+    """Return the leading joint of each joint that moves with one other joint alone, such as a mimic joint."""
     own = {joint.name for joint in mechanism.joints}
     drives = {slot.removesuffix(".moving"): joint.name for joint in mechanism.joints for slot, _, _ in joint.drive}
     return {name: leader for name, leader in drives.items() if name not in own}
@@ -176,11 +182,11 @@ def followers(mechanism: Mechanism) -> dict[str, str]:
 
 @runtime_checkable
 class Described(Protocol):
-    """A mechanism that knows what of its description is not read."""
+    """A mechanism that lists the ignored parts of its description."""
 
     @property
     def not_read(self) -> tuple[str, ...]:
-        """Parts of the description that are ignored, each with its location."""
+        """Ignored parts of the description, each with its location."""
 
 
 def bare_of(mechanism: Mechanism) -> Mechanism:
@@ -190,16 +196,16 @@ def bare_of(mechanism: Mechanism) -> Mechanism:
 
 @runtime_checkable
 class Levered(Protocol):
-    """A mechanism that says itself which lengths grow with temperature."""
+    """A mechanism that states which lengths grow with temperature."""
 
     @property
     def levers(self) -> dict[str, Array]:
-        """Slot -> the vector (3,), m, from the slot before to it, in its own frame."""
+        """Vector (3,), m, from the previous slot to each slot, in the frame of that slot."""
 
 
 @runtime_checkable
 class Reaching(Protocol):
-    """A mechanism whose lever a first fit finds, because its nominal description has none."""
+    """A mechanism whose lever a first fit determines, because its nominal description has none."""
 
     def reaching(self, point: Iterable[float]) -> Mechanism:
         """Return the mechanism with the tool at `point` (3,), m, in the measured frame."""
@@ -211,52 +217,57 @@ class Massive(Protocol):
 
     @property
     def bodies(self) -> Mapping[str, tuple[float, Array]]:
-        """Slot -> mass, kg, and its centre (3,) in the frame of the slot, m; those without mass are left out."""
+        """Mass, kg, and its centre (3,), m, in the frame of each slot. Slots without mass are missing."""
 
     @property
     def gravity(self) -> Array:
-        """(3,) m/s² in the root frame."""
+        """Acceleration of gravity (3,) in the root frame, m/s²."""
 
     @property
     def payload_com(self) -> Array:
-        """(3,) m in the measured frame."""
+        """Centre of mass (3,) of the payload in the measured frame, m."""
 
 
 @runtime_checkable
 class Collides(Protocol):
-    """A mechanism that may know where its parts are."""
+    """A mechanism that may know the shape of its parts."""
 
     @property
     def has_shape(self) -> bool:
-        """True if the shape is known; without it the mechanism never collides and never hides anything."""
+        """Whether the shape is known. Without a shape, no collision and no blocked line of sight is reported."""
 
     def collides(self, q: Array) -> Mask:
-        """Return where the mechanism collides with itself (N,) at q (N, n), rad and m."""
+        """Return whether the mechanism collides with itself (N,) at q (N, n), rad and m."""
 
     def hides(self, q: Array, points: Array, instrument: Array) -> Mask:
-        """Return where a part blocks the line (N,) from points (N, 3) to the instrument (3,), m, in the root frame."""
+        """Return whether a part blocks the line (N,) from each of `points` (N, 3) to the instrument (3,), m, in the
+        root frame."""
 
 
 @runtime_checkable
 class ExportsUrdf(Protocol):
-    """A mechanism that can write itself, with constant errors in it, as URDF."""
+    """A mechanism that can be written as URDF, with constant errors in it."""
 
     def write_urdf(self, path: Path, twists: Mapping[str, Array] | None = None) -> str:
-        """Write the chain with a constant error twist (6,), m and rad, at some slots; returns the link to measure at.
-        Raises InputError for a slot the mechanism does not have, or a file that cannot be written."""
+        """Write the chain with a constant error twist (6,), m and rad, at some slots, and return the measured link.
+
+        Raises InputError for an unknown slot, or a file that cannot be written.
+        """
 
 
 Shift = tuple[tuple[str, str, float], ...]
-"""(slot, axis, weight) terms of a shift of a ball's centre by one metre."""
+"""(slot, axis, weight) of each twist that shifts the centre of a ball by one metre."""
 
 
 @dataclass(frozen=True)
 class Ball:
     """A ball in its socket.
 
-    name: empty where a mechanism has but one. angles: columns of States, rad, by which it turns in its socket, about
-    the socket's x, then its own y, then z. shifts: of its centre, by the direction in words, that along its lever or
-    leg last. axial: the name of the load on it along its leg, N, positive where it pulls; empty without one.
+    name: empty if the mechanism has only one ball.
+    angles: columns of States, rad: rotations of the ball in its socket about the x axis of the socket, then its own y,
+    then z.
+    shifts: shifts of its centre, by direction in words. The direction along its lever or leg is last.
+    axial: column of the load on it along its leg, N, positive for a pull; empty if there is none.
     """
 
     name: str
@@ -266,34 +277,34 @@ class Ball:
 
     @property
     def along(self) -> tuple[str, Shift]:
-        """The direction of its lever or leg in words, and the shift."""
+        """The direction of its lever or leg in words, and the shift along it."""
         return list(self.shifts.items())[-1]
 
     @property
     def suffix(self) -> str:
-        """Suffix that distinguishes an effect of this ball from that of another ball of the machine."""
+        """Text that distinguishes the names of effects of this ball from those of another ball of the machine."""
         return f", {self.name}" if self.name else ""
 
 
 @runtime_checkable
 class BallJointed(Protocol):
-    """A mechanism with ball joints, whose angles nothing reads."""
+    """A mechanism with ball joints, whose angles are not measured."""
 
     @property
     def balls(self) -> tuple[Ball, ...]:
-        """Its balls, from the base on."""
+        """The balls, from the base on."""
 
     def turned(self, q: Array) -> dict[str, Array]:
-        """Angles (N,) of its balls, rad, that are no joint coordinates of the table, at nominal geometry; q: (N, n)."""
+        """Return angles (N,), rad, of the balls that are no joint coordinates, at nominal geometry. q: (N, n)."""
 
 
 def ball_jointed(mechanism: Mechanism) -> BallJointed | None:
-    """The mechanism, or what it was loaded from, where it has ball joints."""
+    """Return the mechanism, or the one inside a loaded mechanism, if it has ball joints, else None."""
     bare = bare_of(mechanism)
     return bare if isinstance(bare, BallJointed) else None
 
 
 def balls_of(mechanism: Mechanism) -> tuple[Ball, ...]:
-    """The balls of a mechanism; none of one without."""
+    """Return the balls of a mechanism, or an empty tuple."""
     jointed = ball_jointed(mechanism)
     return jointed.balls if jointed else ()

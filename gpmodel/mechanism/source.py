@@ -1,4 +1,4 @@
-"""Description from which a mechanism is loaded: a name or file, its measured frame, and its payload."""
+"""Load a mechanism from a name or file, with its measured frame and its payload."""
 
 import os
 import shutil
@@ -22,13 +22,14 @@ PROVIDERS = "gpmodel.mechanisms"
 
 
 def load_mechanism(name: str, *, frame: str | None = None, payload_com: Sequence[float] | None = None) -> Mechanism:
-    """The mechanism that the first provider to know `name` builds.
+    """Return the mechanism from the first provider that knows `name`.
 
-    A provider is an entry point of the group `gpmodel.mechanisms`: a callable
-    load_mechanism(name, *, frame=None, payload_com=None) -> Mechanism | None. If its module has a function
-    `mechanism_names`, these names are listed for an unknown one. frame: what is measured (default: the last link).
-    payload_com: (3,) m, centre of mass of the payload in the measured frame. Raises InputError when no provider knows
-    the name.
+    A provider is an entry point of the group `gpmodel.mechanisms`: a callable load_mechanism(name, *, frame=None,
+    payload_com=None) -> Mechanism | None. A function `mechanism_names` of its module may list its names for messages.
+
+    frame: measured link (default: the last link).
+    payload_com: (3,) m, centre of mass of the payload in the measured frame.
+    Raises InputError if no provider knows the name.
     """
     known: list[str] = []
     broken: list[str] = []
@@ -53,14 +54,18 @@ RESERVED = ("x", "y", "z", "rx", "ry", "rz", "row", "payload", "group", "repeat"
 """Names of columns and inputs that no joint can have."""
 FILES = (".urdf", ".toml")
 LARGEST_FILE = 16 << 20
-"""Bytes of a mechanism's description; the largest of example-robot-data, a humanoid with its hands, has 0.3 MB."""
+"""Largest size of the description of a mechanism, bytes. The largest of example-robot-data, a humanoid with its hands,
+has 0.3 MB."""
 
 
 @dataclass(frozen=True)
 class MechanismChoice:
-    """Name or file of a mechanism. frame: measured link. payload: kg or None; payload_com: (3,) m or None.
+    """Name or file of a mechanism, and its options.
 
-    description: the text of the file, where it is one: then `name` is only what it was called, and no file is opened.
+    frame: measured link.
+    payload: kg or None.
+    payload_com: centre of mass of the payload (3,), m, or None.
+    description: text of the file, if it is known. `name` is then only a name, and no file is opened.
     """
 
     name: str
@@ -74,7 +79,7 @@ class MechanismChoice:
             checked_mass(self.payload, "", "payload")
 
     def load(self) -> "LoadedMechanism":
-        """The mechanism. Raises InputError when it is unknown or its file bad."""
+        """Load the mechanism. Raises InputError if it is unknown or its file invalid."""
         name, choice = self.name, self
         if self.description:
             name = str(_unpacked(self.name, self.description))
@@ -96,8 +101,10 @@ class MechanismChoice:
 
 @cache
 def _unpacked(name: str, description: str) -> Path:
-    """A file of that name and content, for as long as this process lives: a mechanism may have to write its
-    description."""
+    """Write a description to a temporary file, kept until this process ends, and return its path.
+
+    A mechanism may have to write its description.
+    """
     if Path(name).suffix.lower() not in FILES or len(description) > LARGEST_FILE:
         raise InputError(f"mechanism '{name}': expected a name that ends in {' or '.join(FILES)}, of a smaller file")
     folder = Path(tempfile.mkdtemp(prefix="gpmodel-"))
@@ -111,15 +118,16 @@ def _unpacked(name: str, description: str) -> Path:
 
 
 def _text(path: Path) -> str:
-    """The text of a mechanism's file. Raises InputError where it is too large or no text."""
+    """Read the file of a mechanism. Raises InputError if it is too large or no text."""
     return read_text(path, LARGEST_FILE, "the description of a mechanism")
 
 
 @dataclass(frozen=True, repr=False)
 class LoadedMechanism:
-    """A mechanism that knows what it was loaded from and what it carries: itself a Mechanism.
+    """A mechanism with the choice from which it was loaded and its payload.
 
-    choice: what to load again, which is how a saved model finds its mechanism. bare: what the provider built.
+    choice: name and options, from which a saved model loads the mechanism again.
+    bare: the mechanism from the provider.
     """
 
     choice: MechanismChoice
@@ -127,7 +135,7 @@ class LoadedMechanism:
 
     @property
     def name(self) -> str:
-        """Name in the description, safe to write in source code and on a terminal."""
+        """Name in the description, without characters that are unsafe in source code or on a terminal."""
         return harmless(self.bare.name)
 
     @property
@@ -150,13 +158,12 @@ class LoadedMechanism:
 
     @property
     def levers(self) -> dict[str, Array]:
-        """Links of the mechanism that the provider built; see workspace.links."""
+        """Vectors of the links of the inner mechanism; see gpmodel.mechanism.branches.links."""
         return links(self.bare)
 
     def reaching(self, point: Iterable[float]) -> "LoadedMechanism":
-        """Return the mechanism with its lever adapted to the tool `point` (3,), m, in the measured frame, of a first
-        fit.
-        """
+        """Return the mechanism with its lever adapted to the tool `point` (3,), m, from a first fit, in the measured
+        frame."""
         return replace(self, bare=self.bare.reaching(point)) if isinstance(self.bare, Reaching) else self
 
     def carrying_at(self, point: Iterable[float]) -> "LoadedMechanism":

@@ -1,4 +1,4 @@
-"""Cameras, boards and surfaces as described in TOML files."""
+"""Read cameras, boards and surfaces from TOML files."""
 
 from collections.abc import Callable, Mapping
 
@@ -17,7 +17,7 @@ KINDS = ("cameras", "board", "surfaces")
 """Kinds of objects that a file may describe."""
 
 SOLVED = {"focal": (0, 1), "centre": (2, 3), "distortion": (4, 5, 6, 7), "distortion k3": (8,)}
-"""Indices of the lens numbers that each word of `solve` stands for."""
+"""Indices of the lens parameters that each word of `solve` selects."""
 
 MOST_BENT = 1e4
 """Largest distortion coefficient; k3 of a narrow lens may be some hundreds."""
@@ -25,7 +25,7 @@ MOST_MARKERS = 1000
 """Largest number of markers along a side of a board."""
 
 Slot = Callable[[str, str], int]
-"""A link's name, and where it is written, to the slot that carries it."""
+"""Function of the name of a link, and of its location in a file, to the index of the slot that carries it."""
 
 
 def cameras_of(content: object, slot: Slot) -> tuple[Camera, ...]:
@@ -55,10 +55,10 @@ def cameras_of(content: object, slot: Slot) -> tuple[Camera, ...]:
 
 
 def boards_of(content: object, slot: Slot) -> tuple[tuple[Board, Mapping[str, Array]], ...]:
-    """Read [board.NAME] and return each board with the corners (3,), m, of its markers.
+    """Read [board.NAME] and return each board with the corner (3,), m, of each marker.
 
-    A board has a link, and either columns, rows and pitch_mm (markers 0, 1, ... row by row), or
-    [board.NAME.points_mm] with a position [x, y, z] of each marker.
+    A board has a link, and either columns, rows and pitch_mm (markers 0, 1, ... row by row), or [board.NAME.points_mm]
+    with a position [x, y, z] of each marker.
     """
     out = []
     for name, table in _named(content, "board", "board"):
@@ -84,7 +84,7 @@ def boards_of(content: object, slot: Slot) -> tuple[tuple[Board, Mapping[str, Ar
 def features_of(content: object) -> tuple[tuple[Feature, ...], tuple[Feature, ...]]:
     """Read [plane.NAME], [sphere.NAME] and [line.NAME].
 
-    Returns the features of one artefact, whose relative poses are known, and free spheres of known diameter.
+    Returns the surfaces of one artefact, whose relative poses are known, and free spheres of known diameter.
     probe_diameter_mm: diameter of the touching ball.
     """
     whole = TomlTable(content, "surfaces")
@@ -109,7 +109,7 @@ def features_of(content: object) -> tuple[tuple[Feature, ...], tuple[Feature, ..
 
 
 def _direction(table: TomlTable, key: str) -> Array:
-    """A unit vector (3,)."""
+    """Read a vector (3,) and return it with length one."""
     vector = table.needed(key, 3)
     length = np.linalg.norm(vector)
     if not 0.0 < length < np.inf:
@@ -118,7 +118,7 @@ def _direction(table: TomlTable, key: str) -> Array:
 
 
 def _not_negative(table: TomlTable, key: str, default: float) -> float:
-    """A length, m."""
+    """Read a length, m. Raises InputError if it is negative."""
     value = float(table.quantity(key, "length", default))
     if value < 0.0:
         raise InputError(f"{table.where}: {key} is {1e3 * value:g} mm, expected zero or more")

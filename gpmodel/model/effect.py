@@ -1,4 +1,4 @@
-"""Effects: one unknown number each, a small twist at one or more slots, shaped by a basis."""
+"""Effects: one coefficient each, times a small twist at one or more slots with a basis function of the pose."""
 
 import math
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ from gpmodel.mechanism.protocol import AXES, INSTRUMENT, Joint
 from gpmodel.model.states import States
 
 REGISTRATION, TOOL = "setup", "tool"
-"""The labels of a table by which registrations and tools are told."""
+"""Columns of a table with the label of the set-up (one registration each) and of the tool."""
 
 
 def made_of(parts: object, kind: type) -> bool:
-    """Return whether `parts` is a tuple of one kind only."""
+    """Return whether `parts` is a tuple of values of one type."""
     return isinstance(parts, tuple) and all(isinstance(part, kind) for part in parts)
 
 
@@ -39,9 +39,11 @@ class Term:
 
 @dataclass(frozen=True)
 class TakenUp:
-    """A twist (6,), m and rad, of the registration of one set-up in the instrument's frame, or of one tool in its own.
+    """A twist (6,), m and rad, of the registration of one set-up in the instrument's frame, or of one tool in its own
+    frame.
 
-    of: REGISTRATION or TOOL. label: the set-up or the tool.
+    of: REGISTRATION or TOOL.
+    label: the set-up or the tool.
     """
 
     of: str
@@ -51,11 +53,12 @@ class TakenUp:
 
 @dataclass(frozen=True)
 class Effect:
-    """A small twist per unit of one unknown: Σ weight φ(s) e_axis over its terms.
+    """A small twist per unit of one coefficient θ: Σ weight φ(s) e_axis over its terms.
 
-    family: the family of the catalogue, empty without one. prior: standard deviation
-    of the unknown around `mean` that is believed before measuring; infinite for none. taken_up: per unit of the
-    unknown, the rigid motions that registrations and tools take up, so that it acts in the rest alone.
+    unit: unit of θ.
+    family: family of the catalogue, empty if there is none.
+    prior: prior standard deviation of θ around `mean`; infinite for none.
+    taken_up: rigid motions of registrations and tools per unit of θ, which are subtracted so that it changes neither.
     """
 
     name: str
@@ -72,26 +75,26 @@ class Effect:
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
-        """The state columns that its bases read."""
+        """Names of the state columns in its basis functions."""
         return tuple(dict.fromkeys(i for term in self.terms for i in term.basis.inputs))
 
     @cached_property
     def slots(self) -> tuple[str, ...]:
-        """The slots it acts at."""
+        """Names of the slots at which it acts."""
         return tuple(dict.fromkeys(term.slot for term in self.terms))
 
     @property
     def of_the_instrument(self) -> bool:
-        """True if the effect moves only the instrument's readings, not the mechanism."""
+        """Whether the effect changes only the measurements of the instrument, not the mechanism."""
         return self.slots == (INSTRUMENT,)
 
     @property
     def constant(self) -> bool:
-        """True if the effect is constant over the poses: a geometric error."""
+        """Whether the effect does not depend on the pose: a geometric constant."""
         return not self.inputs
 
     def twist(self, states: States, slot: str) -> Array:
-        """Twist (N, 6) at `slot` per unit of the unknown, metres and radians, in the slot's frame."""
+        """Return the twist (N, 6) at `slot` per unit of the coefficient, m and rad, in the frame of the slot."""
         out = np.zeros((len(states), 6))
         for term in self.terms:
             if term.slot == slot:
@@ -100,18 +103,21 @@ class Effect:
 
 
 def axis_unit(axis: str) -> str:
-    """m for a translation, rad for a rotation."""
+    """Return m for a translation, rad for a rotation."""
     return "m" if axis.startswith("T") else "rad"
 
 
 def effect_at(
     name: str, slot: str, axis: str, basis: Basis = ONE, unit: str = "", family: str = "", prior: float = math.inf
 ) -> Effect:
-    """The common effect: one slot, one axis, one basis; θ φ(s) e_axis is the twist there.
+    """Return an effect with one slot, one axis and one basis function. θ φ(s) e_axis is its twist there.
 
-    slot: "J4.moving", "J4.fixed", "base", "tool", or "instrument". axis: "Tx" to "Tz", m, or "Rx" to "Rz", rad, of the
-    slot's own frame. basis: φ, an Expression or any object with `inputs`, `str()` and a call that gives (N,). unit: of
-    the unknown θ, that of the axis where empty. family, prior: as in Effect. Raises InputError for an unknown axis.
+    slot: "J4.moving", "J4.fixed", "base", "tool", or "instrument".
+    axis: "Tx" to "Tz", m, or "Rx" to "Rz", rad, of the frame of the slot.
+    basis: φ, an Expression or any object with `inputs`, `str()` and a call that returns (N,).
+    unit: of the coefficient θ; that of the axis if empty.
+    family, prior: as in Effect.
+    Raises InputError for an unknown axis.
     """
     return Effect(name, (Term(slot, axis, basis),), unit or axis_unit(axis), family, prior)
 
@@ -119,6 +125,6 @@ def effect_at(
 def drive_effect(
     name: str, joint: Joint, basis: Basis, unit: str = "", family: str = "", prior: float = math.inf
 ) -> Effect:
-    """An error of a joint's own coordinate, wherever its drive makes it act."""
+    """Return an error of the coordinate of a joint, which acts at each slot of its drive."""
     terms = tuple(Term(slot, axis, basis, weight) for slot, axis, weight in joint.drive)
     return Effect(name, terms, unit or ("rad" if joint.kind == "revolute" else "m"), family, prior)

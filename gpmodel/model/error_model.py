@@ -1,4 +1,4 @@
-"""The error model: a mechanism with effects, its prediction and its columns."""
+"""The error model: a mechanism with effects, and its predicted measurements."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -20,11 +20,11 @@ from gpmodel.table.dataset import Dataset
 
 @dataclass(frozen=True)
 class Placement:
-    """Where instrument and tool are, one entry a label of the table.
+    """Registrations and tools that a fit determined, by the labels of the table.
 
-    registration: setup -> transform (4, 4) of the mechanism's root in the instrument's frame.
-    tool: tool -> transform (4, 4) of the measured frame in the flange; only its point without rotations.
-    anchors: own unknowns (k,) of observations, by key: of a distance, its anchor (3,) in the mechanism's root frame, m.
+    registration: transform (4, 4) of the mechanism's root in the frame of the instrument, by set-up.
+    tool: transform (4, 4) of the measured frame in the flange, by tool. Only its point is determined without rotations.
+    anchors: unknowns (k,) of observations, by key. For a distance: its anchor (3,) in the mechanism's root frame, m.
     """
 
     registration: Mapping[str, Array]
@@ -34,8 +34,10 @@ class Placement:
 
 @dataclass(frozen=True)
 class Poses:
-    """A dataset made ready for one mechanism: nominal relative transforms (S, N, 4, 4), states, and the slot (N,) that
-    carries the tip of each row."""
+    """A dataset prepared for one mechanism: nominal transforms (S, N, 4, 4) from slot to slot, states, and tip slots.
+
+    tip_slot: (N,) slot that carries the measured tip of each row.
+    """
 
     dataset: Dataset
     transforms: Array
@@ -51,9 +53,9 @@ class Poses:
 
 
 def prepare(mechanism: Mechanism, dataset: Dataset, same: States | None = None) -> Poses:
-    """Nominal transforms and states of every pose, computed once. same: see `states_of`.
+    """Compute the nominal transforms and the states of every pose once. same: see `states_of`.
 
-    Raises OpenLoopsError for the row of joint values at which closed loops do not meet.
+    Raises OpenLoopsError, naming the row, if closed loops do not meet at its joint values.
     """
     with rows_named(dataset):
         states = states_of(mechanism, dataset, same)
@@ -62,7 +64,7 @@ def prepare(mechanism: Mechanism, dataset: Dataset, same: States | None = None) 
 
 @contextmanager
 def rows_named(dataset: Dataset) -> Iterator[None]:
-    """Name the file and the row of joint values at which closed loops do not meet."""
+    """Add the file and the row to an OpenLoopsError."""
     try:
         yield
     except OpenLoopsError as error:
@@ -72,11 +74,14 @@ def rows_named(dataset: Dataset) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class ErrorModel:
-    """T = E · T_register · Π_i T_i(q) exp(Σ_k θ_k φ_k e_k) · T_tool, one unknown θ_k an effect.
+    """T = E · T_register · Π_i T_i(q) exp(Σ_k θ_k φ_k e_k) · T_tool, with one coefficient θ_k for each effect.
 
-    E is the twist of the effects at the slot `instrument`, whose bases may read where the instrument sees the point.
-    noise: standard deviation of one measured component, m, where it is known beforehand; None: what a fit leaves.
-    Raises InputError for an effect at a slot the mechanism does not have.
+    E is the twist of the effects at the slot `instrument`. Their basis functions may depend on the point in the frame
+    of the instrument.
+
+    noise: standard deviation of one measured coordinate, m, if known beforehand. None: it is estimated from the
+    residual.
+    Raises InputError for an effect at an unknown slot.
     """
 
     mechanism: Mechanism
@@ -93,7 +98,7 @@ class ErrorModel:
                     )
 
     def twists(self, poses: Poses, theta: Array) -> dict[int, Array]:
-        """Error twists (N, 6), m and rad, by the index of the slot they act at; none where nothing acts."""
+        """Return the error twists (N, 6), m and rad, by the index of their slot. Slots without an error are missing."""
         out: dict[int, Array] = {}
         terms = ((t, v * t.weight) for e, v in zip(self.effects, theta, strict=True) if v != 0.0 for t in e.terms)
         for term, size in terms:
@@ -103,12 +108,15 @@ class ErrorModel:
         return {at: twist.T for at, twist in out.items()}
 
     def of_the_mechanism(self, theta: Array) -> tuple["ErrorModel", Array]:
-        """The model and its unknowns without what is the instrument's alone."""
+        """Return the model and its coefficients without effects of the instrument alone."""
         own = [i for i, effect in enumerate(self.effects) if not effect.of_the_instrument]
         return ErrorModel(self.mechanism, tuple(self.effects[i] for i in own)), theta[own]
 
     def instrument_twist(self, poses: Poses, theta: Array, points: Array) -> Array | None:
-        """Twist (N, 6), m and rad, of the instrument's readings of `points` (N, 3), m, in its frame; None without."""
+        """Return the twist (N, 6), m and rad, of the measured `points` (N, 3), m, in the frame of the instrument.
+
+        None if there is no effect of the instrument.
+        """
         acting = [(e, v) for e, v in zip(self.effects, theta, strict=True) if v != 0.0 and INSTRUMENT in e.slots]
         if not acting:
             return None
@@ -117,7 +125,8 @@ class ErrorModel:
         return np.asarray(whole - self.taken_up(poses, theta, REGISTRATION))
 
     def taken_up(self, poses: Poses, theta: Array, of: str) -> Array:
-        """Twist (N, 6), m and rad, that the registration or the tool of each pose takes up of the effects."""
+        """Return the twist (N, 6), m and rad, of the registration or the tool that is subtracted from the effects at
+        each pose."""
         out = np.zeros((len(poses), 6))
         for effect, value in zip(self.effects, theta, strict=True):
             for rigid in effect.taken_up:
@@ -126,11 +135,11 @@ class ErrorModel:
         return out
 
     def frames(self, poses: Poses, theta: Array) -> Array:
-        """Frames (S, N, 4, 4) of the slots in the root, each after its own error twist."""
+        """Return the frames (S, N, 4, 4) of the slots in the root, m, each after its own error twist."""
         return self.frames_after(poses, self.twists(poses, theta))
 
     def frames_after(self, poses: Poses, twists: Mapping[int, Array]) -> Array:
-        """Return the frames after known error twists (N, 6), keyed by the index of their slot."""
+        """Return the frames (S, N, 4, 4) after known error twists (N, 6), keyed by the index of their slot."""
         if loops := closed(self.mechanism):
             with rows_named(poses.dataset):
                 return loops.assembled(poses.dataset.q, twists)
@@ -143,10 +152,11 @@ class ErrorModel:
 
 
 def closing(model: ErrorModel, data: Dataset, theta: Array) -> IntArray:
-    """Select the rows (K,) at which the loops of a mechanism close, nominally and with its errors; all of a chain.
+    """Return the rows (K,) at which the loops of a mechanism close, nominally and with its errors. A chain has no
+    loops.
 
-    theta: (E,) values of model.effects, SI. An error that remembers earlier rows changes when rows go, so the test is
-    repeated on the rows that stay.
+    theta: (E,) values of model.effects, SI. Effects with memory change when rows are removed, so that the test is
+    repeated on the remaining rows.
     """
     rows, loops = np.arange(len(data)), closed(model.mechanism)
     if loops:
@@ -161,11 +171,11 @@ def closing(model: ErrorModel, data: Dataset, theta: Array) -> IntArray:
 
 
 def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement) -> Observed:
-    """Predict the readings of the instrument at `poses`, T_register · Π T_i exp(Σ_k θ_k φ_k e_k) · T_tool, and the
-    frames that move them.
+    """Predict the measurements at `poses`, T_register · Π T_i exp(Σ_k θ_k φ_k e_k) · T_tool, with the frames of all
+    slots.
 
     theta: (E,) values of model.effects, SI.
-    placement: a registration for every set-up of the poses and a point for every tool. KeyError where one is missing.
+    placement: a registration for every set-up of the poses and a point for every tool. KeyError if one is missing.
     """
     data, tip_slot = poses.dataset, poses.tip_slot
     twists = model.twists(poses, theta)
@@ -191,27 +201,30 @@ def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement)
 
 
 def _completed(known: Own, kinds: tuple[Observation, ...], tips: Tips) -> Own:
-    """Add the observations' unknowns that the fit lacks, estimated from these poses.
+    """Add unknowns of the observations that the fit does not contain, estimated from these poses.
 
-    A point that only held-out poses touched is an example.
+    An example is a point that only held-out poses touched.
     """
     new = [kind for kind in kinds if not known.keys() >= kind.own.keys()]
     return {**{key: value for kind in new for key, value in kind.start(tips).items()}, **known} if new else known
 
 
 def measured_minus(observed: Observed, dataset: Dataset) -> Array:
-    """Measured minus predicted (N, m): m, rad (rotation vector of R_meas R_predᵀ), then each kind's unit; NaN where
-    unmeasured."""
+    """Return measured minus predicted (N, m): m, rad (rotation vector of R_meas R_predᵀ), then the unit of each other
+    kind.
+
+    Unmeasured components are NaN.
+    """
     return np.hstack([kind.residual(observed.tips, observed.own) for kind in observations(dataset)])
 
 
 def pose_error(observed: Observed, dataset: Dataset) -> Array:
-    """Length (N,) of each pose's measured-minus-predicted vector over all but its rotations, m."""
+    """Return the length (N,) of each pose's measured-minus-predicted vector over all components but rotations, m."""
     lengths = (measured_minus(observed, dataset) * observed.scales(1.0))[:, ~observed.turns]
     return np.asarray(np.sqrt(np.nansum(lengths**2, axis=1)))
 
 
 def turn_error(observed: Observed, dataset: Dataset) -> Array:
-    """Angle (N,), rad, between each pose's measured and predicted orientation; NaN where none was measured."""
+    """Return the angle (N,), rad, between the measured and predicted orientation of each pose; NaN if unmeasured."""
     vectors = measured_minus(observed, dataset)[:, observed.turns]
     return np.linalg.norm(vectors, axis=1) if observed.turns.any() else np.full(len(dataset), np.nan)

@@ -1,7 +1,7 @@
-"""An inclinometer on a link: how far two of its axes rise over the horizontal.
+"""An inclinometer on a link: the inclination of two of its axes to the horizontal.
 
-reading = asin(s · up), s = F_link M e_x and F_link M e_y, M its mounting (a turn) and up the vertical in the root's
-frame, which is known to a tilt of the base only. A turn about the vertical shows in no reading.
+measured = asin(s · up), s = F_link M e_x and F_link M e_y, with M the mounting (a rotation) and up the vertical in the
+root frame, whose tilt is unknown. A rotation about the vertical does not change any measurement.
 """
 
 from collections.abc import Mapping
@@ -17,15 +17,20 @@ from gpmodel.numerics import se3
 
 VERTICAL = "vertical"
 FEWEST = 4
-"""Least number of readings of one inclinometer: each axis has three unknowns."""
+"""Least number of measurements of one inclinometer: each axis has three unknowns."""
 STEEPEST = np.radians(89.9)
-"""Largest inclination, radians. Beyond it the sine hardly changes with the angle."""
+"""Largest inclination, rad. Beyond it the sine hardly changes with the angle."""
 
 
 @dataclass(frozen=True, eq=False)
 class Inclination:
-    """values: (N, 2) rad. links: name and slot's index of the links that carry an inclinometer. link: (N,) which, -1
-    for none. metres: what a radian counts as."""
+    """Measurements of inclinometers.
+
+    values: (N, 2) rad.
+    links: name, and index of the slot, of each link with an inclinometer.
+    link: (N,) index into `links`, -1 for no measurement.
+    metres: metres that one radian counts as.
+    """
 
     values: Array
     links: tuple[tuple[str, int], ...]
@@ -39,7 +44,7 @@ class Inclination:
 
     @cached_property
     def own(self) -> Mapping[str, tuple[str, ...]]:
-        """The tilt of the base and every mounting."""
+        """Unknowns: the tilt of the base and the mounting of each inclinometer."""
         return {VERTICAL: ("Rx", "Ry"), **{f"inclinometer {name}": ("Rx", "Ry", "Rz") for name, _ in self.links}}
 
     @property
@@ -60,11 +65,11 @@ class Inclination:
         return self.values - np.arcsin(np.clip(rise, -1.0, 1.0))
 
     def by_tip(self, tips: Tips, own: Own) -> Array:
-        """Nothing: the tool point is not seen."""
+        """Return zeros: the tool point does not change an inclination."""
         return np.zeros((len(self.values), 2, 6))
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
-        """By a turn of the link: d(s·up) = (s × up)·ω."""
+        """Return the derivative by a rotation ω of each link: d(s·up) = (s × up)·ω."""
         axes, out = self._axes(tips, own), {}
         change = np.cross(axes, own[VERTICAL]) * self._steep(axes, own)
         for i, (_, slot) in enumerate(self.links):
@@ -84,13 +89,14 @@ class Inclination:
         return np.concatenate(parts, axis=2)
 
     def moved(self, key: str, value: Array, step: Array) -> Array:
-        """The vertical after a turn in the root's axes; a mounting after one in its own."""
+        """Return the vertical after a rotation in the root's axes, or a mounting after a rotation in its own axes."""
         if key == VERTICAL:
             return _turn(np.append(step, 0.0)) @ value
         return se3.rotation_vector(_turn(value) @ _turn(step))
 
     def start(self, tips: Tips) -> Own:
-        """A level base, and mountings by least squares: the sine of a reading is linear in the axis that rises."""
+        """Return a level base, and mountings by least squares: the sine of an inclination is linear in the inclined
+        axis."""
         out = {VERTICAL: np.array([0.0, 0.0, 1.0])}
         for i, (name, slot) in enumerate(self.links):
             rows = (self.link == i) & self.readings.all(axis=1)
@@ -102,7 +108,7 @@ class Inclination:
         return out
 
     def _axes(self, tips: Tips, own: Own) -> Array:
-        """The sensors' axes x and y in the root (N, 2, 3)."""
+        """Return the axes x and y of the sensors in the root (N, 2, 3)."""
         out = np.zeros((len(self.values), 2, 3))
         for i, (name, slot) in enumerate(self.links):
             turn = tips.slots[slot, :, :3, :3] @ _turn(own[f"inclinometer {name}"])
@@ -110,7 +116,7 @@ class Inclination:
         return out
 
     def _steep(self, axes: Array, own: Own) -> Array:
-        """d asin(s·up) per change of s·up (N, 2, 1)."""
+        """Return d asin(s·up) / d (s·up) (N, 2, 1)."""
         rise = axes @ own[VERTICAL]
         return np.asarray(1.0 / np.sqrt(np.maximum(1.0 - rise**2, np.cos(STEEPEST) ** 2)))[:, :, None]
 

@@ -1,4 +1,4 @@
-"""The observations that the columns of a table stand for: touches, pixels and inclinations."""
+"""Make observations (touches, pixels, inclinations) from the columns of a table."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -20,23 +20,22 @@ from gpmodel.table.bundles import numbered
 from gpmodel.table.dataset import Dataset
 
 KNOWN = "surfaces"
-"""The body of all surfaces whose places to each other a file gives."""
+"""Name of the artefact that contains all surfaces with a known relative pose."""
 
 SAME_VIEW = 1e-6
-"""Largest difference of joint values of one view, radians or metres: written digits."""
+"""Largest difference of joint values within one view, rad or m: rounding of written digits."""
 
 METRES_A_PIXEL, METRES_A_RADIAN = 1e-3, 1.0
-"""Metres per pixel and per radian before the readings are weighted: a pixel at a metre, a lever of a metre."""
+"""Metres per pixel and per radian before the measurements are weighted: a pixel at a metre, a lever of a metre."""
 
 
 def with_observations(
     dataset: Dataset, mechanism: Mechanism, described: Mapping[str, Mapping[str, object]] | None = None
 ) -> Dataset:
-    """Return the table with the observations that its columns `on_plane` to `inclination_y` hold.
+    """Return the table with the observations in its columns `on_plane` to `inclination_y`.
 
-    described: replaces Dataset.described.
-
-    Raises InputError for a label with too few touches, a camera or marker without a description, too few corners.
+    described: replaces Dataset.described. Raises InputError for a label with too few touches, a camera or marker
+    without a description, or too few corners.
     """
     dataset = dataset if described is None else replace(dataset, described=described)
     found: list[Observation] = [*_touches(dataset), *_pixels(dataset, mechanism), *_inclinations(dataset, mechanism)]
@@ -150,14 +149,14 @@ def _pixels(dataset: Dataset, mechanism: Mechanism) -> Iterator[Pixels]:
 
 
 def _spelled(board: str, markers: Mapping[str, Array]) -> Iterator[tuple[str, Array]]:
-    """Markers by their own name, and by that of the board before it."""
+    """Yield each marker by its own name, and by the name of the board and its own."""
     for name, at in markers.items():
         yield name, at
         yield f"{board}/{name}", at
 
 
 def _check_views(dataset: Dataset, cameras: list[str], view: IntArray, which: IntArray) -> None:
-    """Raises InputError naming the first row of a view of a flat board with too few corners."""
+    """Raise InputError naming the first row of a view of a flat board with too few corners."""
     rows = np.flatnonzero(which[:, 0] >= 0)
     keys = np.column_stack([view, which])[rows]
     _, first, count = np.unique(keys, axis=0, return_index=True, return_counts=True)
@@ -186,7 +185,7 @@ def _inclinations(dataset: Dataset, mechanism: Mechanism) -> Iterator[Inclinatio
 
 
 def _codes(dataset: Dataset, column: str) -> tuple[list[str], IntArray]:
-    """Distinct labels but the empty one, and each row's index into them, -1 where it has none."""
+    """Return the distinct labels without the empty one, and the index of each row's label, -1 if it is empty."""
     names, codes = dataset.codes(column)
     kept = {name: i for i, name in enumerate(name for name in names if name)}
     return list(kept), np.array([kept.get(name, -1) for name in names], dtype=np.int64)[codes]

@@ -1,9 +1,9 @@
-"""A pinhole camera with Brown's distortion: points to pixels, and back.
+"""A pinhole camera with Brown's distortion: points to pixels, and pixels to directions.
 
     x = X / Z, y = Y / Z, r² = x² + y²,  d = 1 + k1 r² + k2 r⁴ + k3 r⁶
     x' = d x + 2 p1 x y + p2 (r² + 2 x²),   y' = d y + p1 (r² + 2 y²) + 2 p2 x y,   u = fx x' + cx,  v = fy y' + cy
 
-Source: Brown (1971); the order of the coefficients is OpenCV's.
+Source: Brown (1971). The order of the coefficients is that of OpenCV.
 """
 
 import numpy as np
@@ -12,11 +12,12 @@ from gpmodel.arrays import Array
 
 NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 UNDISTORTING = 20
-"""Fixed-point steps that remove distortion; each gains two digits for a usual lens."""
+"""Fixed-point iterations that remove distortion; each gains two digits for a usual lens."""
 
 
 def pixels(points: Array, lens: Array) -> Array:
-    """u, v (N, 2), px, of points (N, 3) in the camera's frame, m, z ahead. lens: (N, 9) as NAMES."""
+    """Return u, v (N, 2), px, of points (N, 3) in the frame of the camera, m, z forward. lens: (N, 9) in the order of
+    NAMES."""
     fx, fy, cx, cy = lens.T[:4]
     x, y = _distorted(points[:, 0] / points[:, 2], points[:, 1] / points[:, 2], lens)
     return np.column_stack([fx * x + cx, fy * y + cy])
@@ -30,7 +31,7 @@ def _distorted(x: Array, y: Array, lens: Array) -> tuple[Array, Array]:
 
 
 def by_point(points: Array, lens: Array) -> Array:
-    """Change (N, 2, 3) of the pixels per unit motion of the points, px/m."""
+    """Return the derivatives (N, 2, 3) of the pixels by the coordinates of the points, px/m."""
     x, y, z = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2], points[:, 2]
     fx, fy, _, _, k1, k2, p1, p2, k3 = lens.T
     r2 = x * x + y * y
@@ -45,7 +46,7 @@ def by_point(points: Array, lens: Array) -> Array:
 
 
 def by_lens(points: Array, lens: Array) -> Array:
-    """Return the derivatives of the pixels (N, 2, 9) by the numbers of the lens."""
+    """Return the derivatives (N, 2, 9) of the pixels by the parameters of the lens."""
     x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
     fx, fy = lens.T[:2]
     r2 = x * x + y * y
@@ -60,7 +61,7 @@ def by_lens(points: Array, lens: Array) -> Array:
 
 
 def directions(seen: Array, lens: Array) -> Array:
-    """x, y (N, 2) without distortion of pixels (N, 2), by fixed-point steps. lens: (9,)."""
+    """Return x, y (N, 2) without distortion from pixels (N, 2), by fixed-point iterations. lens: (9,)."""
     wide = np.broadcast_to(lens, (len(seen), 9))
     target = (seen - lens[2:4]) / lens[:2]
     out = target.copy()

@@ -1,14 +1,14 @@
-"""Columns that remember: what a pose inherits from the poses measured before it.
+"""Columns with memory, which depend on the poses measured before.
 
-Each has a name that an expression can write, its one constant at the end with `p` for the decimal point:
+The name of each column can be used in an expression. It ends with its constant, with `p` for the decimal point:
 
-    last_move_J2            side the joint came from: sign of its last move, 0 where nothing is known yet
+    last_move_J2            sign of the last move of the joint, 0 before its first move
     play_J2_0p01            play operator of half-width r:  y_k = max(x_k - r, min(x_k + r, y_(k-1))), y_0 = x_0
     stop_torque_J2_40       stop operator, x - play: within ±r
     lag_temperature_2400    first order lag, tau dy/dt = x - y, y_0 = x_0, over `time` or the rows
 
-Sources: Visintin 1994, ch. III (play and stop; their sums are Prandtl and Ishlinskii's hysteresis);
-ISO 230-2, 3.3 (direction of approach).
+Sources: Visintin 1994, ch. III (play and stop; their sums are Prandtl and Ishlinskii's hysteresis); ISO 230-2, 3.3
+(direction of approach).
 """
 
 import re
@@ -24,29 +24,29 @@ from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import is_time
 
 OFTEN = 0.05
-"""Least share of rows close to the one before from which a joint counts as held. Of random poses in a range of 0.2 rad,
-one in two hundred is within SAME_JOINT."""
+"""Least share of rows close to the previous row from which a joint counts as held. Of random poses in a range of 0.2
+rad, one in two hundred is within SAME_JOINT."""
 _LAST_MOVE = re.compile(r"last_move_(?P<of>\w+)$")
 _WITH_CONSTANT = re.compile(r"(?P<what>play|stop|lag)_(?P<of>\w+)_(?P<size>\d+(?:p\d+)?)$")
 FEWEST_ROWS = 10
-"""Least number of rows with rising times from which the rows are in the order of measurement: by chance once in 10!
-tables."""
+"""Least number of rows with rising times for them to count as ordered. Random times rise in one of 10! tables."""
 
 
 def word(value: float, digits: int = 4) -> str:
-    """A positive constant as the end of a name: 0.0123 as `0p0123`."""
+    """Write a positive constant as the end of a name: 0.0123 as `0p0123`."""
     return np.format_float_positional(float(f"{value:.{digits}g}"), trim="-").replace(".", "p")
 
 
 def read_by(name: str) -> tuple[str, ...]:
-    """The column a derived one is made of, with `last_move_J2` reading J2; nothing for any other name."""
+    """Return the source column of a column with memory, such as J2 for `last_move_J2`. Empty for any other name."""
     match = _LAST_MOVE.match(name) or _WITH_CONSTANT.match(name)
     return (match["of"],) if match else ()
 
 
 def constant_of(name: str) -> tuple[str, str, float] | None:
-    """Return the operation of a derived column (`play`, `stop`, `lag`), its column and its constant; None without
-    one.
+    """Return the operation of a column with memory (`play`, `stop`, `lag`), its source column and its constant.
+
+    None for any other name.
     """
     match = _WITH_CONSTANT.match(name)
     return (match["what"], match["of"], float(match["size"].replace("p", "."))) if match else None
@@ -54,9 +54,9 @@ def constant_of(name: str) -> tuple[str, str, float] | None:
 
 @dataclass(frozen=True, eq=False)
 class Past:
-    """The columns (N,) of a whole table whose rows were measured in the order of `clock`, and what follows from it.
+    """The columns (N,) of a whole table in the order of measurement, and the columns with memory that follow from them.
 
-    clock: name of the column of times, or `row`. Derived columns are computed on first use, once.
+    clock: name of the column of times, or `row`. A column with memory is computed once, on first use.
     """
 
     columns: Mapping[str, Array]
@@ -65,7 +65,7 @@ class Past:
     _known: dict[str, Array] = field(default_factory=dict)
 
     def column(self, name: str) -> Array | None:
-        """A derived column (N,), None where the name is of none."""
+        """Return a column with memory (N,), or None for any other name."""
         if name not in self._known:
             sources = read_by(name)
             if not sources or sources[0] not in self.columns:
@@ -77,7 +77,7 @@ class Past:
         return self._known[name]
 
     def unit(self, name: str) -> str:
-        """Unit of the source column; `1` for a direction."""
+        """Return the unit of the source column, or `1` for a direction."""
         return "1" if _LAST_MOVE.match(name) else self.units[read_by(name)[0]]
 
     def _in_order(self, name: str, values: Array, order: IntArray) -> Array:
@@ -93,15 +93,19 @@ class Past:
 
 
 def jitter(values: Array) -> float:
-    """The largest step (rad or m) of a joint's values (N,) that is no move: SAME_JOINT where more rows than OFTEN are
-    off the one before by less, as a joint is that is read while it is held; none where values are commands."""
+    """Return the largest change (rad or m) of the values (N,) of a joint that is no move.
+
+    It is SAME_JOINT if more than the share OFTEN of the rows differs from the previous row by less, as for a joint that
+    is measured while it is held. It is ROUNDING if the values are commands.
+    """
     steps = np.abs(np.diff(values))
     held = np.sum((steps > ROUNDING) & (steps <= SAME_JOINT))
     return SAME_JOINT if held > OFTEN * len(values) else ROUNDING
 
 
 def last_move(values: Array, rows: Array, still: float) -> Array:
-    """Sign (N,) of the last move of more than `still`; 0 before the first, and after a gap in the row numbers."""
+    """Return the sign (N,) of the last move of more than `still`; 0 before the first move and after a gap in the row
+    numbers."""
     out = np.zeros(len(values))
     side, at = 0.0, values[0] if len(values) else 0.0
     for k in range(1, len(values)):
@@ -114,7 +118,7 @@ def last_move(values: Array, rows: Array, still: float) -> Array:
 
 
 def play(values: Array, half_width: float) -> Array:
-    """Play operator (N,): it follows at a distance of at most `half_width`."""
+    """Return the play operator (N,): the output follows the input at a distance of at most `half_width`."""
     out = np.array(values, dtype=float)
     for k, value in enumerate(values[1:].tolist(), 1):
         out[k] = max(value - half_width, min(value + half_width, out[k - 1]))
@@ -122,7 +126,7 @@ def play(values: Array, half_width: float) -> Array:
 
 
 def lag(values: Array, time: Array, constant: float) -> Array:
-    """Solution (N,) at the rows of tau dy/dt = x - y, y_0 = x_0, x linear between the rows."""
+    """Return the solution (N,) of tau dy/dt = x - y, y_0 = x_0, at the rows, with x linear between the rows."""
     out = np.array(values, dtype=float)
     step = np.diff(time) / constant
     decay = np.exp(-step)
@@ -134,9 +138,9 @@ def lag(values: Array, time: Array, constant: float) -> Array:
 
 
 def clock_of(dataset: Dataset) -> str | None:
-    """The column the rows are in order of: one of times that never falls, else `row` where the table says so.
+    """Return the column that orders the rows: one of times that never falls, or `row` if the table states the order.
 
-    None where nothing says that the rows are in order. Raises InputError where the table says so and a time falls.
+    None if the order of measurement is unknown. Raises InputError if the table states the order and a time falls.
     """
     times = [name for name, unit in dataset.extra_units.items() if is_time(unit)]
     for name in times:
@@ -153,8 +157,11 @@ def clock_of(dataset: Dataset) -> str | None:
 
 
 def standing(past: Past, joints: Sequence[str]) -> list[str]:
-    """The derived columns that every search may read: the last move of each joint that moves, its stop over a tenth of
-    its range, and temperatures that lag by a thirtieth, a tenth and a third of the session."""
+    """Return the columns with memory that every search uses.
+
+    They are the last move of each moving joint, its stop operator over a tenth of its range, and temperatures with a
+    lag of a thirtieth, a tenth and a third of the session.
+    """
     moving = {j: float(np.ptp(past.columns[j])) for j in joints if np.ptp(past.columns[j]) > SAME_JOINT}
     names = [f"last_move_{j}" for j in moving]
     names += [f"stop_{j}_{word(0.1 * span)}" for j, span in moving.items()]
@@ -164,5 +171,5 @@ def standing(past: Past, joints: Sequence[str]) -> list[str]:
 
 
 def temperatures(units: Mapping[str, str]) -> list[str]:
-    """Names of the columns that are temperatures, by their unit."""
+    """Return the names of the columns with a unit of temperature."""
     return [c for c, unit in units.items() if unit in ("degC", "K", "kelvin", "celsius", "degF", "°C")]

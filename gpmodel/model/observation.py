@@ -1,6 +1,4 @@
-"""Readings of an instrument at a pose: a point, an orientation, a distance, or any other kind with the same
-interface.
-"""
+"""Observations: measurements of a point, an orientation, a distance or another kind, with one interface."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,8 +14,12 @@ from gpmodel.table.dataset import Dataset
 
 @dataclass(frozen=True)
 class Tips:
-    """Predicted tip poses (N, 4, 4), m: in the mechanism's root frame, and in the instrument's. slots: (S, N, 4, 4),
-    the frames of the slots in the root frame."""
+    """Predicted poses of the tip (N, 4, 4), m.
+
+    root: in the root frame of the mechanism.
+    instrument: in the frame of the instrument.
+    slots: (S, N, 4, 4), frames of the slots in the root frame.
+    """
 
     root: Array
     instrument: Array
@@ -34,114 +36,111 @@ Own = Mapping[str, Array]
 
 
 class Observation(Protocol):
-    """One kind of reading: m components at each of N poses, NaN where unmeasured, and what moves them.
-    name: in messages, no other has the same. unit: of its components, "m", "rad" or "px". metres: that one such unit
-    counts as; None of a rotation, whose weight the fit finds. absolute: it reads in the instrument's frame, so that the
-    registration moves it. oriented: a turn of the tool about its point moves it.
-    own: key of something it has to find -> names of the numbers a step of it has.
-    """
+    """Measurements of one kind: m components at each of N poses, NaN if unmeasured, and their derivatives."""
 
     @property
     def name(self) -> str:
-        """Name in the table."""
+        """Unique name in the table and in messages."""
 
     @property
     def unit(self) -> str:
-        """Unit of its readings."""
+        """Unit of the components: "m", "rad" or "px"."""
 
     @property
     def metres(self) -> float | None:
-        """Metres that one unit counts as."""
+        """Metres that one unit counts as. None for a rotation, whose weight the fit estimates."""
 
     @property
     def components(self) -> int:
-        """Numbers a reading has."""
+        """Number of components of one measurement."""
 
     @property
     def absolute(self) -> bool:
-        """True if the reading places the mechanism in the instrument's frame."""
+        """Whether the measurement is in the frame of the instrument and depends on the registration."""
 
     @property
     def oriented(self) -> bool:
-        """True if the orientation of the tool was measured."""
+        """Whether the measurement depends on a rotation of the tool about its point."""
 
     @property
     def own(self) -> Mapping[str, tuple[str, ...]]:
-        """Names of its own unknowns, in the order of the columns of `by_own`."""
+        """Names of the components of a step of each unknown, by key, in the order of the columns of `by_own`."""
 
     @property
     def kept(self) -> tuple[str, ...]:
-        """Keys of the unknowns that outlast a session: where a link carries something, and a lens."""
+        """Keys of the unknowns that remain valid in another session: mountings on a link, and a lens."""
 
     @property
     def readings(self) -> Mask:
-        """Measured components (N, m), True where measured."""
+        """Whether each component was measured (N, m)."""
 
     def subset(self, rows: IntArray) -> "Observation":
-        """Return the readings at some poses."""
+        """Return the measurements at some poses."""
 
     def residual(self, tips: Tips, own: Own) -> Array:
-        """Measured minus predicted (N, m), NaN where unmeasured."""
+        """Return measured minus predicted (N, m), NaN if unmeasured."""
 
     def by_tip(self, tips: Tips, own: Own) -> Array:
-        """Change (N, m, 6) of what is predicted per unit motion of the tip: of its point, m, and a turn about it, rad,
-        in the instrument's axes."""
+        """Return the derivative (N, m, 6) of the prediction by the motion of the tip, in the axes of the instrument.
+
+        The motion is the shift of its point, m, and a rotation about it, rad.
+        """
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
-        """Return the sensitivity to a unit motion of the frame of each slot, by slot index, in the root's axes."""
+        """Return the derivative by a motion of the frame of each slot, by slot index, in the axes of the root."""
 
     def by_own(self, tips: Tips, own: Own) -> Array:
-        """Return the sensitivity (N, m, k) to a unit step of the observation's unknowns."""
+        """Return the derivative (N, m, k) by a step of the unknowns of the observation."""
 
     def moved(self, key: str, value: Array, step: Array) -> Array:
-        """One of its own unknowns after a step (k,)."""
+        """Return the unknown `key` after a step (k,)."""
 
     def start(self, tips: Tips) -> Own:
-        """Its own unknowns to start from. Raises InputError where too little was measured for them."""
+        """Return initial values of the unknowns. Raises InputError if the measurements do not determine them."""
 
 
 class AtTheTip:
-    """Observation that only the frame of the tip moves; no unknowns of other kinds are added."""
+    """Base of observations that depend on the frame of the tip alone."""
 
     kept: ClassVar[tuple[str, ...]] = ()
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
-        """None."""
+        """Return nothing: no other slot changes the measurement."""
         return {}
 
     def moved(self, key: str, value: Array, step: Array) -> Array:
-        """The sum."""
+        """Return the sum of value and step."""
         return value + step
 
 
 class NothingOwn(AtTheTip):
-    """Observation of a frame that registration and tool place, without unknowns."""
+    """Base of observations of the tip without unknowns other than registration and tool."""
 
     own: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     values: Array
 
     @property
     def readings(self) -> Mask:
-        """Measured components (N, 3), True where finite."""
+        """Whether each component was measured (N, 3)."""
         return np.isfinite(self.values)
 
     @property
     def absolute(self) -> bool:
-        """True if anything was measured: the reading places the mechanism in the instrument's frame."""
+        """Whether anything was measured, so that the measurements determine the registration."""
         return bool(self.readings.any())
 
     def by_own(self, tips: Tips, own: Own) -> Array:
-        """None."""
+        """Return an empty array: there are no unknowns."""
         return np.zeros((len(self.values), 3, 0))
 
     def start(self, tips: Tips) -> Own:
-        """Nothing."""
+        """Return no unknowns."""
         return {}
 
 
 @dataclass(frozen=True)
 class Point(NothingOwn):
-    """The tip's position in the instrument's frame: values (N, 3), m."""
+    """Position of the tip in the frame of the instrument: values (N, 3), m."""
 
     values: Array
     name: str = field(default="position", init=False)
@@ -162,7 +161,7 @@ class Point(NothingOwn):
 
 @dataclass(frozen=True)
 class Orientation(NothingOwn):
-    """The tip's orientation in the instrument's frame: rotation vectors values (N, 3), rad.
+    """Orientation of the tip in the frame of the instrument: rotation vectors (N, 3), rad.
 
     The residual is the rotation vector of R_measured R_predictedᵀ.
     """
@@ -175,7 +174,7 @@ class Orientation(NothingOwn):
 
     @property
     def oriented(self) -> bool:
-        """True if the orientation of the tool was measured."""
+        """Whether the orientation of the tool was measured."""
         return self.absolute
 
     def subset(self, rows: IntArray) -> "Orientation":
@@ -195,9 +194,9 @@ class Orientation(NothingOwn):
 
 @dataclass(frozen=True)
 class Distance(AtTheTip):
-    """The tip's distance from an anchor that is fixed to the mechanism's root: values (N,), m.
+    """Distance of the tip from an anchor fixed to the mechanism's root: values (N,), m.
 
-    Its own unknown is the anchor's place (3,) in the root frame, m.
+    The unknown is the position (3,) of the anchor in the root frame, m.
     """
 
     name: str
@@ -210,19 +209,19 @@ class Distance(AtTheTip):
 
     @property
     def own(self) -> Mapping[str, tuple[str, ...]]:
-        """Its anchor."""
+        """The unknown: the anchor."""
         return {self.name: ("anchor x", "anchor y", "anchor z")}
 
     @property
     def readings(self) -> Mask:
-        """Measured rows (N, 1), True where finite."""
+        """Whether each distance was measured (N, 1)."""
         return np.isfinite(self.values)[:, None]
 
     def subset(self, rows: IntArray) -> "Distance":
         return Distance(self.name, self.values[rows])
 
     def predict(self, tips: Tips, own: Own) -> Array:
-        """Predict the distance (N, 1), m."""
+        """Return the predicted distance (N, 1), m."""
         return np.asarray(np.linalg.norm(tips.root[:, :3, 3] - own[self.name], axis=1)[:, None])
 
     def residual(self, tips: Tips, own: Own) -> Array:
@@ -236,7 +235,7 @@ class Distance(AtTheTip):
         return ((own[self.name] - tips.root[:, :3, 3]) / self.predict(tips, own))[:, None, :]
 
     def start(self, tips: Tips) -> Own:
-        """By trilateration, linear in a and |a|²: d² = |p|² - 2 p·a + |a|²."""
+        """Return the anchor by trilateration, linear in a and |a|²: d² = |p|² - 2 p·a + |a|²."""
         seen = np.isfinite(self.values)
         if seen.sum() < 4:
             raise InputError(f"column '{self.name}': {int(seen.sum())} distances; its anchor needs at least 4")
@@ -246,7 +245,7 @@ class Distance(AtTheTip):
 
 
 def observations(dataset: Dataset) -> tuple[Observation, ...]:
-    """Everything read at the poses of a dataset: point, orientation, distances, then what else it carries."""
+    """Return all observations of a dataset: point, orientation, distances, then the other kinds."""
     distances = (Distance(name, values) for name, values in dataset.distances.items())
     more = cast(tuple[Observation, ...], dataset.observations)
     return (Point(dataset.position), Orientation(dataset.rotation), *distances, *more)

@@ -1,4 +1,4 @@
-"""Predicted readings, and how they move with every twist of the mechanism, the tool and the registration."""
+"""Predicted measurements, and their derivatives by each twist of the mechanism, the tool and the registration."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -13,14 +13,17 @@ from gpmodel.numerics import se3
 
 @dataclass(frozen=True)
 class Observed:
-    """Predicted readings and what moves them.
+    """Predicted measurements and their derivatives.
 
-    tips: predicted. frames: (S + 1, N, 4, 4) of the slots, then of the instrument itself, in the instrument's frame,
-    each after its error twist.
-    twists: slot's index -> its error twist (N, 6), m and rad; after the instrument's the tool's. kinds: what is read.
-    own: key -> (k,) unknowns.
-    carried: what a twist of a slot moves the tool's by, of a mechanism with closed loops; None of a chain.
-    lineage: (S, S) whether a twist at one slot moves the frame of the other. tip_slot: (N,) slot that carries the tip.
+    tips: predicted poses of the tip.
+    frames: (S + 1, N, 4, 4) of the slots, then of the instrument, in the instrument's frame, each after its error
+    twist.
+    twists: error twist (N, 6), m and rad, by slot index; after the index of the instrument that of the tool.
+    kinds: the observations.
+    own: unknowns (k,) of the observations, by key.
+    carried: derivative of the tool's twist by that of a slot, for closed loops; None for a chain.
+    lineage: (S, S) whether a twist at one slot moves the frame of another.
+    tip_slot: (N,) slot that carries the tip.
     """
 
     tips: Tips
@@ -35,12 +38,12 @@ class Observed:
 
     @property
     def tip(self) -> Array:
-        """Predicted tip poses (N, 4, 4) in the instrument's frame."""
+        """Predicted poses of the tip (N, 4, 4) in the frame of the instrument."""
         return self.tips.instrument
 
     @property
     def components(self) -> int:
-        """Scalar readings a pose: 3 of position, 3 of rotation, then the components of the other observations."""
+        """Number of components of a pose: 3 of position, 3 of rotation, then those of the other observations."""
         return sum(kind.components for kind in self.kinds)
 
     @property
@@ -51,11 +54,11 @@ class Observed:
 
     @property
     def turns(self) -> Mask:
-        """Rotational components (m,), whose weight the fit estimates."""
+        """Whether each component (m,) is rotational, so that the fit estimates its weight."""
         return np.repeat([kind.metres is None for kind in self.kinds], [kind.components for kind in self.kinds])
 
     def scales(self, rotation_weight: float) -> Array:
-        """Metres (m,) that one unit of each component counts as."""
+        """Return the metres (m,) that one unit of each component counts as."""
         each = [rotation_weight if kind.metres is None else kind.metres for kind in self.kinds]
         return np.repeat(each, [kind.components for kind in self.kinds])
 
@@ -69,12 +72,13 @@ class Observed:
         raise KeyError(kind.name)
 
     def sensitivity(self, slot: int) -> Array:
-        """Change (N, m, 6) of the m components per unit of an error twist at a slot, given the twist it has; worked
-        out once. Of the index after the instrument's: at the tool.
+        """Return the derivative (N, m, 6) of the m components by an error twist at a slot, at its present twist. It is
+        cached.
 
-        The frame is that after the twist ξ, so exp(ξ + dξ) = exp(ξ) exp(J_r(ξ) dξ) brings in the right Jacobian.
-        The point moves by R e for a translation, by (R e) × (p_tip - p_slot) for a rotation, which turns it by R e.
-        Where loops close, the twist at the slot first becomes one of the tool's slot, the last before the instrument.
+        slot: index of the slot. The index after that of the instrument is the tool. The frame is the one after the
+        twist ξ, so that exp(ξ + dξ) = exp(ξ) exp(J_r(ξ) dξ) contains the right Jacobian. A translation e moves the
+        point by R e, a rotation e by (R e) × (p_tip - p_slot); the rotation turns the tip by R e. With closed loops,
+        the twist at the slot is first converted to one of the tool slot, the last before the instrument.
         """
         if slot not in self._known:
             self._known[slot] = self._sensitivity(slot)
@@ -104,7 +108,8 @@ class Observed:
 
     @cached_property
     def _by_slots(self) -> list[tuple[slice, int, Array]]:
-        """Components, the slot whose frame moves them, and their change (N, m, 6) in the instrument's axes."""
+        """Components that depend on the frame of a slot, that slot, and the derivative (N, m, 6) in the instrument's
+        axes."""
         axes = np.zeros((len(self.tip), 6, 6))
         axes[:, :3, :3] = axes[:, 3:, 3:] = np.swapaxes(self.tips.turn, 1, 2)
         return [
@@ -114,23 +119,24 @@ class Observed:
         ]
 
     def tool_sensitivity(self) -> Array:
-        """Return the sensitivity to a unit twist of the tool frame: (N, m, 6)."""
+        """Return the derivative (N, m, 6) by a twist of the tool frame."""
         turn = self.tip[:, :3, :3]
         return self._moved(_motion(turn, np.zeros_like(turn), turn))
 
     def registration_sensitivity(self, centre: Array) -> Array:
-        """Return the sensitivity to a unit twist of the registration about `centre`, in the instrument's axes."""
+        """Return the derivative (N, m, 6) by a twist of the registration about `centre`, in the instrument's axes."""
         eye = np.broadcast_to(np.eye(3), (len(self.tip), 3, 3))
         return self._moved(_motion(eye, -se3.hat(self.tip[:, :3, 3] - centre), eye), absolute=True)
 
     def own_sensitivity(self, kind: Observation) -> Array:
-        """Return the sensitivity to a unit step of an observation's unknowns: (N, m, k)."""
+        """Return the derivative (N, m, k) by a step of the unknowns of an observation."""
         out = np.zeros((len(self.tip), self.components, sum(len(names) for names in kind.own.values())))
         out[:, self.rows(kind)] = kind.by_own(self.tips, self.own)
         return out
 
     def _moved(self, motion: Array, absolute: bool = False) -> Array:
-        """Change (N, m, 6) by a motion of the tip; absolute: of what is read in the instrument's frame alone."""
+        """Return the derivative (N, m, 6) by a motion of the tip. absolute: only of measurements in the instrument's
+        frame."""
         parts = [kind.by_tip(self.tips, self.own) @ motion for kind in self.kinds]
         if absolute:
             parts = [p if kind.absolute else np.zeros_like(p) for p, kind in zip(parts, self.kinds, strict=True)]
@@ -138,13 +144,14 @@ class Observed:
 
 
 def _by_twist(at: Array, frame: Array) -> Array:
-    """Motion (N, 6, 6) of frames (N, 4, 4), origin (m) and turn (rad), by unit twists in the axes of others."""
+    """Return the motion (N, 6, 6) of frames (N, 4, 4), origin (m) and rotation (rad), by unit twists in other frames
+    `at`."""
     turn = at[:, :3, :3]
     return _motion(turn, -se3.hat(frame[:, :3, 3] - at[:, :3, 3]) @ turn, turn)
 
 
 def _motion(moves: Array, swings: Array, turns: Array) -> Array:
-    """Motion (N, 6, 6) of the tip: its point by translations and rotations, its axes by rotations."""
+    """Return the motion (N, 6, 6) of the tip: its point by translations and rotations, its axes by rotations."""
     out = np.zeros((len(moves), 6, 6))
     out[:, :3, :3], out[:, :3, 3:], out[:, 3:, 3:] = moves, swings, turns
     return out

@@ -1,7 +1,7 @@
-"""Corners of a board seen by a camera, either of them fixed to the world or carried by a link.
+"""Corners of a board in the image of a camera. Each of the two is fixed to the world or carried by a link.
 
 X = (F_c C)⁻¹ F_b B x: a corner x (3,) of the board, its pose B in its carrier F_b, the camera's pose C in its carrier
-F_c; pixels by gpmodel.model.lens. B, C and what of the lens is not known are solved.
+F_c; pixels by gpmodel.model.lens. B, C and the unknown parameters of the lens are estimated.
 """
 
 from collections.abc import Iterator, Mapping
@@ -19,18 +19,18 @@ from gpmodel.numerics import se3
 from gpmodel.numerics.se3 import by_pose, frame_of, numbers_of, turned
 
 REWEIGHTED = 10
-"""Fits of a homography, of the pose of a body, or of hand and eye, each with smaller weights on outliers of the one
-before."""
+"""Fits of a homography, of the pose of a body, or of a hand-eye transform; each reduces the weights of outliers of the
+previous fit."""
 IN_TURN = 20
 """Gauss-Newton steps for the pose of a body between two weightings."""
 TURNING = 1e-3
-"""Smallest ratio of the second smallest singular value to the largest; below it all views turn about one axis."""
+"""Smallest ratio of the second smallest singular value to the largest. Below it all views turn about one axis."""
 FEWEST_VIEWS = 3
-"""Least number of views: their two turns about two axes determine a hand-eye transform."""
+"""Least number of views: their two rotations about two axes determine a hand-eye transform."""
 
 
 def homography(flat: Array, seen: Array) -> Array:
-    """H (3, 3) with [x, y, 1] ~ H [X, Y, 1], of flat (C, 2), m, and seen (C, 2), reweighted against wrong corners.
+    """Return H (3, 3) with [x, y, 1] ~ H [X, Y, 1], of flat (C, 2), m, and seen (C, 2), robust to wrong corners.
     Source: Zhang (2000)."""
     ones = np.ones(len(flat))
     (board, a), (image, b) = _normalised(flat), _normalised(seen)
@@ -48,14 +48,14 @@ def homography(flat: Array, seen: Array) -> Array:
 
 
 def _normalised(points: Array) -> tuple[Array, Array]:
-    """Points (C, 2) about zero, of size one, and the map (3, 3) that made them so."""
+    """Return points (C, 2) with mean zero and standard deviation one, and the map (3, 3) that scales them."""
     middle, size = points.mean(axis=0), points.std() or 1.0
     scale = np.array([[1 / size, 0, -middle[0] / size], [0, 1 / size, -middle[1] / size], [0, 0, 1.0]])
     return (points - middle) / size, scale
 
 
 def lens_from(homographies: list[Array]) -> Array:
-    """fx, fy, cx, cy (4,), px, of homographies from the board to pixels, without skew. Source: Zhang (2000)."""
+    """Return fx, fy, cx, cy (4,), px, from homographies of the board to pixels, without skew. Source: Zhang (2000)."""
 
     def row(h: Array, i: int, j: int) -> Array:
         a, b = h[:, i], h[:, j]
@@ -72,7 +72,8 @@ def lens_from(homographies: list[Array]) -> Array:
 
 
 def flattened(board: Array) -> tuple[Array, Array]:
-    """A frame (4, 4) in which the points (P, 3) of a board lie in z = 0, and how far off it they are (P,)."""
+    """Return a frame (4, 4) in which the points (P, 3) of a board are in z = 0, and their distances (P,) from that
+    plane."""
     middle = board.mean(axis=0)
     axes = np.linalg.svd(board - middle, full_matrices=False)[2]
     out = se3.frame(np.column_stack([axes[0], axes[1], np.cross(axes[0], axes[1])]), middle)
@@ -80,9 +81,9 @@ def flattened(board: Array) -> tuple[Array, Array]:
 
 
 def view_pose(board: Array, seen: Array, plane: Array | None) -> Array:
-    """The board in the camera's frame (4, 4): its corners (C, 3), m, and their directions (C, 2).
+    """Return the board in the frame of the camera (4, 4), from its corners (C, 3), m, and their directions (C, 2).
 
-    plane: frame of a flat board's plane, as `flattened`; None of a body.
+    plane: frame of the plane of a flat board, as `flattened`; None for a body.
     """
     if plane is None:
         return _body_pose(board, seen)
@@ -95,10 +96,10 @@ def view_pose(board: Array, seen: Array, plane: Array | None) -> Array:
 
 
 def _body_pose(body: Array, seen: Array) -> Array:
-    """Estimate the pose of a body whose points are not in one plane.
+    """Estimate the pose (4, 4) of a body whose points are not in one plane, in the frame of the camera.
 
-    Starts from weak perspective, then alternates: t fits the lines of sight given R, R fits the nearest points on
-    them. Each step is reweighted against wrong points. Source: Lu, Hager and Mjolsness (2000).
+    Starts from weak perspective, then alternates: t fits the lines of sight given R, R fits the nearest points on them.
+    Each step reduces the weights of outliers. Source: Lu, Hager and Mjolsness (2000).
     """
     sight = np.column_stack([seen, np.ones(len(seen))])
     onto = sight[:, :, None] * sight[:, None, :] / np.sum(sight**2, axis=1)[:, None, None]
@@ -123,9 +124,9 @@ def _body_pose(body: Array, seen: Array) -> Array:
 
 
 def hand_eye(moved: Array, seen: Array) -> tuple[Array, Array]:
-    """B and C (4, 4) with A B = C T: moved A (V, 4, 4), the board's carrier in the camera's; seen T (V, 4, 4).
+    """Return B and C (4, 4) with A B = C T. Raises InputError if the views do not determine them. Source: Shah (2013).
 
-    Raises InputError where too few views, or all about one axis, leave them open. Source: Shah (2013).
+    moved: A (V, 4, 4), the board's carrier in that of the camera. seen: T (V, 4, 4), the board in the camera.
     """
     if len(moved) < FEWEST_VIEWS:
         raise InputError(f"{len(moved)} poses; expected at least {FEWEST_VIEWS}")
@@ -149,17 +150,17 @@ def hand_eye(moved: Array, seen: Array) -> tuple[Array, Array]:
 
 
 def middle_of(frames: Array) -> Array:
-    """The frame (4, 4) nearest to all of some (V, 4, 4): medians of their places, the mean of their turns."""
+    """Return a mean frame (4, 4) of frames (V, 4, 4): the median of the positions, the mean of the rotations."""
     return se3.frame(se3.nearest_rotation(frames[:, :3, :3].mean(axis=0)), np.median(frames[:, :3, 3], axis=0))
 
 
 def _trusted(off: Array) -> Array:
-    """Weights (C,) of what is off by so much, little of what is far beyond most."""
+    """Return weights (C,) for distances `off`, small for distances far beyond the median."""
     return np.asarray(1.0 / (1.0 + (off / (3.0 * np.median(off) + 1e-12)) ** 2))
 
 
 WORLD = -1
-"""Carrier of a body that does not move."""
+"""Slot index of a camera or board that does not move."""
 
 
 FEWEST_CORNERS, FEWEST_MARKERS = 4, 6
@@ -171,7 +172,7 @@ FLAT = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Mounted:
-    """A camera or a board: its name, and the slot of the link that carries it, by index, or WORLD."""
+    """A camera or a board: its name, and the index of the slot that carries it, or WORLD."""
 
     name: str
     slot: int
@@ -179,7 +180,7 @@ class Mounted:
 
 @dataclass(frozen=True, eq=False)
 class Camera(Mounted):
-    """lens: (9,) as lens.NAMES, zero where not known. solved: which of these are to be found."""
+    """A camera. lens: (9,) as lens.NAMES, zero if not known. solved: indices of the estimated parameters."""
 
     lens: Array
     solved: tuple[int, ...]
@@ -187,21 +188,23 @@ class Camera(Mounted):
 
 @dataclass(frozen=True, eq=False)
 class Board(Mounted):
-    """corners: (P, 3) of all its corners, m, or of markers around a body, of which a view has some."""
+    """A board or a body. corners: (P, 3) of all its corners or markers, m. A view may contain only some of them."""
 
     corners: Array
 
     @cached_property
     def flat(self) -> bool:
-        """True if the corners are in one plane."""
+        """Whether the corners are in one plane."""
         off = flattened(self.corners)[1].max()
         return bool(off <= FLAT * np.ptp(self.corners, axis=0).max())
 
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """values: (N, 2) u v, px. camera, board: (N,) which, -1 where nothing was seen. corner: (N, 3) of its board, m.
-    view: (N,) code of the pose. metres: what a pixel counts as."""
+    """Measured pixels of corners. Each of camera, board: (N,) index, -1 for no measurement.
+
+    values: (N, 2) u v, px. corner: (N, 3) on its board, m. view: (N,) code of the pose. metres: of one pixel.
+    """
 
     values: Array
     cameras: tuple[Camera, ...]
@@ -219,21 +222,21 @@ class Pixels:
 
     @cached_property
     def own(self) -> Mapping[str, tuple[str, ...]]:
-        """Poses of cameras and boards, and what of a lens is not known."""
+        """Unknowns: poses of cameras and boards, and parameters of the lenses."""
         out: dict[str, tuple[str, ...]] = {f"camera {c.name}": AXES for c in self.cameras}
         out |= {f"board {b.name}": AXES for b in self.boards}
         return out | {f"lens {c.name}": tuple(lens.NAMES[k] for k in c.solved) for c in self.cameras if c.solved}
 
     @property
     def kept(self) -> tuple[str, ...]:
-        """Cameras and boards that links carry, and what is solved of a lens."""
+        """Keys of cameras and boards that links carry, and of the estimated parameters of the lenses."""
         carried = [f"camera {c.name}" for c in self.cameras if c.slot != WORLD]
         carried += [f"board {b.name}" for b in self.boards if b.slot != WORLD]
         return (*carried, *(f"lens {c.name}" for c in self.cameras if c.solved))
 
     @property
     def readings(self) -> Mask:
-        """Measured components (N, 2), True where finite."""
+        """Whether each component was measured (N, 2)."""
         return np.isfinite(self.values)
 
     def subset(self, rows: IntArray) -> "Pixels":
@@ -247,11 +250,11 @@ class Pixels:
         return np.where(self.readings, self.values - lens.pixels(seen.points, seen.lens), np.nan)
 
     def by_tip(self, tips: Tips, own: Own) -> Array:
-        """Nothing: the tool point is not seen."""
+        """Return zeros: the tool point is not in the image."""
         return np.zeros((len(self.values), 2, 6))
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
-        """By the frames of the links that carry a camera or a board."""
+        """Return the derivatives by the frames of the links that carry a camera or a board."""
         seen, out = self._seen(tips, own), dict[int, Array]()
         change = lens.by_point(seen.points, seen.lens) @ np.swapaxes(seen.camera[:, :3, :3], 1, 2)
         for which, carried, sign in ((self.camera, self.cameras, -1.0), (self.board, self.boards, 1.0)):
@@ -277,13 +280,13 @@ class Pixels:
         return np.concatenate(parts, axis=2)
 
     def moved(self, key: str, value: Array, step: Array) -> Array:
-        """A pose after a twist in its own axes; numbers of a lens are added to."""
+        """Return a pose after a twist in its own axes, or the sum of the parameters of a lens and a step."""
         return value + step if key.startswith("lens ") else turned(value, step)
 
     def start(self, tips: Tips) -> Own:
-        """In closed form, whatever anybody believed: lens, poses of the views, then cameras and boards pair by pair.
+        """Return initial values in closed form: lenses, poses of the views, then cameras and boards pair by pair.
 
-        Raises InputError where the views do not determine them.
+        Raises InputError if the views do not determine them.
         """
         lenses = [self._lens(i, c) for i, c in enumerate(self.cameras)]
         cameras: dict[int, Array] = {}
@@ -308,7 +311,7 @@ class Pixels:
         return out | {f"lens {c.name}": lenses[i][list(c.solved)] for i, c in enumerate(self.cameras) if c.solved}
 
     def depth(self, tips: Tips, own: Own) -> float:
-        """Median metres at which one pixel is seen: the distance of a corner over the focal length."""
+        """Return the median size of one pixel at the corners, m: the distance of a corner over the focal length."""
         seen, rows = self._seen(tips, own), self.readings.all(axis=1)
         return float(np.median(seen.points[rows, 2] / seen.lens[rows, 0]))
 
@@ -324,7 +327,7 @@ class Pixels:
         return [view for view in views if len(view) >= max(FEWEST_CORNERS, min(needed, most))]
 
     def _lens(self, i: int, camera: Camera) -> Array:
-        """(9,), what is not known of it by Zhang's homographies."""
+        """Return the lens (9,), with unknown parameters from Zhang's homographies."""
         out = camera.lens.copy()
         if missing := [k for k in camera.solved if k < 4 and out[k] == 0.0]:
             found = [*self._homographies(i)]
@@ -342,9 +345,8 @@ class Pixels:
                     yield homography(flat, self.values[rows])
 
     def _posed(self, tips: Tips, pair: tuple[int, int], known: Array) -> tuple[Array, Array]:
-        """Return for every view of a pair the board's carrier in the frame of the camera's carrier, and the board in
-        the camera (V, 4, 4).
-        """
+        """Return for each view of a pair the board's carrier in that of the camera, and the board in the camera (V, 4,
+        4)."""
         camera, board = self.cameras[pair[0]], self.boards[pair[1]]
         plane = flattened(board.corners)[0] if board.flat else None
         moved, seen = [], []
@@ -368,7 +370,7 @@ class Pixels:
 
 @dataclass(frozen=True)
 class _View:
-    """camera, board: (N, 4, 4) in the root. world, points: (N, 3) the corner there and in the camera, m. lens: (N,
+    """camera, board: (N, 4, 4) in the root. world, points: (N, 3) corner in the root and in the camera, m. lens: (N,
     9)."""
 
     camera: Array
@@ -379,7 +381,7 @@ class _View:
 
 
 def _placed(tips: Tips, parts: list[tuple[int, Array]], which: IntArray) -> Array:
-    """Where some of them are in the root (N, 4, 4), by which each row has."""
+    """Return the pose in the root (N, 4, 4) of the camera or board of each row. which: its index in `parts`."""
     out = np.broadcast_to(np.eye(4), (len(which), 4, 4)).copy()
     for i, (slot, value) in enumerate(parts):
         rows = which == i

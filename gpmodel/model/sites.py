@@ -1,4 +1,4 @@
-"""Places where a twist may act: the base, every joint's drive and other axes, the tool; and the constants there."""
+"""Sites of twists (the base, the drive and other axes of each joint, the tool), and geometric constants."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -21,12 +21,12 @@ _WORD = re.compile(r"[A-Za-z_][A-Za-z_0-9]*")
 
 
 def names_of(data: Dataset) -> Mapping[str, str]:
-    """Names of joints, loads and extra columns in the table, by the mechanism's."""
+    """Map the names of joints, loads and extra columns of the mechanism to the names in the table."""
     return {**table_names(data.joints, data.columns or data.joints), **data.extra_names}
 
 
 def table_names(joints: Sequence[str], columns: Sequence[str]) -> Mapping[str, str]:
-    """Translation of joint names, and of the loads named after them, into the names of the table's columns."""
+    """Map joint names, and names of loads that contain them, to the names of the columns of the table."""
     out = {}
     for joint, column in zip(joints, columns, strict=True):
         out[joint] = column
@@ -39,7 +39,7 @@ def table_names(joints: Sequence[str], columns: Sequence[str]) -> Mapping[str, s
 
 
 def _unit_loads(columns: Mapping[str, str]) -> dict[str, str]:
-    """The loads of one link each: `torque_J2_of_J4`, of its first moment of mass `torque_J2_of_J4_x`."""
+    """Map names of the loads of one link: `torque_J2_of_J4`, and `torque_J2_of_J4_x` for its first moment of mass."""
     at = {f"torque_{j}": f"torque_{c}" for j, c in columns.items()}
     at |= {f"moment_base_{a}": f"moment_base_{a}" for a in "xy"}
     return {
@@ -51,7 +51,7 @@ def _unit_loads(columns: Mapping[str, str]) -> dict[str, str]:
 
 
 def translate(text: str, names: Mapping[str, str]) -> str:
-    """`text` with whole words replaced, those inside remembered columns too: `J1` is never matched inside `J10`."""
+    """Replace whole words of a text, also inside names of columns with memory. `J1` does not match in `J10`."""
 
     def said(match: re.Match[str]) -> str:
         word = match[0]
@@ -63,7 +63,7 @@ def translate(text: str, names: Mapping[str, str]) -> str:
 
 
 def mechanism_names(mechanism: Mechanism, states: States) -> Mapping[str, str]:
-    """Map the names of joints and loads with J1 to Jn to the mechanism's, unless the poses have such an input."""
+    """Map names of joints and loads with J1 to Jn to those of the mechanism, except names of inputs of the poses."""
     own = [joint.name for joint in mechanism.joints]
     numbered = [f"J{i}" for i in range(1, len(own) + 1)]
     known = {*own, *states.columns}
@@ -71,7 +71,7 @@ def mechanism_names(mechanism: Mechanism, states: States) -> Mapping[str, str]:
 
 
 def in_mechanism_names(effect: Effect, mechanism: Mechanism, states: States) -> Effect:
-    """An effect with the mechanism's names in its slots and expressions; other bases stay as they are."""
+    """Return an effect with the mechanism's names in its slots and expressions. Other basis functions are unchanged."""
     names = mechanism_names(mechanism, states)
     return replace(effect, terms=tuple(_renamed(term, names) for term in effect.terms))
 
@@ -85,18 +85,18 @@ def _renamed(term: Term, names: Mapping[str, str]) -> Term:
 
 @dataclass(frozen=True)
 class Site:
-    """A place where a twist may act: one axis of one slot, or the drive of a joint (several under one unknown)."""
+    """A place at which a twist may act: one axis of one slot, or the drive of a joint, which may have several terms."""
 
     terms: tuple[tuple[str, str, float], ...]
 
     @property
     def slot(self) -> str:
-        """Where it acts first."""
+        """Slot of the first term."""
         return self.terms[0][0]
 
     @property
     def axis(self) -> str:
-        """The axis it acts along first."""
+        """Axis of the first term."""
         return self.terms[0][1]
 
     @property
@@ -105,15 +105,15 @@ class Site:
         return f"{self.slot} {self.axis}"
 
     def effect(self, name: str, basis: Basis, unit: str, family: str = "") -> Effect:
-        """An effect here, of one unknown in `unit`."""
+        """Return an effect at this site with one coefficient in `unit`."""
         return Effect(name, tuple(Term(slot, axis, basis, weight) for slot, axis, weight in self.terms), unit, family)
 
 
 def sites_of(mechanism: Mechanism) -> tuple[Site, ...]:
-    """The base, every joint (its own drive first, then the other axes of its moving side, then those of its fixed side
-    that are no axis of the frame before it), the tool.
+    """Return the sites of a mechanism: the base, every joint, the tool.
 
-    Where loops close, the places of its constants stand for the joints.
+    A joint has its drive, the other axes of its moving side, and those axes of its fixed side that are no axis of the
+    previous frame. With closed loops, the sites of the geometric constants replace those of the joints.
     """
     out = [Site((("base", axis, 1.0),)) for axis in AXES]
     if loops := closed(mechanism):
@@ -132,16 +132,18 @@ def sites_of(mechanism: Mechanism) -> tuple[Site, ...]:
 
 def _is_new(step: Array, axis: str) -> bool:
     """Return whether a twist along an axis of a frame is along no axis of the previous frame. step: (4, 4) from the
-    previous.
-    """
+    previous frame."""
     along = step[:3, "xyz".index(axis[1])]
     turned = np.cross(step[:3, 3], along) if axis[0] == "R" else np.zeros(3)
     return int(np.sum(np.abs([*along, *turned]) > ROUNDING)) > 1
 
 
 def geometric_effects(mechanism: Mechanism) -> tuple[Effect, ...]:
-    """The redundant complete set: six constant twists on the moving side of every joint, or what closed loops have; of
-    several arms also where each but the first stands."""
+    """Return the complete geometry, with redundant constants: six twists on the moving side of every joint.
+
+    With closed loops, the mechanism states its constants. With several arms, each arm but the first has six more twists
+    where it is mounted.
+    """
     loops, tree = closed(mechanism), branched(mechanism)
     stand = [mechanism.slots[i] for i in stands(tree)] if tree else []
     slots = [*stand, *(f"{joint.name}.moving" for joint in mechanism.joints)]
@@ -152,10 +154,11 @@ def geometric_effects(mechanism: Mechanism) -> tuple[Effect, ...]:
 
 
 def standard_effects(mechanism: Mechanism, patterns: Sequence[str] = ("*",)) -> tuple[Effect, ...]:
-    """The geometric effects whose name (`J3 Ty`) fits any of the patterns; `none` alone for none of them.
+    """Return the geometric effects whose name (`J3 Ty`) matches any of the patterns; none for the single pattern
+    `none`.
 
-    patterns: shell patterns over NAME AXIS, with J1..Jn for the joints' own names. Raises InputError for a
-    pattern that fits nothing.
+    patterns: shell patterns over NAME AXIS, with J1..Jn for the joints' own names. Raises InputError for a pattern
+    without a match.
     """
     everything = geometric_effects(mechanism)
     if tuple(patterns) == ("none",):
@@ -172,7 +175,7 @@ def standard_effects(mechanism: Mechanism, patterns: Sequence[str] = ("*",)) -> 
 
 
 def _aliases(name: str, mechanism: Mechanism) -> tuple[str, ...]:
-    """The name itself, and with J1..Jn for the joint that it is at; a link of closed loops may be at none."""
+    """Return the name, and the name with J1..Jn for its joint. A link of closed loops may belong to no joint."""
     place, axis = name.rsplit(" ", 1)
     names = [joint.name for joint in mechanism.joints]
     at = (i for i, n in enumerate(names) if place == n or place.startswith(f"{n}."))

@@ -1,4 +1,4 @@
-"""Named columns with units, one value a pose, that a basis function may read."""
+"""States: named columns with units, one value a pose, that a basis function may use."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -24,7 +24,7 @@ UNITS = {"range": "m", "azimuth": "rad", "elevation": "rad", "x": "m", "y": "m",
 
 
 def seen_columns(points: Array) -> dict[str, Array]:
-    """Columns (N,) of points (N, 3), m: instrument_range, _azimuth, _elevation, _x, _y, _z."""
+    """Return columns (N,) of points (N, 3), m: instrument_range, _azimuth, _elevation, _x, _y, _z."""
     x, y, z = points.T
     flat = np.hypot(x, y)
     values = (np.hypot(flat, z), np.arctan2(y, x), np.arctan2(z, flat), x, y, z)
@@ -33,34 +33,38 @@ def seen_columns(points: Array) -> dict[str, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """The points (N, 3) of a whole table as its instrument measured them, m; NaN where it did not. specification: of
-    the instrument, where it is known."""
+    """The measured points (N, 3) of a whole table in the frame of its instrument, m; NaN if unmeasured.
+
+    specification: accuracy of the instrument, None if unknown.
+    """
 
     points: Array
     specification: Specification | None = None
 
     @cached_property
     def columns(self) -> dict[str, Array]:
-        """See `seen_columns`; where a point was not measured whole, those of the middle one."""
+        """The columns of `seen_columns`. An incompletely measured point is replaced by the median point."""
         whole: Mask = np.asarray(np.isfinite(self.points).all(axis=1))
         middle = np.median(self.points[whole], axis=0) if whole.any() else np.zeros(3)
         return seen_columns(np.where(whole[:, None], self.points, middle))
 
     def column(self, name: str) -> Array | None:
-        """The column (N,) of that name, None where there is none."""
+        """Return the column (N,) of that name, or None."""
         return self.columns.get(name) if name.startswith(PREFIX) else None
 
     def unit(self, name: str) -> str:
-        """m or rad."""
+        """Return the unit of a column, m or rad."""
         return UNITS[name.removeprefix(PREFIX)]
 
 
 @dataclass(frozen=True, eq=False)
 class Derived:
-    """Columns that one function makes of a whole table.
+    """Columns that one function computes for a whole table, on first use.
 
-    made: them, (N,) by name. known: whether a name may be one of them, asked before they are made. unit: of a name.
-    All three go to other processes: they are functions of a module.
+    made: function that returns the columns (N,) by name.
+    known: function that tells whether a name may be one of them.
+    unit: function from a name to its unit.
+    All three are pickled for worker processes: they must be functions of a module.
     """
 
     made: Callable[[], Mapping[str, Array]]
@@ -69,18 +73,18 @@ class Derived:
 
     @cached_property
     def columns(self) -> Mapping[str, Array]:
-        """All of them."""
+        """All columns, by name."""
         return self.made()
 
     def column(self, name: str) -> Array | None:
-        """The column (N,) of that name, None where there is none."""
+        """Return the column (N,) of that name, or None."""
         return self.columns.get(name) if self.known(name) else None
 
 
 def link_weights(mechanism: Mechanism, q: Array) -> Derived | None:
-    """Return the joint torques of each link's weight, as `Weighed.unit_loads` gives them; None if they are unknown.
+    """Return the joint torques of the weight of each link, as `Weighed.unit_loads`; None if the weights are unknown.
 
-    In N·m; of a first moment of mass (`_of_J4_x`) in N·m a kg·m, which is m/s².
+    The unit is N·m; for a first moment of mass (`_of_J4_x`) it is N·m per kg·m, which is m/s².
     """
     if not isinstance(mechanism, Weighed):
         return None
@@ -96,7 +100,7 @@ def _unit_of_weight(name: str) -> str:
 
 
 def ball_angles(mechanism: Mechanism, q: Array) -> Derived | None:
-    """Angles by which the balls of a mechanism turn, rad, but for those in the table; None without balls."""
+    """Return the angles of the balls of a mechanism, rad, that are not in the table; None without balls."""
     jointed = ball_jointed(mechanism)
     if jointed is None:
         return None
@@ -112,19 +116,22 @@ _SPELLED = re.compile(r"(?:measured_)?(?:torque|tau|effort|trq)_(?P<joint>\w+?)(
 
 
 def measured_torques(mechanism: Mechanism, dataset: Dataset) -> dict[str, str]:
-    """Joint -> column of its measured torque, as `torque_J2`, `tau_2`, `effort_elbow_joint`, in any unit of torque (of
-    force for a joint that slides); columns that are the same in all of several rows are none."""
+    """Return the column of the measured torque of each joint, such as `torque_J2`, `tau_2`, `effort_elbow_joint`.
+
+    The unit may be any unit of torque, or of force for a prismatic joint. Columns with a constant value over several
+    rows are ignored.
+    """
     varies = {c for c, values in dataset.extras.items() if len(values) == 1 or np.ptp(values) > 0}
     return {j.name: c for j, c in torque_columns(mechanism, dataset) if c in varies}
 
 
 def measured_torque(dataset: Dataset, column: str) -> Array:
-    """The column (N,) in N·m or N, signed as the table has it: a drive at rest exerts minus what gravity does."""
+    """Return the column (N,) in N·m or N, with the sign of the table: a drive at rest exerts minus the gravity load."""
     return dataset.extras[column] * (torque_factor(dataset.extra_units[column]) or 1.0)
 
 
 def unused_torques(mechanism: Mechanism, dataset: Dataset) -> Iterator[str]:
-    """One sentence for every column of torques that is not the load of a joint."""
+    """Yield one sentence for every column of torques that is not used as the load of a joint."""
     of_joints = {column: joint for joint, column in torque_columns(mechanism, dataset)}
     for column, unit in dataset.extra_units.items():
         if column not in of_joints and _SPELLED.match(column) and torque_factor(unit):
@@ -141,7 +148,7 @@ def unused_torques(mechanism: Mechanism, dataset: Dataset) -> Iterator[str]:
 
 
 def torque_columns(mechanism: Mechanism, dataset: Dataset) -> Iterator[tuple[Joint, str]]:
-    """Each joint with its column of measured torques, by its name in mechanism or table or its number."""
+    """Yield each joint with its column of measured torques, by its name in mechanism or table or its number."""
     tables = dataset.columns or dataset.joints
     called: dict[str, Joint] = {}
     for i, (joint, table) in enumerate(zip(mechanism.joints, tables, strict=True), 1):
@@ -159,14 +166,15 @@ PAYLOAD_SHARE = "payload_"
 class States:
     """Columns (N,) by name, and their units.
 
-    Joint names (rad or m), x y z (nominal tip in the mechanism's root frame, m), the mechanism's loads (Nm, N),
-    payload (kg, when the table has it; where it varies, payload_torque_J2 is what it alone exerts),
-    the table's extra columns in their own units, and row (from 1). Where the rows are in the order of measurement also
-    what a pose inherits from those before it: `past` knows the whole table, `rows` (N,) which of its rows these are, so
-    that a subset remembers poses that are not in it. Any column of gpmodel.model.memory can then be read by its name,
-    what each link weighs on each joint (`weights`) by the names of Weighed.unit_loads, and where the instrument saw the
-    point (`seen`) by those of gpmodel.model.states, how far each ball joint is turned (`turned`) by those of its
-    Ball, what a payload alone exerts (`carried`) where every row has the same. None of these is listed in `columns`.
+    Listed in `columns`: joint names (rad or m), x y z (nominal tip in the mechanism's root frame, m), the loads of the
+    mechanism (Nm, N), payload (kg, if the table has it), payload_torque_J2 (its torque alone, if it varies), the extra
+    columns of the table in their own units, and row (from 1).
+
+    Computed on demand and not listed: columns with memory (`past`), torques of each link (`weights`), the point in the
+    frame of the instrument (`seen`), angles of ball joints (`turned`), torques of a constant payload (`carried`).
+
+    past: the whole table, if its rows are in the order of measurement.
+    rows: (N,) rows of the whole table, so that a subset has the memory of poses that are not in it.
     loads: columns that are loads of the mechanism, computed or measured.
     """
 
@@ -182,8 +190,10 @@ class States:
     _known: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def value(self, basis: Basis) -> Array:
-        """Values (N,) of a basis here, computed once: a calibration asks for hundreds of them at every step. Raises
-        InputError where a basis that is no expression gives another shape."""
+        """Return the values (N,) of a basis function, cached, since a fit needs hundreds of them at every step.
+
+        Raises InputError if a basis function that is no Expression returns another shape.
+        """
         text = str(basis)
         if not isinstance(basis, Expression):
             if np.shape(values := basis(self)) != (len(self),):
@@ -214,7 +224,7 @@ class States:
         return len(next(iter(self.columns.values())))
 
     def unit(self, name: str) -> str:
-        """The unit of a column, also of one that is derived. Raises InputError where there is none of that name."""
+        """Return the unit of a column, also of a derived one. Raises InputError for an unknown name."""
         if name in self.units:
             return self.units[name]
         self[name]
@@ -222,25 +232,24 @@ class States:
         return next(d.unit(name) for d in derived if d and d.column(name) is not None)
 
     def unit_of_constant(self, what: str, of: str) -> str:
-        """The unit of the constant of a remembered column: of a lag that of the clock, else that of the column."""
+        """Return the unit of the constant of a column with memory: that of the clock for a lag, else that of column
+        `of`."""
         if what != "lag" or self.past is None:
             return self.unit(of)
         return "rows" if self.past.clock == "row" else self.units[self.past.clock]
 
     def subset(self, rows: IntArray | Mask) -> "States":
-        """Return the columns at some poses; memory columns still follow the whole table."""
+        """Return the columns at some poses. Columns with memory still follow the whole table."""
         taken = np.arange(len(self))[rows] if self.rows is None else self.rows[rows]
         columns = MappingProxyType({k: v[rows] for k, v in self.columns.items()})
         return replace(self, columns=columns, rows=taken)
 
     def seen_at(self, points: Array) -> "States":
-        """Return the states with the instrument's columns computed from points (N, 3) in its frame, m, not from
-        measured ones.
-        """
+        """Return the states with the columns of the instrument computed from points (N, 3) in its frame, m."""
         return replace(self, columns=MappingProxyType({**self.columns, **seen_columns(points)}))
 
     def between(self, count: int = 2000) -> "Between":
-        """Columns (count,) at random points on straight lines between pairs of poses."""
+        """Return columns (count,) at random points on straight lines between pairs of poses."""
         rng = np.random.default_rng(0)
         first, second = rng.integers(0, len(self), (2, count))
         return Between(self, first, second, rng.random(count))
@@ -248,7 +257,7 @@ class States:
 
 @dataclass(frozen=True)
 class Between:
-    """Columns (C,) a part of the way from the poses `first` (C,) to the poses `second` (C,)."""
+    """Columns (C,) interpolated between the poses `first` (C,) and the poses `second` (C,), at the fraction `part`."""
 
     states: States
     first: IntArray
@@ -264,14 +273,15 @@ class Between:
 
 
 def load_unit(name: str) -> str:
-    """The unit of a load by the prefix of its name: N for forces, Nm for torques and moments."""
+    """Return the unit of a load from the prefix of its name: N for forces, Nm for torques and moments."""
     return "N" if name.startswith("force_") else "Nm"
 
 
 def tip_slots(mechanism: Mechanism, dataset: Dataset) -> IntArray:
-    """Index (N,) of the slot that carries what each row reads: of several chains that of its label `tip`.
+    """Return the index (N,) of the slot that carries the measured tip of each row: for several chains that of its label
+    `tip`.
 
-    Raises InputError for a tip the mechanism does not have.
+    Raises InputError for an unknown tip.
     """
     slots, tree = list(mechanism.slots), branched(mechanism)
     if tree is None:
@@ -285,10 +295,10 @@ def tip_slots(mechanism: Mechanism, dataset: Dataset) -> IntArray:
 
 
 def states_of(mechanism: Mechanism, dataset: Dataset, same: States | None = None) -> States:
-    """Every column a basis may read for the poses of `dataset`.
+    """Return all columns that a basis function may use for the poses of `dataset`.
 
-    same: states of the same poses with approximate joint values, whose memory of a whole table is kept.
-    Raises InputError for a column of the table with the name of a computed one.
+    same: states of the same poses with approximate joint values, whose memory of a whole table is kept. Raises
+    InputError for a column of the table with the name of a computed one.
     """
     columns: dict[str, Array] = {}
     units: dict[str, str] = {}
@@ -334,8 +344,10 @@ def _of_the_payload(name: str) -> bool:
 
 
 def _carried(mechanism: Mechanism, dataset: Dataset, loads: Mapping[str, Array]) -> dict[str, Array]:
-    """Torques of the payload, in addition to the torques of the links: columns of their own where payloads differ, else
-    derived, for a model that was fitted where they did."""
+    """Return the torques of the payload alone, in addition to those of the links.
+
+    They are listed columns if the payload varies, and else derived, for a model that was fitted with varying payloads.
+    """
     bare = mechanism.loads(dataset.q, np.zeros(len(dataset)))
     torques = [f"torque_{joint.name}" for joint in mechanism.joints]
     return {f"{PAYLOAD_SHARE}{t}": loads[t] - bare.get(t, 0.0) for t in torques if t in loads}
@@ -344,7 +356,7 @@ def _carried(mechanism: Mechanism, dataset: Dataset, loads: Mapping[str, Array])
 def _remembering(
     columns: dict[str, Array], units: dict[str, str], mechanism: Mechanism, dataset: Dataset, same: States | None
 ) -> States:
-    """The states of a table, with the standing columns of memory where its rows are in order."""
+    """Return the states of a table, with the columns of `memory.standing` if its rows are in order."""
     if same:
         past, weights, seen, turned, rows = same.past, same.weights, same.seen, same.turned, same.rows
     else:

@@ -1,6 +1,6 @@
 """Surfaces that a tool may touch: a plane, a sphere, a line, a point, and the distance to each.
 
-Each lies in a frame of its own: the plane is z = 0, the line the z axis, the sphere about the origin, the point there.
+In its own frame, the plane is z = 0, the line the z axis, the sphere about the origin, and the point the origin.
 """
 
 from collections.abc import Callable
@@ -14,17 +14,19 @@ from gpmodel.errors import InputError
 from gpmodel.numerics import se3
 
 ALONG_A_LINE = 0.01
-"""Least width of the touches across a line over their length. With less, the turn of a plane about the line is
-unknown."""
+"""Least ratio of the width of the touches across a line to their length. With less, the rotation of a plane about the
+line is unknown."""
 
 
 @dataclass(frozen=True)
 class Surface:
     """One kind of surface.
 
-    needs: touches that determine it. axes: of its frame, as indices of a twist, whose motion can be seen. gap: points
-    (N, 3) in its frame to (N, c), m, of a sphere to its centre. slope: its derivatives (N, c, 3). place: touches (N, 3)
-    in the root and the radius, nan where unknown, to its frame (4, 4) and radius.
+    needs: number of touches that determine it.
+    axes: observable twists of its frame, as indices.
+    gap: function of points (N, 3) in its frame to gaps (N, c), m; for a sphere the distance to its centre.
+    slope: function to the derivatives (N, c, 3) of the gaps.
+    place: function of touches (N, 3) in the root and the radius, NaN if unknown, to its frame (4, 4) and radius.
     """
 
     needs: int
@@ -35,7 +37,7 @@ class Surface:
 
 
 def aligned(centre: Array, z: Array) -> Array:
-    """Frames (..., 4, 4) at points (..., 3), with unit directions (..., 3) as their z axes."""
+    """Return frames (..., 4, 4) at points (..., 3), with unit directions (..., 3) as their z axes."""
     x = np.cross(np.eye(3)[np.argmin(np.abs(z), axis=-1)], z)
     x /= np.linalg.norm(x, axis=-1, keepdims=True)
     out = np.zeros((*z.shape[:-1], 4, 4))
@@ -58,7 +60,7 @@ def _place_line(points: Array, radius: float) -> tuple[Array, float]:
 
 
 def _place_sphere(points: Array, radius: float) -> tuple[Array, float]:
-    """|p|² = 2 p·c + (r² - |c|²), linear in c and the bracket; a known radius is left to the fit."""
+    """Solve |p|² = 2 p·c + (r² - |c|²) for the centre c, and for the radius r if it is unknown."""
     middle = points.mean(axis=0)
     p = points - middle
     _, spread, _ = np.linalg.svd(p, full_matrices=False)
@@ -104,5 +106,5 @@ SURFACES = {
     "end": Surface(1, (2,), _height, partial(_everywhere, np.eye(3)[2:]), _place_point),
     "on_line": Surface(2, (0, 1, 3, 4), _across, partial(_everywhere, np.eye(3)[:2]), _place_line),
 }
-"""By the column of the table that names what was touched; the point that rows of one label share, and an end of a bar,
-which is along its z axis."""
+"""Kinds by the column of the table with the name of the touched surface; "point" is a shared point, "end" an end of a
+bar, along its z axis."""

@@ -1,11 +1,11 @@
-"""The tool point touched something whose place is unknown: surfaces, a shared point, the two ends of a bar.
+"""Touches of objects at unknown positions by the tool point: surfaces, a shared point, the two ends of a bar.
 
-A body is what has one unknown pose S in the root frame; a feature is a surface F fixed to it. The gap g(y) of the tool
-point p in the feature's frame, y = (S F)⁻¹ p, is read as zero.
+A body has one unknown pose S in the root frame. A feature is a surface F fixed to a body. With the tool point p and y =
+(S F)⁻¹ p in the frame of the feature, the measurement is a gap g(y) of zero.
 
-A bar of length L lies where it is nearest to the touches p of its ends, on their line, middle on middle. Each end then
-reads (|p2 - p1| - L) / 2 along the bar, and of its unknowns only the place along that line is left to the linear
-problem.
+A bar of length L has the pose nearest to the touches p of its ends: on their line, with coinciding middles. The gap of
+each end is (|p2 - p1| - L) / 2 along the bar. Of the unknowns of the bar, only its position along that line enters the
+linear problem.
 """
 
 from collections.abc import Mapping
@@ -27,7 +27,12 @@ from gpmodel.numerics.se3 import by_pose, frame_of, numbers_of, turned
 
 @dataclass(frozen=True, eq=False)
 class Feature:
-    """A surface by its name in SURFACES, where it is in its body (4, 4), and its radius, m; nan where unknown."""
+    """A surface fixed to a body.
+
+    surface: key of SURFACES.
+    frame: its pose in the body (4, 4).
+    radius: m; NaN if unknown.
+    """
 
     surface: str
     label: str
@@ -36,16 +41,17 @@ class Feature:
 
     @property
     def shape(self) -> Surface:
-        """Surface that is touched."""
+        """Kind of surface."""
         return SURFACES[self.surface]
 
 
 @dataclass(frozen=True, eq=False)
 class Artefact:
-    """Rigid artefact with one pose.
+    """A rigid body with one unknown pose.
 
-    name: name of its unknowns.
-    axes: observable twists of its frame.
+    name: key of its unknowns.
+    axes: observable twists of its frame, as indices.
+    features: its surfaces.
     """
 
     name: str
@@ -54,23 +60,23 @@ class Artefact:
 
     @property
     def sized(self) -> bool:
-        """True if the radius is to be estimated."""
+        """Whether its radius is estimated."""
         return bool(np.isnan(self.features[0].radius))
 
     @property
     def is_bar(self) -> bool:
-        """True for two ends a known distance apart."""
+        """Whether it is a bar: two ends at a known distance."""
         return self.features[0].surface == "end"
 
     @property
     def unknowns(self) -> tuple[str, ...]:
-        """Names of the numbers of a step."""
+        """Names of the components of a step of its unknowns."""
         return (*(AXES[axis] for axis in self.axes), *(("radius",) if self.sized else ()))
 
 
 @dataclass(frozen=True, eq=False)
 class Touches(AtTheTip):
-    """Zero gaps of the tool point, m. body, feature: (N,) what each row touched, -1 where nothing."""
+    """Gaps of the tool point, measured as zero, m. body, feature: (N,) index of the touched one, -1 for none."""
 
     name: str
     bodies: tuple[Artefact, ...]
@@ -83,18 +89,18 @@ class Touches(AtTheTip):
 
     @cached_property
     def components(self) -> int:
-        """The most that one of its surfaces has."""
+        """Largest number of gap components of its surfaces."""
         each = (int(f.shape.slope(np.ones((1, 3))).shape[1]) for body in self.bodies for f in body.features)
         return max(each, default=0)
 
     @cached_property
     def own(self) -> Mapping[str, tuple[str, ...]]:
-        """The pose of every body."""
+        """Unknowns: the pose of every body."""
         return {body.name: body.unknowns for body in self.bodies}
 
     @cached_property
     def readings(self) -> Mask:
-        """Measured components (N, m), True where measured."""
+        """Whether each component was measured (N, m)."""
         out = np.zeros((len(self.body), self.components), dtype=bool)
         for shape, rows in self._rows:
             out[rows, : shape.slope(np.ones((1, 3))).shape[1]] = True
@@ -102,7 +108,7 @@ class Touches(AtTheTip):
 
     @cached_property
     def _rows(self) -> list[tuple[Surface, IntArray]]:
-        """The rows that touched each kind of surface."""
+        """Rows that touched each kind of surface."""
         kinds = np.array(["" if b < 0 else self.bodies[b].features[f].surface for b, f in self._each])
         return [(SURFACES[kind], np.flatnonzero(kinds == kind)) for kind in sorted({*kinds.tolist()} - {""})]
 
@@ -111,7 +117,7 @@ class Touches(AtTheTip):
         return list(zip(self.body.tolist(), self.feature.tolist(), strict=True))
 
     def subset(self, rows: IntArray) -> "Touches":
-        """Keep some rows, and of bars those with both ends among them."""
+        """Return the touches of some rows, without bars of which only one end is among them."""
         body = self.body[rows]
         ends = np.bincount(body[body >= 0], minlength=len(self.bodies))
         half = [i for i, b in enumerate(self.bodies) if b.is_bar and ends[i] == 1]
@@ -158,7 +164,8 @@ class Touches(AtTheTip):
         return out
 
     def moved(self, key: str, value: Array, step: Array) -> Array:
-        """The pose after a twist of its axes; the radius is added to. A bar follows its touches."""
+        """Return the pose after a twist of its axes, and the sum of radius and step. A bar is unchanged: it follows its
+        touches."""
         body = self._by_name[key]
         if body.is_bar:
             return value
@@ -171,7 +178,7 @@ class Touches(AtTheTip):
         return {body.name: body for body in self.bodies}
 
     def start(self, tips: Tips) -> Own:
-        """Each body where its touches say: in closed form, or of several features by least squares from 24 turns."""
+        """Return initial poses: in closed form, or for several features by least squares from 24 orientations."""
         points = tips.root[:, :3, 3]
         return {body.name: self._placed(i, body, points) for i, body in enumerate(self.bodies)}
 
@@ -208,7 +215,8 @@ class Touches(AtTheTip):
 
     @cached_property
     def _features(self) -> tuple[IntArray, Array, Array]:
-        """Feature of every row (N,) among the features of all bodies; their frames in their bodies, and known radii."""
+        """Index (N,) of each row's feature among the features of all bodies; their frames in their bodies, and known
+        radii."""
         flat = [f for body in self.bodies for f in body.features]
         first = np.cumsum([0, *(len(body.features) for body in self.bodies)])[:-1]
         at = np.where(self.body >= 0, first[self.body] + self.feature, 0)
@@ -217,7 +225,7 @@ class Touches(AtTheTip):
 
     @cached_property
     def _bars(self) -> tuple[IntArray, IntArray, Array]:
-        """Bars (B,), the rows (B, 2) of their ends, and half of their lengths (B,)."""
+        """Indices of bars (B,), the rows (B, 2) of their ends, and half of their lengths (B,)."""
         bars = np.array([i for i, body in enumerate(self.bodies) if body.is_bar], dtype=np.int64)
         rows = np.full((len(self.bodies), 2), -1)
         touched = np.flatnonzero(self.body >= 0)
@@ -225,7 +233,7 @@ class Touches(AtTheTip):
         return bars, rows[bars], np.array([0.5 * self.bodies[i].features[1].frame[2, 3] for i in bars])
 
     def _poses(self, points: Array, own: Own) -> Array:
-        """Poses (B, 4, 4) of the bodies; bars lie nearest to their touches (N, 3), on their line."""
+        """Return poses (B, 4, 4) of the bodies. A bar lies on the line of its touches (N, 3), nearest to them."""
         numbers = np.array([own[body.name][:6] for body in self.bodies])
         poses = se3.exp(np.concatenate([np.zeros((len(numbers), 3)), numbers[:, 3:]], axis=1))
         poses[:, :3, 3] = numbers[:, :3]
@@ -240,8 +248,8 @@ class Touches(AtTheTip):
 
 @dataclass(frozen=True)
 class _Gaps:
-    """frames: (N, 4, 4) of the features in the root. within: in their bodies. in_body, points: (N, 3) the tool point in
-    the body and in the feature, m. radius: (N,), m."""
+    """Geometry of each row. frames: (N, 4, 4) features in the root; within: in their bodies. in_body, points: (N, 3)
+    tool point in the body and in the feature, m. radius: (N,), m."""
 
     frames: Array
     within: Array
@@ -255,7 +263,7 @@ def _into(frames: Array, points: Array) -> Array:
 
 
 def _laid(body: Artefact, feature: IntArray, points: Array) -> Array:
-    """The six numbers of a bar, its middle between the two touches."""
+    """Return the six pose parameters of a bar, with its middle between the two touches."""
     first, second = (points[feature == k].mean(axis=0) if (feature == k).any() else points[0] for k in (0, 1))
     along, length = second - first, body.features[1].frame[2, 3]
     along = along / np.linalg.norm(along) if np.any(along) else np.array([0.0, 0.0, 1.0])
@@ -263,7 +271,7 @@ def _laid(body: Artefact, feature: IntArray, points: Array) -> Array:
 
 
 def _fitted(body: Artefact, feature: IntArray, points: Array) -> Array:
-    """The six numbers of a body of which several features were touched: the best of fits from the 24 turns of a
+    """Return the six pose parameters of a body with several touched features: the best fit from the 24 rotations of a
     cube."""
     kinds = [(f, points[feature == k]) for k, f in enumerate(body.features) if (feature == k).any()]
     middle = points.mean(axis=0)
