@@ -1,4 +1,4 @@
-"""Assignments of columns to joints and points of a mechanism whose registration leaves little."""
+"""Assign columns of a table to joints and points of a mechanism, such that a registration leaves a small residual."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -21,12 +21,12 @@ from gpmodel.table.units import factor_like
 Columns = tuple[int, ...]
 NOMINAL = ("nom", "target", "cmd", "command", "soll", "set", "desired", "program", "theor", "design", "cad", "ref")
 ACTUAL = ("act", "meas", "ist", "real", "encoder", "feedback", "observed")
-"""Words in names of commanded, and of measured values."""
+"""Words in names of columns of commanded, and of measured values."""
 _WORDS = re.compile(r"[^A-Za-z]+|(?<=[a-z])(?=[A-Z])")
 
 
 def joint_families(names: Sequence[str], mechanism: Mechanism, numeric: Sequence[int]) -> Iterator[Columns]:
-    """Columns of all joints in order: by the mechanism's names of them, or by names that differ in a number."""
+    """Yield columns of all joints in order: those with the mechanism's names, or with names that differ in a number."""
     count = len(mechanism.joints)
     bare = {i: re.sub(r"\W|_", "", names[i]).casefold() for i in numeric}
     wanted = [re.sub(r"\W|_", "", joint.name).casefold() for joint in mechanism.joints]
@@ -49,7 +49,7 @@ def joint_families(names: Sequence[str], mechanism: Mechanism, numeric: Sequence
 
 
 def lettered(names: Sequence[str], numeric: Sequence[int], letters: Sequence[str] = ("xyz",)) -> Iterator[Columns]:
-    """Columns whose names differ in one letter, x, y and z; of equal names the nearest behind it."""
+    """Yield columns whose names differ in one letter, x, y and z. Of equal names the next to the right is used."""
     for i, word in product(numeric, letters):
         for place, letter in enumerate(names[i]):
             if letter.lower() != word[0]:
@@ -65,7 +65,7 @@ def lettered(names: Sequence[str], numeric: Sequence[int], letters: Sequence[str
 
 
 def windows(numeric: Sequence[int], count: int, strides: Sequence[int] = (1,)) -> Iterator[Columns]:
-    """Columns that stand side by side, or with `strides` between them."""
+    """Yield `count` adjacent columns, or columns at a distance of `strides`."""
     known = set(numeric)
     for stride, first in product(strides, numeric):
         found = tuple(first + stride * k for k in range(count))
@@ -74,21 +74,21 @@ def windows(numeric: Sequence[int], count: int, strides: Sequence[int] = (1,)) -
 
 
 def said_to_be(names: Sequence[str], columns: Columns) -> int:
-    """1 where the names say that these columns were measured, -1 where they say that they were commanded, else 0."""
+    """Return 1 if the names of the columns say measured, -1 if they say commanded, else 0."""
     words = [word.lower() for i in columns for word in _WORDS.split(names[i]) if word]
     nominal = any(word.startswith(NOMINAL) for word in words)
     return any(word.startswith(ACTUAL) for word in words) - nominal
 
 
 MOST_COLUMNS = 60
-"""Columns of numbers among which joints and coordinates are looked for without names."""
+"""Number of numeric columns that are tried as joints and coordinates regardless of their names."""
 ENOUGH_TO_SCREEN = 25
-"""Rows from which the lower bound of the misfit, of 13 unknowns a coordinate, excludes anything."""
+"""Number of rows from which the lower bound of the residual, with 13 unknowns a coordinate, excludes any columns."""
 ROUGH, ROUNDS = 0.25, 8
-"""Share of the spread that a coarse fit leaves at most, and its rounds: ten poses of three arms left 0.004,
+"""Largest share of the spread that a coarse fit may leave, and its iterations: ten poses of three arms left 0.004,
 points of other rows 0.6."""
 MOST_DEGREES = 370.0
-"""Largest joint value in columns whose names do not identify them."""
+"""Largest joint value in columns that are not identified by their names."""
 Readings = Callable[[Mechanism, Array, Array], Iterator[Reading]]
 SI_UNIT = {"revolute": "rad", "prismatic": "m"}
 WRITTEN_IN = {"revolute": ("deg", "rad"), "prismatic": ("mm", "m")}
@@ -96,7 +96,7 @@ WRITTEN_IN = {"revolute": ("deg", "rad"), "prismatic": ("mm", "m")}
 
 
 class Axis(NamedTuple):
-    """Axis as stated in a header. sure: the unit is in brackets or in a line of units."""
+    """Name and unit of a column, from its header. sure: the unit is in brackets or in a line of units."""
 
     name: str
     unit: str | None
@@ -107,9 +107,12 @@ class Axis(NamedTuple):
 class Fit:
     """Columns of the joints and of a point, with the units in which they fit.
 
-    left: RMS, m, of what registration and tool leave. reading: how else the joints are to be read, "" as they stand;
-    turned: (n, n + 1) factors of the joint columns and constants that this makes, SI. rows: (K,) those compared.
-    q: (K, n), rad and m. found: the registration.
+    left: RMS residual of registration and tool, m.
+    reading: how the joint values have to be changed, empty if not at all.
+    turned: (n, n + 1) factors of the joint columns and constants of that change, SI.
+    rows: (K,) compared rows.
+    q: (K, n) joint values, rad and m.
+    found: the registration.
     """
 
     joints: Columns
@@ -125,7 +128,7 @@ class Fit:
 
 
 class Assigner:
-    """Assignments of a sheet's columns, compared on MOST_ROWS of the rows."""
+    """Search for assignments of the columns of a sheet, compared on at most MOST_ROWS rows."""
 
     def __init__(self, sheet: Sheet, mechanism: Mechanism, rows: IntArray | None = None) -> None:
         self.mechanism = mechanism
@@ -135,7 +138,7 @@ class Assigner:
         self.rows = np.arange(len(sheet.cells)) if rows is None else rows
 
     def fits(self) -> list[Fit]:
-        """All that fit of the first stage in which any does: columns that go by their names, then by their places."""
+        """Return all assignments of the first stage that has any: columns selected by name, then by position."""
         readings = (None, partial(of_joints, scaled=False))
         names, numeric = [axis.name for axis in self.axes], sorted(self.values)
         count, few = len(self.mechanism.joints), numeric[:MOST_COLUMNS]
@@ -156,8 +159,10 @@ class Assigner:
         return []
 
     def turned(self) -> list[Fit]:
-        """The first that fits of columns that go by their names, with joints counted from other zeros, or with several
-        signs: a thousand readings."""
+        """Return the first fit of the named columns with other joint zeros, or with several changed signs.
+
+        About a thousand changes are tried.
+        """
         names = [axis.name for axis in self.axes]
         joints = list(dict.fromkeys(joint_families(names, self.mechanism, sorted(self.values))))
         points = list(dict.fromkeys(lettered(names, [i for i in sorted(self.values) if i in self.moving])))
@@ -178,7 +183,8 @@ class Assigner:
                     break
 
     def _units(self, columns: Columns) -> Iterator[tuple[str, ...]]:
-        """Units of joint columns: those of the headers, then one for all that turn, and one for all that slide."""
+        """Yield units of joint columns: those of the headers, then one for all revolute and one for all prismatic
+        joints."""
         kinds, seen = [joint.kind for joint in self.mechanism.joints], set()
         slides = WRITTEN_IN["prismatic"] if "prismatic" in kinds else ()
         for turn, slide in product((None, *WRITTEN_IN["revolute"]), (None, *slides)):
@@ -192,7 +198,7 @@ class Assigner:
                 yield units
 
     def _of(self, columns: Columns, units: tuple[str, ...], points: Columns, reread: Readings | None) -> Iterator[Fit]:
-        """The fit of these columns, as they stand or in the other readings of joint values."""
+        """Yield the fit of these columns as they are, or with each change of the joint values that `reread` yields."""
         rows = self.rows[np.isfinite([self.values[i][self.rows] for i in (*columns, *points)]).all(axis=0)]
         raw = np.column_stack([self.values[i][rows] for i in points])
         rows, raw = rows[np.ptp(raw, axis=1) > 0], raw[np.ptp(raw, axis=1) > 0]
@@ -216,7 +222,8 @@ class Assigner:
                     return
 
     def _registered(self, frames: Array, raw: Array, points: Columns) -> tuple[str, float, Registered] | None:
-        """Unit of points (K, 3), what registration leaves and the registration; None where none leaves little."""
+        """Return the unit of points (K, 3), the residual and the registration, or None if no unit gives a small
+        residual."""
         if len(raw) >= ENOUGH_TO_SCREEN and not _may_fit(frames, raw):
             return None
         said, reach = [self.axes[i].unit for i in points], spread_of(frames[:, :3, 3])
@@ -236,17 +243,18 @@ class Assigner:
 
 
 def header_of(sheet: Sheet, column: int) -> Axis:
-    """Read name and unit of a column."""
+    """Return name and unit of a column."""
     return Axis(*name_and_unit(sheet.names[column]))
 
 
 def si_of(unit: str | None, kind: str) -> float:
-    """SI units that one unit of a joint of that kind is, 0 where it is of another dimension."""
+    """Return the factor from a unit to the SI unit of a joint of that kind, 0 if the dimension is another."""
     return factor_like(unit or "", SI_UNIT[kind]) or 0.0
 
 
 def _formulas(q: Array, meant: Array) -> Array:
-    """Return the whole factors of the joint columns and the constant (n, n + 1) that make values (K, n) of others."""
+    """Return factors of the joint columns and constants (n, n + 1) that convert values `q` (K, n) to the values
+    `meant`."""
     change = meant - q
     factors = np.round(np.linalg.lstsq(q - q.mean(axis=0), change - change.mean(axis=0))[0]).T
     zeros = (change - q @ factors.T).mean(axis=0)
@@ -254,7 +262,7 @@ def _formulas(q: Array, meant: Array) -> Array:
 
 
 def _roughly(frames: Array, p: Array) -> float:
-    """Median error, m, of few points (K, 3) after ROUNDS closed-form registrations and tool points in turn."""
+    """Return the median error, m, of few points (K, 3) after ROUNDS alternating fits of registration and tool point."""
     tool: Array = np.zeros(3)
     for _ in range(ROUNDS):
         found = Registered.of(frames, p, tool)

@@ -1,4 +1,4 @@
-"""Columns of a foreign file: the assignment that fits the mechanism, and every doubt about it."""
+"""Assign the columns of a foreign file to a mechanism, and list every doubt about the assignment."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -26,13 +26,13 @@ from gpmodel.table.layout import Sheet
 from gpmodel.table.units import identifier, known_unit
 
 APART = 2e-3
-"""Metres between the tool points of two reflectors, or of two set-ups' tools."""
+"""Least distance between the tool points of two reflectors, or of the tools of two set-ups, m."""
 COARSEST = 1e-4
-"""Metres of rounding that is told from the errors of an arm: no arm is better before it is calibrated."""
+"""Largest rounding, m, that is distinguished from the errors of an arm: no arm is better before calibration."""
 MOST_LABELS = 12
-"""Different values of a column that names tools or set-ups."""
+"""Largest number of different values of a column that names tools or set-ups."""
 COMPUTED_TURN = 1e-5
-"""Radians by which no instrument's orientations miss those of a mechanism: what misses by less is computed."""
+"""Angle, rad, between given and nominal orientations from which they may be measured. Smaller ones are computed."""
 CONVENTIONS = (
     "rotation vector",
     *(f"{kind} {axes.upper()}" for kind, axes in product(("intrinsic", "fixed"), (*TAIT_BRYAN, *PROPER))),
@@ -41,8 +41,8 @@ CONVENTIONS = (
 
 @dataclass(frozen=True)
 class Guess:
-    """map: what the columns are. lines: a reading of each column, with the reason. doubts: what decides between two
-    tables and no value of the file tells; a person has to."""
+    """map: the assigned columns. lines: one text a column, with the reason. doubts: choices that the file does not
+    decide, so that a person has to."""
 
     map: ColumnMap
     lines: tuple[str, ...]
@@ -74,7 +74,7 @@ def guess_files(paths: Sequence[Path], mechanism: Mechanism, join: str | None) -
 
 
 def _guess_as(sheet: Sheet, mechanism: Mechanism, join: str) -> Guess:
-    """Guess, if need be with joints counted otherwise; raises the InputError of the columns as they stand."""
+    """Assign columns, if necessary with changed joint zeros and signs. Raises the error of the unchanged columns."""
     try:
         found = guess(sheet, mechanism)
     except InputError:
@@ -88,7 +88,7 @@ def _guess_as(sheet: Sheet, mechanism: Mechanism, join: str) -> Guess:
 
 
 def _by_pose(first: Sheet, second: Sheet, mechanism: Mechanism) -> Iterator[str]:
-    """Pair the rows of joint values and positions that lie nearest, by the registration of the first or last third."""
+    """Yield a join of nearest joint values and positions, registered on the first or last third of the rows."""
     for one, other in ((first, second), (second, first)):
         third = min(len(one.cells), len(other.cells)) // 3
         for part in (slice(None, third), slice(-third, None)):
@@ -121,10 +121,10 @@ def _by_pose(first: Sheet, second: Sheet, mechanism: Mechanism) -> Iterator[str]
 
 
 def guess(sheet: Sheet, mechanism: Mechanism, turned: bool = False) -> Guess:
-    """Assign a sheet's columns by their names and by the registration that they leave little of.
+    """Assign the columns of a sheet by their names and by the residual of a registration.
 
-    turned: also with other zeros and several other signs of joints.
-    Raises InputError where nothing fits the mechanism, or only positions that were computed.
+    turned: also try other zeros and several other signs of joints. Raises InputError if nothing fits the mechanism, or
+    if the positions are computed and not measured.
     """
     label, fits = _fits(sheet, mechanism, turned)
     if not fits:
@@ -150,7 +150,7 @@ def guess(sheet: Sheet, mechanism: Mechanism, turned: bool = False) -> Guess:
 
 
 def _fits(sheet: Sheet, mechanism: Mechanism, turned: bool) -> tuple[tuple[int, tuple[str, ...]] | None, list[Fit]]:
-    """Assignments that fit; where none does, those of the rows with one text or number in a column, and that column."""
+    """Return assignments that fit all rows; else those that fit the rows of each value of a column, and that column."""
     if fits := Assigner(sheet, mechanism).fits():
         return None, fits
     if turned:
@@ -179,7 +179,7 @@ def _fits(sheet: Sheet, mechanism: Mechanism, turned: bool) -> tuple[tuple[int, 
 
 
 def _nothing(sheet: Sheet, mechanism: Mechanism) -> str:
-    """Say why nothing fits."""
+    """Describe why no assignment fits."""
     count, names = len(mechanism.joints), ", ".join(joint.name for joint in mechanism.joints)
     numbers = sum(sheet.numbers(i) is not None for i in sheet.columns)
     if numbers < count + 3:
@@ -195,7 +195,7 @@ def _nothing(sheet: Sheet, mechanism: Mechanism) -> str:
 
 
 def _one_set_of_joints(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: dict[int, str]) -> list[Fit]:
-    """Fits of one set of joint values: the measured one of commanded and measured ones, as far as their names tell."""
+    """Return the fits of one set of joint values: the measured one if names distinguish measured and commanded ones."""
     best = min(fits, key=lambda fit: fit.left)
     fits = [fit for fit in fits if fit.left < max(FAR_BETTER * best.left, APART)]
     sets = list(dict.fromkeys(fit.joints for fit in fits))
@@ -215,7 +215,7 @@ def _one_set_of_joints(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: 
 
 
 def _measured(sheet: Sheet, mechanism: Mechanism, fits: list[Fit], lines: dict[int, str]) -> list[Fit]:
-    """Fits of points that were not computed from the joint values. Raises InputError where all were."""
+    """Return the fits of points that were not computed from the joint values. Raises InputError if there is none."""
     left = []
     for fit in fits:
         if _computed(sheet, mechanism, fit):
@@ -232,9 +232,9 @@ def _measured(sheet: Sheet, mechanism: Mechanism, fits: list[Fit], lines: dict[i
 
 
 def _computed(sheet: Sheet, mechanism: Mechanism, fit: Fit) -> bool:
-    """Return whether the points are computed: registration fits to the rounding of their digits.
+    """Return whether the points are computed: the residual of a registration is the rounding of their digits.
 
-    Also true if the standard model fits better than any instrument's noise.
+    It is also true if the residual of the standard model is below the noise of any instrument.
     """
     p = np.column_stack([si_of(fit.unit, "prismatic") * numbers_of(sheet, i)[fit.rows] for i in fit.points])
     data = replace(unmeasured([joint.name for joint in mechanism.joints], fit.q), position=p)
@@ -247,14 +247,14 @@ def _computed(sheet: Sheet, mechanism: Mechanism, fit: Fit) -> bool:
 
 
 def numbers_of(sheet: Sheet, column: int) -> Array:
-    """Numbers (N,) of a column that holds some."""
+    """Return the numbers (N,) of a numeric column."""
     values = sheet.numbers(column)
     assert values is not None
     return np.asarray(values, dtype=np.float64)
 
 
 def _reflectors(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: dict[int, str]) -> list[Fit]:
-    """Fits of different tool points. Of two with one tool point the one that its names call measured is taken."""
+    """Return fits of different tool points. Of two with one tool point, a measured one by its name is kept."""
     taken: list[Fit] = []
     said = {fit.points: said_to_be(sheet.names, fit.points) for fit in fits}
     for fit in sorted(fits, key=lambda f: (-said[f.points], f.points)):
@@ -285,14 +285,14 @@ def _congruent(sheet: Sheet, one: Fit, other: Fit) -> bool:
 
 
 def _ref(sheet: Sheet, column: int, unit: str) -> str:
-    """Write a column for a map: by its name where that is one of a kind, else by its number."""
+    """Return the text for a column in a map: its name if unique, else its number."""
     name, own, sure = header_of(sheet, column)
     plain = name.replace("_", "").replace(" ", "").isalnum() and not name[:1].isdigit() and not (sure and own != unit)
     return f"{name if plain and find(sheet, name) == column else f'c{column + 1}'} [{unit}]".replace(" []", "")
 
 
 def _joints(sheet: Sheet, mechanism: Mechanism, fit: Fit, doubts: list[str], lines: dict[int, str]) -> dict[str, str]:
-    """Lines of the map for the joints."""
+    """Return the entries of the map for the joints."""
     out: dict[str, str] = {}
     turned = np.eye(len(fit.joints), len(fit.joints) + 1) if fit.turned is None else fit.turned
     if "swapped" in fit.reading:
@@ -320,7 +320,7 @@ def _joints(sheet: Sheet, mechanism: Mechanism, fit: Fit, doubts: list[str], lin
 
 
 def _point(sheet: Sheet, fit: Fit, doubts: list[str], lines: dict[int, str]) -> dict[str, str]:
-    """Lines of the map for one point."""
+    """Return the entries of the map for one point."""
     for axis, column in zip("xyz", fit.points, strict=True):
         _, own, sure = header_of(sheet, column)
         lines[column] = f"{axis} [{fit.unit}]"
@@ -333,7 +333,7 @@ def _point(sheet: Sheet, fit: Fit, doubts: list[str], lines: dict[int, str]) -> 
 
 
 def _orientation(sheet: Sheet, mechanism: Mechanism, fit: Fit, lines: dict[int, str]) -> OrientationColumns | None:
-    """Columns of orientations that fit the mechanism's, and their convention."""
+    """Return the columns of orientations that fit the mechanism, and their convention, or None."""
     turned = fit.found.turn @ flange(mechanism, fit.q)[:, :3, :3]
     free = [i for i in sheet.columns if i not in lines and sheet.numbers(i) is not None]
     found = []
@@ -357,7 +357,7 @@ def _orientation(sheet: Sheet, mechanism: Mechanism, fit: Fit, lines: dict[int, 
 def _conventions(
     sheet: Sheet, columns: Columns, rows: IntArray, turned: Array
 ) -> Iterator[tuple[float, str, str, Columns]]:
-    """Conventions in which columns fit: median miss, rad, convention, unit, columns."""
+    """Yield conventions in which the columns fit: median angle error, rad, convention, unit, columns."""
     numbers = np.column_stack([numbers_of(sheet, i)[rows] for i in columns])
     whole = np.isfinite(numbers).all(axis=1)
     if whole.sum() < FEWEST_ROWS:
@@ -376,7 +376,7 @@ def _conventions(
 
 
 def _inputs(sheet: Sheet, lines: dict[int, str], taken: dict[str, str]) -> dict[str, str]:
-    """Lines of the map for labels, times, the payload and inputs of a known unit that is no length and no angle."""
+    """Return the entries of the map for labels, times, the payload and inputs of a known unit (no length, no angle)."""
     out: dict[str, str] = {}
     for i in sheet.columns:
         if i in lines:

@@ -1,4 +1,4 @@
-"""Judging a measured table before anything is fitted to it."""
+"""Check a measured table for errors before any search."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ from gpmodel.table.dataset import Dataset
 
 
 def another_centre(model: ErrorModel, data: Dataset) -> str | None:
-    """Name the cameras whose principal point, solved with the rest, brings a model below POOR."""
+    """Name the cameras whose stated principal point is wrong: estimated ones give a residual below POOR. Else None."""
     described: Mapping[str, Any] = data.described.get("cameras", {})
     cameras: Mapping[str, Mapping[str, Any]] = described.get("camera", {})
     stated = {name: c for name, c in cameras.items() if "centre_px" in c and not c.get("solve")}
@@ -55,22 +55,23 @@ def another_centre(model: ErrorModel, data: Dataset) -> str | None:
 
 NOBODY = Teller()
 MOST_FITTED, STRETCH = 2000, 50
-"""Rows that are fitted to judge a table, and how many of them stand together: a fit takes a second, and its RMS is
-known to 1 / √(6 · 2000) of itself."""
+"""Rows that are fitted to check a table, and length of each stretch of adjacent rows. A fit takes a second, and the
+relative error of its RMS is 1 / √(6 · 2000)."""
 YIELDING = ("base_compliance", "joint_compliance")
-"""Families of a healthy soft robot."""
+"""Families of errors of a sound robot with low stiffness."""
 LIMIT_TOLERANCE = 1e-3
-"""Radians or metres beyond a joint's limit that are its stop's play and the last digit written."""
+"""Distance beyond the limit of a joint, rad or m, that is explained by the play of its stop and by rounding."""
 MINIMUM_READINGS, UNLIKE = 12, 0.2
-"""Readings, and share of their spread that distances from no fixed point or pixels of another board leave, or of the
-tool points' that touches of something else do; what fits leaves the mechanism's errors, a hundredth."""
+"""Least number of measurements to check, and largest share of their spread that registration and tool may leave.
+Unrelated distances, pixels or touches leave more; suitable ones leave the errors of the mechanism, a hundredth."""
 
 
 @dataclass(frozen=True)
 class Remark:
-    """One thing about a table. severity: "error" (nothing may be fitted to it), "warning" or "note".
+    """One error, warning or note on a table.
 
-    unfit: why nothing sound comes of a fit all the same, in a few words.
+    severity: "error" (the table cannot be fitted), "warning" or "note".
+    unfit: short reason why a fit would be unsound although it is possible; empty if it is sound.
     """
 
     severity: str
@@ -83,10 +84,10 @@ def check_dataset(
 ) -> list[Remark]:
     """List the errors, warnings and notes of a table, errors first.
 
-    standard: the geometric effects that would be fitted (default: all). Of more than MOST_FITTED rows whatever needs a
-    fit is judged on as many, in stretches spread evenly over the table, and a note says so. Errors: joint values beyond
-    limits, units or columns mixed up, poses all alike, fewer measured values than unknowns, computed positions.
-    Warnings: see `built_wrong`, `poor_fit` and `warnings_of`. Notes: see `notes`.
+    standard: the geometric effects that would be fitted (default: all). Of more than MOST_FITTED rows, fits use
+    stretches spread evenly over the table, and a note states their number. Errors: joint values beyond limits, wrong
+    units or columns, equal poses, fewer measured values than unknowns, computed positions. Warnings: see `built_wrong`,
+    `poor_fit` and `warnings_of`. Notes: see `notes`.
     """
     standard = geometric_effects(mechanism) if standard is None else standard
     many = len(data) > MOST_FITTED
@@ -118,7 +119,7 @@ def check_dataset(
 def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
     """Yield the causes of a large residual, and why no sound fit follows.
 
-    Empty where base and joint compliance explain it.
+    The reason is empty if base and joint compliance explain the residual.
     """
     for text in poor_fit(fit):
         if lens := another_centre(fit.model, poses.dataset):
@@ -137,7 +138,7 @@ def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
 
 
 def evenly(count: int) -> IntArray:
-    """Rows (K,) to fit of so many: all, or MOST_FITTED in stretches at even distances, so that neighbours stay."""
+    """Return rows (K,) to fit of `count`: all, or MOST_FITTED in evenly spaced stretches of adjacent rows."""
     if count <= MOST_FITTED:
         return np.arange(count)
     starts = np.linspace(0, count - STRETCH, MOST_FITTED // STRETCH).astype(np.int64)
@@ -145,20 +146,20 @@ def evenly(count: int) -> IntArray:
 
 
 def refuse(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...] | None = None) -> None:
-    """Raises InputError with the first error check_dataset would find."""
+    """Raise InputError with the first error that check_dataset finds."""
     standard = geometric_effects(mechanism) if standard is None else standard
     for text in chain(_errors(mechanism, poses.dataset, standard), _unsound(mechanism, poses)):
         raise InputError(text)
 
 
 def _unsound(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
-    """Reasons not to go on that a fit of registration and tool shows."""
+    """Yield errors that a fit of registration and tool finds."""
     yield from _unlike_readings(mechanism, poses)
     yield from computed_positions(mechanism, poses)
 
 
 def computed_positions(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
-    """Positions that the nominal mechanism computes; a fit is made only of a table whose digits end."""
+    """Yield an error if the nominal mechanism computes the positions. Only positions with rounded digits are fitted."""
     if not written_to_a_digit(poses.dataset):
         return
     part = poses.subset(evenly(len(poses)))
@@ -169,7 +170,7 @@ def computed_positions(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
 
 
 def _errors(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> Iterator[str]:
-    """Reasons not to go on, each found only where those before it are not."""
+    """Yield errors of a table. Each kind is only tested if the kinds before it are absent."""
     beyond = list(_beyond_limits(mechanism, data))
     if alike := _all_alike(data):
         yield alike
@@ -226,7 +227,7 @@ def _too_few(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) 
 
 
 def _too_few_held(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> Iterator[str]:
-    """Enough values for all unknowns, but not once the usual share of the poses is held out."""
+    """Yield a warning if the values are enough for all unknowns, but not with the usual share of the poses held out."""
     values, needed = measured_values(different_readings(data)), unknowns(mechanism, data, standard)
     if values * (1.0 - USUAL) <= needed:
         yield (
@@ -236,7 +237,7 @@ def _too_few_held(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, .
 
 
 def _unlike_readings(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
-    """Distances, touches and pixels of which the best places and tool explain next to nothing."""
+    """Yield an error for distances, touches and pixels that registration and tool hardly explain."""
     data = poses.dataset
     if len(data) < MINIMUM_READINGS or not (data.distances or data.observations):
         return

@@ -1,4 +1,4 @@
-"""Columns mixed up or in the wrong unit, recognised by how much better another reading fits the mechanism."""
+"""Find columns that are exchanged or in a wrong unit: another interpretation of them fits the mechanism far better."""
 
 from collections.abc import Iterable, Iterator
 from itertools import chain, groupby, islice, product
@@ -18,38 +18,39 @@ from gpmodel.table.dataset import Dataset
 from gpmodel.wording import some
 
 TURNS = 4 * np.pi
-"""Radians: no joint of a robot turns more than twice either way."""
+"""Largest joint angle, rad: no joint of a robot turns more than twice either way."""
 POOR_SHARE, POOR_LENGTH = 0.02, 0.01
-"""Share of the workspace, and metres, that registration and tool leave of a table before any reading of any column is
-tried: ten times what a bad robot is off by. Below it see `checks.weak_columns`."""
+"""Share of the workspace, and length, m, that registration and tool leave before other interpretations of columns are
+tried: ten times the errors of a bad robot. See `checks.weak_columns` for smaller residuals."""
 FAR_BETTER = 5.0
-"""Times better another reading has to fit: a mechanism described wrongly is not fitted so much better by chance."""
+"""Least factor by which another interpretation has to reduce the residual. A wrong description of a mechanism does not
+gain so much by chance."""
 ALIKE = 1.5
-"""Times what the best reading leaves that another may leave which is as likely: both are named."""
+"""Ratio to the smallest residual up to which another interpretation counts as equally likely and is also named."""
 SCREENED = 200
-"""Readings whose frames are computed at once."""
+"""Number of interpretations whose frames are computed at once."""
 GOOD_SHARE = 0.05
-"""Share of the spread of the points that the right reading leaves at most."""
+"""Largest share of the spread of the points that the correct interpretation leaves."""
 HOPELESS_SHARE, HOPELESS_LENGTH = 0.1, 0.03
-"""Share of the spread, and metres, left where no reading fits and the table is refused: no robot that moves is so far
-off."""
+"""Share of the spread, and length, m, that are left if no interpretation fits and the table is refused. No robot that
+moves has such errors."""
 FEWEST_ROWS, MOST_ROWS, MOST_IN_ORDER = 6, 60, 400
-"""Poses between which readings are compared: fewer than six fit anything, more than sixty show nothing new. Rows, one
-after the other, in which a lost one is looked for."""
+"""Least and largest number of poses to compare interpretations: fewer than six fit anything, more than sixty add
+nothing. Largest number of consecutive rows in which a lost row is searched."""
 FEWEST_OF_A_PART, LEAST_PART = 12, 0.35
-"""Rows, and share of them, that fit one registration and tool where the others are called bad: nine unknowns fit three
-rows whatever they hold."""
+"""Least number and least share of rows that fit one registration and tool if the other rows are to be called bad: nine
+unknowns fit any three rows."""
 TINY, GIANT = 5e-3, 30.0
-"""Metres that the longest link of no robot is below, and above."""
+"""Bounds of the length of the longest link of a robot, m."""
 
 
 def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
-    """Name mixed-up columns and how to write them; None where the table fits the mechanism.
+    """Name columns that are exchanged or in a wrong unit, and how to write them. None if the table fits the mechanism.
 
-    Where registration and tool alone leave far more than any real mechanism's errors, at most of the poses, other
-    readings are tried: units, signs, columns swapped or coupled, lengths of the mechanism, then rows that belong to the
-    pose before or after, two set-ups in one, and many bad readings. One that leaves FAR_BETTER times less is what the
-    table must have meant. Of several arms only degrees read as radians are looked for.
+    If the residual of registration and tool is far above real errors at most of the poses, other interpretations are
+    tried: units, signs, columns swapped or coupled, lengths of the mechanism, then rows that belong to the pose before
+    or after, two set-ups in one, and many bad measurements. An interpretation has to reduce the residual by FAR_BETTER.
+    For several arms only degrees in place of radians are tested.
     """
     revolute = np.array([j.kind == "revolute" for j in mechanism.joints])
     largest = np.abs(data.q[:, revolute]).max(initial=0.0)
@@ -81,9 +82,12 @@ def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
 def _better(
     mechanism: Mechanism, q: Array, p: Array, now: float, sizes: tuple[float, float], hopeless: bool
 ) -> str | None:
-    """The reading that fits best, where one fits FAR_BETTER, and one of another kind that fits as well.
+    """Return a text on the interpretation that fits best, if it reduces the residual by FAR_BETTER, and on equally good
+    ones.
 
-    sizes: spread of the points and of the flange, m. hopeless: read two columns otherwise, or all in another order.
+    now: residual without a change, m.
+    sizes: spread of the points and of the flange, m.
+    hopeless: also change two columns, or the order of all.
     """
     longest = float(np.abs(mechanism.transforms(q)[..., :3, 3]).max())
     kinds = [of_lengths(q, p, *sizes)]
@@ -103,7 +107,8 @@ def _better(
 
 
 def _best_of(mechanism: Mechanism, readings: Iterable[Reading], limit: float) -> tuple[float, str] | None:
-    """RMS, m, below `limit` that the best reading leaves, and its meaning; of those that fit alike the first."""
+    """Return the RMS residual, m, of the best interpretation below `limit`, and its meaning; of equally good ones the
+    first."""
     fits: list[tuple[int, float, str]] = []
     number = 0
     for scale, alike in groupby(readings, key=attrgetter("scale")):
@@ -123,15 +128,18 @@ def _best_of(mechanism: Mechanism, readings: Iterable[Reading], limit: float) ->
 
 
 def comparable_rows(data: Dataset) -> IntArray:
-    """Rows with a whole position, all of the most frequent set-up and tool."""
+    """Return rows with a complete position, of the most frequent set-up and tool."""
     places = [f"{s}\0{t}" for s, t in zip(data.label("setup").tolist(), data.label("tool").tolist(), strict=True)]
     usual = np.array(places) == max(set(places), key=places.count)
     return np.flatnonzero(np.isfinite(data.position).all(axis=1) & usual)
 
 
 def typical(frames: Array, position: Array) -> tuple[IntArray, Array]:
-    """The poses (K,) without those that fit worst, by index, and the errors (N,), m, of all by what is fitted to these:
-    gross errors are no mix-up of columns."""
+    """Return the indices (K,) of the poses without the worst ones, and the errors (N,) of all poses, m, by a fit to
+    them.
+
+    Gross errors of single poses are no sign of exchanged columns.
+    """
     most = np.arange(len(frames))
     for _ in range(3):
         found = registered(frames[most], position[most])
@@ -141,9 +149,9 @@ def typical(frames: Array, position: Array) -> tuple[IntArray, Array]:
 
 
 def of_the_rows(mechanism: Mechanism, data: Dataset, now: float) -> str | None:
-    """A row lost, a late column, two set-ups in one, or many bad readings: a large part of the rows that fits tells.
+    """Find a lost row, a column shifted by a row, two set-ups in one, or bad measurements, from the rows that do fit.
 
-    now: RMS, m, that registration and tool leave.
+    now: RMS residual of registration and tool, m.
     """
     rows = comparable_rows(data)[:MOST_IN_ORDER]
     if len(rows) < FEWEST_ROWS or branched(mechanism):
@@ -163,7 +171,7 @@ def of_the_rows(mechanism: Mechanism, data: Dataset, now: float) -> str | None:
 
 
 def _late_column(mechanism: Mechanism, q: Array, p: Array, now: float) -> str | None:
-    """The joint whose values belong to the row before or after; None where that does not explain nearly all."""
+    """Name the joint whose values belong to the row before or after. None if that explains too few rows."""
     for i, shift in product(range(q.shape[1]), (1, -1)):
         moved = q.copy()
         moved[:, i] = np.roll(q[:, i], -shift)
@@ -179,14 +187,14 @@ def _late_column(mechanism: Mechanism, q: Array, p: Array, now: float) -> str | 
 
 
 def _paired(frames: Array, p: Array, shift: int) -> tuple[Array, Array]:
-    """Poses and the positions `shift` rows after them."""
+    """Return poses, and the positions `shift` rows after them."""
     count = len(p) - abs(shift)
     start, after = max(-shift, 0), max(shift, 0)
     return frames[start : start + count], p[after : after + count]
 
 
 def _lost_row(found: Registered, frames: Array, p: Array, row: IntArray) -> str | None:
-    """From which row on positions belong to the pose before or after; None where that does not explain nearly all."""
+    """Name the row from which positions belong to the pose before or after. None if that explains too few rows."""
     errors = np.full((3, len(p)), np.inf)
     for shift in (-1, 0, 1):
         errors[shift + 1, max(shift, 0) : len(p) + min(shift, 0)] = found.errors(*_paired(frames, p, shift))
@@ -213,7 +221,8 @@ def _lost_row(found: Registered, frames: Array, p: Array, row: IntArray) -> str 
 
 
 def _bad_rows(frames: Array, p: Array, row: IntArray, found: Registered) -> str | None:
-    """Two set-ups in one, where the others fit a registration of their own; else bad readings, by row."""
+    """Describe two set-ups in one if the bad rows fit a registration of their own; else list the bad measurements by
+    row."""
     error = found.errors(frames, p)
     bad = error > gross(error)
     if bad.mean() <= OUTLIER_SHARE:
@@ -241,18 +250,18 @@ def _degrees_read_as_radians(largest: float) -> str:
 
 
 COARSE = 0.05
-"""Radians, median over the poses, from which rotations are refused: three degrees, where zeros of joints are off by
+"""Median error of rotations over the poses, rad, from which they are refused: three degrees. Errors of joint zeros are
 milliradians."""
 TAIT_BRYAN = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx")
 PROPER = ("xyx", "xzx", "yxy", "yzy", "zxz", "zyz")
 
 
 def rotations_flaw(mechanism: Mechanism, data: Dataset) -> str | None:
-    """State the disagreement of rotations with the mechanism, and the convention in which they fit; None where they
+    """Describe the disagreement of rotations with the mechanism, and the convention in which they fit. None if they
     fit.
 
     With the registration A of the positions and the rotation B of the tool in the flange, R = A R_flange B. Without
-    positions nothing is judged.
+    positions nothing is tested.
     """
     rows = comparable_rows(data)
     rows = rows[np.isfinite(data.rotation[rows]).all(axis=1)]
@@ -279,14 +288,14 @@ def rotations_flaw(mechanism: Mechanism, data: Dataset) -> str | None:
 
 
 def miss(turned: Array, measured: Array) -> float:
-    """Median angle, rad, by which measured rotations (N, 3, 3) miss A R_flange (N, 3, 3) times the best constant B."""
+    """Return the median angle, rad, between rotations (N, 3, 3) and A R_flange (N, 3, 3) times the best constant B."""
     relative = np.swapaxes(turned, 1, 2) @ measured
     tool = se3.nearest_rotation(relative.sum(axis=0))
     return float(np.median(np.linalg.norm(se3.rotation_vector(relative @ tool.T), axis=1)))
 
 
 def _conventions(vectors: Array) -> Iterator[tuple[str, Array]]:
-    """Yield the possible conventions of rotation vectors (N, 3), by name, as rotations (N, 3, 3)."""
+    """Yield rotation vectors (N, 3) in each possible convention, by its name, as rotations (N, 3, 3)."""
     as_read = Rotation.from_rotvec(vectors)
     quaternions = as_read.as_quat()
     for factor, unit in ((1.0, ""), (np.pi / 180, " in degrees"), (180 / np.pi, " in radians")):

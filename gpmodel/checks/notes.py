@@ -1,4 +1,4 @@
-"""Notes on the content and the fit of a table, and on the next measurements."""
+"""Notes on the content and the fit of a table, and on the next measurements. Robust registration of its rows."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -24,28 +24,28 @@ from gpmodel.table.dataset import Dataset, unmeasured
 from gpmodel.table.units import identifier, split_header
 
 CLOSE = 0.01
-"""Metres: a fit that leaves less is not searched from another side of the flange."""
+"""RMS residual, m, below which a fit is not restarted from another side of the flange."""
 COARSE, FINE, FINER = 0.3, 1e-3, 0.3
-"""First and last scale of the robust fit, m, and the factor between two of them. Half or double of each gives the same
-rows; a last scale of 0.1 mm would take errors of the geometry for bad readings."""
+"""First and last scale of the robust fit, m, and the factor between two of them. Half or double of each gives equal
+rows; a last scale of 0.1 mm would reject rows for errors of the geometry."""
 STEPS = 4
-"""Gauss-Newton steps at each scale; eight end at the same rows."""
+"""Gauss-Newton steps at each scale; eight end at equal rows."""
 QUARTER, SPREAD = 0.25, 12.0
-"""Quantile of the errors that is of good rows though most are bad, and times it that no good row is off: of lengths of
-3-D normal errors the quarter is at 1.1 σ, and 13 σ never occur."""
+"""Quantile of the errors that belongs to good rows even if most rows are bad, and the multiple of it that no good row
+reaches: the quarter of the lengths of 3-D normal errors is at 1.1 σ, and 13 σ never occur."""
 SMALLEST = 5e-3
-"""Metres: what is off by less is no gross error."""
+"""Least gross error, m."""
 
 
 def flange(mechanism: Mechanism, q: Array, scale: float = 1.0) -> Array:
-    """Frames (N, 4, 4) of the flange in the root at joint values (N, n), all lengths of the mechanism times `scale`."""
+    """Return frames (N, 4, 4) of the flange in the root at joint values (N, n). scale: factor on all lengths."""
     transforms = np.array(mechanism.transforms(q))
     transforms[..., :3, 3] *= scale
     return np.asarray(se3.chain(transforms)[-1])
 
 
 def spread_of(points: Array) -> float:
-    """RMS distance of points (N, k) from their centre."""
+    """Return the RMS distance of points (N, k) from their centre."""
     return root_mean_square(np.linalg.norm(points - points.mean(axis=0), axis=1))
 
 
@@ -59,26 +59,28 @@ class Registered:
 
     @classmethod
     def of(cls, frames: Array, position: Array, tool: Array) -> "Registered":
-        """The best registration beside a tool point."""
+        """Return the best registration for a given tool point."""
         return cls(*se3.fit_rotation(tips(frames, tool), position), tool)
 
     def points(self, frames: Array) -> Array:
-        """Predicted positions (N, 3), m."""
+        """Return predicted positions (N, 3), m."""
         return np.asarray(tips(frames, self.tool) @ self.turn.T + self.shift)
 
     def errors(self, frames: Array, position: Array) -> Array:
-        """Distance (N,), m, of measured positions from the predicted ones."""
+        """Return the distance (N,), m, of measured positions from the predicted ones."""
         return np.asarray(np.linalg.norm(position - self.points(frames), axis=1))
 
 
 def tips(frames: Array, tool: Array) -> Array:
-    """Tool points (N, 3) in the root."""
+    """Return tool points (N, 3) in the root, m."""
     return np.asarray(frames[:, :3, 3] + frames[:, :3, :3] @ tool)
 
 
 def registered(frames: Array, position: Array) -> Registered:
-    """Least squares, searched from all sides of the flange: where it turns about one centre, a point on the wrong side
-    fits best near by."""
+    """Fit registration and tool point by least squares, with starts on all sides of the flange.
+
+    If the flange turns about one centre, a start on the wrong side ends in a local minimum near by.
+    """
 
     def residual(point: Array) -> Array:
         reached = tips(frames, point)
@@ -96,15 +98,17 @@ def registered(frames: Array, position: Array) -> Registered:
 
 
 def misfit(mechanism: Mechanism, q: Array, position: Array) -> float:
-    """RMS distance, m, that registration and one tool point leave: q (N, n), position (N, 3)."""
+    """Return the RMS residual, m, of registration and one tool point. q: (N, n). position: (N, 3)."""
     frames = flange(mechanism, q)
     return root_mean_square(registered(frames, position).errors(frames, position))
 
 
 def least_misfit(frames: Array, position: Array) -> Array:
-    """RMS distance (...), m, below which no registration and tool point can come: positions (..., N, 3) as any linear
-    function of the positions of the flange frames (..., N, 4, 4) and of all entries of their rotations,
-    p = s + A t + B vec R."""
+    """Return a lower bound (...), m, of the RMS residual of any registration and tool point.
+
+    Positions (..., N, 3) are fitted as any linear function of the positions of the flange frames (..., N, 4, 4) and of
+    all entries of their rotations, p = s + A t + B vec R.
+    """
     turns = frames[..., :3, :3].reshape(*frames.shape[:-2], 9)
     columns = np.linalg.qr(np.concatenate([np.ones_like(turns[..., :1]), frames[..., :3, 3], turns], axis=-1))[0]
     left = position - columns @ (np.swapaxes(columns, -1, -2) @ position)
@@ -112,10 +116,10 @@ def least_misfit(frames: Array, position: Array) -> Array:
 
 
 def core(frames: Array, position: Array) -> tuple[Registered, Mask]:
-    """Registration and tool point of the largest part of the rows that fits one, and which rows (N,) are of it.
+    """Return registration and tool point of the largest part of the rows that fits one, and whether each row (N,) fits.
 
-    A Cauchy loss whose scale falls from COARSE to FINE, started from the least-squares fit to all rows, to the first
-    and to the last third. Source: Blake and Zisserman (1987), graduated non-convexity.
+    A Cauchy loss with a scale from COARSE to FINE starts from the least-squares fits to all rows, to the first and to
+    the last third. Source: Blake and Zisserman (1987), graduated non-convexity.
     """
     third = max(len(frames) // 3, 6)
     found = [_robust(frames, position, part) for part in (slice(None), slice(third), slice(-third, None))]
@@ -125,12 +129,12 @@ def core(frames: Array, position: Array) -> tuple[Registered, Mask]:
 
 
 def gross(errors: Array) -> float:
-    """Error, m, beyond which one is gross beside the smallest quarter of the errors (N,)."""
+    """Return the error, m, from which an error is gross, by the smallest quarter of the errors (N,)."""
     return max(SMALLEST, SPREAD * float(np.quantile(errors, QUARTER)))
 
 
 def _robust(frames: Array, position: Array, part: slice) -> Registered:
-    """Gauss-Newton with weights 1 / (1 + |r|² / scale²), one scale after the other."""
+    """Fit by Gauss-Newton with weights 1 / (1 + |r|² / scale²), at one scale after the other."""
     now, scale = registered(frames[part], position[part]), COARSE
     while scale > FINE:
         for _ in range(STEPS):
@@ -150,7 +154,7 @@ def _robust(frames: Array, position: Array, part: slice) -> Registered:
 
 
 RANK_POSES = 60
-"""Random poses that a rank is read from: 180 values, several times the unknowns of a long arm."""
+"""Number of random poses to compute a rank: 180 values, several times the unknowns of a long arm."""
 
 
 def measured_values(data: Dataset) -> int:
@@ -161,8 +165,8 @@ def measured_values(data: Dataset) -> int:
 def unknowns(mechanism: Mechanism, data: Dataset, effects: tuple[Effect, ...]) -> int:
     """Count the unknowns: registration, tool, anchors and constant effects.
 
-    Counts combinations that well spread poses can distinguish: rank at the nominal geometry over random poses within
-    the limits.
+    Of the constants it counts combinations that well spread poses distinguish: the rank at the nominal geometry over
+    random poses within the limits.
     """
     many = unmeasured(data.joints, random_poses(mechanism, RANK_POSES, np.random.default_rng(0)))
     nothing, something = many.position, np.zeros((RANK_POSES, 3))
@@ -183,18 +187,21 @@ def unknowns(mechanism: Mechanism, data: Dataset, effects: tuple[Effect, ...]) -
 
 
 ENOUGH_VALUES = 5.0
-"""Measured values an unknown: with 5 the errors of new poses are within a tenth of what more would give, √(1 + 1/5)."""
+"""Measured values per unknown. With 5 the errors at new poses are within a tenth of those with more, √(1 + 1/5)."""
 
 NARROW = 0.3
-"""Share of a joint's range below which a wider one would tell more."""
+"""Share of a joint's range below which a wider range would determine more."""
 
 
 def notes(
     mechanism: Mechanism, poses: Poses, fits: tuple[Calibration, Calibration], floor: float | None
 ) -> Iterator[str]:
-    """One sentence each: residuals of registration and standard model, values an unknown, loads, what was left out,
-    the noise floor, and what to measure next. fits: of registration and tool, and of the standard model. floor: RMS of
-    repeats, m, None without."""
+    """Yield one sentence each on the residuals, values per unknown, loads, ignored columns, noise floor and next
+    measurements.
+
+    fits: fit of registration and tool, and of the standard model.
+    floor: RMS of repeats, m, None without repeats.
+    """
     (bare, fit), data = fits, poses.dataset
     yield (
         f"registration and tool alone leave {1e3 * root_mean_square(bare.fitted_error):.4g} mm RMS, the standard model "
@@ -235,7 +242,7 @@ def notes(
 
 
 def not_read(mechanism: Mechanism, data: Dataset) -> Iterator[str]:
-    """Columns of joints that follow another one, and what the mechanism leaves out of its description."""
+    """Yield columns of joints that follow another joint, and ignored parts of the mechanism's description."""
     following = followers(mechanism)
     for name in data.ignored:
         if (joint := identifier(name)) in following:
@@ -255,7 +262,7 @@ def _loads(mechanism: Mechanism, data: Dataset) -> str:
 
 
 def _wanted(mechanism: Mechanism, data: Dataset, counts: tuple[int, int], floor: float | None) -> Iterator[str]:
-    """counts: of measured values and of unknowns."""
+    """Yield proposals for the next measurements. counts: numbers of measured values and of unknowns."""
     values, unknowns = counts
     if floor is None:
         yield "a few poses three times each, spread over the session, for the noise floor"

@@ -1,4 +1,4 @@
-"""Other readings of a table's columns, each with no further unknown, and what it would mean that one fits."""
+"""Other interpretations of the columns of a table, each without a further unknown, and the text for the user."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -11,22 +11,22 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.table.dataset import Dataset
 
 MOST_DIGITS = 9
-"""Decimals of a millimetre or a degree after which a number counts as not rounded."""
+"""Decimals of a millimetre or a degree from which a number counts as not rounded."""
 FINEST = 5e-6
-"""Metres, RMS, that no instrument on a robot measures below: what is less is computed."""
+"""RMS residual, m, that no instrument on a robot reaches. Positions with a smaller residual are computed."""
 SPREAD = 1.0 / np.sqrt(12.0)
-"""Standard deviation of a rounding error over the last digit."""
+"""Ratio of the standard deviation of a rounding error to the last digit."""
 ENOUGH = 1.5
-"""Times the rounding that a residual may be which it explains."""
+"""Ratio of a residual to the rounding error up to which rounding explains it."""
 
 
 def written_to_a_digit(data: Dataset) -> bool:
-    """Return whether all positions (N, 3) end at one decimal, as those written by a controller do."""
+    """Return whether all positions (N, 3) are rounded to one decimal, as a controller writes them."""
     return _last_digits(data)[0] > 0
 
 
 def computed(left: float, data: Dataset) -> Iterator[str]:
-    """A table of a controller's own forward kinematics. left: RMS, m, of registration and tool alone."""
+    """Yield an error for positions that a controller computed. left: RMS residual of registration and tool, m."""
     step = rounding(data)
     if written_to_a_digit(data) and left < min(ENOUGH * step, FINEST):
         yield (
@@ -36,7 +36,7 @@ def computed(left: float, data: Dataset) -> Iterator[str]:
 
 
 def rounded(left: float, data: Dataset) -> Iterator[str]:
-    """A residual that is rounding. left: RMS, m, of the standard model."""
+    """Yield a warning if rounding explains the residual. left: RMS residual of the standard model, m."""
     largest, (step, turn) = rounding(data), _last_digits(data)
     if FINEST < left < ENOUGH * largest:
         ends = [f"joint values end at {np.degrees(turn):.3g} deg"] if turn else []
@@ -48,7 +48,8 @@ def rounded(left: float, data: Dataset) -> Iterator[str]:
 
 
 def rounding(data: Dataset) -> float:
-    """RMS distance, m, that rounding of all joint values and positions makes, at most: every joint at full reach."""
+    """Return the largest RMS position error, m, by rounding of joint values and positions, with every joint at full
+    reach."""
     step, turn = _last_digits(data)
     whole = data.position[np.isfinite(data.position).all(axis=1)]
     reach = float(np.sqrt(np.mean(np.sum((whole - whole.mean(axis=0)) ** 2, axis=1)))) if len(whole) else 0.0
@@ -56,7 +57,8 @@ def rounding(data: Dataset) -> float:
 
 
 def _last_digits(data: Dataset) -> tuple[float, float]:
-    """Last decimal of all positions, m, and of all joint values, rad or m; zero where they do not end alike."""
+    """Return the last decimal of all positions, m, and of all joint values, rad or m. Zero if they have no common
+    decimal."""
     return 1e-3 * _last(1e3 * data.position), float(np.radians(_last(np.degrees(data.q))))
 
 
@@ -70,19 +72,24 @@ def _last(values: Array) -> float:
 
 
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "cm": 1e-2}
-"""Metres of the units that tables of lengths are written in."""
+"""Units of length in tables, and their size in metres."""
 OF_ANOTHER_SIZE = 5.0
-"""Times larger or smaller than the workspace that measured points may be spread."""
+"""Largest ratio of the spread of measured points to the workspace, or its inverse."""
 QUARTERS = (0.0, 90.0, -90.0, 180.0)
-"""Degrees between the zeros of a controller and of a description: both count from one of four perpendicular poses."""
+"""Differences between the zeros of a controller and of a description, deg. Both count from one of four perpendicular
+poses."""
 MOST_ORDERED = 6
-"""Joints of which all orders are tried: 720."""
+"""Largest number of joints of which all orders are tried: 720."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """meaning: what is wrong and how to write it. q (N, n), position (N, 3): as they were meant. scale: of the lengths
-    of the mechanism."""
+    """An interpretation of the columns.
+
+    meaning: what is wrong and how to write it.
+    q, position: joint values (N, n) and positions (N, 3) in this interpretation.
+    scale: factor on the lengths of the mechanism.
+    """
 
     meaning: str
     q: Array
@@ -93,9 +100,11 @@ class Reading:
 def of_joints(
     mechanism: Mechanism, q: Array, p: Array, only: Mask | None = None, *, scaled: bool = True
 ) -> Iterator[Reading]:
-    """The other angle unit, the other sign, two columns swapped, an angle counted from its neighbour's.
+    """Yield interpretations with the other angle unit, the other sign, two columns swapped, or a joint coupled to its
+    neighbour.
 
-    only: (n,) bool, the joints that may be read otherwise; None for all. scaled: in the other angle unit, too.
+    only: (n,) bool, joints that may be changed; None for all.
+    scaled: include the other angle unit.
     """
     joints = mechanism.joints
     chosen = np.ones(len(joints), dtype=bool) if only is None else only
@@ -124,7 +133,7 @@ def of_joints(
 
 
 def of_signs(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
-    """Several joints counted the other way round: as of a mirrored arm, or by the signs of another controller."""
+    """Yield interpretations with several opposite signs, as for a mirrored arm or another controller."""
     names = [j.name for j in mechanism.joints]
     for size in range(2, len(names) + 1):
         for chosen in combinations(range(len(names)), size):
@@ -133,13 +142,13 @@ def of_signs(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
 
 
 def of_zeros_and_signs(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
-    """One joint or two read otherwise, then the signs of several."""
+    """Yield the interpretations of `of_two_joints`, then those of `of_signs`."""
     yield from of_two_joints(mechanism, q, p)
     yield from of_signs(mechanism, q, p)
 
 
 def of_orders(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
-    """The columns in another order: the reverse one, one that begins elsewhere, or any one of few joints."""
+    """Yield interpretations with the columns in reverse order, rotated, or in any order for few joints."""
     names, count = [j.name for j in mechanism.joints], len(mechanism.joints)
     first = np.arange(count)
     yield Reading("the joint columns look in reverse order", q[:, ::-1], p)
@@ -150,9 +159,9 @@ def of_orders(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
 
 
 def of_two_joints(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
-    """One joint or two counted from another zero, in one of both directions, or from a neighbour's angle.
+    """Yield interpretations with another zero or sign of one or two joints, or with a coupling to a neighbour.
 
-    The zeros of the first and of the last joint are free: registration and tool absorb them.
+    The zeros of the first and of the last joint are not changed: registration and tool absorb them.
     """
     count = len(mechanism.joints)
     turning = [i for i, joint in enumerate(mechanism.joints) if joint.kind == "revolute"]
@@ -175,14 +184,14 @@ def of_two_joints(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]
 
 
 def _row(count: int, factors: dict[int, float], zero: float) -> Array:
-    """Factors of the columns (n,), and a zero, deg, behind them."""
+    """Return factors of the columns (n,), followed by a zero, deg."""
     row = np.zeros(count + 1)
     row[list(factors)], row[-1] = list(factors.values()), zero
     return row
 
 
 def _formulas(mechanism: Mechanism, chosen: Sequence[tuple[int, Array]]) -> str:
-    """Say which formula of its columns each joint looks to be."""
+    """Describe each changed joint as a formula of the columns."""
     names = [joint.name for joint in mechanism.joints]
     said = []
     for i, row in chosen:
@@ -201,7 +210,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def of_lengths(q: Array, p: Array, spread: float, reach: float) -> Iterator[Reading]:
-    """Yield readings with other units of x, y and z, or of one of them, and with a mirrored frame.
+    """Yield interpretations with other units of x, y and z, or of one of them, and with a mirrored frame.
 
     spread, reach: RMS distance, m, of the points and of the flange from their centres.
     """
@@ -216,7 +225,7 @@ def of_lengths(q: Array, p: Array, spread: float, reach: float) -> Iterator[Read
 
 
 def of_the_mechanism(name: str, q: Array, p: Array) -> Iterator[Reading]:
-    """Lengths of the description in another unit."""
+    """Yield interpretations with the lengths of the mechanism's description in another unit."""
     for ratio in (1e-3, 1e3):
         what = f"the lengths of {name} look {1 / ratio:g} times too {'large' if ratio < 1 else 'small'}"
         how = (

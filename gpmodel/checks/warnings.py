@@ -17,23 +17,23 @@ from gpmodel.table.dataset import TOUCHED, Dataset
 from gpmodel.wording import left_out, some
 
 JUMP_STATISTIC = 2.3
-"""Threshold of the largest standardised cumulative sum: by chance exceeded in less than one of 10⁴ tables."""
+"""Threshold of the largest standardised cumulative sum. By chance less than one of 10⁴ tables exceeds it."""
 
 JUMP_ROWS = 20
-"""Fewer rows show no order."""
+"""Least number of rows for a test of their order."""
 
 SERIAL_SIGMAS = 4.0
-"""Standard deviations of the correlation of neighbouring rows: by chance once in 3·10⁴ tables."""
+"""Threshold of the correlation of neighbouring rows, in standard deviations. One of 3·10⁴ good tables exceeds it."""
 
 
 PLACED = {"setup": "registration", "tool": "tool point"}
-"""Fitted quantity for each value of a column."""
+"""Fitted quantity for each label column."""
 
 
 def order_matters(fit: Calibration, poses: Poses) -> Iterator[str]:
-    """One sentence where residuals jump or drift along the rows, else where each row resembles the one before.
+    """Yield a sentence if residuals jump or drift along the rows, or else if neighbouring rows are correlated.
 
-    Residuals of positions are taken in the axes of the instrument, which may have moved, and in those of the tool.
+    Residuals of positions are tested in the axes of the instrument and in those of the tool: either may have moved.
     """
     observed = observe(fit.model, resolved(fit, poses), fit.theta, fit.placement)
     left = measured_minus(observed, poses.dataset) * observed.scales(1.0)
@@ -51,7 +51,7 @@ def order_matters(fit: Calibration, poses: Poses) -> Iterator[str]:
 
 
 def _view_by_view(poses: Poses, residual: Array) -> tuple[Poses, Array]:
-    """Rows that follow one another in one pose as one, their residuals averaged: corners of one view say one thing."""
+    """Merge consecutive rows of one pose and average their residuals: corners of one view are not independent."""
     run = np.cumsum(np.append(0, (np.diff(poses.dataset.q, axis=0) != 0).any(axis=1)))
     known = np.isfinite(residual)
     sums, counts = np.zeros((2, run[-1] + 1, residual.shape[1]))
@@ -62,9 +62,10 @@ def _view_by_view(poses: Poses, residual: Array) -> tuple[Poses, Array]:
 
 
 def _jump(residual: Array, poses: Poses, at_tool: Array) -> str | None:
-    """Largest standardised cumulative sum along the rows, per component. Source: Ploberger and Krämer (1992).
+    """Describe the largest standardised cumulative sum along the rows, or return None. Source: Ploberger and Krämer
+    (1992).
 
-    residual: (N, m). at_tool: (N, 3), that of the positions in the axes of the tool, or (N, 0).
+    residual: (N, m). at_tool: (N, 3) residual of the positions in the axes of the tool, or (N, 0).
     """
     best: tuple[float, int, float, str] | None = None
     columns = [*((values, "setup") for values in residual.T), *((values, "tool") for values in at_tool.T)]
@@ -87,9 +88,9 @@ def _jump(residual: Array, poses: Poses, at_tool: Array) -> str | None:
 
 
 def _serial(residual: Array, poses: Poses) -> str | None:
-    """Correlation ρ of neighbouring rows that are no repeats of one another; σ(ρ) = 1 / √pairs, Durbin-Watson 2 - 2 ρ.
+    """Describe the correlation ρ of neighbouring rows that are no repeats, or return None if it is not significant.
 
-    Source: Durbin and Watson (1950).
+    σ(ρ) = 1 / √pairs, Durbin-Watson 2 - 2 ρ. Source: Durbin and Watson (1950).
     """
     code = bundles(poses.dataset)
     apart = code[1:] != code[:-1]
@@ -108,35 +109,36 @@ def _serial(residual: Array, poses: Poses) -> str | None:
 
 
 SMALL_RANGE = np.radians(20.0)
-"""A joint that moves less makes sines look like straight lines."""
+"""Range of a joint, rad, below which sines look like straight lines."""
 
 POOR = 2e-3
-"""Metres that the standard model leaves of a table before it is called poor: of a robot 0.1 to 1 mm are left."""
+"""Residual of the standard model, m, from which it is poor. For a robot it is usually 0.1 to 1 mm."""
 
 POOR_TURN = 1e-2
-"""Radians that the standard model leaves of the measured orientations before they are called poor: ten times what a
-calibrated machine leaves."""
+"""Residual of the standard model in the orientations, rad, from which it is poor: ten times that of a calibrated
+machine."""
 
 HOTTEST = 150.0
-"""degC; no machine is measured so hot, and a workshop in kelvin reads 290 to 310."""
+"""Largest temperature, degC. No machine is measured so hot, and a workshop has 290 to 310 in kelvin."""
 
 BUILT_WRONG = 1e-2
-"""Metres or radians: links are machined and joints zeroed better than that; an arm described wrongly is farther off."""
+"""Least deviation from the description, m or rad, that is an error of the description: links are machined and joint
+zeros set more accurately."""
 
 RESOLVED = 1e3
-"""Condition of the linear system that divides an error among equivalent parameters: rounding is 1e-12, a wrong length
-is shown ten times less than the best direction."""
+"""Condition number up to which errors are divided among equivalent parameters. Rounding is 1e-12; a wrong length has a
+tenth of the effect of the best determined direction."""
 
 SURE = 5.0
-"""Standard deviations from zero of a parameter that is called wrong."""
+"""Number of standard errors from zero from which a parameter is called wrong."""
 
 FEWEST_REPEATS = 5
-"""Replicated rows from which a spread can be judged."""
+"""Least number of repeated rows to estimate a spread."""
 
 
 def warnings_of(mechanism: Mechanism, poses: Poses, fit: Calibration) -> Iterator[str]:
-    """One sentence each: loads that nothing reads, joints that hardly move, rows that repeat others or
-    should but do not, outliers, residuals that rounding explains, and an order of the rows that matters.
+    """Yield one sentence for each warning: unused loads, joints that hardly move, repeats, outliers, rounding, order of
+    rows.
 
     fit: of the standard model.
     """
@@ -156,7 +158,8 @@ def warnings_of(mechanism: Mechanism, poses: Poses, fit: Calibration) -> Iterato
 
 
 def poor_fit(fit: Calibration, called: str = "the standard model") -> Iterator[str]:
-    """Name the causes of a large residual: of the table, the instrument, or a soft machine; called: what was fitted."""
+    """Yield the possible causes of a large residual: the table, the instrument, or low stiffness. called: name of the
+    fit."""
     left = root_mean_square(fit.fitted_error)
     if left > POOR:
         touched = [name for name in TOUCHED if any(key.startswith(f"{name} ") for key in fit.placement.anchors)]
@@ -168,7 +171,7 @@ def poor_fit(fit: Calibration, called: str = "the standard model") -> Iterator[s
 
 
 def _unmeasured(data: Dataset) -> Iterator[str]:
-    """Coordinates of the position without a single value, where others have some."""
+    """Yield a warning for a coordinate without any value, if other coordinates have values."""
     missing = [axis for k, axis in enumerate("xyz") if not np.isfinite(data.position[:, k]).any()]
     if 0 < len(missing) < 3:
         one = len(missing) == 1
@@ -179,14 +182,14 @@ def _unmeasured(data: Dataset) -> Iterator[str]:
 
 
 def _too_hot(data: Dataset) -> Iterator[str]:
-    """Temperatures that look like kelvin."""
+    """Yield a warning for temperatures in degC that look like kelvin."""
     for name, unit in data.extra_units.items():
         if unit == "degC" and (typical := float(np.nanmedian(data.extras[name]))) > HOTTEST:
             yield f"column '{name}': {typical:.4g} degC looks like kelvin; expected degC, or the unit [K]"
 
 
 def _turned(fit: Calibration, poses: Poses) -> Iterator[str]:
-    """Orientations that the standard model leaves far more of than joints and instruments do."""
+    """Yield a warning for a large residual of the standard model in the orientations."""
     if (left := orientation_left(fit, poses)) > POOR_TURN:
         yield (
             f"the standard model leaves {1e3 * left:.3g} mrad RMS of the orientations; calibrated machines leave less "
@@ -195,8 +198,7 @@ def _turned(fit: Calibration, poses: Poses) -> Iterator[str]:
 
 
 def orientation_left(fit: Calibration, poses: Poses) -> float:
-    """RMS angle, rad, that a fit leaves of the measured orientations, without its outliers; NaN where none was
-    measured."""
+    """Return the RMS residual of a fit in the orientations, rad, without outliers. NaN if none was measured."""
     seen = resolved(fit, poses)
     angles = np.delete(turn_error(observe(fit.model, seen, fit.theta, fit.placement), seen.dataset), fit.outliers)
     measured = angles[np.isfinite(angles)]
@@ -204,11 +206,11 @@ def orientation_left(fit: Calibration, poses: Poses) -> float:
 
 
 def built_wrong(fit: Calibration, poses: Poses) -> Iterator[str]:
-    """One sentence for each parameter that is farther from the description than any machine is built.
+    """Yield one sentence for each parameter that is farther from the description than any machine is built.
 
-    Of equivalent parameters a fit holds some at zero, and the others carry their errors: two parallel joints 0.1 m
-    apart turn 1 mm into 10 mrad. So all are judged by the values of least sum of squares, in mm and mrad, that move the
-    points as the fit does.
+    A fit holds some of several equivalent parameters at zero, and the others absorb their errors: two parallel joints
+    0.1 m apart turn 1 mm into 10 mrad. All parameters are therefore tested at the values of least sum of squares, in mm
+    and mrad, that move the points as the fit does.
     """
     solved = _least(fit, poses)
     values = solved @ fit.theta
@@ -225,8 +227,11 @@ def built_wrong(fit: Calibration, poses: Poses) -> Iterator[str]:
 
 
 def _least(fit: Calibration, poses: Poses) -> Array:
-    """Linear map (E, E) from the values of a fit to those of least norm whose points differ from the fit's by
-    registration and tool alone. Directions that the poses show RESOLVED times less than the best are left at zero."""
+    """Return the linear map (E, E) from the values of a fit to equivalent values of least norm.
+
+    Equivalent values differ in the points by registration and tool alone. Directions with an effect more than RESOLVED
+    times smaller than the largest are left at zero.
+    """
     problem = problem_at(fit, poses)
     placed, effects = problem.columns[:, : problem.placement], problem.columns[:, problem.placement :]
     own = remove(orthonormal(placed), effects)
@@ -234,7 +239,7 @@ def _least(fit: Calibration, poses: Poses) -> Array:
 
 
 def _implausible_repeats(data: Dataset) -> Iterator[str]:
-    """Rows far from the others at their pose, beside how far such rows usually are."""
+    """Yield a warning for rows far from the other rows at their pose, compared with the usual distance."""
     code = replicates(data)
     measured = np.isfinite(data.position).all(axis=1)
     away = np.zeros(len(data))

@@ -1,4 +1,4 @@
-"""Columns that hardly move the measured point: the other readings of them, judged by the standard model."""
+"""Columns of joints that hardly move the measured point: test other interpretations by the standard model."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -24,19 +24,18 @@ from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.dataset import Dataset
 
 LIMIT = 50.0
-"""Condition limit of every fit. As of the standard model in the thesis."""
+"""Condition limit of every fit, that of the standard model in Robertson (2003)."""
 PASSES = 3
-"""Alternating passes over angles and model. The first takes a shuffled wrist 1.5 mm off its axis from 1.1 to 0.17
-mm, the third to 0.05; a sound column never changes.
-"""
+"""Alternating fits of angles and model. The first reduces the residual of a shuffled wrist 1.5 mm off its axis from 1.1
+to 0.17 mm, the third to 0.05; a sound column never changes."""
 GRID = np.radians(np.arange(0.0, 360.0, 2.0))
-"""Angles that are tried; half the step moves a wrist's point by less than its noise."""
+"""Tested angles, rad. Half the step moves the point of a wrist by less than its noise."""
 LESS, FAR_LESS = 1.5, 3.0
-"""Times smaller that free angles have to make the standard deviation of the residual, after each pass and in the end.
-They take one of three coordinates from what is missing in a sound model, a factor of 1.2."""
+"""Least factor by which free angles have to reduce the standard deviation of the residual, after each pass and at the
+end. In a sound model they remove one of three coordinates, a factor of 1.2."""
 FAR_OFF = np.radians(10.0)
-"""Median difference of the free angles from the column: play and gear errors are below 1 degree, shuffled values near
-90."""
+"""Least median difference of the free angles from the column, rad. Play and gear errors are below 1 degree, shuffled
+values near 90."""
 
 
 def fitted(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> Calibration:
@@ -45,11 +44,12 @@ def fitted(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) ->
 
 
 def foreign_column(mechanism: Mechanism, data: Dataset, fit: Calibration, k: int) -> str | None:
-    """Name the column of revolute joint k where the positions fit far better with its angles free.
+    """Describe the column of revolute joint k if the positions fit far better with a free angle at each pose, or return
+    None.
 
-    Each pose's own angle is the one whose point is nearest to the measured one; the point moves on a circle. Angles and
-    standard model are found in turn, from `fit`, the standard model of the table as it stands. σ of the residual counts
-    one unknown a pose.
+    The free angle of a pose is the one whose point is nearest to the measured one; the point moves on a circle. Angles
+    and standard model are fitted in turn, from `fit`, the standard model of the table. σ of the residual counts one
+    unknown a pose.
     """
     now, free = fit, data
     for _ in range(PASSES):
@@ -70,7 +70,7 @@ def foreign_column(mechanism: Mechanism, data: Dataset, fit: Calibration, k: int
 
 
 def _nearest(fit: Calibration, data: Dataset, k: int) -> Dataset:
-    """The table with the angle of joint k that puts each point of the model nearest to the measured one."""
+    """Return the table with the angle of joint k that puts each point of the model nearest to the measured one."""
     zero, quarter, half = (_points(fit, _with(data, k, angle)) for angle in (0.0, np.pi / 2, np.pi))
     centre, cosine = (zero + half) / 2, (zero - half) / 2
     circle = (
@@ -80,7 +80,7 @@ def _nearest(fit: Calibration, data: Dataset, k: int) -> Dataset:
 
 
 def _points(fit: Calibration, data: Dataset) -> Array:
-    """Points (N, 3), m, that the model predicts."""
+    """Return points (N, 3), m, that the model predicts."""
     poses = prepare(fit.model.mechanism, data)
     return np.asarray(data.position - measured_minus(observe(fit.model, poses, fit.theta, fit.placement), data)[:, :3])
 
@@ -92,20 +92,23 @@ def _with(data: Dataset, k: int, angles: Array | float) -> Dataset:
 
 
 WEAK = 10.0
-"""Times what registration and tool leave that a joint moves the point by, RMS, below which its column may be read
-wrongly without leaving more. The wrong sign of a column leaves about twice what the joint moves."""
+"""Ratio of the RMS motion of the point by a joint to the residual of registration and tool. Below it the column of the
+joint may be misinterpreted without a larger residual. A wrong sign of a column leaves about twice the motion by the
+joint.
+"""
 NOT_WORSE = 1.2
-"""Times what the table leaves as it stands that another reading may leave of registration and tool."""
+"""Largest ratio of the residual of registration and tool with another interpretation to that of the unchanged table."""
 BETTER, SURE = 1.5, 25.0
-"""Times less the standard model has to leave of another reading; and nats of likelihood by which. The wrong sign of a
-wrist leaves twenty times more, of a sound table no other reading leaves less."""
+"""Least factor by which another interpretation has to reduce the residual of the standard model; and least gain in log
+likelihood, nats. The wrong sign of a wrist leaves twenty times more, and no change improves a sound table."""
 
 
 def misread(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> str | None:
-    """The column of a joint that hardly moves the point, where another reading of it, or free angles, fit far better.
+    """Describe the column of a joint that hardly moves the point, if another interpretation or free angles fit far
+    better.
 
-    Registration and tool of the nominal geometry leave more than such a column matters. Hence both readings are fitted
-    with the standard model, and compared by their likelihoods: no reading has more unknowns than another.
+    The residual of registration and tool is larger than the effect of such a column. Both interpretations are therefore
+    fitted with the standard model and compared by their likelihoods; both have equally many unknowns.
     """
     rows = comparable_rows(data)
     rows = rows[:: max(1, len(rows) // MOST_ROWS)]
@@ -141,7 +144,7 @@ def misread(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -
 
 
 def _moved_by(mechanism: Mechanism, q: Array, found: Registered) -> Array:
-    """RMS distance (n,), m, that each joint moves the point by about its mean value."""
+    """Return the RMS distance (n,), m, by which each joint moves the point about its mean value."""
     here = flange(mechanism, q)
     moved = [found.errors(here, found.points(flange(mechanism, _still(q, k)))) for k in range(q.shape[1])]
     return np.array([root_mean_square(distance) for distance in moved])
@@ -154,7 +157,7 @@ def _still(q: Array, k: int) -> Array:
 
 
 def _left(fit: Calibration, data: Dataset) -> list[tuple[float, int]]:
-    """RMS of what a fit leaves of positions, m, and of rotations, rad, each with its number of values."""
+    """Return the RMS residual of positions, m, and of rotations, rad, each with its number of values."""
     observed = observe(fit.model, prepare(fit.model.mechanism, data), fit.theta, fit.placement)
     left = np.delete(measured_minus(observed, data), fit.outliers, axis=0)
     parts = (left[:, :3], left[:, 3:6]) if data.has_rotation else (left[:, :3],)
@@ -163,19 +166,26 @@ def _left(fit: Calibration, data: Dataset) -> list[tuple[float, int]]:
 
 
 HEALTHY = ("base_compliance", "joint_compliance", "eccentricity")
-"""Families that are fitted beside a factor: loads and gears off centre change with a joint as its factor does."""
+"""Families that are fitted together with a factor: effects of loads and eccentric gears vary with a joint like its
+factor."""
 SMALLEST = 2e-4
-"""Factors nearer to one are errors of instruments (0.00001) and gears (0.0001), which `discover` names."""
+"""Least deviation of a factor from one. Smaller ones are errors of instruments (0.00001) and gears (0.0001), which
+`discover` names."""
 IMPOSSIBLE = 2e-3
-"""Factors farther from one are no property of a machine: aluminium grows by 0.0023 over 100 K."""
+"""Deviation of a factor from one that no machine has: aluminium grows by 0.0023 over 100 K."""
 CHANCE = 1e-4
-"""Chance of a factor this far from one of a sound table, below which it is a warning."""
+"""Probability of a factor at least so far from one in a sound table, below which it is a warning."""
 
 
 @dataclass(frozen=True)
 class Factor:
-    """A factor of some columns: its value and standard error, its chance in a sound table, and how many times less is
-    left with it."""
+    """A common factor of some columns.
+
+    columns: their names, in words.
+    value, stderr: the factor and its standard error.
+    chance: probability of a factor at least so far from one in a sound table.
+    less: ratio of the residual without the factor to that with it.
+    """
 
     columns: str
     value: float
@@ -185,30 +195,30 @@ class Factor:
 
     @property
     def size(self) -> str:
-        """Value and standard error."""
+        """Value and standard error as text."""
         return f"{self.value:.5f} ± {self.stderr:.5f}"
 
     @property
     def wrong(self) -> bool:
-        """True if neither chance nor an instrument or a gear explains the factor."""
+        """Whether neither chance nor an instrument or a gear explains the factor."""
         return self.chance < CHANCE and abs(self.value - 1.0) > SMALLEST
 
 
 def scaled(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str, str]]:
-    """Yield the severity, the text and the reason why no sound fit follows, of the factor that the positions show.
+    """Yield severity and text on a wrong factor of positions or joint values, and the reason why no sound fit follows.
 
-    A factor of one column has to leave BETTER times less; that of all positions leaves as much as the lengths of the
-    links do. fit: of the standard model.
+    A factor of one column has to reduce the residual by BETTER. A factor of all positions cannot: lengths of the links
+    have an equal effect. fit: of the standard model.
 
-    With r (M,) the readings about the description, P the columns of registration, tool and whatever a healthy machine
-    does (HEALTHY), A those of every constant, and c that of a factor,
+    With r (M,) the measurements minus the nominal prediction, P the columns of registration, tool and the effects of a
+    sound machine (HEALTHY), A those of every constant, and c that of a factor,
 
         r = P ρ + A θ + (f - 1) c + e,   θ ~ N(0, τ² I),   e ~ N(0, σ² I)
 
-    Positions 1 % too large and links all described 1 % too short move the points alike: τ, the error that the other
-    constants of this description appear to have, tells how likely the latter is. f is the generalised least squares
-    estimate; (f - 1) / s has Student's t distribution with Σ τ² s_k² / (τ² s_k² + σ²) degrees of freedom, the number of
-    constants that τ is known from. Source: MacKay (1992), Bayesian Interpolation.
+    Positions 1 % too large and links all described 1 % too short move the points alike. τ, the size of the other errors
+    of this description, decides how likely the latter is. f is the generalised least squares estimate; (f - 1) / s has
+    Student's t distribution with Σ τ² s_k² / (τ² s_k² + σ²) degrees of freedom, the number of constants that determine
+    τ. Source: MacKay (1992), Bayesian Interpolation.
     """
     whole, *each = _factors(fit, poses.subset(np.delete(np.arange(len(poses)), fit.outliers))) or (None,)
     best = max((f for f in each if f.wrong and f.less > BETTER), key=lambda f: f.less, default=whole)
@@ -224,7 +234,7 @@ def scaled(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str, str]]:
 
 
 def _factors(fit: Calibration, poses: Poses) -> list[Factor]:
-    """Estimate the factor of all positions, then of each of x, y, z and each joint; none without positions."""
+    """Estimate the factor of all positions, then of each of x, y, z and each joint. Empty without positions."""
     mechanism, problem = fit.model.mechanism, problem_at(fit, poses)
     if problem.left is not None or not np.isfinite(poses.dataset.position).any():
         return []
@@ -242,7 +252,7 @@ def _factors(fit: Calibration, poses: Poses) -> list[Factor]:
 
 
 def _effects(mechanism: Mechanism) -> Iterator[Effect]:
-    """Errors per unit of a factor. A joint whose values are too large moves less than they say."""
+    """Yield the effect of each factor per unit. A joint with too large values moves less than they state."""
     for axes, name in (("xyz", "x, y and z look"), *((axis, f"column '{axis}' looks") for axis in "xyz")):
         terms = tuple(Term(INSTRUMENT, f"T{axis}", Expression(f"instrument_{axis}")) for axis in axes)
         yield Effect(name, terms, "1")
@@ -255,8 +265,9 @@ def _factor(
 ) -> Factor:
     """Estimate one factor.
 
-    constants: left singular vectors (M, H) and values (H,). free: the columns (M, P) of what is free, and that of the
-    factor (M,) less its part in them. before: σ without the factor, m.
+    constants: left singular vectors (M, H) and values (H,).
+    free: columns (M, P) of the unpenalised parameters, and the column of the factor (M,) orthogonal to them.
+    before: σ without the factor, m.
     """
     (u, s), (taken, column) = constants, free
     reach, sigma, _ = spread(u * s, readings, np.column_stack([taken, column]), MOST)
