@@ -1,1 +1,1 @@
-"""Evidence of the measurements for an effect: residuals, scores, null, tests, limits."""
+"""Evidence of the measurements for an effect: residuals, scores, permutation nulls, tests, limits."""

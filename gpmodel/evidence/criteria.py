@@ -1,4 +1,4 @@
-"""The acceptance rule: every limit in one place, and the verdict that its tests add up to."""
+"""The acceptance rule: the limits of all tests of a candidate, and the verdict from these tests."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,44 +8,41 @@ from gpmodel import wording
 
 @dataclass(frozen=True)
 class Criteria:
-    """The limits that a candidate has to pass before it becomes a finding, and how they are measured.
+    """Limits that a candidate has to pass to become a finding, and settings of the tests.
 
     Tests of one candidate:
-    significance: largest p-value on permuted residuals.
-    minimum_nats: least gain of any group in description length, and part of its price, nats; pure noise reaches 4.2,
-        five is a Bayes factor of 150, "very strong" (Kass and Raftery 1995).
-    minimum_cv_t: least cross-validated gain of a named effect over random folds, in standard errors of its mean. Zero:
-        evidence and permutation null decide whether it is there, and it must not predict worse. At 1.5 the model of 90
-        poses of a measured cobot lost a third of its effects, and its error rose by a fifth (CONTRIBUTING).
-    apart_cv_t: least such gain over stretches of rows, where these are in order or read, and over machines; half of 3,
-        as an effect of t standard errors lowers the squared error by t² σ² and noise moves that by 2 t σ².
-    clear_cv_t: least such gain of an unnamed expression, over none, over a named effect and over any part of it: the
-        two-sided 5 %, as the more ways there are, the more of them predict a little better.
-    minimum_share: least share of its motion of the readings that nothing enabled explains; below it the rest is a
-        hundred times as large, and a change of the model by a hundredth of that decides the number.
-    scored_share: least unique share of a column that is scored at all; below it the coefficient is rounding.
-    largest_between: largest ratio of a basis between the measured poses to its size at them; more is a pole.
-
+        significance: largest p-value on permuted residuals.
+        minimum_nats: least gain of any group in description length, and part of its price, nats; pure noise reaches
+            4.2, five is a Bayes factor of 150, "very strong" (Kass and Raftery 1995).
+        minimum_cv_t: least cross-validated gain of a named effect over random folds, in standard errors of its mean.
+            Zero: evidence and permutation null decide, and predictions must not become worse. At 1.5 the model of 90
+            poses of a measured cobot lost a third of its effects, and its error rose by a fifth (CONTRIBUTING).
+        apart_cv_t: least cross-validated gain over stretches of ordered rows, and over machines; half of 3, as an
+            effect of t standard errors lowers the squared error by t² σ² and noise changes that by 2 t σ².
+        clear_cv_t: least cross-validated gain of an unnamed expression, over none, a named effect and any part of
+            itself: the two-sided 5 %, since among many expressions some predict a little better by chance.
+        minimum_share: least share of an effect's motion that the other effects of the model do not explain. Below it an
+            error of the model of a hundredth decides the coefficient.
+        scored_share: least unique share of a column that is scored at all; below it the coefficient is rounding.
+        largest_between: largest ratio of a basis between the measured poses to its size at them; more is a pole.
     Naming:
-    head_start: nats by which an unnamed expression has to beat a named effect, the price of reading it.
-    naming_margin: nats that a reader loses by a curve that names no part, where its formulas are offered.
-    tie: nats within which the expression that is shortest to read represents its like.
-
+        head_start: nats by which an unnamed expression has to beat a named effect, since it is harder to understand.
+        naming_margin: cost of a curve without a named part if formulas of it are offered, nats.
+        tie: difference within which the shortest of equivalent expressions is used, nats.
     Selection of groups:
-    one_pose_share: largest share of a group's gain that one pose brings; with more the group is bent to an outlier.
-
+        one_pose_share: largest share of a group's gain from a single pose; a group with more fits an outlier.
     Poses:
-    fewest_bundles: least groups of poses that are permuted whole; below it too few orders differ to tell a p-value,
-        and only repeats of a pose are kept together.
-    blocks: stretches of rows, and regions of space, within which poses may depend on one another; ten leave each long
-        enough to hold what drifts through a session.
-    outlier_sigmas: robust standard deviations beyond which a residual is winsorised; beyond six a Gaussian has one
-        pose in 5e8.
-    folds: of cross-validation, the usual ten (Kohavi 1995).
-    shuffles: permutations of the residual that the catalogue is scored on.
-    confirmation: largest one-sided p-value, on the held-out poses, that the findings predict no better than the
-        standard model; above it the standard model is shipped.
-    input_significance: largest p-value of an input in the histogram, corrected for their number.
+        fewest_bundles: least number of groups of poses that are permuted as a whole; fewer have too few orders for a
+            p-value, and only repeats of a pose are kept together.
+        blocks: number of stretches of rows, and of regions of space, within which poses may be dependent; ten leave
+            each long enough to contain a drift.
+        outlier_sigmas: robust standard deviations beyond which a residual is winsorised; beyond six a Gaussian has one
+            pose in 5e8.
+        folds: number of folds of cross-validation, the usual ten (Kohavi 1995).
+        shuffles: number of permuted residuals on which the catalogue is scored.
+        confirmation: largest one-sided p-value of the test on held-out poses that the findings predict better than the
+            standard model; above it the standard model is shipped.
+        input_significance: largest p-value of an input in the histogram, corrected for the number of inputs.
     """
 
     significance: float = 0.01
@@ -71,7 +68,7 @@ class Criteria:
 
 @dataclass(frozen=True)
 class Test:
-    """One test of a candidate: what was measured, the limit it was held against, and whether it passed."""
+    """One test of a candidate: the measured value, its limit, and whether it passed."""
 
     __test__ = False
     name: str
@@ -94,13 +91,13 @@ _WORDS: dict[str, Callable[[Test], str]] = {
 
 @dataclass(frozen=True)
 class Verdict:
-    """The tests of one candidate in order; it is accepted where all of them pass."""
+    """The tests of one candidate, in order. The candidate is accepted if all tests pass."""
 
     tests: tuple[Test, ...]
 
     @property
     def accepted(self) -> bool:
-        """True if every test is passed."""
+        """Whether every test is passed."""
         return all(test.passed for test in self.tests)
 
     @property

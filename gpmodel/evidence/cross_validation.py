@@ -1,4 +1,4 @@
-"""Compare predictions: of models refitted without each fold, and on held-out poses that chose nothing."""
+"""Compare predictions of two models, refitted without each fold, or on held-out poses that selected no effect."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,8 +18,8 @@ from gpmodel.numerics.rank import NEGLIGIBLE
 
 @dataclass(frozen=True)
 class Predicted:
-    """3-D RMS of the predictions, m; squared error (U,) summed over each independent unit of poses, m²; coefficients
-    (folds, E) of the effects."""
+    """Predictions without each fold. rms: 3-D RMS, m. per_unit: squared error (U,), m², summed over each block of
+    poses. coefficients: (folds, E) of the effects."""
 
     rms: float
     per_unit: Array
@@ -27,11 +27,11 @@ class Predicted:
 
 
 def cross_validated(residual: Residual, effects: Sequence[Effect]) -> Predicted:
-    """Errors of prediction with these effects in the model, fold by fold, from one factorisation.
+    """Compute prediction errors with these effects in the model, fold by fold, from one factorisation.
 
-    With X (M + B, E) the effects' columns and r what the system leaves of both, x and r_f in the rows of a fold, and A
-    = I - H of these rows, H what the system fits: the columns without the fold have the products XᵀX - xᵀA⁻¹x and
-    Xᵀr - xᵀA⁻¹r_f, their coefficients β miss it by A⁻¹ (r_f - x β). Source: Cook and Weisberg (1982), 2.2.
+    X (M + B, E) are the columns of the effects and r the residual, after projection; x, r_f their rows in a fold. A = I
+    - H for these rows, H the hat matrix. The columns without the fold have the products XᵀX - xᵀA⁻¹x and Xᵀr -
+    xᵀA⁻¹r_f; their coefficients β leave the error A⁻¹ (r_f - x β). Source: Cook and Weisberg (1982), 2.2.
     """
     scale = np.linalg.norm(residual.columns(effects), axis=0)
     scale = np.where(scale > 0, scale, 1.0)
@@ -53,23 +53,23 @@ def cross_validated(residual: Residual, effects: Sequence[Effect]) -> Predicted:
 
 
 def paired_t(gain: Array) -> float:
-    """Mean of a gain (N,) over its standard error; 0 where all are equal."""
+    """Return the mean of a gain (N,) divided by its standard error; 0 if all values are equal."""
     spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
     return float(gain.mean()) / spread if spread > 0 else 0.0
 
 
 def gained(before: Predicted, after: Predicted, sigmas: float) -> float:
-    """Paired t of the gain of one prediction over another, over independent units of poses.
+    """Return the paired t of the gain of prediction `after` over `before`, over independent units of poses.
 
-    Both errors count up to median + sigmas · 1.4826 MAD of those before: where a curve has few poses, one of them
-    missed by far neither proves nor disproves.
+    Errors of both count up to median + sigmas · 1.4826 MAD of the errors before. A curve with few poses may miss one of
+    them by far, which decides nothing.
     """
     limit = outlier_limit(np.sqrt(before.per_unit), sigmas) ** 2
     return paired_t(np.minimum(before.per_unit, limit) - np.minimum(after.per_unit, limit))
 
 
 def better_by(residual: Residual, effects: Sequence[Effect], others: Sequence[Effect] = ()) -> float:
-    """Paired t of the cross-validated gain of some effects over others, over independent units of poses."""
+    """Return the paired t of the cross-validated gain of `effects` over `others`, over independent units of poses."""
     before, after = cross_validated(residual, others), cross_validated(residual, effects)
     return gained(before, after, residual.criteria.outlier_sigmas)
 
@@ -78,9 +78,9 @@ def better_by(residual: Residual, effects: Sequence[Effect], others: Sequence[Ef
 class Confirmation:
     """Paired test of two models on held-out poses.
 
-    t: mean of (squared error of the first - of the second) over `units` independent units of poses, in standard
-    errors of that mean. p_value: one-sided chance of it between equally good models. passed: whether it is below its
-    limit.
+    t: mean gain in squared error of the second model over `units` independent units of poses, in standard errors.
+    p_value: one-sided probability of such a gain between equally good models.
+    passed: whether the p-value is below its limit.
     """
 
     t: float
@@ -97,11 +97,10 @@ def confirmation(standard: Calibration, found: Calibration, heldout: Poses, crit
 
 
 def paired(before: Array, after: Array, units: IntArray, criteria: Criteria) -> Confirmation:
-    """Paired test of the 3-D errors (N,) of two models on poses that neither was chosen on; NaN: no error is known.
+    """Test the 3-D errors (N,) of two models on poses that selected neither of them. NaN: unknown error.
 
-    units: (N,) code of the poses that count as one observation.
-    Both models' errors are winsorised at median + 6 · 1.4826 MAD of the standard model's: one bad measurement neither
-    proves nor disproves. A single unit of poses proves nothing: p is 1.
+    units: (N,) code of the poses that count as one observation. The errors of both models are winsorised at median + 6
+    · 1.4826 MAD of those of the first, so that one bad measurement decides nothing. A single unit has p = 1.
     """
     known = np.isfinite(before) & np.isfinite(after)
     errors = before[known], after[known]

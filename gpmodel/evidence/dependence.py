@@ -14,16 +14,14 @@ from gpmodel.table.units import clock_names
 
 
 def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
-    """Return the variance inflation (at least 1) of a candidate's coefficient by each kind of dependence.
+    """Return the variance inflation (at least 1) of a candidate's coefficient by repeats, rows and space.
 
-    The kinds are repeats, stretches of rows and regions of space.
-
-    With s the product of the candidate's own contribution and what it leaves, summed over each pose: Σ_blocks (Σ s)² /
-    Σ s², the ratio of cluster-robust to plain variance (Liang and Zeger 1986), over what it is without dependence where
-    poses have placed a body together (`_when_independent`); 1 where it is no further above 1 than two standard
-    deviations √(2/blocks) of it under independence. One candidate in thirty is by chance: what reads no clock is held
-    to be as much above as the model's own columns say (`_among`), of which none is slow by itself. A permutation of
-    whole blocks stops less: what is slow within a block stays slow in any order of them (experiments/coverage).
+    With s the product of the candidate's contribution and the remaining residual, summed over each pose, it is Σ_blocks
+    (Σ s)² / Σ s², the ratio of cluster-robust to plain variance (Liang and Zeger 1986). It is divided by its
+    expectation for independent noise (`_when_independent`), and is 1 unless it exceeds 1 by two standard deviations
+    √(2/blocks). One candidate in thirty exceeds them by chance. Unless a candidate depends on time, its ratio is
+    therefore shrunk toward those of the model's columns (`_among`). A permutation of whole blocks corrects less, since
+    a drift within a block remains in any order of the blocks (experiments/coverage).
     """
     explained = contribution(residual, candidate)
     left = residual.values - explained * (explained @ residual.values / max(float(explained @ explained), 1e-300))
@@ -48,23 +46,23 @@ def reads_a_clock(candidate: Candidate, states: States) -> bool:
 
 
 def _ratios(scores: Array, block: IntArray) -> Array:
-    """Σ_blocks (Σ s)² / Σ s² (K,) of scores s (N, K) of the poses."""
+    """Return Σ_blocks (Σ s)² / Σ s² (K,) of scores s (N, K) of the poses."""
     together = np.zeros((int(block.max()) + 1, scores.shape[1]))
     np.add.at(together, block, scores)
     return np.asarray(np.sum(together**2, axis=0) / np.maximum(np.sum(scores**2, axis=0), 1e-300))
 
 
 def _if_above(ratio: float, count: int) -> float:
-    """A ratio of so many independent sums, 1 where it is no further above 1 than two standard deviations of it."""
+    """Return a ratio of `count` independent sums, or 1 if it exceeds 1 by less than two standard deviations."""
     return ratio if ratio > 1.0 + 2.0 * np.sqrt(2.0 / count) else 1.0
 
 
 def _among(residual: Residual, ratio: float, block: IntArray) -> float:
-    """A ratio drawn to the mean of those of the model's own columns, by what chance has of their variance.
+    """Shrink a ratio toward the mean ratio of the model's columns, by how much of their variance is chance.
 
-    m + (ratio - m) τ² / (τ² + c), τ² = max(0, v - c), with m and v the mean and variance of their ratios and c =
-    2 m²/blocks what each has under independence: where nothing depends on anything they are all one, where the
-    instrument drifts they differ by how slow they are. Source: Efron and Morris (1973).
+    m + (ratio - m) τ² / (τ² + c), τ² = max(0, v - c), with m and v the mean and variance of the ratios of the columns,
+    and c = 2 m²/blocks the variance of each under independence. Without dependence all ratios are equal; with a drift
+    of the instrument they differ by how slowly each column varies. Source: Efron and Morris (1973).
     """
     columns = residual.system[: residual.measured]
     scores = np.zeros((len(residual.poses), columns.shape[1]))
@@ -77,11 +75,11 @@ def _among(residual: Residual, ratio: float, block: IntArray) -> float:
 
 
 def _when_independent(explained: Array, placed: Array, pose: IntArray, block: IntArray) -> float:
-    """The ratio (Σ_blocks (Σ s)²) / Σ s² to be expected of independent noise, of which what poses placed together, a
-    bar, has taken the part along U: Σ_blocks (|e|² - |Uᵀe|²) over the same sum over poses. Both ends of a bar show the
-    one length that is left of it, so that their products are the same number twice and the ratio is two.
+    """Return the expected ratio (Σ_blocks (Σ s)²) / Σ s² for independent noise, if poses determine a body together.
 
-    explained: e. placed: (M, k) rows of U times e. pose: (M,) of the rows. block: (N,) of the poses.
+    The fit of a body, such as a bar, removes the part along U: Σ_blocks (|e|² - |Uᵀe|²) over this sum over poses. The
+    ends of a bar have equal residuals, half of the error of its length, so that the ratio is two. explained: e. placed:
+    (M, k) rows of U times e. pose: (M,) of the rows. block: (N,) of the poses.
     """
     whole = float(explained @ explained)
     taken = []
@@ -95,13 +93,13 @@ def _when_independent(explained: Array, placed: Array, pose: IntArray, block: In
 def order_matters(residual: Residual, candidate: Candidate) -> bool:
     """Return whether dependence between rows would survive random folds.
 
-    Rows are in the order of measurement, or the candidate reads the row.
+    The rows are in the order of measurement, or the candidate depends on the row.
     """
     return residual.poses.states.past is not None or "row" in candidate.inputs
 
 
 def _partitions(residual: Residual) -> Iterator[tuple[str, IntArray]]:
-    """Names of what poses may share, and the block (N,) of each."""
+    """Yield each kind of dependence (repeats, rows, space) and the block (N,) of each pose."""
     count, poses = residual.criteria.blocks, len(residual.poses)
     if residual.unit_of_pose.max() + 1 < poses:
         yield "repeats", residual.unit_of_pose
@@ -111,7 +109,7 @@ def _partitions(residual: Residual) -> Iterator[tuple[str, IntArray]]:
 
 
 def regions(points: Array, count: int) -> IntArray:
-    """Region (N,) of each point (N, 3): halved at the median of their longest extent, the largest region first."""
+    """Return the region (N,) of each point (N, 3). The largest region is halved again and again at its median."""
     region = np.zeros(len(points), dtype=np.int64)
     for new in range(1, count):
         own = np.flatnonzero(region == np.argmax(np.bincount(region)))

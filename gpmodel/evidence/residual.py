@@ -1,4 +1,4 @@
-"""Form the residual of a calibration, columns seen the same way, and poses that stay together."""
+"""Form the residual of a calibration, project columns of effects alike, and permute blocks of poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,10 +22,10 @@ from gpmodel.table.dataset import Dataset
 
 
 def independent_units(dataset: Dataset, criteria: Criteria) -> IntArray:
-    """Code (N,) of the poses that count as one observation, numbered as they first appear.
+    """Return the code (N,) of the poses that count as one observation, in order of first appearance.
 
-    Bundles of the table (groups and repeats); where these are too few to tell anything by permuting them, what was
-    read at one pose alone.
+    Such poses are the groups and repeats of the table. If these are too few for a permutation test, only measurements
+    at one pose count as one.
     """
     codes = bundles(dataset)
     if codes.max(initial=-1) + 1 < criteria.fewest_bundles:
@@ -35,10 +35,10 @@ def independent_units(dataset: Dataset, criteria: Criteria) -> IntArray:
 
 
 def exchangeable(dataset: Dataset, criteria: Criteria) -> IntArray:
-    """Code (N,) of the poses that stay together where chance puts the others in another order.
+    """Return the code (N,) of the poses that are permuted as one block.
 
-    Independent units; of poses measured once each and in order, stretches of rows, so that what one row has from the
-    row before is kept. Source: Künsch (1989), blocks.
+    Blocks are independent units. For single poses in the order of measurement they are stretches of rows, which keep
+    the dependence between neighbouring rows. Source: Künsch (1989), blocks.
     """
     unit = independent_units(dataset, criteria)
     count = len(dataset)
@@ -48,11 +48,10 @@ def exchangeable(dataset: Dataset, criteria: Criteria) -> IntArray:
 
 
 def reordered(problem: Linearised, values: Array, unit: IntArray, rng: np.random.Generator, count: int) -> Array:
-    """Values (M, count) of the rows (M,) of a problem with its poses in other orders; zero where the pose that comes
-    there was not measured.
+    """Permute the values (M,) of a problem over blocks of poses, `count` times: (M, count).
 
-    unit: (N,) 0, 1, ... of the poses that stay together: whole units are put in another order, their poses one after
-    the other into the places of the units in the old order.
+    unit: (N,) block 0, 1, ... of each pose. Poses keep their order within a block. A value is zero if the pose that
+    takes its place was not measured.
     """
     present = problem.weights > 0
     blocks = np.zeros(present.shape)
@@ -104,7 +103,7 @@ class Residual:
 
     @property
     def measured(self) -> int:
-        """M, rows that were measured."""
+        """Number M of measured rows."""
         return len(self.fold_of_row)
 
     @property
@@ -114,7 +113,7 @@ class Residual:
 
     @property
     def freedom(self) -> int:
-        """Degrees of freedom: residuals less the columns that were fitted to them, at least 1."""
+        """Degrees of freedom: number of residuals minus the fitted columns, at least 1."""
         return max(len(self.values) - self.span.size - max(self.sizing - 1, 0), 1)
 
     @property
@@ -132,7 +131,10 @@ class Residual:
         return self.problem.effect_rows(effects, self.calibration.model)
 
     def projected(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
-        """Columns (M + B, E) less what is enabled, and the share (E,) of each left; zero where past numbers."""
+        """Return the columns (M + B, E) with the model projected out, and the remaining share (E,) of each.
+
+        The share is zero for values that overflow.
+        """
         asked = tuple(effects)
         found = self._projected.get(asked)
         if found is None:
@@ -185,7 +187,7 @@ class Residual:
 
     @cached_property
     def placed_by_units(self) -> Array:
-        """Return a basis (M, k) of the placement columns that one block alone determines, such as a bar."""
+        """Basis (M, k) of the placement columns that one block alone determines, such as those of a bar."""
         columns = self.system[: self.measured]
         alone = of_one_fold(columns, self.unit_of_pose[self.problem.pose_of_row])
         return ident.orthonormal(columns[:, alone])
@@ -193,8 +195,8 @@ class Residual:
     def at_own_noise(self) -> "Residual":
         """Weigh the priors by the residual's own σ, with σ² = r·r / freedom, by iteration.
 
-        Without a large effect the residual exceeds the noise of the full model. At that noise the other effects would
-        exceed their priors to explain it, and a small effect would stand for the large one.
+        Without a large effect the residual exceeds the noise of the full model. At that noise other effects would
+        exceed their priors to explain it, and a small effect would replace the large one.
         """
         found = self
         for _ in range(STEPS):
@@ -253,11 +255,11 @@ def residual_of(
 
 
 def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tuple[Array, Array, tuple[str, ...], int]:
-    """Columns and right side (M + B) of what is enabled, the names of the effects among the columns, and how many of
-    the rows are of lengths and tool.
+    """Return columns and right side (M + B) of the model, the names of its effects, and the number of rows on lengths
+    and tool.
 
-    These are believed where no reading shows size: a gap is zero, so that a machine that shrinks to a point would
-    explain whatever is left of all of them.
+    These rows are priors for measurements without a scale: with gaps of zero, a machine that shrinks to a point would
+    have no residual.
     """
     shortened = problem.residual * shrink[problem.pose_of_row]
     model, theta, kept = calibration.model, calibration.theta, calibration.kept
@@ -274,11 +276,11 @@ def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tup
 
 
 def winsorising(problem: Linearised, poses: int, sigmas: float) -> Array:
-    """Factor (N,) that brings each pose's residual to at most median + sigmas · 1.4826 MAD of all lengths."""
+    """Return factors (N,) that limit the residual of each pose to median + sigmas · 1.4826 MAD of all lengths."""
     length = np.sqrt(squares(problem, problem.residual, poses))
     return np.minimum(1.0, outlier_limit(length, sigmas) / np.maximum(length, 1e-12))
 
 
 def squares(problem: Linearised, values: Array, poses: int) -> Array:
-    """Sum of squares (N,) of the values (M,) of each pose; 0 where it has none."""
+    """Return the sum of squares (N,) of the values (M,) of each pose; 0 for a pose without values."""
     return np.asarray(np.bincount(problem.pose_of_row, values**2, poses), dtype=float)

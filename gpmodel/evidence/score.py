@@ -13,7 +13,7 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.numerics import rank as ident
 
 CHUNK = 256
-"""Candidates projected at once; half or double change no number, only memory."""
+"""Number of candidates projected at once; half or double changes no number, only memory."""
 NOISE_STEPS = 5
 """Re-estimates of the noise under a prior; the third changes no digit that is printed."""
 
@@ -41,7 +41,7 @@ def saved(residual: Residual, gain: float | Array, unknowns: int, cost: float, i
 
 
 def scores(residual: Residual, pool: Sequence[Candidate]) -> tuple[Score, ...]:
-    """Score every candidate; one whose columns the model explains has no gain."""
+    """Score every candidate. A candidate has no gain if the model explains its columns."""
     out = []
     for candidate, span, shares in _projected(residual, pool):
         if shares.max() < residual.criteria.scored_share:
@@ -53,7 +53,7 @@ def scores(residual: Residual, pool: Sequence[Candidate]) -> tuple[Score, ...]:
 
 
 def best_nats(residual: Residual, pool: Sequence[Candidate], trials: Array) -> Array:
-    """Largest gain (T,), nats, of any candidate on each of several residuals (M + B, T): the null of `scores`."""
+    """Return the largest gain (T,), nats, of any candidate on each of T residuals (M + B, T): the null of `scores`."""
     best = np.full(trials.shape[1], -np.inf)
     for candidate, span, shares in _projected(residual, pool):
         if shares.max() >= residual.criteria.scored_share:
@@ -94,10 +94,11 @@ def contribution(residual: Residual, candidate: Candidate) -> Array:
 
 
 def own_share(residual: Residual, candidate: Candidate) -> float:
-    """Compute the share |C⊥ w| / |C w| of a candidate's motion of the readings that nothing enabled explains.
+    """Compute the share |C⊥ w| / |C w| of a candidate's motion that the other effects of the model do not explain.
 
-    C (M, E): its columns, those of the instrument less what registration and tool take up; C⊥: what the enabled columns
-    leave of them. w: the smallest unknowns, in their priors where it has any, that give its part of the residual.
+    C (M, E): its columns, for the instrument without the part of registration and tool. C⊥: C with the model projected
+    out. w: the smallest coefficients, in units of their priors if any, with the candidate's contribution to the
+    residual.
     """
     columns, size = residual.columns(candidate.effects), np.ones(len(candidate.effects))
     if candidate.has_priors:
@@ -157,10 +158,10 @@ def fitted(variance: Array, s: Array, q: Array) -> Array:
 
 
 def with_own_noise(gains: Array, fit: Array, mismatch: float) -> Array:
-    """Correct gains (G,) for the noise, estimated again with each group, whose decrease of E = yᵀC⁻¹y is Q (G,).
+    """Correct gains (G,) for the noise, which is estimated with each group. Q (G,): decrease of E = yᵀC⁻¹y.
 
-    With all variances in proportion to the noise:  gain - Q/2 - E/2 ln(1 - Q/E). Of few poses the noise before is too
-    large by what is missing, and the gains too small.
+    With all variances in proportion to the noise: gain - Q/2 - E/2 ln(1 - Q/E). With few poses the noise estimated
+    without the group is too large, and the uncorrected gains are too small.
     """
     return gains - 0.5 * fit - 0.5 * mismatch * np.log1p(-np.minimum(fit / mismatch, 1.0 - 1e-12))
 
