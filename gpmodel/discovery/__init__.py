@@ -1,1 +1,1 @@
-"""The loop: from a residual to effects that are named and proven."""
+"""The discovery loop: from a residual to named and tested effects."""

@@ -1,4 +1,4 @@
-"""The tests of a candidate, and backward elimination of findings that fail one beside the others."""
+"""Test candidates, and eliminate findings that fail a test given all other findings."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,9 +19,9 @@ from gpmodel.selection.causes import CredibleSet
 class Hypothesis:
     """A candidate with its score, p-value, verdict and credible set, all from training poses.
 
-    chance: p-value of its score on permuted residuals. cv_rms: cross-validated 3-D RMS with it, m; cv_before: without.
-    causes: what it could be, None of a rejected one. rivals: names of the other candidates among them, each with the
-    cross-validated 3-D RMS in its place, m.
+    chance: p-value of its score on permuted residuals. cv_rms, cv_before: cross-validated 3-D RMS with it and without,
+    m. causes: its possible causes, None for a rejected candidate. rivals: names of the other candidates among the
+    causes, each with the cross-validated 3-D RMS in its place, m.
     """
 
     candidate: Candidate
@@ -35,18 +35,18 @@ class Hypothesis:
 
     @property
     def accepted(self) -> bool:
-        """True if the candidate passed every test."""
+        """Whether the candidate passed every test."""
         return self.verdict.accepted
 
     @property
     def why(self) -> str:
-        """The reason of the verdict, in words."""
+        """Reason for the verdict, in words."""
         chance = wording.chance(self.chance.p, self.chance.shuffles, self.chance.of)
         return self.verdict.why or f"removes {100 * self.score.gain:.0f} % of the residual energy, p {chance}"
 
 
 def tested(residual: Residual, candidate: Candidate, score: Score, by_chance: Chance, before: Predicted) -> Hypothesis:
-    """Test a candidate by every criterion; residual: of the model without it."""
+    """Test a candidate by every criterion. residual: residual of the model without the candidate."""
     criteria = residual.criteria
     after = cross_validated(residual, candidate.effects)
     cv_t = gained(before, after, criteria.outlier_sigmas)
@@ -76,11 +76,11 @@ Judge = Callable[[Calibration, Mapping[str, Candidate]], dict[str, Hypothesis]]
 def eliminate(
     offered: Mapping[str, Candidate], calibration: Calibration, judge: Judge, fit: Fit
 ) -> tuple[dict[str, Hypothesis], Calibration]:
-    """Eliminate candidates that fail a test given all others, the weaker half of those that fail at a time.
+    """Eliminate candidates that fail a test given all others, in each pass the weaker half of those that fail.
 
-    Those that passed are tested again once none fails. judge: tests candidates given all others of a calibration. fit:
-    calibrates with candidates, starting from a fit. Returns the last verdict on each candidate, and the calibration
-    with the accepted ones.
+    judge: tests candidates given all others of a calibration. fit: calibrates with candidates, starting from a fit.
+    Returns the last verdict on each candidate, and the calibration with the accepted ones. The others are tested again
+    at the end.
     """
     inside, judged = dict(offered), dict[str, Hypothesis]()
     asked: Mapping[str, Candidate] = inside

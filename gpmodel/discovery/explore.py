@@ -1,4 +1,4 @@
-"""Evolve programs for a residual, with their histogram of inputs and what chance evolves."""
+"""Evolve programs for a residual and for permuted residuals, and count the inputs that the programs use."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,10 +29,10 @@ from gpmodel.selection.programs import as_candidate, parts, without_poles
 
 @dataclass(frozen=True)
 class RoundContext:
-    """Context of a round: its number, its messages, and the store of finished runs.
+    """Context of a round: its number, its messages, and the storage of finished runs.
 
-    late: returns whether the time is up.
-    opening: the first round with named effects, explored with a small budget.
+    late: function that returns whether the time is up.
+    opening: it is the first round of a search with a catalogue, and evolves with a small budget.
     pooled: earlier rounds ran with an equal budget on permuted residuals.
     """
 
@@ -45,7 +45,7 @@ class RoundContext:
 
 
 class OutOfTime(Exception):
-    """The time is up before all runs are done."""
+    """Raised if the time is up before all runs are done."""
 
 
 @dataclass(frozen=True)
@@ -63,9 +63,9 @@ def explore(
     """Evolve programs over all sites at once, `runs` times for each strategy, then on permuted residuals.
 
     After the first round the permuted runs are omitted if no program has the least gain of a finding. Half as many are
-    enough if their maxima are pooled with those of earlier rounds, but no fewer than a p-value needs.
-    Above `evolved_poses` poses GP reads a sample of them, and half of it if the model has hundreds of columns; programs
-    are scored on all. Without runs the histogram is empty. Raises OutOfTime between two runs.
+    enough if their maxima are pooled with those of earlier rounds, but no fewer than a p-value needs. Above
+    `evolved_poses` poses evolution uses a sample of them, and half of it if the model has hundreds of columns; programs
+    are scored on all poses. Without runs the histogram is empty. Raises OutOfTime between two runs.
     """
     n = len(residual.poses)
     count = search.evolved_poses if residual.span.size < MANY_COLUMNS else search.evolved_poses // 2
@@ -104,13 +104,13 @@ def explore(
 def posed(
     residual: Residual, sites: tuple[Site, ...], search: Search, rows: IntArray
 ) -> tuple[SlotProblem, Mapping[str, str]]:
-    """Pose the problem of evolution on some poses at all sites, and name its inputs by the table's columns."""
+    """Return the problem of evolution on some poses at all sites, and the names of its inputs in the table."""
     inputs, names = readable_inputs(residual.poses.states, rows)
     return SlotProblem(inputs, targets(residual, sites, rows), parsimony=search.nats_per_node), names
 
 
 def run(tasks: Mapping[int, Task], search: Search, context: RoundContext) -> list[Evolution]:
-    """Run tasks by number; each result is kept and reported as it finishes, and kept ones are not repeated."""
+    """Run tasks by number. Each result is stored and reported when it finishes; stored results are used again."""
 
     def said(done: int) -> None:
         if 0 < done < len(tasks) and context.late():
@@ -126,10 +126,10 @@ def candidates_of(
     residual: Residual, sites: tuple[Site, ...], search: Search, question: tuple[SlotProblem, Mapping[str, str]],
     runs: Sequence[Evolution],
 ) -> tuple[Candidate, ...]:  # fmt: skip
-    """Return the candidates of the runs, as effects at their sites, each once, without those that pass a pole.
+    """Return the programs of the runs as candidates at their sites, each once, without those with a pole.
 
-    Constants of the parts of a program are refitted: one output alone often explains what two outputs share.
-    question: the problem posed to the runs.
+    The constants of each part of a program are refitted, since one output alone often explains the effect of two.
+    question: the problem of the runs, and the names of its inputs.
     """
     states, between = residual.poses.states, residual.poses.states.between()
     problem, names = question

@@ -21,7 +21,7 @@ STEPS = 6
 """Largest number of Gauss-Newton steps in the constants inside formulas."""
 
 SETTLED = 0.02
-"""Step of a constant that ends the iteration, in standard errors."""
+"""Step of every constant, in standard errors, at which the iteration ends."""
 
 
 def final_fit(state: State, fit: Calibration) -> FinalFit:
@@ -55,9 +55,9 @@ def _settled(
 ) -> tuple[tuple[Candidate, ...], list[tuple[InnerChange, ...]], Calibration]:
     """Fit the constants inside candidates to all poses by Gauss-Newton steps; return the candidates, changes and fit.
 
-    Each step moves the constants by the fitted changes. After convergence the changes are zero, with standard errors.
-    Constants that do not converge keep their values, without standard errors.
-    theta: values of the candidates' effects in `fit`.
+    Each step adds the fitted changes to the constants. After convergence the changes are zero, with standard errors.
+    Constants that do not converge keep their values, without standard errors. theta: values of the candidates' effects
+    in `fit`.
     """
     moving, here = tuple(found), fit
     for _ in range(STEPS):
@@ -77,13 +77,13 @@ def _settled(
 
 
 def _known(changes: Sequence[InnerChange], fit: Calibration) -> dict[Constant, float]:
-    """Return the constants as a fit of their changes corrects them."""
+    """Return the constants plus the changes that a fit estimates."""
     steps = fit.values_of([change.effect for change in changes])
     return {c.constant: c.constant.value + step for c, step in zip(changes, steps, strict=True)}
 
 
 def _beside_events(state: State) -> Mask:
-    """Mark the poses (N,) near an event: a good pose on its wrong side has a large residual."""
+    """Return whether each pose (N,) is near an event: a good pose on the wrong side has a large residual."""
     rows = state.poses.states["row"]
     inner = [c.inner for c in state.found if c.inner]
     events = [c.value for own in inner for c in own.constants if c.whole]
@@ -91,7 +91,7 @@ def _beside_events(state: State) -> Mask:
 
 
 def _located(candidate: Candidate, left: Callable[[], Residual]) -> Candidate:
-    """Add the confidence interval of the row of its event to a candidate. left: returns the residual of the model."""
+    """Add the confidence interval of the row of an event to a candidate. left: function that returns the residual."""
     inner = candidate.inner
     if inner is None or not any(c.whole for c in inner.constants):
         return candidate
@@ -101,7 +101,7 @@ def _located(candidate: Candidate, left: Callable[[], Residual]) -> Candidate:
 
 
 def _events(candidate: Candidate) -> Iterator[FittedConstant]:
-    """Yield the row of its event, if it has one, with its confidence interval."""
+    """Yield the row of a candidate's event, if it has one, with its confidence interval."""
     for constant in candidate.inner.constants if candidate.inner else ():
         if constant.rows:
             yield FittedConstant(constant.name, constant.unit, constant.value, None, *constant.rows)
@@ -110,9 +110,9 @@ def _events(candidate: Candidate) -> Iterator[FittedConstant]:
 def constants_in_words(
     candidate: Candidate, changes: Sequence[InnerChange], fit: Calibration, units: Mapping[str, str]
 ) -> Iterator[FittedConstant]:
-    """The constants inside a candidate with their deviations; of a law with an outline, where that is and how wide.
+    """Yield the constants inside a candidate with their standard errors; for a bump or step its position and width.
 
-    fit: to all poses, with the changes of the constants among its unknowns. units: of the inputs.
+    fit: to all poses, with the changes of the constants among its unknowns. units: unit of each input.
     """
     at = [e.name for e in fit.model.effects]
     own = [at.index(change.effect.name) for change in changes]
@@ -134,7 +134,7 @@ def constants_in_words(
 
 
 def _slope(candidate: Candidate, constant: Constant) -> tuple[float, float]:
-    """Change of the position and of the width of an outline per change of a constant."""
+    """Return the derivatives of the position and of the width of a bump or step by a constant."""
     beside = [outline_of(moved(candidate, {constant: constant.value * (1.0 + s)})) for s in (-STEP, STEP)]
     below, above = (o or Outline("", "", math.nan, math.nan) for o in beside)
     step = 2.0 * STEP * constant.value

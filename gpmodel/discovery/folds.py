@@ -1,8 +1,8 @@
-"""The whole choice on all poses, and its errors from repetitions of it, each without a part of them.
+"""Run the whole discovery on all poses, and measure its errors by repeating it without each fold.
 
-Of few poses a share held out for good costs what it proves. Here every pose is held out once: what is found is chosen
-on all poses, and how well such a choice predicts is asked of those made without each fold. Source: Stone (1974),
-cross-validatory choice and assessment.
+With few poses, a fixed held-out share costs more than it proves. Here every pose is held out once: the findings come
+from all poses, and the errors from repetitions without each fold. Source: Stone (1974), cross-validatory choice and
+assessment of statistical predictions.
 """
 
 import time
@@ -25,20 +25,19 @@ from gpmodel.progress import Teller, silent
 from gpmodel.table.bundles import JUDGED, bundles, folds
 
 Loop = Callable[[Poses, IntArray, IntArray], Discovery]
-"""The whole loop with all its settings, for poses of which some rows train and others are held out."""
+"""The whole loop with its settings, as a function of poses, training rows and held-out rows."""
 
 
 def discover_by_folds(
     whole: Loop, repeats: Sequence[Loop], poses: Poses, count: int, criteria: Criteria, workers: Forks
 ) -> Discovery:
-    """Run the whole loop on all poses, then repeat it without each of `count` folds of them, whole bundles.
+    """Run the whole loop on all poses, then repeat it without each of `count` folds of whole blocks.
 
-    The errors of each step are those of the poses held out, as the choice without them predicts them: of a fold that
-    found less, its last model stands for further steps. repeats: ways to repeat the loop, the quickest first, which may
-    leave the evolution out and then make larger errors, not smaller. Where these do not confirm a finding that was
-    evolved, the next way is asked, at half the chance of confirming what is not there. workers: of the repetitions, the
-    first made while the whole choice is. Raises InputError for fewer than two folds, or more than there are bundles of
-    poses.
+    The errors of each step are those of the held-out poses, predicted by the repetition without them; a repetition with
+    fewer steps uses its last model. repeats: ways to repeat the loop, the quickest first; without evolution the errors
+    are rather larger than smaller. If one does not confirm an evolved finding, the next way is tried at half the chance
+    of confirming a false one. workers: run the repetitions, the first way during the whole loop. Raises InputError for
+    fewer than two folds, or more folds than blocks of poses.
     """
     started = time.monotonic()
     nothing = np.zeros(0, dtype=np.int64)
@@ -63,7 +62,7 @@ def discover_by_folds(
 
 
 def _repeated(found: Discovery, choices: Sequence[Discovery], criteria: Criteria) -> Discovery:
-    """A choice on all poses with the errors that its repetitions make, and whether these confirm it."""
+    """Return a discovery on all poses with the errors of its repetitions, and whether they confirm its findings."""
     steps = tuple(
         replace(step, heldout_error=_errors(found.poses, choices, number)) for number, step in enumerate(found.steps)
     )
@@ -76,7 +75,7 @@ def _repeated(found: Discovery, choices: Sequence[Discovery], criteria: Criteria
 
 
 def _errors(poses: Poses, parts: Sequence[Discovery], number: int) -> Array:
-    """Error (N,) of each pose by the model of step `number` of the choice without it; NaN where there is none."""
+    """Return the error (N,) of each pose by step `number` of the repetition without it; NaN if there is none."""
     out = np.full(len(poses), np.nan)
     for part in parts:
         held = np.isin(poses.dataset.row, part.poses.dataset.row[part.heldout])

@@ -1,4 +1,4 @@
-"""Propose formulas for the curves of a selection, and constants of its nonlinear groups where they are most likely."""
+"""Propose formulas for the curves of a selection."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -32,23 +32,23 @@ from gpmodel.selection.result import Kept
 from gpmodel.table.bundles import JUDGED
 
 PLAIN = 2
-"""Effects up to which a group is solved by plain least squares: a number or a sine and cosine need no prior."""
+"""Largest number of effects of a group that is fitted by least squares without a prior, such as sine and cosine."""
 
 TOGETHER, NUMBERS = 2, 3
-"""Inputs of a formula of groups at one site; unknowns of named groups that a formula may replace."""
+"""Largest number of inputs of a formula at one site, and of coefficients of named groups that a formula replaces."""
 
 MOST_DETERMINED = 20.0
-"""Unknowns of a curve that the data determine, up to which a formula is searched: the most that a smooth curve has."""
+"""Largest number of determined coefficients of a curve for which a formula is searched: the most of a smooth curve."""
 
 MOST_INPUTS = 6
-"""Inputs of what was evolved, of which a law in three may say as much: the others may be there by chance."""
+"""Largest number of inputs of an evolved program for which a formula of three inputs is searched."""
 
 
 def curves_of(kept: Sequence[tuple[Candidate, Kept]], fresh: frozenset[str]) -> dict[tuple[str, ...], Candidate]:
-    """Curves of a selection that a formula may replace, by the names of the groups that each is made of.
+    """Return curves of a selection that a formula may replace, by the names of their groups.
 
-    Smooth terms and named curves of few determined unknowns; evolved programs of several terms, or new ones. Groups at
-    one site that read two inputs together are one more.
+    Curves are smooth terms and named curves of few determined coefficients, and evolved programs of several terms or of
+    this round. Several groups at one site with at most two inputs are one more curve.
     """
     found: dict[tuple[str, ...], Candidate] = {
         (c.name,): c
@@ -61,8 +61,8 @@ def curves_of(kept: Sequence[tuple[Candidate, Kept]], fresh: frozenset[str]) -> 
 
 
 def _at_one_site(candidates: Iterable[Candidate]) -> Iterator[tuple[tuple[str, ...], Candidate]]:
-    """Candidates at one site that read two inputs together, by their names: functions of both and of one may stand for
-    one formula. Named ones stay if they read two or have more unknowns than a formula."""
+    """Yield the groups at one site with at most two inputs as one candidate, with their names. Named groups are
+    included if they have two inputs or more coefficients than a formula."""
     at: dict[frozenset[object], list[Candidate]] = defaultdict(list)
     for one in candidates:
         at[places(one)].append(one)
@@ -80,13 +80,13 @@ def _at_one_site(candidates: Iterable[Candidate]) -> Iterator[tuple[tuple[str, .
 
 
 def places(candidate: Candidate) -> frozenset[tuple[tuple[str, str, float], ...]]:
-    """Slots, axes and weights at which a candidate acts."""
+    """Return the slots, axes and weights at which a candidate acts."""
     return frozenset(tuple((t.slot, t.axis, t.weight) for t in effect.terms) for effect in candidate.effects)
 
 
 @dataclass(frozen=True)
 class LawTask:
-    """The search for a law of one curve: all that a worker needs. written: its inputs as the table has them."""
+    """Search for a formula of one curve, as sent to a worker. written: its inputs in terms of the table's columns."""
 
     problem: SlotProblem
     inputs: tuple[str, ...]
@@ -95,30 +95,30 @@ class LawTask:
 
 
 def run_law_task(task: LawTask) -> tuple[Solution, ...]:
-    """Laws in the inputs of the curve; the same wherever it runs."""
+    """Search formulas in the inputs of a curve. The result does not depend on the worker."""
     return formulas_at(task.problem, 0, task.inputs)
 
 
 @dataclass(frozen=True)
 class ShortLaw:
-    """A law at a curve's place: its program over the task's inputs, and that as an effect."""
+    """A formula for a curve: its program over the inputs of the task, and the candidate at the curve's site."""
 
     program: Program
     task: LawTask
     candidate: Candidate
 
     def simplified(self) -> Candidate:
-        """The effect as computer algebra writes it; it takes longer than all that is asked of a law before."""
+        """Return the candidate with its formula simplified by computer algebra, which is slow."""
         program, task = simplify(self.program), self.task
         cost, maker = self.candidate.cost, self.candidate.found_by
         return as_candidate(program, task.site, task.written, cost, maker) or self.candidate
 
 
 def formulas(left: Residual, curves: Sequence[Candidate], search: Search) -> Iterator[ShortLaw]:
-    """Formulas of one term in the inputs and at the site of each curve, and shorter ones of the best.
+    """Yield formulas of one term in the inputs and at the site of each curve, and shorter versions of the best one.
 
-    left: residual of a model with all the curves. The searches run side by side, once more with the poses that stand
-    out of the curve as they were measured: a formula may be sharper than its curve.
+    left: residual of a model with all the curves. The searches run in parallel. They are repeated without winsorising
+    the outliers of the curve, since a formula may be sharper than its curve.
     """
     doubted = [doubtful(left, curve) for curve in curves]
     views = [(left, taken_as_measured(left, out)) if out.any() else (left,) for out in doubted]
@@ -140,10 +140,10 @@ def formulas(left: Residual, curves: Sequence[Candidate], search: Search) -> Ite
 
 
 def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
-    """Pose the formula searches of a curve: formulas of its inputs at its site.
+    """Return the formula searches of a curve, in its inputs and at its site.
 
-    Unnamed formulas are searched where they would save more. No search is posed for several sites or more inputs. If
-    two inputs are lagged copies of one column, each is searched separately.
+    For an unnamed curve the site of largest gain is searched, too. There is none for several sites or too many inputs.
+    If two inputs are lagged copies of one column, each is searched separately.
     """
     residual = left.without(curve.effects)
     sites = places(curve)
@@ -164,10 +164,9 @@ def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
 
 
 def _likeliest(residual: Residual, curve: Candidate, own: Site) -> Site:
-    """The place where a curve saves most, of those along or about an axis like its own, which it stays at where none
-    saves more than a tie.
+    """Return the site of largest gain for a curve, among axes of its kind, or its own site if no gain exceeds a tie.
 
-    What evolves sees large errors cut short, and of two places that move the tool nearly alike may take the other.
+    Evolution limits large errors, and may select the other of two sites that move the tool nearly alike.
     """
     kind, mechanism = own.axis[0], residual.calibration.model.mechanism
     sites = [site for site in moving_sites(mechanism, residual.poses.dataset) if site.axis[0] == kind]
@@ -178,19 +177,19 @@ def _likeliest(residual: Residual, curve: Candidate, own: Site) -> Site:
 
 
 def _at(site: Site, effect: Effect) -> Effect:
-    """An effect of one place at another."""
+    """Return an effect at another site."""
     return replace(effect, terms=site.effect("", effect.terms[0].basis, effect.unit).terms)
 
 
 def _columns(names: Iterable[str]) -> set[str]:
-    """The columns of the table that inputs are made of."""
+    """Return the columns of the table from which inputs are computed."""
     return {column for name in names for column in read_by(name) or (name,)}
 
 
 def _as_laws(
     residual: Residual, curve: Candidate, task: LawTask, search: Search, programs: Iterable[tuple[Program, str]]
 ) -> Iterator[ShortLaw]:
-    """Programs, and who made each, as effects at the curve's place, without those that pass a pole."""
+    """Yield programs, each with its origin, as candidates at the site of a curve, without those with a pole."""
     states = residual.poses.states
     between = states.between()
     places = len(sites_of(residual.calibration.model.mechanism))
@@ -204,9 +203,9 @@ def _as_laws(
 def _shortened(
     laws: Sequence[ShortLaw], residual: Residual, as_laws: Callable[[Iterable[tuple[Program, str]]], Iterator[ShortLaw]]
 ) -> list[ShortLaw]:
-    """The law that saves most less a node at a time, the least missed, for as long as it saves more.
+    """Remove nodes from the best formula one by one, while its gain rises, and return these shorter formulas.
 
-    At the place alone a shorter law that passes a pole may say as much, and hide what is left.
+    Each is scored at its site; one with a pole is excluded, since it could hide a better one.
     """
     steps: list[ShortLaw] = []
     most, best = _best(residual, laws)
@@ -220,17 +219,17 @@ def _shortened(
 
 
 def _best(residual: Residual, laws: Sequence[ShortLaw]) -> tuple[float, ShortLaw]:
-    """The law that saves most, and what it saves, nats."""
+    """Return the formula of largest gain, and that gain, nats."""
     nats = (score.nats for score in scores(residual, [law.candidate for law in laws]))
     return max(zip(nats, laws, strict=True), key=lambda pair: pair[0])
 
 
 GROSS = 2.0
-"""Times the second largest that an error without the curve may be; a larger one is that of the measurement."""
+"""Largest ratio of an error without the curve to the second largest error. A larger error is one of the measurement."""
 
 
 def doubtful(left: Residual, curve: Candidate) -> Mask:
-    """Poses (N,) that stand out of a model with a curve, but are no gross errors beside others without it."""
+    """Return which poses (N,) are outliers of a model with a curve, but no gross errors without the curve."""
     motion = left.columns(curve.effects) @ np.array(left.calibration.values_of(curve.effects))
     before = _lengths(left, left.problem.residual + motion)
     out = winsorising(left.problem, len(left.poses), left.criteria.outlier_sigmas) < 1.0
@@ -238,13 +237,13 @@ def doubtful(left: Residual, curve: Candidate) -> Mask:
 
 
 def taken_as_measured(left: Residual, poses: Mask) -> Residual:
-    """The residual with some of its poses (N,) as they are, the others winsorised."""
+    """Return the residual without winsorising some poses (N,)."""
     return residual_of(left.calibration, left.poses, left.criteria, JUDGED, poses)
 
 
 def explained(residual: Residual, laws: Sequence[Candidate]) -> Mask:
-    """Poses (N,) that do not stand out of the model with the likeliest of some laws, where what stands out of one
-    counts as if it stood at the limit. residual: without them."""
+    """Return which poses (N,) are no outliers of the model with the most likely of some formulas. The likelihood counts
+    an outlier at the limit. residual: of the model without the formulas."""
     sigmas, found = residual.criteria.outlier_sigmas, list[tuple[float, Mask]]()
     for law in laws:
         columns, _ = residual.projected(law.effects)
@@ -257,5 +256,5 @@ def explained(residual: Residual, laws: Sequence[Candidate]) -> Mask:
 
 
 def _lengths(residual: Residual, values: Array) -> Array:
-    """Length (N,) of the values (M,) of each pose."""
+    """Return the length (N,) of the values (M,) of each pose."""
     return np.sqrt(squares(residual.problem, values, len(residual.poses)))

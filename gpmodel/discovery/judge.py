@@ -1,4 +1,4 @@
-"""Judge a selection: each group tested given all the others, those that fail eliminated, causes weighed."""
+"""Test each selected group given all others, eliminate groups that fail, and find the credible set of the rest."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -23,18 +23,19 @@ from gpmodel.selection.sparse_bayes import reestimate
 
 @dataclass(frozen=True)
 class Judged:
-    """hypotheses: every selected group with its tests, the strongest first. calibration: with the accepted ones."""
+    """hypotheses: every selected group with its tests, the largest gain first. calibration: fit with the accepted
+    groups."""
 
     hypotheses: tuple[Hypothesis, ...]
     calibration: Calibration
 
 
 def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_alone: bool = False) -> Judged:
-    """Test every selected group given all the others, eliminate those that fail, and weigh the causes of the rest.
+    """Test every selected group given all others, eliminate those that fail, and find the credible sets of the rest.
 
-    Fine curves get as many harmonics as their evidence asks for, and constants inside move to where they are most
-    likely. evolved_null: (S,) largest gain of any program on permuted residuals; an evolved term has to stand out of
-    both nulls, since it was searched for twice. errors_alone: leave out the causes, which no error depends on.
+    Fine curves get as many harmonics as their evidence supports, and constants inside are refitted. evolved_null: (S,)
+    largest gain of any program on permuted residuals. An evolved term has to exceed this null and that of the
+    selection, since it was selected in two searches. errors_alone: omit the credible sets, which change no error.
     """
     if not last.candidates:
         return Judged((), last.left.calibration)

@@ -55,17 +55,17 @@ def discover(
     progress: Say = silent,
     kept: KeptRuns | None = None,
 ) -> Discovery:
-    """Run the whole loop. Held-out poses only measure errors; no effect is selected by them.
+    """Run the whole discovery loop. Held-out poses only measure errors; no effect is selected by them.
 
-    They decide one thing at the end: whether the findings are shipped, or the standard model.
+    At the end they decide whether the findings or the standard model are shipped.
+
     train, heldout: rows of `poses`; heldout may be empty. candidates: effects that may be missing.
-    standard: effects of the standard model; None for the complete geometric set.
-    known: effects enabled from the start. noise: σ that finite priors are weighed by, m; None for the residual's.
-    condition_limit: of the standard model; None for the cross-validated one.
-    errors_alone: only the errors of each step are needed: no fit to all poses, no simplified formulas.
+    standard: effects of the standard model; None for the complete geometry.
+    known: effects in the model from the start. noise: σ that weights finite priors, m; None for that of the residual.
+    condition_limit: of the standard model; None for a cross-validated limit.
+    errors_alone: compute only the errors of each step, without a fit to all poses and simplified formulas.
     progress: called with one line on the current task. kept: finished runs of an interrupted search.
-    Raises InputError if no held-out pose belongs to a set-up and tool of the training poses, and for two different
-    candidates of one name.
+    Raises InputError for different candidates of one name, or if no held-out pose has a known set-up and tool.
     """
     started = time.monotonic()
     search, say = search or Search(), Teller(progress)
@@ -100,7 +100,8 @@ def discover(
 
 
 def _searched(state: State, standard_fit: Calibration) -> tuple[Callable[[], Calibration], str]:
-    """Run the rounds on the sample; return the fit of their findings to the training poses, and why they ended."""
+    """Run the rounds on the sample; return a fit of the findings to the training poses as a task, and why they ended.
+    """
     sampled = len(state.sample) < len(state.train)
     start = state.fit_sample(state.model(()), standard_fit) if sampled else standard_fit
     calibration, stopped = _run_rounds(state, start)
@@ -110,9 +111,9 @@ def _searched(state: State, standard_fit: Calibration) -> tuple[Callable[[], Cal
 
 
 def _run_rounds(state: State, standard_fit: Calibration) -> tuple[Calibration, str]:
-    """Run rounds until one changes nothing or a limit of the search is met; return the fit, and why they ended.
+    """Run rounds until one changes nothing or a limit of the search is reached; return the fit, and why they ended.
 
-    If the time is up before the first round is complete, it is repeated without GP.
+    If the time is up before the first round is complete, it is repeated without evolution.
     """
     search, calibration = state.search, standard_fit
     while not state.repeating:
@@ -134,7 +135,7 @@ _Last = tuple[FinalFit, Calibration, Confirmation | None]
 
 
 def _unfinished(state: State, standard_fit: Calibration, calibration: Calibration) -> _Last:
-    """Return the findings with their values of the training poses."""
+    """Return the findings with their values in the fit to the training poses."""
     return FinalFit(calibration, state.found, ((),) * len(state.found)), calibration, None
 
 
@@ -151,7 +152,7 @@ def _finished(state: State, standard_fit: Calibration, calibration: Calibration)
 
 
 def _rungs(state: State, standard_fit: Calibration) -> list[Callable[[], Calibration]]:
-    """Return fits of the first finding, the first two and so on, each from the standard model; not the fit of all."""
+    """Return functions that fit the first finding, the first two and so on, except all findings."""
     models = (state.model(state.found[:count]) for count in range(1, len(state.findings)))
     return [partial(state.fit, model, standard_fit) for model in models]
 
@@ -167,7 +168,7 @@ def _ladder(state: State, base: Calibration, standard_fit: Calibration, rungs: S
 def one_round(state: State, standard_fit: Calibration, calibration: Calibration) -> Calibration:
     """Evolve programs for the residual of a calibration, select all effects again with them, and test the selection.
 
-    Returns the calibration with the findings, and puts these into the state.
+    Returns the calibration with the findings, and stores the findings in the state.
     """
     number = len(state.rounds) + 1
     poses = state.poses.subset(state.sample)
@@ -197,7 +198,7 @@ def one_round(state: State, standard_fit: Calibration, calibration: Calibration)
 
 
 def _taken(state: State, accepted: Sequence[Hypothesis], number: int) -> tuple[str, ...]:
-    """Make the accepted hypotheses the findings; return the names of those before that are none any more."""
+    """Store the accepted hypotheses as the findings; return the names of findings that are no longer accepted."""
     before = {f.candidate.name: f for f in state.findings}
     state.findings = [
         replace(before[h.candidate.name], hypothesis=h) if h.candidate.name in before else Finding(h, number)
@@ -210,17 +211,17 @@ def _taken(state: State, accepted: Sequence[Hypothesis], number: int) -> tuple[s
 
 
 def _input_prices(state: State, exploration: Exploration) -> dict[str, float]:
-    """Return the price of each input, nats, from the references of the evolved programs of all rounds."""
+    """Return the price of each input, nats, from the inputs that evolved programs of all rounds use."""
     return input_prices([*(r.exploration.histogram for r in state.rounds), exploration.histogram])
 
 
 def _earlier_nulls(state: State) -> list[np.ndarray]:
-    """Return the permutation nulls of earlier rounds with the full budget; an opening round has a smaller one."""
+    """Return the permutation nulls of earlier rounds with the full budget. An opening round has a smaller budget."""
     return [r.exploration.null_nats for r in state.rounds[bool(state.offers) :]]
 
 
 def _explored(state: State, residual: Residual, number: int) -> Exploration:
-    """Evolve programs for a residual; return them with the histogram of referenced inputs."""
+    """Evolve programs for a residual; return them with the histogram of their inputs."""
     pooled = sum(len(nats) for nats in _earlier_nulls(state)) > 0
     tell = Teller(state.say.say, f"round {number}: ")
     context = RoundContext(number, tell, state.kept, lambda: state.late, state.opening(number), pooled)
@@ -229,7 +230,7 @@ def _explored(state: State, residual: Residual, number: int) -> Exploration:
 
 
 def _promising(state: State, residual: Residual, exploration: Exploration) -> tuple[Candidate, ...]:
-    """Return new programs with a gain in description length, the best first, as many as the search offers."""
+    """Return new programs with a gain in description length, the best first, at most `considered` of them."""
     known = {c.name for c in (*state.known_effects, *state.found, *state.evolved)}
     pool = [c for c in exploration.candidates if c.name not in known]
     ranked = sorted(zip(pool, scores(residual, pool), strict=True), key=lambda one: -one[1].nats)

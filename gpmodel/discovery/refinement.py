@@ -1,7 +1,7 @@
 """Fit the constants inside basis functions: by variable projection, then as unknowns of the final fit.
 
-Variable projection: at given constants the unknowns are solved and everything else in the model is projected out, so
-that what is left of the residual is a function of the constants alone. Source: Golub and Pereyra (1973).
+Variable projection: for given constants the linear coefficients are solved and the rest of the model is projected out,
+so that the residual is a function of the constants alone. Source: Golub and Pereyra (1973).
 """
 
 import math
@@ -32,7 +32,7 @@ EVALUATIONS = 80
 """Evaluations of the residual for each constant of a candidate; the simplex settles in half of them."""
 
 SETTLED = 1e-4
-"""Difference of the cost between the corners of a simplex that ends it, in variances of the noise."""
+"""Difference of the cost between the corners of a simplex at which the fit ends, in variances of the noise."""
 
 ROUNDING = 0.005
 """Largest loss of a constant rounded to fewer digits, nats: a tenth of its standard error."""
@@ -42,12 +42,12 @@ ROW_LOSS = -np.log1p(-np.sqrt(0.95))
 the likelihood ratio of a threshold. Source: Hansen (2000), Econometrica 68(3), theorem 2."""
 
 WINDOW = 12
-"""Rows looked at on either side of an event at first, beyond those up to the next that was offered."""
+"""Rows on either side of an event that are tested first, in addition to those up to the next offered row."""
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Log likelihood (T,), nats, of an event after each of some rows (T,), its other constants fixed."""
+    """Log likelihood (T,), nats, of an event after each of some rows (T,), with its other constants fixed."""
 
     rows: Array
     nats: Array
@@ -65,10 +65,10 @@ class Profile:
 
 
 def detailed(left: Residual, found: Mapping[str, Candidate]) -> dict[str, Candidate]:
-    """Double the harmonics of fine curves among the findings where this lowers the description length.
+    """Double the harmonics of fine curves among the findings if this lowers the description length.
 
-    A drive has lines up to twice its reduction ratio; half as many harmonics detect its curve in an eighth of the time.
-    left: residual of a model with all findings.
+    A drive has spectral lines up to twice its reduction ratio; half as many harmonics detect its curve in an eighth of
+    the time. left: residual of a model with all findings.
     """
     out = dict(found)
     for name, candidate in found.items():
@@ -88,8 +88,8 @@ def refined_fit(
 ) -> tuple[dict[str, Candidate], Calibration]:
     """Fit the constants inside candidates given each other; return candidates by name and the fit with them.
 
-    fit: calibrates with candidates, starting from a fit. residual: forms the residual of a fit. calibration: with the
-    candidates.
+    fit: function that calibrates with candidates, starting from a fit. residual: function from a fit to its residual.
+    calibration: fit with the candidates.
     """
     found = dict(candidates)
     for _ in range(LOOKS if any(_movable(c) for c in found.values()) else 0):
@@ -103,9 +103,9 @@ def refined_fit(
 
 
 def refined_at_one_site(residual: Residual, candidates: Mapping[str, Candidate]) -> Iterator[Candidate]:
-    """Yield each candidate with its constants fitted in the place of all such candidates at its site.
+    """Yield each candidate with refitted constants, as a replacement of all candidates with constants at its site.
 
-    If a constant lies between two offered values, both may be selected. residual: of a model with all candidates.
+    If a constant lies between two offered values, candidates with both may be selected. residual: of the whole model.
     """
     movable = [c for c in candidates.values() if _movable(c)]
     for candidate in movable:
@@ -121,7 +121,7 @@ def _acts(candidate: Candidate) -> frozenset[tuple[str, str]]:
 def refined(residual: Residual, candidate: Candidate) -> Candidate:
     """Fit the constants inside a candidate to the residual of a model without it.
 
-    If each effect has its own constant, effects are deleted that save less than unknown and constant cost.
+    If each effect has its own constant, effects with a gain below the price of coefficient and constant are deleted.
     """
     if candidate.inner is None:
         return candidate
@@ -136,9 +136,9 @@ def refined(residual: Residual, candidate: Candidate) -> Candidate:
 
 
 def profile(residual: Residual, inner: NonlinearParameters) -> Profile | None:
-    """Compute the likelihood profile of the row of an event; None for a candidate without one.
+    """Compute the likelihood profile of the row of an event; None for a candidate without an event.
 
-    The rows extend to both sides until both ends are outside the confidence interval. residual: of a model without it.
+    The rows extend to both sides until both ends are outside the confidence interval. residual: without the candidate.
     """
     event = next((c for c in inner.constants if c.whole), None)
     if event is None:
@@ -208,10 +208,10 @@ OWN = 0.05
 """Least unique share of the column of a change, given the formula's columns; a scale repeats the coefficient."""
 
 MOST = 0.3
-"""Prior standard deviation of a change: 30 % RMS of the formula; the linearisation fails beyond."""
+"""Prior standard deviation of a change: 30 % RMS of the formula. The linearisation is wrong for larger changes."""
 
 HARMONICS = 12
-"""Whole numbers up to this are counts per turn, not fitted constants."""
+"""Largest whole number that counts as periods per turn, not as a fitted constant."""
 
 
 @dataclass(frozen=True)
@@ -224,7 +224,7 @@ class InnerChange:
 
 @dataclass(frozen=True)
 class _Moved:
-    """A constant, and the basis functions (E, terms) of a candidate half a step below and above it."""
+    """A constant, and the basis functions (E, terms) of a candidate half a step below and above its value."""
 
     constant: Constant
     below: tuple[tuple[str, ...], ...]
@@ -232,16 +232,16 @@ class _Moved:
 
     @property
     def step(self) -> float:
-        """Difference of the constant between them."""
+        """Difference of the constant between these two values."""
         return STEP * abs(self.constant.value)
 
 
 def inner_changes(candidate: Candidate, theta: Sequence[float], states: States) -> tuple[InnerChange, ...]:
-    """Return the change of each constant inside a formula as an effect θ ∂φ/∂c, whose unknown is the change.
+    """Return the change of each constant inside a formula as an effect θ ∂φ/∂c, whose coefficient is the change.
 
     With these effects in the model all standard errors are those of nonlinear least squares, and each constant has one.
-    A constant that the coefficient or the geometry can replace has no effect.
-    theta: fitted values of the candidate's effects. Source: Seber and Wild (1989), 2.1.
+    A constant that the coefficient or the geometry can replace has no effect. theta: fitted values of the candidate's
+    effects. Source: Seber and Wild (1989), 2.1.
     """
     law = _shape(candidate.effects, theta, states)
     taken = [np.ones(len(states)), *(_shape([e], [1.0], states) for e in candidate.effects)]
@@ -261,9 +261,9 @@ def inner_changes(candidate: Candidate, theta: Sequence[float], states: States) 
 
 
 def moved(candidate: Candidate, values: Mapping[Constant, float]) -> Candidate:
-    """Replace the values of some constants inside a candidate; an unnamed candidate is named after its formula.
+    """Replace the values of some constants inside a candidate; an unnamed candidate is renamed after its formula.
 
-    Constants of a template (a lag, a width, a rate) go at most half their way to zero, since they keep their sign.
+    Constants of a template (a lag, a width, a rate) keep their sign: they fall by at most half their size at a time.
     """
     if not values:
         return candidate
@@ -291,7 +291,7 @@ def _rounded(value: float) -> float:
 
 
 def _moved(candidate: Candidate) -> Iterator[_Moved]:
-    """Yield each distinct constant inside a candidate; a constant that several effects share moves in all of them."""
+    """Yield each distinct constant inside a candidate; a constant of several effects is changed in all of them."""
     inner = candidate.inner
     if candidate.has_priors:
         return
@@ -322,7 +322,7 @@ def _put(values: Sequence[float], k: int, value: float) -> list[float]:
 
 
 def _with(texts: tuple[tuple[str, ...], ...], new: Mapping[float, float]) -> tuple[tuple[str, ...], ...]:
-    """Replace constants wherever they stand in basis functions."""
+    """Replace constants in all basis functions."""
     programs = [[Expression(text).program for text in own] for own in texts]
     return tuple(
         tuple(p.with_constants([new.get(c, c) for c in p.constants]).written_out() for p in own) for own in programs
@@ -334,7 +334,7 @@ def _texts(effects: Sequence[Effect]) -> tuple[tuple[str, ...], ...]:
 
 
 def _change(candidate: Candidate, theta: Sequence[float], moved: _Moved) -> Effect:
-    """Form θ (φ above - φ below) / step at the sites of a candidate, its effects together."""
+    """Return θ (φ above - φ below) / step as one effect at the sites of a candidate."""
     terms = []
     for effect, value, below, above in zip(candidate.effects, theta, moved.below, moved.above, strict=True):
         for term, low, high in zip(effect.terms, below, above, strict=True):
@@ -346,6 +346,6 @@ def _change(candidate: Candidate, theta: Sequence[float], moved: _Moved) -> Effe
 
 
 def _shape(effects: Sequence[Effect], theta: Sequence[float], states: States) -> Array:
-    """Compute Σ θ φ (N,) over effects, each along its first term."""
+    """Compute Σ θ φ (N,) over effects, each with its first term."""
     pairs = zip(effects, theta, strict=True)
     return np.asarray(np.sum([value * e.terms[0].weight * e.terms[0].basis(states) for e, value in pairs], axis=0))

@@ -1,4 +1,4 @@
-"""Settings of the search: its runs, their operators, and when to stop."""
+"""Settings of the search: numbers of runs, size of the populations, and limits."""
 
 import math
 from dataclasses import dataclass, field
@@ -13,23 +13,24 @@ from gpmodel.executor import Forks, Workers
 class Search:
     """Effort of a discovery.
 
-    runs: GP runs of each strategy in a round, and at most as many on permuted residuals; three at least in the first.
+    runs: evolution runs of each strategy in a round, and at most as many on permuted residuals, at least three in the
+    first round.
     strategies: representations that are evolved. Trees take twice the time of sequences and found nothing more on the
         shipped table and ten planted shapes.
     selection: scheme of parents and survivors.
     stop_after: seconds after which no new round begins; None for no limit.
     max_effects: number of findings after which no new round begins.
-    workers: parallel GP runs; they change no number.
+    workers: parallel runs; they change no number.
     population, generations: of one run.
-    opening_population, opening_generations: upper limits in the first round with named effects, whose runs only tell
-        which inputs the residual depends on.
-    climb: number of best programs of a run that formulas are bred from at its end.
+    opening_population, opening_generations: upper limits in the first round with named effects, which only finds
+    inputs.
+    climb: number of best programs of a run from which formulas are bred at its end.
     nats_per_node: price of a node, the log of about seven inputs and operators, nats.
-    evolved_poses: largest number of poses that GP uses, sampled again in every round.
+    evolved_poses: largest number of poses for evolution, sampled again in every round.
     scored_poses: number of poses, drawn evenly along the rows, on which effects are selected if there are half as many
-        again. 500 poses show an effect of a fifth of the noise. Values are fitted to all poses.
+        again. 500 poses detect an effect of a fifth of the noise. Coefficients are fitted to all poses.
     considered: largest number of evolved programs offered to the selection, the best first.
-    executor: workers elsewhere.
+    executor: workers in place of those on this machine.
     """
 
     runs: int = 8
@@ -56,15 +57,15 @@ class Search:
 
     @property
     def here(self) -> Forks:
-        """Workers on this machine, for tasks too large to be sent to another."""
+        """Workers on this machine, for tasks too large to be sent to another machine."""
         return self.executor if isinstance(self.executor, Forks) else Forks(self.workers)
 
     def cost(self, nodes: int, places: int) -> float:
-        """Compute the description length of a program, nats: of its nodes, and of its site among so many."""
+        """Return the description length of a program, nats: that of its nodes, and of its site among `places`."""
         return self.nats_per_node * nodes + math.log(places)
 
     def budget(self, opening: bool) -> Budget:
-        """Return the budget of one run; a small one in an opening round with named effects."""
+        """Return the budget of one run, which is small in an opening round with named effects."""
         population, generations = self.population, self.generations
         if opening:
             population = min(population, self.opening_population)

@@ -1,4 +1,4 @@
-"""Hold the state of a search and its result: rounds, findings, the steps of the model."""
+"""State of a search and its result: rounds, findings, the steps of the model."""
 
 import math
 import time
@@ -31,14 +31,14 @@ from gpmodel.table.bundles import JUDGED, copies, sharing
 
 @dataclass(frozen=True)
 class Finding:
-    """An accepted hypothesis and the round that found it."""
+    """An accepted hypothesis and the number of the round that found it."""
 
     hypothesis: Hypothesis
     round: int
 
     @property
     def candidate(self) -> Candidate:
-        """Candidate that was found."""
+        """Candidate of the finding."""
         return self.hypothesis.candidate
 
 
@@ -46,8 +46,8 @@ class Finding:
 class Round:
     """A round: evolved programs, tested groups of the joint selection, and findings that were dropped.
 
-    hypotheses: all tested groups. evolved: programs that are offered as groups from this round on. formulas: all that
-    were proposed for curves.
+    evolved: programs that are offered as groups from this round on.
+    formulas: all formulas proposed for curves.
     """
 
     number: int
@@ -59,13 +59,13 @@ class Round:
 
     @property
     def stands_out(self) -> bool:
-        """True if any candidate exceeds the permutation null, whatever the other tests decide."""
+        """Whether any candidate or input exceeds the permutation null, regardless of the other tests."""
         return bool(self.exploration.histogram.significant) or any(h.verdict.passed("chance") for h in self.hypotheses)
 
 
 @dataclass(frozen=True)
 class FinalFit:
-    """Fit to all poses, its findings, the fitted constants inside each, in order, and their changes by finding."""
+    """Fit to all poses: its findings, the constants inside each finding, and their changes as effects by finding."""
 
     calibration: Calibration
     candidates: tuple[Candidate, ...]
@@ -80,8 +80,8 @@ class Discovery:
     fitted: all findings, fitted to all poses.
     confirmation: test of the findings on held-out poses; None without findings.
     final: model to ship: that of `fitted` if it is confirmed, else the standard model fitted to all poses.
-    parts: the loop repeated without each fold; empty if some poses are held out for good.
-    alone: of a further machine of a type, the step of its own poses without the prior.
+    parts: the loop repeated without each fold; empty if a fixed set of poses is held out.
+    alone: for a further machine of a type, the fit to its poses without the prior of the type.
     """
 
     mechanism: Mechanism
@@ -106,7 +106,7 @@ class Discovery:
         return len(self.parts)
 
     def step(self, number: int) -> Step:
-        """Return a step of the model; the last one for larger numbers."""
+        """Return a step of the model; the last step for larger numbers."""
         return self.steps[min(number, len(self.steps) - 1)]
 
     @property
@@ -116,16 +116,16 @@ class Discovery:
 
     @property
     def confirmed(self) -> bool:
-        """True if the held-out poses confirm the added effects, or if none were added."""
+        """Whether the held-out poses confirm the findings, or there are none."""
         return self.confirmation is None or self.confirmation.passed
 
 
 Division = tuple[Poses, IntArray, IntArray]
-"""Poses, and which of them train and are held out."""
+"""Poses, and the rows for training and for testing."""
 
 
 def usable_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> Division:
-    """Return the rows that a search may use. Raises InputError if no held-out pose is of a known set-up and tool."""
+    """Return the rows that a search may use. Raises InputError if no held-out pose has a known set-up and tool."""
     poses, train, heldout = drop_duplicate_rows(poses, train, heldout, say)
     if not len(heldout):
         return poses, train, heldout
@@ -152,10 +152,10 @@ def drop_duplicate_rows(poses: Poses, train: IntArray, heldout: IntArray, say: T
 
 
 def evenly(poses: Poses, rows: IntArray, size: int) -> IntArray:
-    """Sample about `size` of rows (R,): one pose of each stretch at random, with its repeats.
+    """Sample about `size` of rows (R,): a random pose of each stretch of rows, with its repeats.
 
-    All rows are returned if a third or less would be left out. Every k-th pose would have one value of a joint where a
-    programme steps through a grid.
+    All rows are returned if a third or less would be omitted. Every k-th pose of a grid could have one value of a
+    joint.
     """
     if 2 * len(rows) <= 3 * size:
         return rows
@@ -206,7 +206,7 @@ class State:
 
     @property
     def found(self) -> tuple[Candidate, ...]:
-        """The findings' candidates, in order."""
+        """Candidates of the findings, in order."""
         return tuple(f.candidate for f in self.findings)
 
     @property
@@ -216,15 +216,15 @@ class State:
 
     @property
     def late(self) -> bool:
-        """True if the time is up."""
+        """Whether the time is up."""
         return time.monotonic() > self.ends
 
     @property
     def repeating(self) -> bool:
-        """True if the loop has converged: the last round added and removed nothing.
+        """Whether the loop has converged: the last round added and removed nothing.
 
-        An exception is an opening round whose small search exceeds the null without a finding; a full search may
-        find one.
+        An exception is an opening round whose small search exceeds the null without a finding; a full search may find
+        one.
         """
         last = self.rounds[-1] if self.rounds else None
         if last is None or last.dropped or any(f.round == last.number for f in self.findings):
@@ -232,7 +232,7 @@ class State:
         return not (self.opening(last.number) and self.search.runs and last.stands_out)
 
     def opening(self, number: int) -> bool:
-        """Return whether a round is the first one, with a small search in addition to the catalogue."""
+        """Return whether a round is the first one and has a small search in addition to the catalogue."""
         return bool(self.offers) and number == 1
 
     def model(self, found: Sequence[Candidate], further: tuple[Effect, ...] = ()) -> ErrorModel:
@@ -241,7 +241,7 @@ class State:
         return replace(self.standard, effects=(*self.standard.effects, *effects, *further))
 
     def fit(self, model: ErrorModel, start: Calibration | None = None) -> Calibration:
-        """Fit a model to the training poses; start: a fit to start from, its outliers judged again."""
+        """Fit a model to the training poses, starting from `start`, and determine its outliers anew."""
         return self._fit(model, self.train, start)
 
     def fit_sample(self, model: ErrorModel, start: Calibration | None = None) -> Calibration:
@@ -258,7 +258,7 @@ class State:
         return calibrate(model, self.poses, condition_limit=start.condition_limit, start=start, seed=JUDGED)
 
     def standard_to_all(self) -> Calibration:
-        """Fit the standard model with the known effects to all poses, with the condition limit that suits these."""
+        """Fit the standard model with the known effects to all poses, with the condition limit for all poses."""
         return calibrate(self.model(()), self.poses, condition_limit=self.condition_limit, seed=JUDGED)
 
     def add_rung(self, name: str, calibration: Calibration, finding: int | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Read a residual at every site, and the inputs that a formula may read there."""
+"""Sufficient statistics of a residual at every site, and the inputs that a formula may use."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -38,7 +38,7 @@ def targets(residual: Residual, sites: Sequence[Site], rows: IntArray) -> Target
 
 
 def aimed(blank: Targets, residual: Residual, sites: Sequence[Site], rows: IntArray, values: Array) -> Targets:
-    """Replace the residual values (M + B,) of some targets."""
+    """Return targets for other residual values (M + B,)."""
     pull = _by_pose(residual, _columns(residual, sites) * values[: residual.measured, None], rows)
     return replace(blank, pull=pull, energy=float(values @ values) * len(rows) / len(residual.poses))
 
@@ -62,20 +62,20 @@ def _compact(cross: Array) -> Array:
 
 
 KINDS = {"m": "length", "Nm": "torque", "N": "force", "degC": "temperature", "K": "temperature", "s": "time"}
-"""Kind of a column by its unit; any other unit is its own kind."""
+"""Kind of a column by its unit. A column with another unit is of the kind of that unit."""
 
 ALIKE = 1e-4
-"""Largest unexplained share of variance between two proportional columns: a hundredth of the spread, the size of a
-wrist's weight in the load of a carriage."""
+"""Largest unexplained share of variance between two proportional columns: a hundredth of the spread, as large as the
+weight of a wrist in the load of a carriage."""
 
 
 def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str, str]]:
-    """Return the columns that a formula may read, scaled to order one, and each in terms of the table's columns.
+    """Return the columns that a formula may use, scaled to order one, and each in terms of the table's columns.
 
     Excluded are constant columns, joint reactions other than torques (torques and base moments span them), and loads in
-    proportion to a length or the payload, as on linear axes. Of lengths in proportion to each other the first is
-    offered: the travel of a joint rather than the height to which it lifts the tool. The row number is excluded if a
-    clock rises with it, since another table has other rows.
+    proportion to a length or the payload, as on linear axes. Of several proportional lengths only the first is used:
+    the travel of a joint rather than the height of the tool. The row number is excluded if a clock rises with it, since
+    another table has other rows.
     """
     names, values, written = [], [], {}
     clocks = [column for name, column in states.columns.items() if is_time(states.units[name])]
@@ -112,19 +112,19 @@ def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str
 
 
 def _in_step(row: Array, clock: Array) -> bool:
-    """Return whether a clock (N,) never falls along the rows (N,), and distinguishes them."""
+    """Return whether a clock (N,) rises or stays equal along the rows (N,), and rises at least once."""
     along = clock[np.argsort(row, kind="stable")]
     return bool(np.all(np.diff(along) >= 0) and along[0] < along[-1])
 
 
 def in_proportion(first: Array, second: Array) -> bool:
-    """Return whether two columns (N,) are equal up to origin, scale, and ``ALIKE`` of their variance."""
+    """Return whether two columns (N,) are equal up to offset, scale, and ``ALIKE`` of their variance."""
     first, second = (column - column.mean() for column in (first, second))
     return bool((first @ second) ** 2 > (1.0 - ALIKE) * (first @ first) * (second @ second) > 0)
 
 
 def kind_of(name: str, states: States) -> str:
-    """Return the kind of a column; a memory column of an angle is a travel, which has no period."""
+    """Return the kind of a column. A column with memory of an angle is a travel, which has no period."""
     unit = states.units[name]
     if name == "row":
         return "row"
