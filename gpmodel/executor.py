@@ -27,8 +27,7 @@ Found = TypeVar("Found")
 
 SWITCH = 1e-4
 """Longest time, s, that a thread keeps the interpreter. A compiled loop of a generation takes about 1 ms; with Python's
-default of 5 ms a finished thread would wait longer than it computes.
-"""
+default of 5 ms a finished thread would wait longer than it computes."""
 
 AHEAD = 2
 """Tasks queued per worker. Two keep every worker busy and memory independent of the number of tasks."""
@@ -165,8 +164,7 @@ class Forks:
     """Forked copies of this process. workers: number of copies, 0 for one per core.
 
     A copy inherits all loaded modules and data; only results are pickled. A task with a result that cannot be pickled
-    runs
-    again in this process.
+    runs again in this process.
     Threads replace copies on Windows and macOS, after `multiprocessing.set_start_method` with a method other than fork,
     and while other threads run, because a thread may hold a lock during the fork. A copy runs its own tasks one by one.
     """
@@ -199,7 +197,7 @@ class Forks:
             context = multiprocessing.get_context("fork")
             ends = reader, writer = context.Pipe(duplex=False)
             with reader, writer, ProcessPoolExecutor(count, context, _as_copy, (ends, function, tasks)) as pool:
-                with warnings.catch_warnings():  # of threads of the linear algebra, which it begins anew in a copy
+                with warnings.catch_warnings():  # about threads of BLAS, which restarts them in a copy
                     warnings.simplefilter("ignore", DeprecationWarning)
                     pool.submit(os.getpid)
                 try:

@@ -64,7 +64,7 @@ def alone_in(folder: Path) -> Iterator[None]:
     finally:
         _held.discard(held)
         with suppress(OSError):
-            (folder / LOCK).unlink(missing_ok=True)  # while it is held: afterwards it may be another's
+            (folder / LOCK).unlink(missing_ok=True)  # before the release, since another process may lock it then
         lock.release()
         with suppress(OSError):
             while missing is not None and folder.is_relative_to(missing):
@@ -110,8 +110,7 @@ def write_text(path: Path, text: str) -> None:
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Write `content` to a temporary file and rename it to `path`, so that `path` is never half-written, even after a
-    power
-    cut.
+    power cut.
 
     Raises WriteError if the file cannot be written.
     """

@@ -1,4 +1,4 @@
-"""Arguments of the public functions, checked before any work."""
+"""Check the arguments of public functions before any computation."""
 
 import math
 import numbers
@@ -19,24 +19,24 @@ from gpmodel.mechanism.source import LoadedMechanism, MechanismChoice
 from gpmodel.table.units import parse_quantity
 
 NOISIEST = {"length": 1.0, "angle": 0.2, "pixels": 1e3}
-"""Largest accepted noise, in SI: no instrument reads with a larger standard deviation."""
+"""Largest accepted noise, in SI units, above that of every instrument."""
 LONGEST_NAME = 255
-"""Bytes of the name of a file, and of a folder, on Linux, Windows and macOS."""
+"""Longest file or folder name, bytes, on Linux, Windows and macOS."""
 LARGEST_FLOAT = sys.float_info.max
-"""A whole number above is no float."""
+"""Largest accepted number; a larger integer has no float."""
 
 Choice = TypeVar("Choice", bound=str)
 
 
 def shown(value: object) -> str:
-    """A value in a message of one line: itself, or its type where that is long."""
+    """Write a value for a one-line message; a long value is replaced by its type."""
     text = repr(value)
     return text if len(text) <= QUOTED and "\n" not in text else f"a {type(value).__name__}"
 
 
 @contextmanager
 def naming(argument: str) -> Iterator[None]:
-    """Whatever is wrong with the input of the calls inside is this argument's fault."""
+    """Attribute every InputError inside the context to this argument."""
     try:
         yield
     except InputError as error:
@@ -44,7 +44,7 @@ def naming(argument: str) -> Iterator[None]:
 
 
 def whole(value: object, argument: str, least: int = 0, most: float = math.inf) -> int:
-    """A whole number from `least` up, to `most`. Raises InputError naming the argument."""
+    """Return a whole number from `least` to `most`; raise InputError naming the argument otherwise."""
     if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not least <= int(value) <= most:
         to = "up" if most == math.inf else f"to {most}"
         raise InputError(f"{shown(value)}, expected a whole number from {least} {to}", argument)
@@ -52,13 +52,13 @@ def whole(value: object, argument: str, least: int = 0, most: float = math.inf) 
 
 
 def _real(value: object) -> TypeGuard[float]:
-    """Return whether a value is a finite number; a bool is none."""
+    """Return whether a value is a finite real number; a bool is not."""
     number = isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool)
     return number and bool(abs(value) <= LARGEST_FLOAT)  # type: ignore[arg-type]
 
 
 def share(value: object, argument: str, *, positive: bool = False) -> float:
-    """A share from 0 to below 1, above 0 where `positive`. Raises InputError naming the argument."""
+    """Return a share from 0 to below 1, above 0 if `positive`; raise InputError naming the argument otherwise."""
     wanted = "above 0 and below 1" if positive else "from 0 to below 1"
     if not _real(value) or not 0.0 <= float(value) < 1.0 or (positive and value == 0):
         raise InputError(f"{shown(value)}, expected a share {wanted}, as in 0.3", argument)
@@ -66,12 +66,12 @@ def share(value: object, argument: str, *, positive: bool = False) -> float:
 
 
 def limit(value: object, argument: str, least: float) -> float | None:
-    """A finite number from `least` up, or None. Raises InputError naming the argument."""
+    """Return a finite number of at least `least`, or None; raise InputError naming the argument otherwise."""
     return None if value is None else number(value, argument, least)
 
 
 def number(value: object, argument: str, least: float, most: float = math.inf) -> float:
-    """A finite number from `least` up, to `most`. Raises InputError naming the argument."""
+    """Return a finite number from `least` to `most`; raise InputError naming the argument otherwise."""
     if not _real(value) or not least <= float(value) <= most:
         to = "up" if most == math.inf else f"to {most:g}"
         raise InputError(f"{shown(value)}, expected a finite number from {least:g} {to}", argument)
@@ -79,7 +79,7 @@ def number(value: object, argument: str, least: float, most: float = math.inf) -
 
 
 def among(value: object, choices: Iterable[Choice], argument: str) -> Choice:
-    """One of some words. Raises InputError naming the argument."""
+    """Return one of the allowed words; raise InputError naming the argument otherwise."""
     known = tuple(choices)
     for choice in known:
         if isinstance(value, str) and value == choice:
@@ -88,14 +88,15 @@ def among(value: object, choices: Iterable[Choice], argument: str) -> Choice:
 
 
 def listed(value: object, argument: str, example: str) -> tuple[object, ...]:
-    """The items of a list; one text is none. Raises InputError naming the argument and showing `example`."""
+    """Return the items of a list; raise InputError with the argument and an example otherwise, also for a
+    single text."""
     if isinstance(value, str) or not isinstance(value, Iterable) or (isinstance(value, np.ndarray) and not value.ndim):
         raise InputError(f"{shown(value)}, expected a list, as in {example}", argument)
     return tuple(value)
 
 
 def texts(value: object, argument: str, example: str) -> tuple[str, ...]:
-    """A list of texts. Raises InputError naming the argument and showing `example`."""
+    """Return a list of texts; raise InputError with the argument and an example otherwise."""
     items = listed(value, argument, example)
     for item in items:
         if not isinstance(item, str):
@@ -104,28 +105,28 @@ def texts(value: object, argument: str, example: str) -> tuple[str, ...]:
 
 
 def switch(value: object, argument: str) -> bool:
-    """True or False. Raises InputError naming the argument."""
+    """Return True or False; raise InputError naming the argument otherwise."""
     if not isinstance(value, bool | np.bool):
         raise InputError(f"{shown(value)}, expected True or False", argument)
     return bool(value)
 
 
 def text(value: object, argument: str, what: str) -> str:
-    """A text. Raises InputError naming the argument and saying what it is."""
+    """Return a text; raise InputError with the argument and what it should be otherwise."""
     if not isinstance(value, str):
         raise InputError(f"{shown(value)}, expected {what} as text", argument)
     return str(value)
 
 
 def called(value: object, argument: str) -> Callable[..., object]:
-    """A function. Raises InputError naming the argument."""
+    """Return a function; raise InputError naming the argument otherwise."""
     if not callable(value):
         raise InputError(f"{shown(value)}, expected a function, as in print", argument)
     return value
 
 
 def file_path(value: object, argument: str) -> Path:
-    """A path of a file or folder. Raises InputError naming the argument."""
+    """Return a path of a file or folder; raise InputError naming the argument otherwise."""
     if not isinstance(value, str | os.PathLike) or not str(value) or "\0" in str(value):
         raise InputError(f"{shown(value)}, expected a path", argument)
     if any(len(os.fsencode(part)) > LONGEST_NAME for part in Path(value).parts):
@@ -137,10 +138,10 @@ def quantity(
     value: str | float, dimension: str, argument: str, *, least: float = 0.0, positive: bool = False,
     most: Mapping[str, float] = LARGEST,
 ) -> float:  # fmt: skip
-    """Text with a unit, "0.03 mm", in SI; a mass may be a number in kg. A length of so many metres is nearly always
-    meant in mm, so that a bare number is none, but for zero.
+    """Convert text with a unit, "0.03 mm", to SI.
 
-    Raises InputError naming the argument: no unit, another dimension, not finite, below `least`, zero where `positive`,
+    A bare number is accepted in SI units, but not for a length other than zero, which users nearly always mean in mm.
+    Raises InputError naming the argument: no unit, another dimension, not finite, below `least`, zero if `positive`, or
     above the `most` of its dimension.
     """
     if dimension == "length" and _real(value) and value != 0:
@@ -156,7 +157,7 @@ def quantity(
 
 
 def point(value: object, argument: str) -> tuple[float, ...]:
-    """Three lengths, "0,0,120mm" or numbers in m. Raises InputError naming the argument."""
+    """Return three lengths, m, from "0,0,120mm" or numbers in m; raise InputError naming the argument otherwise."""
     parts: tuple[object, ...]
     if isinstance(value, str):
         words = [word.strip() for word in value.split(",")]
@@ -177,7 +178,7 @@ def point(value: object, argument: str) -> tuple[float, ...]:
 
 
 def box_limits(value: str | Sequence[Sequence[float]], argument: str) -> Array:
-    """A box (2, 3), m, lowest corner first: "800:1200,-200:200,300:700mm", or two points.
+    """Return a box (2, 3), m, lowest corner first, from "800:1200,-200:200,300:700mm" or two points.
 
     Raises InputError naming the argument.
     """
@@ -205,12 +206,15 @@ def load_mechanism(
     frame: str | None = None,
     payload_com: str | Sequence[float] | None = None,
 ) -> LoadedMechanism:
-    """A mechanism by name or from a file.
+    """Load a mechanism by name or from a file.
 
     source: a built-in name (`irb6400r`, `ur5`, `spherical-joint`), a .urdf file, or a .toml file of DH rows or of a
-    joint. payload: what the tool carries in every row, "60 kg" or kg; where it hangs is found with the tool point by
-    every function that fits, unless payload_com says it: "0,0,120mm" or (3,) m in the measured frame. frame: the
-    measured link, by default the last one. Raises InputError: unknown name, a bad file, no unit.
+    joint.
+    payload: mass at the tool in every row, "60 kg" or kg.
+    frame: the measured link; None for the last one.
+    payload_com: centre of mass of the payload, "0,0,120mm" or (3,) m in the measured frame; None for the tool point,
+    which every fit determines.
+    Raises InputError for an unknown name, an invalid file, or a missing unit.
     """
     if not isinstance(source, str | Path):
         raise InputError(f"{shown(source)}, expected the name or the file of a mechanism", "source")
@@ -222,7 +226,7 @@ def load_mechanism(
 
 
 def mechanism_of(given: MechanismLike | None) -> Mechanism:
-    """Return a mechanism, or load it from a name or a file. Raises InputError for anything else."""
+    """Return a mechanism, given as itself, or by name or file; raise InputError otherwise."""
     if isinstance(given, str | Path):
         return load_mechanism(given)
     if not isinstance(given, Mechanism):

@@ -1,4 +1,4 @@
-"""Registration, the standard model and the effects named, before and after."""
+"""Fit registration, the standard model and named effects, one after the other."""
 
 import time
 from collections.abc import Sequence
@@ -54,9 +54,9 @@ COMMAND = "gpmodel.calibrate"
 
 @dataclass(frozen=True, repr=False)
 class CalibrationResult(FittedResult):
-    """Registration, the standard model, then one effect after the other, and the last of them fitted to all poses.
+    """Fits of registration, the standard model and each effect added; the last fit is repeated on all poses.
 
-    note: what the verdict says besides.
+    note: additional sentences of the verdict.
     """
 
     calibrated: Ladder
@@ -72,7 +72,7 @@ class CalibrationResult(FittedResult):
 
     @cached_property
     def model(self) -> Model:
-        """Model for prediction and compensation, fitted to all poses; the one that is saved."""
+        """Model for prediction and compensation, fitted to all poses; `save` and `report` write this model."""
         final, poses = self.fit
         saved = saved_model(final, poses, np.setdiff1d(np.arange(len(poses)), self.calibrated.train))
         stated = poses.dataset.instrument
@@ -81,7 +81,7 @@ class CalibrationResult(FittedResult):
 
     @property
     def fit(self) -> tuple[Calibration, Poses]:
-        """The fit to all poses, and these."""
+        """The fit to all poses, and the poses."""
         return self.calibrated.final, self.calibrated.poses
 
     def __repr__(self) -> str:
@@ -102,18 +102,18 @@ def calibrate(
     joints: Sequence[str] = (),
     command: str = COMMAND,
 ) -> CalibrationResult:
-    """Fit registration, tool point, the standard model and the named effects together; say what each gained.
+    """Fit registration, tool point, standard model and named effects together, and state the gain of each step.
 
-    mechanism, table: objects, or names and paths.
-    effects: of the catalogue by name ("base_compliance", "gear_harmonic J4"), written out ("slot:axis:expression"),
-    or Effect objects. standard: patterns of the geometric parameters, as "J* R?"; ("none",) for none.
-    condition_limit: of the standard model, None for cross-validated. holdout: share of the poses that no step but the
-    final fit sees, 0 for none. instrument: its specification, "15um + 6um/m", the largest error of a coordinate, which
-    says how large its errors and the noise are expected to be. fleet: the fleet.json of machines of the same type, or
-    the record of a `FleetResult`, whose effects then take the place of the standard model, with mean and spread as
-    their prior. joints: "BALL=RESULT" of ball joints that were measured alone, whose posterior is the prior of that
-    ball. command: what the report says made it.
-    Raises InputError: a table that is not sound, an unknown effect, a fit that diverges.
+    mechanism, table: objects, or names and paths. effects: names in the catalogue ("base_compliance", "gear_harmonic
+    J4"), expressions ("slot:axis:expression"), or Effect objects.
+    standard: patterns of geometric constants, "J* R?"; ("none",) for none. condition_limit: None to cross-validate.
+    holdout: share of the poses excluded from every fit but the final one; 0 for none. seed: of this choice and of
+    folds.
+    instrument: specification, "15um + 6um/m", the largest error of a coordinate; it bounds noise and instrument errors.
+    fleet: fleet.json of machines of one type, or the record of a `FleetResult`; a prior that replaces the standard
+    model.
+    joints: "BALL=RESULT" of ball joints measured alone; the posterior of RESULT is the prior of that ball.
+    command: command line in the report. Raises InputError for an invalid table, an unknown effect, or a diverging fit.
     """
     started = time.perf_counter()
     fraction, seed = share(holdout, "holdout"), whole(seed, "seed")
@@ -151,24 +151,23 @@ def calibrate(
 
 
 def _fleet_of(fleet: object, effects: tuple[object, ...]) -> FleetPart:
-    """Machines of the type whose prior is used. Raises InputError for another kind of file, or for further effects."""
+    """Return the fleet whose prior is used; raise InputError for another kind of file, or if effects are given too."""
     if effects:
         raise InputError("a fleet defines the effects of its machines; expected no further ones", "effects")
     return fleet_at(fleet, "fleet")
 
 
 def fleet_at(fleet: object, argument: str) -> FleetPart:
-    """The record of a fleet, in memory, in its file, or in the folder of that. Raises InputError as `read_fleet`."""
+    """Return the record of a fleet, given as itself, or by its file or folder. Raises InputError as `read_fleet`."""
     return fleet if isinstance(fleet, FleetPart) else read_fleet(fleet_file(file_path(fleet, argument)))
 
 
 def checked_poses(
     mechanism: Mechanism, table: TableLike, standard: tuple[Effect, ...] | None = None
 ) -> tuple[Mechanism, Poses]:
-    """The mechanism and the table's poses, judged; a payload hangs at the tool point, which a first fit finds.
+    """Return the mechanism and the checked poses of a table, with the payload at the tool point of a first fit.
 
-    standard: the geometric effects that will be fitted (default: all). Raises InputError for the first thing that makes
-    the table useless.
+    standard: geometric constants to be fitted (default: all). Raises InputError for the first error in the table.
     """
     dataset = read_table(table, mechanism)
     check_table(dataset)
@@ -180,7 +179,7 @@ def checked_poses(
 
 
 def measured_joints(joints: Sequence[str], mechanism: Mechanism) -> list[tuple[str, tuple[Effect, ...]]]:
-    """Read the "BALL=RESULT" of each ball of a machine. Raises InputError if the ball or the result is missing."""
+    """Read the joint results "BALL=RESULT", one per ball; raise InputError if a ball or a result is missing."""
     out = []
     for said in texts(joints, "joints", "('L3.fixed=rig',)"):
         name, _, result = said.partition("=")
@@ -191,7 +190,7 @@ def measured_joints(joints: Sequence[str], mechanism: Mechanism) -> list[tuple[s
 
 
 def named_group(effect: object, mechanism: Mechanism, poses: Poses) -> tuple[str, tuple[Effect, ...]]:
-    """A step of the ladder: what it is called, and its effects. Raises InputError for an unknown effect."""
+    """Return the name and the effects of one step of the calibration; raise InputError for an unknown effect."""
     with naming("effects"):
         if isinstance(effect, Effect):
             effect = in_mechanism_names(effect, mechanism, poses.states)
@@ -203,7 +202,7 @@ def named_group(effect: object, mechanism: Mechanism, poses: Poses) -> tuple[str
 
 
 def split(dataset: Dataset, holdout: float, seed: int) -> tuple[IntArray, IntArray]:
-    """Training rows (T,) and held-out rows (H,), as `hold_out`; none are held out with a share of 0."""
+    """Return training rows (T,) and held-out rows (H,) as `hold_out`; no row is held out with a share of 0."""
     if holdout == 0.0:
         return np.arange(len(dataset)), np.zeros(0, dtype=np.int64)
     return hold_out(dataset, holdout, np.random.default_rng(seed))

@@ -1,4 +1,4 @@
-"""The certificate of a result: what machine, measured how, how accurate, on one or two sides of A4."""
+"""Certificate of a result: machine, measurement and accuracy on one or two pages of A4."""
 
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class CertificateResult(Shown):
-    """The certificate of a calibration, a discovery or a verification. said: what stands beside the numbers."""
+    """Certificate of a calibration, a discovery or a verification. said: text fields such as the serial number."""
 
     record: Report | Verification
     said: Particulars
@@ -38,7 +38,7 @@ class CertificateResult(Shown):
 
     @cached_property
     def sheet(self) -> "Certificate":
-        """Everything that it states, as text. Raises InputError where this installation cannot make one."""
+        """Content of the certificate, as text. Raises InputError if this installation lacks the report extra."""
         with extra_for("a certificate", "report"):
             from gpmodel.report import certificate as of_report
             from gpmodel.report import verification_certificate as of_verification
@@ -50,14 +50,14 @@ class CertificateResult(Shown):
         return of_report.certificate(record, said, tolerance)
 
     def summary(self) -> str:
-        """Particulars, scope, accuracy, repeatability and effects in 80 columns."""
+        """Return text of 80 columns: particulars, scope, accuracy, repeatability and effects."""
         sheet = self.sheet
         from gpmodel.report.certificate import text
 
         return text(sheet)
 
     def report(self, folder: str | Path) -> None:
-        """Leave certificate.html in `folder`, a page that prints to A4. Raises InputError in these cases too."""
+        """Write certificate.html, a page for A4, into `folder`; raise InputError as `sheet`, or if that fails."""
         sheet = self.sheet
         from gpmodel.report.certificate import html
 
@@ -65,7 +65,7 @@ class CertificateResult(Shown):
             write_text(draft / "certificate.html", html(sheet, self.record.mechanism.name))
 
     def save(self, file: str | Path) -> None:
-        """Write all that it states as JSON. Raises InputError when it cannot be written."""
+        """Write the content as JSON. Raises InputError if the file cannot be written."""
         write_text(file_path(file, "file"), to_json({"schema": 1, **asdict(self.sheet)}))
 
     def __repr__(self) -> str:
@@ -76,14 +76,15 @@ class CertificateResult(Shown):
 def certificate(
     result: object, particulars: str | Path | Particulars | None = None, *, tolerance: str | None = None, **said: str
 ) -> CertificateResult:
-    """State the accuracy of a machine as a certificate with `summary()`, `report(folder)` and, as JSON,
-    `save(file)`.
+    """Certify the accuracy of a machine; the result has `summary()`, `report(folder)` and `save(file)` for JSON.
 
-    result: of `calibrate`, `discover` or `verify`, or a folder that one of them left; where it holds a verification,
-    that is certified: it was measured and not predicted. particulars: a TOML file of the lines machine, serial,
-    controller, location, instrument, instrument_serial, instrument_calibrated, operator, date, temperature, payload,
-    remarks, or said: these by name; the others are left to be filled in. tolerance: what no pose may be off by, as in
-    "0.1 mm": pass or fail. Raises InputError for what is none of them.
+    result: of `calibrate`, `discover` or `verify`, or its folder. A folder with a verification is certified by it,
+    because its accuracy is measured, not predicted.
+    particulars: TOML file with any of machine, serial, controller, location, instrument, instrument_serial,
+    instrument_calibrated, operator, date, temperature, payload, remarks. said: the same fields as keywords; other
+    fields stay blank.
+    tolerance: largest allowed error of a pose, "0.1 mm", for pass or fail.
+    Raises InputError for any other object.
     """
     limit = None if tolerance is None else 1e3 * quantity(tolerance, "length", "tolerance", positive=True)
     if not isinstance(particulars, str | Path | Particulars | None):
@@ -95,7 +96,7 @@ def certificate(
 
 
 def _record(result: object) -> Report | Verification:
-    """Raises InputError for computed positions, as in results of earlier versions."""
+    """Return the record to certify; raise InputError if its positions were computed, not measured."""
     verified = result.record if isinstance(result, VerifyResult) else None
     if isinstance(result, str | Path):
         verified = read_verification(file_path(result, "result"))

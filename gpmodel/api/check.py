@@ -1,4 +1,4 @@
-"""The table, judged before anything is fitted to it."""
+"""Check a measured table before any fit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -25,18 +25,18 @@ from gpmodel.table.dataset import Dataset, unmeasured
 from gpmodel.wording import counted, wrapped
 
 POSES = 40
-"""Random poses at which a family is tried. Every instance shows at 40; nothing is fitted."""
+"""Random poses at which the catalogue is applied to a mechanism; at 40, all candidates of a family appear."""
 
 INSTRUMENT_AT = (1.0, 3.5, -0.5)
-"""Root of the mechanism in the frame of the instrument, m: a typical tracker position."""
+"""Root of the mechanism in the instrument's frame, m: a typical tracker position."""
 
 
 def effects(mechanism: Mechanism) -> pd.DataFrame:
-    """One row a family: family, explanation, source, instances, the inputs of the first, its name as an example, and
-    whether it takes a payload for any of them.
+    """List the families of the catalogue for a mechanism, one row per family.
 
-    On random poses within the limits, read by an instrument near the mechanism, with a payload that varies, a
-    temperature, a time and directions of approach, rows in order.
+    Columns: family, explanation, source, number of candidates, inputs and name of the first candidate, and whether any
+    candidate needs a payload. The candidates are those of random poses within the limits, with an instrument, a varying
+    payload, temperature, time and direction of approach, and ordered rows.
     """
     rng = np.random.default_rng(0)
     time: Array = np.arange(0.0, 60.0 * POSES, 60.0)
@@ -72,7 +72,7 @@ def effects(mechanism: Mechanism) -> pd.DataFrame:
 
 @dataclass(frozen=True, repr=False)
 class CheckResult(Shown):
-    """Errors and remarks about a table. findings: errors first, each with `severity` and `text`."""
+    """Errors and warnings about a table. findings: errors first, each with `severity` and `text`."""
 
     _with_rows = False
     mechanism: str
@@ -82,22 +82,22 @@ class CheckResult(Shown):
 
     @property
     def valid(self) -> bool:
-        """True if a model may be fitted to the table."""
+        """True if the table has no error."""
         return not any(f.severity == "error" for f in self.findings)
 
     @property
     def unfit(self) -> tuple[str, ...]:
-        """Why nothing sound would come of a fit; empty where it would."""
+        """Reasons why a fit to the table would not be sound; empty if there is none."""
         return tuple(dict.fromkeys(f.unfit for f in self.findings if f.unfit))
 
     def refuse(self) -> None:
-        """Raises InputError with the first error, where there is one."""
+        """Raise InputError with the first error, if there is one."""
         errors = [f.text for f in self.findings if f.severity == "error"]
         if errors:
             raise InputError(errors[0] + (f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""))
 
     def summary(self) -> str:
-        """One line a finding, then the verdict."""
+        """Return one line per finding, then the verdict."""
         data = self.dataset
         warned = sum(f.severity == "warning" for f in self.findings)
         verdict = "fit to calibrate with" if self.valid else "nothing should be fitted to it"
@@ -112,11 +112,11 @@ class CheckResult(Shown):
         )
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a finding: severity, text."""
+        """Return one row per finding: severity, text."""
         return pd.DataFrame({"severity": [f.severity for f in self.findings], "text": [f.text for f in self.findings]})
 
     def to_json(self) -> str:
-        """The content of check.json."""
+        """Return the content of check.json."""
         data = self.dataset
         return to_json(
             {
@@ -128,11 +128,11 @@ class CheckResult(Shown):
         )
 
     def save(self, file: str | Path) -> None:
-        """Write check.json. Raises InputError when it cannot be written."""
+        """Write check.json. Raises InputError if the file cannot be written."""
         write_text(file_path(file, "file"), self.to_json())
 
     def report(self, folder: str | Path) -> None:
-        """Leave check.json in `folder`. Raises InputError when it cannot be written."""
+        """Write check.json into `folder`. Raises InputError if the file cannot be written."""
         with finished_folder(file_path(folder, "folder")) as draft:
             write_text(draft / "check.json", self.to_json())
 
@@ -149,13 +149,14 @@ def check(
     progress: Say = silent,
     command: str = "gpmodel.check",
 ) -> CheckResult:
-    """Judge a table: units and columns mixed up, poses out of reach, alike, repeated or too few, jumps, outliers.
+    """Check a table: wrong units or columns, unreachable poses, too few or similar poses, jumps, outliers.
 
     mechanism, table: objects, or names and paths.
-    standard: patterns of the geometric parameters that would be fitted, as "J* R?"; ("none",) for none. instrument: its
-    specification, "15um + 6um/m", the largest error of a coordinate. progress: called with what is being done.
-    command: what check.json says made it.
-    Raises InputError where the table cannot be read.
+    standard: patterns of the geometric constants that would be fitted, such as "J* R?"; ("none",) for none.
+    instrument: specification, "15um + 6um/m", the largest error of a coordinate.
+    progress: called with progress messages.
+    command: command line, recorded in check.json.
+    Raises InputError if the table cannot be read.
     """
     arm = mechanism_of(mechanism)
     called(progress, "progress")

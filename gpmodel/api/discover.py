@@ -1,4 +1,4 @@
-"""The whole loop: from a measured table to effects that are named and proven."""
+"""Search a measured table for missing effects, name them, and confirm them on held-out poses."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -71,8 +71,8 @@ COMMAND = "gpmodel.discover"
 class DiscoveryResult(FittedResult):
     """Effects missing from the standard model.
 
-    found: everything the loop did. record: content of report.json. note: further sentences of the verdict.
-    alone: fit of a further machine of a type without the prior, () where its poses are too few.
+    found: result of the search. record: content of report.json. note: additional sentences of the verdict.
+    alone: fit of a further machine of a type without the prior of the type; () if its poses are too few.
     """
 
     found: Discovery
@@ -82,7 +82,7 @@ class DiscoveryResult(FittedResult):
 
     @cached_property
     def record(self) -> Report:
-        """Everything the report says, as one value; the errors of the exports are made when it is written."""
+        """Content of the report; the errors of the exports are added when it is written."""
         record = from_discovery(self.found, self.origin, self.model.saved)
         if self.alone is not None:
             steps = Ladder(self.found.poses, self.found.train, self.alone, self.found.final)
@@ -93,7 +93,7 @@ class DiscoveryResult(FittedResult):
 
     @cached_property
     def model(self) -> Model:
-        """Model for prediction and compensation, fitted to all poses; the one that is saved."""
+        """Model for prediction and compensation, fitted to all poses; `save` and `report` write this model."""
         found, data = self.found, self.found.poses.dataset
         saved = saved_model(found.final, found.poses, None if found.folds else found.heldout)
         noise = self.origin.noise
@@ -103,16 +103,17 @@ class DiscoveryResult(FittedResult):
 
     @property
     def fit(self) -> tuple[Calibration, Poses]:
-        """The fit to all poses, and these."""
+        """The fit to all poses, and the poses."""
         return self.found.final, self.found.poses
 
     @property
     def rejected(self) -> tuple[CandidateRecord, ...]:
-        """Rejected candidates that lower the error; `choose_poses(after=, rejected=)` gives the poses that decide."""
+        """Rejected candidates that lower the error; `choose_poses(after=, rejected=)` proposes poses to test one."""
         return self.record.rejected
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a finding: name, value, stderr, unit, slot, axis, basis, inputs, unique share, chance, causes."""
+        """Return one row per finding: name, value, stderr, unit, slot, axis, basis, inputs, unique share, p-value,
+        causes."""
         columns = ["name", "value", "stderr", "unit", "slot", "axis", "basis", "unique_share", "p_value", "found_by"]
         return pd.DataFrame(self.findings, columns=columns).assign(
             inputs=[", ".join(f.inputs) for f in self.findings],
@@ -144,21 +145,21 @@ def discover(
     kept: KeptRuns | None = None,
     command: str = COMMAND,
 ) -> DiscoveryResult:
-    """Find what the model of a mechanism is missing, name it, and prove it on poses held out.
+    """Find effects that the model of a mechanism lacks, name them, and confirm them on held-out poses.
 
-    mechanism, table: objects, or names and paths. holdout: share of the poses that choose
-    nothing. folds: instead all poses choose, and the whole choice is repeated without each of so many parts, which says
-    how well it predicts. Without either, a share of 0.3, or five folds where that would be fewer than ENOUGH_HELD
-    poses. seed: of what is evolved; poses held out, folds and permutations are the same for every seed, so that a table
-    is judged one way. search: how hard to look; criteria: when a candidate becomes a finding. candidates: what may be
-    missing, families, candidates or single effects; () leaves naming to the evolved expressions. standard: patterns of
-    the geometric parameters. condition_limit: of the standard model, None for cross-validated. noise: standard
-    deviation of one reading, "0.03 mm" or "0.1 px", without repeats. instrument: its specification, "15um + 6um/m", the
-    largest error of a coordinate: no error of it is expected to be larger, and the noise half of it. joints:
-    "BALL=RESULT" as in `calibrate`, in the standard model. like: folder, file or record of a `fleet`
-    of the type, whose effects with mean and spread are then the standard model. progress: called with one Progress at a
-    time; `print` will do. kept: finished runs of an interrupted search. command: what the report says made it.
-    Raises InputError for an argument out of range, or a table that is not sound.
+    mechanism, table: objects, or names and paths. holdout: share of the poses that selection and fit do not use.
+    folds: number of parts for cross-validation instead: all poses are used for selection, which is repeated without
+    each part to measure the prediction error. Default: a share of 0.3, or five folds below ENOUGH_HELD held-out poses.
+    seed: random seed of the evolution. Held-out poses, folds and permutations do not depend on it.
+    search: effort of the search. criteria: tests that a candidate must pass to be accepted.
+    candidates: families, candidates or single effects to test; () to test evolved formulas only. condition_limit: of
+    the standard model; None for cross-validation. standard: patterns of the geometric constants to fit.
+    noise: standard deviation of one measurement, "0.03 mm" or "0.1 px", if no pose is repeated.
+    instrument: specification, "15um + 6um/m", the largest error of a coordinate; the noise is taken as half of it.
+    joints: "BALL=RESULT" as in `calibrate`, added to the standard model. like: folder, file or record of a `fleet` of
+    the type; its effects replace the standard model, with mean and spread.
+    progress: called with Progress messages; `print` works. kept: finished runs of an interrupted search.
+    command: command line in the report. Raises InputError for an argument out of range or an invalid table.
     """
     search, criteria = _sensible(Search() if search is None else search, Criteria() if criteria is None else criteria)
     seed = whole(seed, "seed")
@@ -176,7 +177,7 @@ def discover(
     started = partial(_started, known, arm)
     whole_run = started(partial(run, search=search, progress=_in_table_names(progress, poses.dataset), kept=kept))
     fraction, parts = _split(holdout, folds, poses.dataset)
-    with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: further threads only wait
+    with threadpool_limits(limits=1, user_api="blas"):  # the matrices are too small for several threads
         if parts:
             ways = (partial(run, search=way, errors_alone=True) for way in _repeating(search, bool(offers)))
             found = discover_by_folds(whole_run, [started(way) for way in ways], poses, parts, criteria, search.here)
@@ -187,12 +188,12 @@ def discover(
 
 
 def _started(known: FleetPart | None, arm: Mechanism, loop: "partial[Discovery]") -> Loop:
-    """Start the loop from the standard model, or from the prior of the machine's type."""
+    """Return the search, started from the standard model or, if `known`, from the prior of the machine's type."""
     return loop if known is None else partial(from_the_type, known, arm, loop)
 
 
 def _type_of(like: object, joints: Sequence[str]) -> FleetPart | None:
-    """The record of the machine's type, if there is one. Raises InputError for one beside joints, and as `fleet_at`."""
+    """Return the record of the machine's type, if any; raise InputError as `fleet_at`, or if joints are given too."""
     if like is not None and joints:
         raise InputError("has all that a machine of the type has; expected it or joints, not both", "like")
     return None if like is None else fleet_at(like, "like")
@@ -201,7 +202,7 @@ def _type_of(like: object, joints: Sequence[str]) -> FleetPart | None:
 def _placed(
     arm: Mechanism, table: Dataset, geometry: tuple[Effect, ...], like: FleetPart | None
 ) -> tuple[Mechanism, Poses, FleetPart | None, str]:
-    """Mechanism, poses of the table, prior of the machine's type if there is one, and notes on them."""
+    """Return mechanism, poses of the table, prior of the machine's type (None without), and notes on them."""
     if like is None:
         return *checked_poses(arm, table, geometry), None, ""
     try:
@@ -222,7 +223,7 @@ def _placed(
 
 
 def _geometry(arm: Mechanism, standard: Sequence[str]) -> tuple[Effect, ...]:
-    """The geometric parameters of these patterns. Raises InputError where they are none."""
+    """Return the geometric constants that match the patterns; raise InputError if there are none."""
     found = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
     if not found:
         raise InputError(
@@ -232,7 +233,7 @@ def _geometry(arm: Mechanism, standard: Sequence[str]) -> tuple[Effect, ...]:
 
 
 def _in_mechanism_names(offer: Offer, arm: Mechanism, states: States) -> Offer:
-    """Translate the joint names of an offer to the mechanism's; families already use them."""
+    """Translate the joint names of an offered candidate to the mechanism's; families already use them."""
     match offer:
         case Effect():
             return in_mechanism_names(offer, arm, states)
@@ -249,9 +250,9 @@ def _in_table_names(progress: Say, dataset: Dataset) -> Say:
 
 
 def _checked_offers(offers: Sequence[Offer], arm: Mechanism, states: States) -> tuple[Offer, ...]:
-    """Offers in the mechanism's names.
+    """Return the offered candidates in the mechanism's names.
 
-    Raises InputError for an effect that no model could keep, or that is not defined at a pose.
+    Raises InputError for an effect that model.json cannot hold, or that is undefined at a pose.
     """
     with naming("candidates"):
         offers = tuple(_in_mechanism_names(offer, arm, states) for offer in offers)
@@ -264,12 +265,12 @@ def _checked_offers(offers: Sequence[Offer], arm: Mechanism, states: States) -> 
 
 
 ENOUGH_HELD = 45
-"""Least number of held-out poses of the usual share; with fewer, cross-validation takes its place. Of 88 poses a
-formula of two inputs was missed on 62 and found on 84 (``experiments.random_laws``)."""
+"""Least number of held-out poses of the usual share; with fewer, cross-validation is used. Of 88 poses a formula of two
+inputs was missed on 62 and found on 84 (``experiments.random_laws``)."""
 
 
 def _split(holdout: object, folds: object, dataset: Dataset) -> tuple[float, int]:
-    """The share to hold out, or the number of folds, 0 for none. Raises InputError as `check_split`."""
+    """Return the share to hold out, and the number of folds, 0 for none. Raises InputError as `check_split`."""
     check_split(holdout, folds)
     if folds is not None:
         return 0.0, whole(folds, "folds", 2)
@@ -280,15 +281,15 @@ def _split(holdout: object, folds: object, dataset: Dataset) -> tuple[float, int
 
 
 def _repeating(search: Search, named: bool) -> list[Search]:
-    """List the searches that repeat a choice in folds, the quickest first.
+    """Return the searches to repeat in each fold, the quickest first.
 
-    If a finding has a name the search runs first without evolution, then with it.
+    If named candidates are offered, the first search omits evolution and the second includes it.
     """
     return [replace(search, runs=0), search] if named and search.runs else [search]
 
 
 def check_split(holdout: object, folds: object) -> None:
-    """Raises InputError where both are given, or one is out of range."""
+    """Raise InputError if holdout and folds are both given, or one is out of range."""
     if holdout is not None and folds is not None:
         raise InputError("every pose is held out once; expected holdout or folds, not both", "folds")
     if holdout is not None:
@@ -296,11 +297,11 @@ def check_split(holdout: object, folds: object) -> None:
 
 
 LEAST = {"workers": 1, "population": 4, "opening_population": 4, "folds": 2, "blocks": 2, "shuffles": 1}
-"""Smallest values of numbers that a search or its tests need; all others may be zero."""
+"""Smallest allowed values of fields of Search and Criteria; all other fields may be zero."""
 
 
 def _sensible(search: Search, criteria: Criteria) -> tuple[Search, Criteria]:
-    """Return the search and criteria after validation.
+    """Return search and criteria after validation.
 
     Raises InputError that names the argument of a wrong type, or the first invalid field.
     """

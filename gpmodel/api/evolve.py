@@ -1,4 +1,4 @@
-"""Compensators or slot shapes by many runs, and the histogram of the inputs they refer to."""
+"""Evolve compensators or basis functions in repeated runs, and count the inputs that their programs use."""
 
 import time
 from collections import Counter
@@ -58,20 +58,19 @@ from gpmodel.report.schema_search import CompensationRecord
 
 Space = Literal["cartesian", "slot"]
 POPULATIONS = {"cartesian": {"linear": 65536, "tree": 8192}, "slot": {"linear": 1024, "tree": 512}}
-"""Population sizes.
-
-Compensators use the thesis' size (section 5.2.2), and an eighth as many trees, which take as long. At a slot, where
-one formula of one input is sought, smaller populations suffice.
+"""Number of programs per run.
+Compensators use the number of the thesis (section 5.2.2), and an eighth as many trees, which take as long. At a slot,
+where one formula of one input is sought, smaller populations suffice.
 """
 GENERATIONS = 100
 """Generations of a run. The thesis gives no number; after a hundred the programs of a population are alike."""
 UNLIMITED, NO_END = 1_000_000, 1e9
-"""Generations of a run that ends by the clock, and seconds of a run that ends by its generations."""
+"""Generations of a run with a time limit, and time limit, s, of a run with a number of generations."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """Requested effort of a run and its selection scheme; None for the defaults."""
+    """Requested size of a run and its selection scheme; None for the defaults."""
 
     population: int | None = None
     generations: int | None = None
@@ -80,7 +79,7 @@ class Effort:
 
 
 def evolved(value: object) -> tuple[Representation, ...]:
-    """Representations of programs, each of another name. Raises InputError naming `strategies`."""
+    """Return program representations with different names; raise InputError naming `strategies` otherwise."""
     chosen: list[Representation] = []
     for strategy in listed(value, "strategies", "(gp.Linear(), gp.Tree())"):
         if isinstance(strategy, type) or not isinstance(strategy, Representation):
@@ -95,22 +94,21 @@ def evolved(value: object) -> tuple[Representation, ...]:
 
 
 def selecting(value: object, argument: str) -> SelectionScheme:
-    """Who breeds and lives on. Raises InputError naming the argument."""
+    """Return a selection scheme; raise InputError naming the argument for any other object."""
     if isinstance(value, type) or not isinstance(value, SelectionScheme):
         raise InputError(f"{shown(value)}, expected gpmodel.Truncation(...) or gpmodel.Tournament(...)", argument)
     return value
 
 
 def default_strategies(space: Space) -> tuple[Linear | Tree, ...]:
-    """The thesis' own in Cartesian space, those that search a slot's shape else."""
+    """Return the representations of the thesis for Cartesian space, else those for basis functions at a slot."""
     return (Linear.thesis(), Tree.thesis()) if space == "cartesian" else (Linear(), Tree())
 
 
 def settings_for(space: Space, strategies: Sequence[Representation], effort: Effort) -> dict[str, Settings]:
-    """Settings by the strategies' names: the thesis' in Cartesian space, the defaults at a slot; one thread a run, for
-    the runs themselves go side by side.
+    """Return the settings by representation: those of the thesis for Cartesian space, else the defaults.
 
-    Raises InputError for a population too small to select from.
+    A run uses one thread, since runs are parallel. Raises InputError for a population too small for the selection.
     """
     generations = effort.generations
     if generations is None:
@@ -138,10 +136,11 @@ NORMS: tuple[Norm, ...] = get_args(Norm)
 
 @dataclass(frozen=True, repr=False)
 class EvolutionResult(Shown):
-    """Finished runs on the residual and on shuffled ones, and the inputs their best programs refer to.
+    """Finished runs on residuals and on shuffled residuals, and counts of the inputs that their best programs use.
 
-    start: the models fitted to the training poses, the last of which leaves the residual that was evolved on. settings:
-    of evolution, one a representation. best: the best program at the training poses.
+    start: models fitted to the training poses; the residual of the last model is the target of the runs.
+    settings: of evolution, one per representation.
+    best: the best program on the training poses.
     """
 
     _with_rows = False
@@ -154,7 +153,7 @@ class EvolutionResult(Shown):
 
     @property
     def fit(self) -> Calibration:
-        """The model whose residual was evolved on."""
+        """The model whose residual is the target of the runs."""
         return self.start.final
 
     @cached_property
@@ -165,22 +164,22 @@ class EvolutionResult(Shown):
 
     @property
     def verdict(self) -> str:
-        """The answer in one sentence."""
+        """Verdict in one sentence."""
         return self.record.verdict
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a run: representation, number, shuffled, gain, heldout, complexity, site, program."""
+        """Return one row per run: representation, number, shuffled, gain, heldout, complexity, site, program."""
         columns = ["representation", "number", "shuffled", "gain", "heldout", "complexity", "site", "program"]
         return pd.DataFrame(self.runs, columns=columns)
 
     def front(self) -> pd.DataFrame:
-        """One row a program that no other of its run beats in both gain and length, simplest first."""
+        """Return the programs on each run's Pareto front of gain and length, simplest first."""
         columns = ["representation", "number", "complexity", "gain", "program"]
         rows = [(run.representation, run.number, *one) for run in self.runs if not run.shuffled for one in run.front]
         return pd.DataFrame(rows, columns=columns)
 
     def inputs(self) -> pd.DataFrame:
-        """One row an input: runs that refer to it by representation, shuffled ones that do, corrected p-value."""
+        """Return one row per input: runs that use it, by representation; shuffled runs that do; corrected p-value."""
         counted = self.histogram
         columns: dict[str, object] = {"input": counted.inputs}
         for kind in counted.counts:
@@ -188,7 +187,7 @@ class EvolutionResult(Shown):
         return pd.DataFrame(columns | {"p_value": counted.p_values})
 
     def summary(self) -> str:
-        """The best program of each run, the histogram beside that of the shuffled runs, what stands out."""
+        """Return text: best program of each run, use of inputs and operators with and without shuffling, verdict."""
         counted = self.histogram
         best = [
             (run.representation, str(run.number + 1), f"{run.gain:.3f}",
@@ -216,16 +215,16 @@ class EvolutionResult(Shown):
         )
 
     def programs(self) -> str:
-        """The best program of every run on the residual, one a line."""
+        """Return the best program of every run on the residual, one per line."""
         lines = [f"{r.representation} {r.number + 1}: {r.program}" for r in self.runs if not r.shuffled]
         return "\n".join(lines) + "\n"
 
     def report(self, folder: str | Path) -> None:
-        """Leave programs.txt, report.json, report.html and figures in `folder`: all of them or none."""
+        """Write programs.txt, report.json, report.html and figures into `folder`; on an error nothing is written."""
         write_results(self.record, folder, lambda draft: write_text(draft / "programs.txt", self.programs()))
 
     def save(self, file: str | Path) -> None:
-        """Write the content of report.json. Raises InputError when it cannot be written."""
+        """Write report.json to `file`. Raises InputError if the file cannot be written."""
         save_record(self.record, file)
 
     def __repr__(self) -> str:
@@ -256,16 +255,21 @@ def evolve(
     progress: Say = silent,
     command: str = COMMAND,
 ) -> EvolutionResult:
-    """Evolve programs on the residual of a model; every run again on shuffled errors (thesis, chapter 5).
+    """Evolve programs on the residual of a model, and again on shuffled residuals for comparison (thesis, chapter 5).
 
-    mechanism, table: objects, or names and paths. model: of `calibrate` or `discover`, or
-    its folder or file, fitted again to the training poses; None for the standard model. effects: as in `calibrate`.
-    space: "cartesian", compensators of the tip; "slot", the shape and place of an effect. strategies: Linear and Tree,
-    None for the thesis' own in Cartesian space and the defaults at a slot. runs: of each. population, generations,
-    seconds: of one run, None for the defaults (64K sequences, 8K trees; 1024 and 512 at a slot; 100 generations).
-    selection: gp.Truncation or gp.Tournament, None for the thesis' best 5 % and, at a slot, tournaments. norm: of a
-    compensator's errors; its x, y, z are in mm. It is scored on every training pose, so that its model is fitted to all
-    of them, outliers included. workers, executor, kept: as in `discover`. Raises InputError for one out of range.
+    mechanism, table: objects, or names and paths.
+    model: of `calibrate` or `discover`, or its folder or file, refitted to the training poses; None for the standard
+    model.
+    effects: as in `calibrate`.
+    space: "cartesian" for compensators of the tool point, "slot" for basis function and site of an effect.
+    strategies: Linear and Tree; None for those of the thesis in Cartesian space, the defaults at a slot.
+    runs: number of runs of each representation.
+    population, generations, seconds: of one run; None for the defaults (65536 sequences, 8192 trees; 1024 and 512 at a
+    slot; 100 generations).
+    selection: gp.Truncation or gp.Tournament; None for the best 5 % as in the thesis, and for tournaments at a slot.
+    norm: "max" or "rms" of a compensator's errors, mm. All training poses count, so its model is fitted to outliers
+    too.
+    workers, executor, kept: as in `discover`. Raises InputError for an argument out of range.
     """
     fraction, seed, count = share(holdout, "holdout"), whole(seed, "seed"), whole(runs, "runs", 1)
     space, norm = among(space, SPACES, "space"), among(norm, NORMS, "norm")
@@ -291,7 +295,7 @@ def evolve(
 
 
 def _effects_of(model: object, arm: Mechanism, standard: tuple[str, ...]) -> tuple[Effect, ...]:
-    """Return the effects of a saved model. Raises InputError for another mechanism, or if `standard` is given too."""
+    """Return the effects of a saved model; raise InputError for another mechanism, or if `standard` is given too."""
     if standard != ("*",):
         raise InputError("a model has its own geometry; expected no patterns in addition", "standard")
     known = model if isinstance(model, Model) else load_model(file_path(model, "model"), arm)
@@ -301,7 +305,7 @@ def _effects_of(model: object, arm: Mechanism, standard: tuple[str, ...]) -> tup
 
 
 def _models(known: tuple[Effect, ...], groups: Models) -> Models:
-    """The geometry, and the whole model where it has more: the other known effects and groups of further ones."""
+    """Return the geometry and, if there are more effects, the whole model; raise InputError for a repeated effect."""
     geometry, effects = (tuple(e for e in known if e.constant == side) for side in (True, False))
     groups = [*((e.name, (e,)) for e in effects), *groups]
     effects = tuple(effect for _, group in groups for effect in group)
@@ -313,14 +317,14 @@ def _models(known: tuple[Effect, ...], groups: Models) -> Models:
 
 
 def _task(start: Ladder, held: IntArray, norm: Norm, space: Space, seed: int) -> TrainingProblem:
-    """Make the search problem of the residual of the training poses."""
+    """Return the search problem for the residual of the training poses."""
     if space == "cartesian":
         return cartesian_task(start.final, start.poses, start.train, held, norm)
     return slot_task(start.final, start.final.model.mechanism, start.of_final, seed)
 
 
 def _start(poses: Poses, train: IntArray, models: Models, how: tuple[Mechanism, bool, int]) -> Ladder:
-    """Fit the models to the training poses. how: mechanism, whether outliers are left out, seed."""
+    """Fit the models to the training poses. how: mechanism, whether outliers are excluded, seed."""
     arm, robust, seed = how
     seen, unseen = poses.subset(train), poses.subset(np.setdiff1d(np.arange(len(poses)), train))
     fits = [(name, calibrate(ErrorModel(arm, of), seen, robust=robust, seed=seed)) for name, of in models]
@@ -332,7 +336,7 @@ def _start(poses: Poses, train: IntArray, models: Models, how: tuple[Mechanism, 
 def _finished(
     plan: Plan, task: TrainingProblem, workers: Workers, kept: KeptRuns, tell: Teller
 ) -> tuple[Run, ...]:  # fmt: skip
-    """All runs of a plan, told of as they finish."""
+    """Return all runs of a plan, with progress messages as they finish."""
     tasks = plan.tasks(task.problem)
 
     def said(done: int) -> None:
@@ -344,7 +348,7 @@ def _finished(
 
 
 def _effort(population: object, generations: object, seconds: object, selection: object) -> Effort:
-    """Return the requested effort of a run. Raises InputError that names the first invalid number."""
+    """Return the requested size of a run; raise InputError that names the first invalid number."""
     return Effort(
         None if population is None else whole(population, "population", 4),
         None if generations is None else whole(generations, "generations"),

@@ -1,4 +1,4 @@
-"""A fitted model in the forms that others read, each with its error."""
+"""Exported files of a fitted model, each with its error."""
 
 from dataclasses import astuple, dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ from gpmodel.wording import wrapped
 
 @dataclass(frozen=True, repr=False)
 class ExportsResult(Shown):
-    """Exported files of a model, and the position error that each leaves. exports: in the order of writing."""
+    """Exported files of a model, with the position error of each. exports: in the order of writing."""
 
     mechanism: str
     exports: Exports
@@ -36,13 +36,12 @@ class ExportsResult(Shown):
         )
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a file: what it is, errors against predict and on held-out poses [mm], what is missing in it."""
+        """Return one row per file: content, errors against predict and on held-out poses [mm], omitted effects."""
         heads = ["file", "what", "RMS [mm]", "max [mm]", "held-out RMS [mm]", "missing"]
         return pd.DataFrame([(*astuple(r)[:-1], "; ".join(r.missing)) for r in self.records], columns=heads)
 
     def summary(self) -> str:
-        """A line a file: its errors against predict, mm; what is missing, whose joint values it has; what could not be
-        made, and why."""
+        """List each file with its errors against predict, mm, then omitted effects, notes, and refused files."""
         lines = [f"{'against predict, mm':<26}{'RMS':>10}{'max':>10}{'held out':>10}"]
         for r in self.records:
             numbers = "".join(f"{_said(v):>10}" for v in (r.rms_mm, r.max_mm, r.heldout_rms_mm))
@@ -59,7 +58,7 @@ class ExportsResult(Shown):
         return "\n".join(lines)
 
     def report(self, folder: str | Path) -> None:
-        """Leave calibrated.urdf and exports/ in `folder`: all of them or none."""
+        """Write calibrated.urdf and exports/ into `folder`; on an error nothing is written."""
         with finished_folder(Path(folder)) as draft:
             self.write(draft)
 

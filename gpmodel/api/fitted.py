@@ -1,4 +1,4 @@
-"""Common interface of the results of a fit: numbers, predictions and pictures."""
+"""Common interface of the results of a fit: values, predictions and figures."""
 
 import html
 from abc import ABC, abstractmethod
@@ -26,9 +26,9 @@ from gpmodel.wording import measured
 
 
 class RecordedResult:
-    """A result of a fit, here or read back: what its report.json says."""
+    """Result of a fit, computed or loaded from a folder, with the content of its report.json."""
 
-    if TYPE_CHECKING:  # a field of one, made when it is asked for by another
+    if TYPE_CHECKING:  # a field of one subclass, a cached property of others
 
         @property
         def record(self) -> Report:
@@ -36,8 +36,10 @@ class RecordedResult:
 
     @property
     def histogram(self) -> pd.DataFrame:
-        """One row an input of the first round: how many programs refer to it, on shuffled residuals too, and whether
-        that is beyond chance; empty where none were evolved."""
+        """One row per input of the first round: programs that use the input, on residuals and on shuffled residuals.
+
+        Also p-value and significance; empty if no program was evolved.
+        """
         found = self.record.histograms[0] if self.record.histograms else without_runs((), 1.0)
         rows = {
             "input": found.inputs, **found.counts, "shuffled": found.referring_by_chance, "p_value": found.p_values,
@@ -47,31 +49,31 @@ class RecordedResult:
 
     @property
     def findings(self) -> tuple[EffectRecord, ...]:
-        """The effects added, in the order they were found."""
+        """Accepted effects, in the order of their discovery."""
         return self.record.effects
 
     @property
     def verdict(self) -> str:
-        """The answer in one sentence."""
+        """Verdict in one sentence."""
         return self.record.verdict
 
     @property
     def rms(self) -> float:
-        """RMS, mm, of the 3-D error of the last step, on the held-out poses where there are any."""
+        """RMS, mm, of the 3-D error of the last step, on held-out poses if there are any."""
         found = self.record.ladder[-1].errors.rms_mm
         return float("nan") if found is None else found
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a parameter or effect: name, value, stderr, unit, unique_share, kept."""
+        """Return one row per parameter or effect: name, value, stderr, unit, unique_share, kept."""
         columns = ["name", "value", "stderr", "unit", "unique_share", "kept"]
         return pd.DataFrame((*self.record.parameters, *self.record.effects), columns=columns)
 
     def summary(self) -> str:
-        """Verdict, ladder with held-out errors first, effects and parameters ± σ, what to distrust."""
+        """Return text: verdict, errors of each step, effects and parameters with standard errors, warnings."""
         return summary(self.record)
 
     def ladder(self) -> pd.DataFrame:
-        """One row a step: 3-D errors [mm] on held-out and training poses, and the unknowns solved."""
+        """Return one row per step: 3-D errors [mm] on held-out and training poses, and the number of unknowns."""
         rows = []
         for rung in self.record.ladder:
             row: dict[str, str | float | None] = {"step": self.record.title(rung)}
@@ -81,9 +83,9 @@ class RecordedResult:
         return pd.DataFrame(rows)
 
     def plot(self, name: str | None = None) -> object:
-        """A picture of the report as a matplotlib Figure: the first one, or that of a name.
+        """Return a figure of the report as a matplotlib Figure. name: of the figure; None for the first.
 
-        Raises InputError, listing the names, for one that is none.
+        Raises InputError, listing the names, for an unknown name.
         """
         from gpmodel.report.figures import figure
         from gpmodel.report.page import pictures
@@ -94,7 +96,7 @@ class RecordedResult:
         return figure(known[name or next(iter(known))])
 
     def _repr_html_(self) -> str:
-        """Verdict, ladder, effects with ±, and the errors drawn."""
+        """Return HTML for a notebook: verdict, errors of each step, effects with standard errors, a figure."""
         ladder = self.ladder().dropna(axis="columns", how="all").to_html(index=False, float_format="{:.4g}".format)
         effects = pd.DataFrame(
             [{"effect": e.name, "value": str(measured(e.value, e.stderr, e.unit))} for e in self.findings]
@@ -110,20 +112,20 @@ class RecordedResult:
 
 
 class FittedResult(RecordedResult, ABC):
-    """A result with a fitted model. Parameters and effects are called by the names of the table."""
+    """Result with a fitted model. Parameters and effects have the joint names of the table."""
 
     @property
     @abstractmethod
     def model(self) -> Model:
-        """Model for prediction and compensation, fitted to all poses; the one that is saved."""
+        """Model for prediction and compensation, fitted to all poses; `save` and `report` write this model."""
 
     @property
     @abstractmethod
     def fit(self) -> tuple[Calibration, Poses]:
-        """The fit to all poses, and these."""
+        """The fit to all poses, and the poses."""
 
     def predict(self, poses: TableLike, *, as_measured: bool = False, in_order: bool = False) -> pd.DataFrame:
-        """Predict readings; see `Model.predict`."""
+        """Predict tool positions; see `Model.predict`."""
         return self.model.predict(poses, as_measured=as_measured, in_order=in_order)
 
     def verify(
@@ -134,7 +136,7 @@ class FittedResult(RecordedResult, ABC):
 
     @property
     def residuals(self) -> pd.DataFrame:
-        """One row a pose: row, measured minus modelled x, y, z [mm] in the mechanism's root frame, 3-D error [mm]."""
+        """One row per pose: row, measured minus modelled x, y, z [mm] in the mechanism's root frame, 3-D error [mm]."""
         fit, poses = self.fit
         left = 1e3 * root_residual(fit, poses)
         columns = {f"{a} [mm]": left[:, i] for i, a in enumerate("xyz")}
@@ -142,17 +144,17 @@ class FittedResult(RecordedResult, ABC):
 
     @property
     def params(self) -> pd.Series:
-        """The values of the model's parameters and effects by name, SI."""
+        """Values of the model's parameters and effects by name, SI."""
         return pd.Series(self.fit[0].theta, index=self._names, name="value")
 
     @property
     def stderr(self) -> pd.Series:
-        """Their standard deviations; NaN where the poses could not determine one."""
+        """Standard errors of the parameters and effects by name, SI; NaN if not fitted."""
         return pd.Series(self.fit[0].stderr, index=self._names, name="stderr")
 
     @property
     def covariance(self) -> pd.DataFrame:
-        """Their covariance, SI, registration and tool first; zero where not fitted."""
+        """Covariance of registration, tool, parameters and effects, SI; zero if not fitted."""
         known = self.fit[0].covariance
         names = [*known.placement, *self._names]
         return pd.DataFrame(known.values, index=names, columns=names)
@@ -164,12 +166,13 @@ class FittedResult(RecordedResult, ABC):
         return [translate(e.name, names) for e in fit.model.effects]
 
     def report(self, folder: str | Path, *, workers: int = 0) -> None:
-        """Leave report.html, report.json, model.json, figures, for robots calibrated.urdf and exports/: all or none.
+        """Write report.html, report.json, model.json, figures and exports into `folder`; all files or none.
 
-        workers: processes that write; 0 for one a core, 1 for none but this one.
+        workers: number of processes; 0 for one per core, 1 for this process alone.
         """
         write_fitted(lambda: self.record, self.model, folder, Forks(workers))
 
     def save(self, file: str | Path) -> None:
-        """Write the content of report.json, with the errors of the exports. Raises InputError: it cannot be written."""
+        """Write report.json to `file`, with the errors of the exports. Raises InputError if the file cannot
+        be written."""
         save_fitted(self.record, self.model, file)

@@ -1,4 +1,4 @@
-"""Many machines of one type: what they share, how they spread, who stands out, and what a prior of them is worth."""
+"""Calibrate several machines of one type: common parameters, spread, outlying machines, prior for others."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -51,8 +51,10 @@ Machines = Mapping[str, tuple[Mechanism, Poses]]
 
 
 def machines_of(mechanism: MechanismLike | None, tables: str | Path | Mapping[str, TableLike]) -> Machines:
-    """The machines by serial, their tables judged. Raises InputError for fewer than two machines, two of one serial
-    or table, or a table that is not sound."""
+    """Return the machines by serial number, with checked tables.
+
+    Raises InputError for fewer than two machines, a repeated serial number or table, or an invalid table.
+    """
     if not isinstance(tables, Mapping):
         folder = folder_of_tables(file_path(tables, "tables"))
         tables, mechanism = folder.tables, folder.said_mechanism if mechanism is None else mechanism
@@ -78,31 +80,36 @@ def machines_of(mechanism: MechanismLike | None, tables: str | Path | Mapping[st
 
 COMMAND = "gpmodel.fleet"
 OWN = "its own effects"
-"""The step of what a machine alone has."""
+"""Name of the step that adds the effects of a single machine."""
 
 
 @dataclass(frozen=True, repr=False)
 class FleetResult(Shown):
-    """Machines of one type calibrated together. record: the content of fleet.json. machines: by serial what each is
-    found to be, with the effects that it alone has, as in `calibrate` with the prior of the type."""
+    """Joint calibration of machines of one type. record: content of fleet.json.
+
+    machines: calibration of each machine by serial number, with its own effects and the prior of the type.
+    """
 
     record: FleetPart
     machines: Mapping[str, CalibrationResult]
 
     @cached_property
     def shown(self) -> FleetPart:
-        """The record with the joints as the tables call them."""
+        """The record with the joint names of the tables."""
         return in_table_names(self.record)
 
     @property
     def verdict(self) -> str:
-        """The answer in one sentence."""
+        """Verdict in one sentence."""
         return pages.verdict(self.shown)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a machine and parameter or block, SI: serial, parameter, own value and its stderr, of effects that
-        vary the shrunken value and its stderr, mean and spread of the type, z, chance, outlier. Of the noise the values
-        are logarithms of metres; a block has none, its spread is a share of what its priors expect."""
+        """Return one row per machine and parameter or block of effects, SI.
+
+        Columns: serial, parameter, unit, value and stderr, shrunken value and stderr (of effects that vary between
+        machines), mean and spread of the type, z, chance, outlier. Values of the noise are logarithms of metres. A
+        block has no values; its spread is relative to the prior's.
+        """
         return pd.DataFrame(
             [
                 {"serial": machine.serial, "parameter": part.name, **_numbers(part, k), "spread": part.spread,
@@ -113,11 +120,12 @@ class FleetResult(Shown):
         )  # fmt: skip
 
     def summary(self) -> str:
-        """Verdict, the machines with the worst first, effects and geometry of the type, where they are from."""
+        """Return text: verdict, machines (the most outlying first), effects and geometry of the type, their origin."""
         return pages.summary(self.shown)
 
     def report(self, folder: str | Path) -> None:
-        """Leave fleet.html, fleet.json, figures, and each machine's page and model.json in `folder`: all or none."""
+        """Write fleet.html, fleet.json, figures, and the page and model.json of each machine into `folder`; all files
+        or none."""
         with finished_folder(file_path(folder, "folder")) as draft:
             pages.write_pages(self.shown, draft)
             self.save(draft / NAME)
@@ -126,7 +134,7 @@ class FleetResult(Shown):
                 write_results(found.record, own, partial(save_model, found.model))
 
     def save(self, file: str | Path) -> None:
-        """Write fleet.json, which `calibrate` takes as the prior of a further machine."""
+        """Write fleet.json, which `calibrate` accepts as the prior of a further machine."""
         write_text(file_path(file, "file"), fleet_text(self.record))
 
     def __repr__(self) -> str:
@@ -134,7 +142,7 @@ class FleetResult(Shown):
 
 
 def _numbers(part: Part, machine: int) -> dict[str, str | float]:
-    """Tabulate a parameter of a machine and of its type; of a block, NaN for all values."""
+    """Return a parameter of one machine and of the type as cells of a row; NaN for a block."""
     if isinstance(part, BlockPart):
         return {"unit": "1"} | dict.fromkeys(("value", "stderr", "shrunken", "shrunken_stderr", "mean"), np.nan)
     both = (part.shrunken[machine], part.shrunken_stderrs[machine]) if part.shrunken else (np.nan, np.nan)
@@ -157,19 +165,22 @@ def fleet(
     progress: Say = silent,
     command: str = COMMAND,
 ) -> FleetResult:
-    """Calibrate machines of one type together: mean of every parameter and its spread between machines, each machine
-    alone and with the type's prior, and which of them stands out in what.
+    """Calibrate machines of one type together: mean of each parameter, spread between machines, outlying machines.
 
-    mechanism: of all of them; None where fleet.toml in the folder says it. tables: a folder with a table for each, or
-    tables by serial. effects: as in `calibrate`; () for the geometry alone; None for those that the evidence of all
-    machines together selects from the catalogue, and for each machine those that its own poses show given these.
-    holdout: share of each machine's poses by which its errors are judged, 0 for none; the numbers of the type are of
-    all poses. Alone a machine is what `calibrate` makes of its table; effects that come with priors, as a curve's
-    harmonics, are judged between machines as one. workers: machines searched side by side, 0 for one a core; executor:
-    searches elsewhere; no number depends on either. journal: keeps the findings of each machine, to go on from them to
-    the same numbers.
-    Raises InputError: fewer than two machines, two of one serial or table, a table that is not sound, an unknown
-    effect, a fit that diverges.
+    Each machine is also calibrated alone and with the prior of the type.
+    mechanism: common to all machines; None if fleet.toml in the folder names it.
+    tables: a folder with one table per machine, or tables by serial number.
+    effects: as in `calibrate`; () for the geometry alone. None: effects of the catalogue selected on all machines
+    together, then further effects of single machines.
+    holdout: share of each machine's poses for its errors; 0 for none. Parameters of the type are fitted to all poses.
+    seed: random seed of held-out poses.
+    workers: number of processes, 0 for one per core. executor: runs the searches elsewhere. Results depend on neither.
+    journal: keeps the findings of each machine, so that an interrupted call can continue.
+    progress: called with progress messages. command: command line, recorded in fleet.json.
+    A machine alone is calibrated as by `calibrate`. Effects with priors, such as the harmonics of a smooth term, are
+    compared between machines as one block.
+    Raises InputError for fewer than two machines, a repeated serial number or table, an invalid table, an unknown
+    effect, or a diverging fit.
     """
     fraction, seed = share(holdout, "holdout"), whole(seed, "seed")
     given = None if effects is None else listed(effects, "effects", "['base_compliance']")
@@ -206,7 +217,7 @@ def fleet(
 def _part(
     arms: Sequence[tuple[Mechanism, Poses]], final: Fleet, parts: tuple[MachinePart, ...], origin: Origin, chosen: str
 ) -> FleetPart:
-    """Build the record of machines of one type in fleet.json, with the tables' joint names if all agree."""
+    """Return the record of fleet.json, with the tables' joint names if all tables agree."""
     arm, called_so = arms[0][0], {poses.dataset.columns for _, poses in arms}
     joints = tuple(j.name for j in arm.joints)
     x, y, z = tip_at_probe(arm).tolist()
@@ -221,8 +232,7 @@ def _judged(
     machines: Sequence[tuple[Mechanism, Poses]], rows: Sequence[Rows], models: Sequence[Models],
     effects: tuple[Effect, ...], seed: int,
 ) -> list[tuple[Step, ...]]:  # fmt: skip
-    """The steps of every machine, fitted to its training poses: alone as `calibrate` climbs, then with the prior of
-    the type."""
+    """Return the steps of every machine, fitted to its training poses: alone, then with the prior of the type."""
     seen = [(arm, poses.subset(train)) for (arm, poses), (train, _) in zip(machines, rows, strict=True)]
     held = [poses.subset(out) for (_, poses), (_, out) in zip(machines, rows, strict=True)]
     steps = [
@@ -236,8 +246,7 @@ def _judged(
 
 
 def _effects(given: tuple[object, ...] | None, search: FleetSearch) -> tuple[Models, Sequence[tuple[Effect, ...]], str]:
-    """Groups of effects in addition to the geometry, what each machine has in addition, and in words where they are
-    from."""
+    """Return the common groups of effects, further effects of each machine, and a sentence on their origin."""
     tasks = search.tasks
     if given is None and not all(len(task.rows[1]) for task in tasks):
         raise InputError("0 leaves no poses that confirm what is found; expected more, or effects by name", "holdout")
@@ -251,7 +260,7 @@ def _effects(given: tuple[object, ...] | None, search: FleetSearch) -> tuple[Mod
 def _machine_parts(
     found: Mapping[str, CalibrationResult], own: Sequence[tuple[Effect, ...]]
 ) -> tuple[MachinePart, ...]:
-    """The machines, their noise with all poses and their errors on those held out."""
+    """Return the records of the machines: noise of the fit to all poses, and errors on held-out poses."""
     out = []
     for name, (serial, machine), extra in zip(folder_names(list(found)), found.items(), own, strict=True):
         ladder, data = machine.calibrated, machine.calibrated.poses.dataset

@@ -1,4 +1,4 @@
-"""A fitted model: what it predicts, and what makes the real mechanism go where it should."""
+"""Fitted model: predict positions, compensate targets, export, verify."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -56,12 +56,12 @@ Point = Literal["tool", "frame"]
 POINTS: tuple[Point, ...] = ("tool", "frame")
 
 MODEL = "model.json"
-"""File name of the model in the folder of a result."""
+"""File name of the model in a result folder."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Model(Shown):
-    """A mechanism with everything a calibration or a discovery fitted. saved: the numbers."""
+    """A mechanism with all effects that a calibration or a discovery fitted. saved: the fitted values."""
 
     _with_rows = False
     saved: SavedModel
@@ -75,25 +75,28 @@ class Model(Shown):
         self, poses: TableLike, *, as_measured: bool = False, session: bool = False, in_order: bool = False,
         progress: Say = silent,
     ) -> pd.DataFrame:  # fmt: skip
-        """`poses` with where the tool is now: x, y, z [mm] in the instrument's frame, rx, ry, rz [deg] where rotations
-        were fitted, and the distances the model knows; `sigma [mm]`, the standard deviation of that point, and the
-        inputs that lie `outside` the ranges the model was fitted in. A column that is there already is added as
-        `predicted_x`; columns of an earlier prediction are replaced.
+        """Predict where the tool is at given joint values.
 
-        poses: joint values and the further columns the model reads, as in a measured table. Now is the end of the
-        session the model was fitted to, where effects that read its rows or time (`of_its_session`) have left it; the
-        errors of the instrument that were found are left out. as_measured: with these, what the instrument would read.
-        session: the rows are those of the session itself, as measured. in_order: the rows are in the order in which the
-        poses are taken, which play and hysteresis ask for. progress: called with what is being done. Beyond its ranges,
-        by more than a twentieth of their width, a law without a name keeps its value. Raises InputError where a
-        column, a set-up or a tool does not fit the model.
+        Returns `poses` with x, y, z [mm] in the instrument's frame; rx, ry, rz [deg] if rotations were fitted; the
+        distances to known anchors; `sigma [mm]`, the standard deviation of the point; and `outside`, the inputs beyond
+        the ranges of the fit. An existing column x is kept, and the prediction added as `predicted_x`; an earlier
+        prediction is replaced.
+
+        poses: joint values and the other columns that the model needs, as in a measured table.
+        as_measured: include the fitted errors of the instrument, to predict its measurements.
+        session: the rows are those of the fitted session. By default, effects that depend on the row or on time
+        (`of_its_session`) keep their value at the end of the session.
+        in_order: the poses are taken in the order of the rows, which backlash and hysteresis need.
+        progress: called with progress messages.
+        A formula without a name is extrapolated by at most a tenth of the range of an input, then held constant. Raises
+        InputError if a column, a set-up or a tool does not fit the model.
         """
         return self.judged(poses, as_measured, session, in_order, progress)[0]
 
     def judged(
         self, poses: TableLike, as_measured: bool, session: bool, in_order: bool, progress: Say = silent
     ) -> tuple[pd.DataFrame, Array]:
-        """Return the results of `predict` and `misses` at the cost of one of them."""
+        """Return the results of `predict` and `misses`, computed together."""
         called(progress, "progress")
         as_measured, session = switch(as_measured, "as_measured"), switch(session, "session")
         in_order = switch(in_order, "in_order")
@@ -120,18 +123,22 @@ class Model(Shown):
         in_order: bool = False,
         seed: int = 0,
     ) -> pd.DataFrame:
-        """`targets` with the joint values (`corrected_J1 [deg]`) that make the real tool reach them, the correction
-        and its residual [mm] and residual_turn [mrad], `sigma [mm]` of the reached point, and a status a row: `ok`;
-        `near singular`, the position is reached and not all of the orientation; `outside the measured range`; `side of
-        play open`, a joint with play comes from another side than without correction; and without joint values `large
+        """Compute the joint values that bring the real tool to its targets.
+
+        Returns `targets` with `corrected_J1 [deg]` and so on, the correction and the remaining error (residual) [mm],
+        residual_turn [mrad], `sigma [mm]` of the reached point, and a status per row. Statuses with corrected values:
+        `ok`; `near singular`, the position is reached but not all of the orientation; `outside the measured range`;
+        `side of play open`, a joint with backlash arrives from another side than without correction. Without: `large
         move`, `joint limit`, `not reached`.
 
-        targets: joint values, whose nominal tool pose is to be reached; or x, y, z of the tool in the mechanism's root
-        frame, with rx, ry, rz for its whole pose. max_move: degrees that no joint may be moved by more. point: that is
-        to be at x, y, z, and whose correction and rest are stated: "tool", the measured point (the reflector) where the
-        fit found it, slips included, or "frame", the origin of the measured link (the flange). session and in_order: as
-        in `predict`. seed: of the starts from which Cartesian targets are solved.
-        Raises InputError where they are neither, or do not fit the model.
+        targets: joint values, whose nominal tool pose is the target; or x, y, z of the tool in the mechanism's root
+        frame, with rx, ry, rz for a full pose.
+        max_move: largest correction of a joint, deg.
+        point: the point that is brought to x, y, z: "tool", the fitted tool point (reflector), or "frame", the origin
+        of the measured link (flange). Correction and residual refer to this point.
+        session, in_order: as in `predict`.
+        seed: random seed of the initial joint values for Cartesian targets.
+        Raises InputError for targets of neither kind, or targets that do not fit the model.
         """
         degrees = number(max_move, "max_move", 0.0, 360.0)
         session, in_order = switch(session, "session"), switch(in_order, "in_order")
@@ -142,12 +149,12 @@ class Model(Shown):
         return compensated(saved, frame, targets_in(saved, text, path, rng, in_order), float(np.radians(degrees)))
 
     def program(self, corrected: pd.DataFrame, language: Language, name: str = "compensated") -> str:
-        """The targets that `compensate` corrected as data of a robot program: a RAPID module of jointtargets and
-        robtargets, or a KRL data list of E6AXIS and FRAME, j1 and p1 of the first row. Rows without corrected values
-        are left out and named in a comment.
+        """Write targets corrected by `compensate` as data of a robot program.
 
-        corrected: what `compensate` gave. language: "RAPID" or "KRL". name: of the module. Raises InputError for
-        another frame, a mechanism of more than six joints, or where no row has corrected values.
+        A RAPID module has jointtargets and robtargets, a KRL data list E6AXIS and FRAME; j1 and p1 are the first row.
+        Rows without corrected values are omitted and named in a comment.
+        corrected: result of `compensate`. language: "RAPID" or "KRL". name: of the module. Raises InputError for
+        another frame, a mechanism with more than six joints, or if no row has corrected values.
         """
         if not isinstance(corrected, pd.DataFrame):
             raise InputError(f"{shown(corrected)}, expected the frame that compensate gives", "corrected")
@@ -163,16 +170,18 @@ class Model(Shown):
         tool: str | None = None,
         seed: int = 0,
     ) -> "ExportsResult":
-        """The model in the forms that others read, each with its error against `predict`: a geometry refitted without
-        what it cannot hold as calibrated.urdf, Denavit-Hartenberg rows, ROS's YAML files and RoboDK's table; the whole
-        model as NumPy and C99 source, its terms as LaTeX, and a lookup grid of joint corrections.
+        """Export the model to files of other programs, and state the error of each file against `predict`.
 
-        box: of the grid in the root frame, "800:1200,-200:200,300:700 mm" or lowest and highest x, y, z in m; without
-        one the largest cube about a measured pose near the middle that is reached and corrected everywhere. nodes: of
-        the grid along each side; 5 for None. setup, tool: whose registration and tool point the sources and the grid
-        have, where the model knows several, and of two arms the tool's; the first for None. seed: of the fresh poses
-        the errors are judged at.
-        Raises InputError for a box that is none, or of which nothing is reached, or a name the model does not know.
+        calibrated.urdf, Denavit-Hartenberg rows, ROS YAML files and RoboDK's table contain a geometry refitted without
+        effects that such a file cannot express. NumPy and C99 source contain the whole model, LaTeX its terms, and a
+        grid joint corrections.
+        box: of the grid in the root frame, "800:1200,-200:200,300:700 mm", or lowest and highest x, y, z in m. None:
+        the largest cube about a measured pose near the middle in which every node is reached and corrected.
+        nodes: of the grid along each side; None for 5.
+        setup, tool: names of the registration and tool point for sources and grid, and, with several arms, of the arm;
+        None for the first.
+        seed: random seed of the poses at which errors are evaluated.
+        Raises InputError for an invalid or unreachable box, or an unknown name.
         """
         with extra_for("an export", "report"):
             from gpmodel.api.exports import ExportsResult
@@ -195,9 +204,9 @@ class Model(Shown):
     ) -> "VerifyResult":
         """Test whether the model still holds, from a table measured later.
 
-        See `gpmodel.verify`, which also has `cameras`, `board` and `surfaces`.
+        See `gpmodel.verify`, which describes `cameras`, `board` and `surfaces` too.
         """
-        from gpmodel.api.verification import verify_saved  # which `predict` need not wait for
+        from gpmodel.api.verification import verify_saved  # imported late to keep `predict` fast
         from gpmodel.report.verification import VerifyRequest
 
         asked = VerifyRequest("gpmodel.verify", "model", self.sha256)
@@ -206,31 +215,35 @@ class Model(Shown):
     def misses(
         self, poses: TableLike, *, as_measured: bool = False, session: bool = False, in_order: bool = False
     ) -> Array:
-        """Distance (M,), mm, between prediction and measurement of the rows of `poses` that measured x, y and z."""
+        """Return the distance (M,), mm, between prediction and measurement of the rows of `poses` with measured x, y
+        and z."""
         return self.judged(poses, as_measured, session, in_order)[1]
 
     def of_its_session(self, *, session: bool = False) -> tuple[str, ...]:
-        """Effects that read the rows or the time of the session they were fitted to: its end is now. session: as well
-        those that are over with it, of the instrument and of a set-up that wandered."""
+        """Return the names of effects that depend on the row or the time of the fitted session.
+
+        session: include effects that end with the session: those of the instrument, and drift of the set-up. Otherwise
+        the effects named keep their value at the end of the session.
+        """
         return tuple(e.name for e in of_the_session(self.saved) if session or lasting(e))
 
     @property
     def sha256(self) -> str:
-        """The seal of its content, as in model.json and the report; empty where a basis has no text."""
+        """Checksum of the content, as in model.json and the report; empty if a basis function has no text."""
         try:
             return str(model_content(self.saved)[SEAL])
         except InputError:
             return ""
 
     def save(self, file: str | Path, **more: object) -> None:
-        """Write model.json. more: kept with it, as JSON, and ignored when it is read.
+        """Write model.json. more: additional JSON content, ignored on reading.
 
-        Raises InputError: not writable, or a basis that has no text (a Python function).
+        Raises InputError if the file cannot be written, or a basis function is a Python function without text.
         """
         save_model(file_path(file, "file"), self.saved, **more)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row an effect: name, family, value, stderr, unit, slot, basis."""
+        """Return one row per effect: name, family, value, stderr, unit, slot, basis."""
         saved = self.saved
         return pd.DataFrame(
             {
@@ -245,7 +258,7 @@ class Model(Shown):
         )
 
     def summary(self) -> str:
-        """Mechanism, effects that are not zero, and the noise of one component."""
+        """Return text with the mechanism, its nonzero effects, and the residual of one coordinate."""
         kept = [
             (e.name, str(measured(value, deviation, e.unit, in_list=True)))
             for e, value, deviation in zip(self.saved.model.effects, self.saved.theta, self.saved.stderr, strict=True)
@@ -267,22 +280,22 @@ class Model(Shown):
 
 
 def model_file(path: Path) -> Path:
-    """The model of a folder of results, or the file itself."""
+    """Return the path of model.json in a result folder; a file is returned unchanged."""
     return path / MODEL if path.is_dir() else path
 
 
 def load_model(file: str | Path, mechanism: MechanismLike | None = None) -> Model:
-    """The model in a model.json of calibrate or discover, or in the folder that has it.
+    """Load the model of `calibrate` or `discover` from its model.json or result folder.
 
-    mechanism: the one it was made for, where it was built in Python, or was moved and is not found by its name.
-    Raises InputError: missing, no JSON, of another kind or schema, incomplete, or its mechanism has changed.
+    mechanism: needed if the mechanism was built in Python or its file was moved.
+    Raises InputError if the file is missing, damaged, of another kind or version, or the mechanism has changed.
     """
     path = model_file(file_path(file, "file"))
     return Model(read_saved(path, None if mechanism is None else mechanism_of(mechanism)))
 
 
 def read_result(after: Model | str | Path) -> tuple[Model, Report | None]:
-    """A model and, where it lies in a folder of discover or calibrate, its report. Raises InputError for neither."""
+    """Return a model and, from a folder of `discover` or `calibrate`, its report; raise InputError without a model."""
     if isinstance(after, Model):
         return after, None
     path = file_path(after, "after")

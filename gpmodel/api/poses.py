@@ -1,4 +1,4 @@
-"""Measurement poses worth taking: before anything is measured, and next."""
+"""Propose measurement poses, before any measurement or after a result."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -63,25 +63,24 @@ from gpmodel.table.cells import CONTROLLER_DECIMALS, joint_table, table_text
 from gpmodel.wording import wrapped
 
 POOLED = 40
-"""Poses to choose at most where no number is given."""
+"""Largest number of poses that are chosen if no number is given."""
 TOLD_APART = 2.0
-"""Distance of two explanations over all candidate poses, in standard deviations, from which poses are chosen to
-separate them."""
+"""Least distance, in standard deviations over all candidate poses, of two explanations that poses are chosen to
+distinguish."""
 WITHIN = 1.2
-"""Goal of the deviation at the task, over its value with all candidate poses. Each next pose serves the goal farthest
-off, this one or TOLD_APART."""
+"""Goal for the standard error at a task, relative to its value with all candidate poses."""
 MOST_RIVALS = 3
-"""Largest number of alternatives of each finding, the closest first. Later ones predict worse, and the same poses
-separate them."""
+"""Largest number of alternatives of each finding, the closest first. Poses chosen for these distinguish later
+ones too."""
 
 
 def next_questions(
     saved: SavedModel, record: Report | None, pool: Array, criterion: str | None, rng: np.random.Generator
 ) -> Asked:
-    """Pose the design question of a pool (P, n) of poses after a result, by "rivals", "effect", "i-optimal" or
-    "spread".
+    """Return the design problem after a result for candidate poses `pool` (P, n).
 
-    None: the first of these that applies. Raises InputError where none applies.
+    criterion: "rivals", "effect", "i-optimal" or "spread"; None for the first that applies. Raises InputError if it
+    does not.
     """
     outlook = Outlook.over(saved, pool, rng)
     of_point = outlook.of_the_point()
@@ -108,7 +107,7 @@ def next_questions(
 
 
 def _rivals(outlook: Outlook, record: Report | None) -> tuple[dict[str, tuple[Question, float]], str]:
-    """The questions and odds of rivals that poses of the pool tell apart, by both names; names of the others."""
+    """Return the design problems and odds of distinguishable alternatives by both names, and the other names."""
     asked = [*findings_of(outlook, record), *constants_of(outlook, record)]
     pairs = {f"{f.name} or {name}": (outlook.beside(f, e), odds) for f in asked for name, e, odds in f.rivals}
     told = {said: pair for said, pair in pairs.items() if at_best(pair[0]) < 1.0 / TOLD_APART}
@@ -116,11 +115,10 @@ def _rivals(outlook: Outlook, record: Report | None) -> tuple[dict[str, tuple[Qu
 
 
 def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, rng: np.random.Generator) -> Asked:
-    """Pose the design questions of a pool (P, n) of poses that lower the error at the targets of a task and tell rivals
-    apart. Each next pose serves the goal that is farthest off: WITHIN times the ± at the task with all candidate poses,
-    or TOLD_APART between rivals.
+    """Return the design problem of lowering the error at a task's targets and of distinguishing alternatives.
 
-    Raises InputError as `Model.compensate`, and for a target out of reach.
+    pool: candidate poses (P, n). Each next pose serves the goal farthest from being met, WITHIN or TOLD_APART.
+    Raises InputError as `Model.compensate`, and for an unreachable target.
     """
     saved, arm = model.saved, model.mechanism
     _, text, path = frame_to_extend(task, arm, "task")
@@ -141,10 +139,9 @@ def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, r
 
 
 def of_rejected(saved: SavedModel, record: Report | None, pool: Array, number: int, rng: np.random.Generator) -> Asked:
-    """Pose the design question of a pool (P, n) of poses that decides a rejected candidate of a result, counted from
-    1.
+    """Return the design problem of deciding rejected candidate `number`, from 1, by candidate poses `pool` (P, n).
 
-    Raises InputError where there is no candidate of that number, or the catalogue has none of its name.
+    Raises InputError for an invalid number, or a candidate without a name in the catalogue.
     """
     rejected = record.rejected if record else ()
     if not 1 <= number <= len(rejected):
@@ -160,8 +157,7 @@ def of_rejected(saved: SavedModel, record: Report | None, pool: Array, number: i
 
 
 def tellable_causes(model: Model, record: Report) -> frozenset[str]:
-    """Names of the other causes in a result that poses of a pool could tell from their findings, by the same pool and
-    limit as the next poses are chosen by."""
+    """Return the names of alternative explanations that further poses could distinguish from their findings."""
     rng = np.random.default_rng(0)
     outlook = Outlook.over(model.saved, pool_of(model.mechanism, POOLED, rng, Reach()), rng)
     asked = ((name, outlook.beside(f, own)) for f in findings_of(outlook, record) for name, own, _ in f.rivals)
@@ -169,7 +165,7 @@ def tellable_causes(model: Model, record: Report) -> frozenset[str]:
 
 
 def findings_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
-    """The findings of a report with their close rivals; without one every effect but the geometry, each alone."""
+    """Return the findings of a report with their alternatives; without a report, all effects but constants."""
     saved = outlook.saved
     effects = saved.model.effects
     names = names_of(outlook.measured.dataset)
@@ -195,7 +191,7 @@ def findings_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
 
 
 def constants_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
-    """The constants of a report that something else could equally be, each with that."""
+    """Return the constants of a report that another explanation could replace, each with that explanation."""
     names = names_of(outlook.measured.dataset)
     own = {translate(e.name, names): i for i, e in enumerate(outlook.saved.model.effects)}
     rivals = {translate(name, names): effects for name, effects in outlook.candidates.items()} if record else {}
@@ -211,9 +207,9 @@ ALIASES = {"observability": "d-optimal"}
 BEFORE = ("spread", *GOALS, *ALIASES)
 AFTER = ("rivals", "effect", "i-optimal", "spread")
 CONE = 30.0
-"""Half-angle within which a corner-cube reflector returns the beam, degrees."""
+"""Half-angle of the acceptance cone of a corner-cube reflector, degrees."""
 DRAWS = 5
-"""Random selections from the candidate poses whose mean the printed curve is compared with."""
+"""Random selections of candidate poses, whose mean is printed for comparison."""
 MOST = 10_000
 """Largest number of poses that may be requested: twice as many as are chosen in a minute."""
 ROWS = 9
@@ -222,11 +218,12 @@ ROWS = 9
 
 @dataclass(frozen=True, repr=False)
 class PosesResult(Shown):
-    """Joint values q (N, n), rad and m, in the order in which each next one tells most; how different the two most
-    alike of them are, in ranges of a joint. curve: what is known after each of them. said: what they are for. limit:
-    what no choice of as many poses of the pool could do better than, in the unit of the curve. columns: what the joints
-    are called, after a result as its table does. decided: the number of these poses after which one of two causes is
-    95 % probable, whichever is true, in 19 of 20 cases, by the names of both; None where these do not suffice."""
+    """Proposed poses. q: (N, n) joint values, rad and m, the most informative first. said: purpose of the poses.
+    spacing: distance of the two most similar poses, as a share of joint ranges. curve: precision after each pose.
+    limit: lower bound of the precision over all sets of as many candidate poses, in the unit of the curve. columns:
+    joint names of the table. decided: by the names of two explanations, number of poses after which one of them is 95 %
+    probable in 19 of 20 cases; None if these poses do not suffice.
+    """
 
     mechanism: Mechanism
     q: Array
@@ -238,15 +235,15 @@ class PosesResult(Shown):
     decided: Mapping[str, int | None] = field(default_factory=dict)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a pose, headers with units as measured tables have them."""
+        """Return one row per pose, with headers and units of a measured table."""
         return joint_table(self.mechanism, self.q, self.columns)
 
     def to_csv(self) -> str:
-        """Return the table as text, with as many decimals as a controller takes."""
+        """Return the table as text, with the decimals of a robot controller."""
         return table_text(self.to_dataframe(), CONTROLLER_DECIMALS)
 
     def summary(self) -> str:
-        """Summarise the number of poses, their purpose, and the precision as a function of their number."""
+        """Return text: number of poses, their purpose, and the precision as a function of their number."""
         apart = f", no two closer than {self.spacing:.2f} of a range" if len(self.q) > 1 else ""
         lines = [f"{len(self.q)} poses of {self.mechanism.name}{apart}", wrapped(self.said, 0)]
         if not knows_its_shape(self.mechanism):
@@ -261,7 +258,7 @@ class PosesResult(Shown):
         return "\n".join([*lines, f"no set of {len(self.q)} poses can be below {self.limit:.4g}"])
 
     def save(self, file: str | Path) -> None:
-        """Write the poses as .csv, the curve as .curve.csv. Raises InputError: they cannot be written."""
+        """Write the poses as .csv and the curve as .curve.csv. Raises InputError if a file cannot be written."""
         path = file_path(file, "file")
         write_text(path, self.to_csv())
         write_text(path.with_suffix(".curve.csv"), self.curve.to_csv(index=False, lineterminator="\n"))
@@ -279,24 +276,24 @@ def choose_poses(
     cone: float | None = None, tool_point: str | Sequence[float] | None = None, collisions: bool = True,
     noise: str | float = "0.03 mm", seed: int = 0, progress: Say = silent,
 ) -> PosesResult:  # fmt: skip
-    """Joint values within the limits worth measuring at.
+    """Choose informative measurement poses within the joint limits, before any measurement or after a result.
 
-    criterion: "spread" (the default), every pose as different from the others as possible (Robertson 2003, 3.3.3);
-    "d-optimal" (or "observability"), the geometric errors together as well determined as possible (Borm and Menq 1991);
-    "e-optimal", the worst determined combination of them; "i-optimal", the smallest mean ± of the point over the
-    workspace. after: a Model, or what calibrate or discover left in a folder: the next `count` poses beside those
-    measured, by "rivals" (the default where there are any), that best tell findings and constants from what they could
-    also be; by "effect", that shrink the ± of the worst known one; by "i-optimal" of the whole model; or by "spread".
-    rejected: a candidate of that result by its number: the poses that decide it, instead of a criterion. task: targets
-    as in `Model.compensate`: the poses that make the mean ± of the point smallest there, and separate rivals, instead
-    of a criterion; none of them may be out of reach. like: folder, file or record of a `fleet`: the first poses of a
-    further machine of its type, with what the type knows as prior, instead of a criterion. above: lowest height of the
-    tool point in the root frame, "200 mm". box: "800:1200,-200:200,300:700mm". instrument: its place in the root frame,
-    "3000,0,1500mm" or m; the target is seen within `cone` degrees (30) of its `normal` in the measured frame, and the
-    arm does not stand between. tool_point: in the measured frame; after a result its own. collisions: whether poses in
-    which the arm meets itself are left out, where its URDF has geometry. noise: of one coordinate, for the curve before
-    a result. count: without it 40, or as many of these as decide between rivals. progress: called with each step.
-    Raises InputError: too few poses for the criterion, or too few that may be taken.
+    criterion: "spread" (default), poses as different as possible (Robertson 2003, 3.3.3); "d-optimal" (or
+    "observability"), all geometric errors together best determined (Borm and Menq 1991); "e-optimal", their worst
+    determined combination; "i-optimal", the mean standard error of the point over the workspace. With `after`: "rivals"
+    (default), to distinguish findings and constants from alternatives; "effect", to lower the standard error of the
+    worst known effect; "i-optimal"; "spread". after: a Model or a result folder; poses are chosen in addition to the
+    measured ones.
+    Three arguments replace the criterion. rejected: number of a rejected candidate of `after`, to decide it. task:
+    targets as in `Model.compensate`, to lower the mean standard error there and to distinguish alternatives. like:
+    folder, file or record of a `fleet`, for a further machine of the type before any measurement.
+    above: lowest height of the tool point in the root frame, "200 mm". box: "800:1200,-200:200,300:700mm". instrument:
+    its position in the root frame, "3000,0,1500mm" or m; its line of sight must be free and within `cone` degrees (30)
+    of the target's `normal` in the measured frame. tool_point: in the measured frame; after a result the fitted one.
+    collisions: exclude poses in which the arm collides with itself, if its URDF has geometry. noise: of one coordinate,
+    for the curve before a result. count: None for 40, or as many of these as decide between explanations. progress:
+    called with messages.
+    Raises InputError for too few poses for the criterion, too few admissible poses, or an unreachable target.
     """
     called(progress, "progress")
     wanted = POOLED if count is None else whole(count, "count", 1, MOST)
@@ -333,7 +330,7 @@ def choose_poses(
 
 
 def _one_of(model: Model | None, **given: object) -> None:
-    """Raises InputError for two things that decide the poses, or one of a result without a result."""
+    """Raise InputError for two arguments that each decide the poses, or for one that needs a result."""
     named = [name for name, value in given.items() if value is not None]
     of_result = [name for name in named if name in ("rejected", "task")]
     if model is None and of_result:
@@ -363,7 +360,7 @@ def _before(arm: Mechanism, pool: Array, count: int, kind: str, noise: float) ->
 
 
 def _curve(asked: Asked, order: IntArray, pool: int, rng: np.random.Generator) -> pd.DataFrame:
-    """Tabulate the precision after each pose, and after as many random ones."""
+    """Return the precision after each pose, and after as many random poses."""
     draws = [rng.choice(pool, len(order), replace=False) for _ in range(DRAWS)]
     chosen, random = (
         asked.said_of(deviations(asked.measure, order)),

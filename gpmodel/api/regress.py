@@ -1,4 +1,4 @@
-"""Symbolic regression of any table: the law of a response over named columns."""
+"""Symbolic regression of any table: a formula of a response in named columns."""
 
 import time
 from dataclasses import dataclass
@@ -22,15 +22,15 @@ if TYPE_CHECKING:
     from gpmodel.evolution.regression import Law
 
 FEWEST = 5
-"""Least number of rows: with fewer, the shortest formula with two constants fits anything."""
+"""Least number of rows. With fewer, the shortest formula with two constants fits any response."""
 
 
 @dataclass(frozen=True, repr=False)
 class Regression(Shown):
-    """Laws of a response that no shorter law fits as well, shortest first.
+    """Formulas of a response, shortest first; no shorter formula fits as well.
 
-    names: of the columns of X. deviation: standard deviation of the response, in its unit. seconds: what the search
-    took.
+    laws: the formulas. names: of the columns of X. deviation: standard deviation of the response, in its unit.
+    seconds: duration of the search.
     """
 
     _with_rows = False
@@ -41,18 +41,18 @@ class Regression(Shown):
 
     @cached_property
     def best(self) -> "Law":
-        """The law of least description length."""
+        """The formula with the least description length."""
         return min(self.laws, key=lambda law: law.nats)
 
     @cached_property
     def expression(self) -> Expression:
-        """The law of least description length, as a basis of an effect."""
+        """The formula with the least description length, as a basis function of an effect."""
         return Expression(str(self.best.program))
 
     def predict(self, X: pd.DataFrame | ArrayLike, law: int | None = None) -> Array:
-        """The response (N,) at other rows of the same columns, by the best law or by number `law` of the front.
+        """Predict the response (N,) at other rows, by the best formula or by formula number `law`, from 0.
 
-        Raises InputError for a column that is missing and a law that is not there.
+        Raises InputError for a missing column or an invalid number.
         """
         names, values = _columns(X, self.names)
         if law is not None and not 0 <= whole(law, "law") < len(self.laws):
@@ -62,8 +62,11 @@ class Regression(Shown):
         return np.broadcast_to(found, (values.shape[1],)).copy()
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a law: law, length (nodes and constants), r_squared, rms in the unit of the response, nats (its
-        description length, less is better), best."""
+        """Return one row per formula.
+
+        Columns: law, length (nodes and constants), r_squared, rms in the unit of the response, nats (description
+        length, less is better), best.
+        """
         return pd.DataFrame(
             {
                 "law": [str(law.program) for law in self.laws],
@@ -76,7 +79,7 @@ class Regression(Shown):
         )
 
     def summary(self) -> str:
-        """The front as a table, the law of least description length marked."""
+        """Return the formulas as a table; a star marks the least description length."""
         rows = [
             (("* " if row.best else "  ") + str(row.law), str(row.length), f"{row.r_squared:.6f}", f"{row.rms:.3g}",
              f"{row.nats:.1f}")
@@ -85,7 +88,7 @@ class Regression(Shown):
         return aligned([("  law", "length", "R²", "rms", "nats"), *rows])
 
     def save(self, file: str | Path) -> None:
-        """Write the front as JSON. Raises InputError when it cannot be written."""
+        """Write the formulas as JSON. Raises InputError if the file cannot be written."""
         rows = self.to_dataframe().to_dict("records")
         write_text(file_path(file, "file"), to_json({"schema": 1, "inputs": self.names, "laws": rows}))
 
@@ -101,12 +104,15 @@ def regress(
     seconds: float = 5.0,
     seed: int = 0,
 ) -> Regression:
-    """The law y = f(X), searched by genetic programming under several links side by side, its constants fitted.
+    """Find a formula y = f(X) by genetic programming with several link functions, and fit its constants.
 
-    X: DataFrame, or array (N, K) with `names` (x1 ... xK where none are given); columns of order one are searched best.
-    y: (N,). Minimised is the description length N/2 ln(1 - R²) + 3 (nodes + constants), nats. It ends with the first
-    exact law, else after `seconds`; what is exact depends on the seed alone, else a faster machine sees more.
-    Raises InputError for shapes that disagree, fewer than 5 rows, what is not finite, and a constant y.
+    X: DataFrame, or array (N, K). Columns with values of order one are searched best.
+    y: (N,) response.
+    names: of the columns of an array; None for x1 ... xK.
+    seconds: duration of the search, unless an exact formula is found earlier.
+    seed: random seed; an exact formula depends on the seed alone, an approximate one also on the speed of the computer.
+    The search minimises the description length N/2 ln(1 - R²) + 3 (nodes + constants), nats.
+    Raises InputError for inconsistent shapes, fewer than 5 rows, values that are not finite, or a constant y.
     Source: McCullagh, Nelder (1989), links; Rissanen (1978), description length.
     """
     seconds, seed = number(seconds, "seconds", 0.0), whole(seed, "seed")
@@ -123,7 +129,7 @@ def regress(
 
 
 def _columns(table: pd.DataFrame | ArrayLike, names: tuple[str, ...] | None) -> tuple[tuple[str, ...], Array]:
-    """Names and values (K, N) of a table's columns, only those of `names` where a frame has more."""
+    """Return names and values (K, N) of a table's columns, only those of `names` if a frame has more."""
     if isinstance(table, pd.DataFrame):
         named = tuple(str(name) for name in table.columns)
         wanted = named if names is None else names
@@ -146,7 +152,7 @@ def _columns(table: pd.DataFrame | ArrayLike, names: tuple[str, ...] | None) -> 
 
 
 def _response(y: ArrayLike, rows: int) -> Array:
-    """y as (N,) numbers, one a row of X."""
+    """Return y as (N,) numbers, one per row of X; raise InputError otherwise."""
     response = _numbers(y, "y").reshape(-1) if np.ndim(y) < 2 or np.shape(y)[1:] == (1,) else _numbers(y, "y")
     if response.shape != (rows,):
         raise InputError(f"shape {response.shape}, expected one number for each of the {rows} rows of X", "y")

@@ -1,4 +1,4 @@
-"""Results on disk: report.json and the pages made of it, with the files that belong to them, all of them or none."""
+"""Write results to disk: report.json, pages and other files, completely or not at all."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,16 +22,17 @@ if TYPE_CHECKING:
 
 
 def check_writable() -> None:
-    """Raises InputError where this installation lacks what draws the pages."""
+    """Raise InputError if this installation lacks the packages that draw the pages."""
     with extra_for("a report", "report"):
         import gpmodel.application.exports.make
         import gpmodel.report.write  # noqa: F401
 
 
 def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], None]) -> None:
-    """Leave report.json, the pages, poses.csv and figures in `folder`, and what each of `beside` writes into a folder.
+    """Write report.json, the pages, poses.csv and figures into `folder`.
 
-    Raises InputError when they cannot be written.
+    beside: functions that write further files into the folder they are called with.
+    Raises InputError if a file cannot be written.
     """
     check_writable()
     from gpmodel.report.write import write_report
@@ -45,8 +46,8 @@ def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], 
 def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path, workers: Forks) -> None:
     """Write the report of a fit, model.json and every export that the model allows, in parallel.
 
-    look: makes the record. If the report fails, model.json is still written, so that the fit is not lost. Raises
-    InputError as `write_result` does.
+    look: returns the record. If the report fails, model.json is still written, so that the fit is not lost. Raises
+    InputError as `write_results`.
     """
     check_writable()
     from gpmodel.api.exports import ExportsResult
@@ -67,7 +68,7 @@ def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path, w
 
 
 def write_numbers(record: Report, model: Model, folder: Path) -> None:
-    """Leave report.json and model.json in `folder`, no pages and no exports. Raises InputError in these cases too."""
+    """Write report.json and model.json into `folder`, without pages and exports; raise InputError if that fails."""
     with finished_folder(folder) as draft:
         save_record(record, draft / REPORT)
         save_model(model, draft)
@@ -90,18 +91,18 @@ def _kept(model: Model, folder: Path) -> Iterator[None]:
 
 
 def save_model(model: Model, folder: Path) -> None:
-    """Write model.json into a folder. Raises InputError when it cannot be written."""
+    """Write model.json into a folder. Raises InputError if the file cannot be written."""
     model.save(folder / MODEL)
 
 
 def save_fitted(record: Report, model: Model, file: str | Path) -> None:
-    """Write report.json of a fit to `file`, with the errors of every export. Raises InputError in these cases too."""
+    """Write report.json of a fit to `file`, with the errors of every export; raise InputError if that fails."""
     path = file_path(file, "file")
     save_record(replace(record, exports=_exports(model, path).records), path)
 
 
 def save_record(record: Report, file: str | Path) -> None:
-    """Write the content of report.json to `file`. Raises InputError when it cannot be written."""
+    """Write report.json to `file`. Raises InputError if the file cannot be written."""
     write_text(file_path(file, "file"), to_json(record))
 
 

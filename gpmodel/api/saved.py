@@ -1,4 +1,4 @@
-"""Results read back from their folders: comparison, explanation, exports."""
+"""Load results from folders; compare, explain and export them."""
 
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
@@ -28,24 +28,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class SavedResult(RecordedResult):
-    """Result of calibrate or discover in a folder. record: its report.json."""
+    """Result of calibrate or discover, loaded from its folder. record: content of report.json."""
 
     folder: Path
     record: Report
 
     @cached_property
     def model(self) -> Model:
-        """Its model.json. Raises InputError where there is none."""
+        """Model from model.json in the folder. Raises InputError if the file is missing."""
         return load_model(self.folder)
 
     def effects(self, formula: int | None = None, finding: int | None = None) -> tuple[Effect, ...]:
-        """The effects that were found, to calibrate with; number `formula` of a front, from 1, in its finding's place.
+        """Return the found effects, for use in `calibrate`.
 
-        finding: whose front, from 1; without, that of the only finding that has one. Raises InputError where the model
-        has no findings, or there is no such finding or formula.
+        formula: number, from 1, of an alternative formula of a finding's front, to replace its formula. finding: number
+        of that finding, from 1; None if only one has alternatives. Raises InputError without findings, or for an
+        invalid number.
         """
         saved = self.model.saved
-        values = zip(saved.model.effects, saved.theta, strict=True)  # changes of constants inside formulas are zero
+        values = zip(saved.model.effects, saved.theta, strict=True)  # corrections of constants inside formulas are zero
         effects = tuple(effect for effect, value in values if not effect.constant and value)
         if not effects:
             raise InputError(f"{self.folder}: the model has no findings, expected a result with some", "findings")
@@ -64,11 +65,12 @@ class SavedResult(RecordedResult):
         return tuple(_of_another_basis(e, basis) if e.name == record.name else e for e in effects)
 
     def report(self, folder: str | Path) -> None:
-        """Write the pages, poses.csv and the figures again; nothing is fitted. Raises InputError: not writable."""
+        """Write the pages, poses.csv and figures again, without a fit. Raises InputError if a file cannot be
+        written."""
         write_results(self.record, folder)
 
     def save(self, file: str | Path) -> None:
-        """Write report.json again. Raises InputError when it cannot be written."""
+        """Write report.json. Raises InputError if the file cannot be written."""
         save_record(self.record, file)
 
     def __repr__(self) -> str:
@@ -76,7 +78,7 @@ class SavedResult(RecordedResult):
 
 
 def _of_another_basis(effect: Effect, basis: Expression) -> Effect:
-    """An effect at its sites with another basis."""
+    """Return the effect with another basis function at its sites."""
     terms = tuple(replace(term, basis=basis) for term in effect.terms)
     return replace(effect, name=f"{basis} on {effect.terms[0].slot} {effect.terms[0].axis}", terms=terms)
 
@@ -89,19 +91,20 @@ def load_result(folder: str | Path) -> SavedResult:
 
 @dataclass(frozen=True, repr=False)
 class CompareResult:
-    """Difference between two calibrations of a machine. found: quantity by quantity."""
+    """Difference between two calibrations of a machine. found: comparison of every quantity."""
 
     found: "Comparison"
 
     @property
     def verdict(self) -> str:
-        """The answer in one sentence."""
+        """Verdict in one sentence."""
         from gpmodel.report.compare import verdict
 
         return verdict(self.found)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a quantity of both: kind, name, before, after, change, stderr of the change, chance, unit, SI."""
+        """Return one row per quantity of both results: kind, name, before, after, change, stderr of the change, chance,
+        unit; SI."""
         kinds = {"effect": self.found.effects, "parameter": self.found.parameters, "placement": self.found.placement}
         return pd.DataFrame(
             [
@@ -112,20 +115,20 @@ class CompareResult:
         )  # fmt: skip
 
     def summary(self) -> str:
-        """The comparison in 80 columns."""
+        """Return the comparison as text of 80 columns."""
         from gpmodel.report.compare import text
 
         return text(self.found)
 
     def report(self, folder: str | Path) -> None:
-        """Leave compare.html in `folder`. Raises InputError when it cannot be written."""
+        """Write compare.html into `folder`. Raises InputError if the file cannot be written."""
         with extra_for("the page of a comparison", "report"):
             from gpmodel.report.compare_page import html
 
         write_text(file_path(folder, "folder") / "compare.html", html(self.found))
 
     def save(self, file: str | Path) -> None:
-        """Write verdict, sources and rows as JSON. Raises InputError when it cannot be written."""
+        """Write verdict, sources and rows as JSON. Raises InputError if the file cannot be written."""
         rows = self.to_dataframe().to_dict("records")
         said = {"schema": 1, "verdict": self.verdict, "sources": self.found.sources, "changes": rows}
         write_text(file_path(file, "file"), to_json(said))
@@ -135,9 +138,9 @@ class CompareResult:
 
 
 def compare(before: object, after: object) -> CompareResult:
-    """Compare two results of one machine: of calibrate, discover or load_result, or their folders.
+    """Compare two results of one machine: results of calibrate, discover or load_result, or their folders.
 
-    Raises InputError where they are none, or of two machines.
+    Raises InputError for other objects, or results of two machines.
     """
     from gpmodel.report import compare as compared
 
@@ -146,7 +149,7 @@ def compare(before: object, after: object) -> CompareResult:
 
 
 def _source(result: object, record: Report) -> str:
-    """The folder of a result, its table and the day on which it was written, where they are known."""
+    """Describe a result by its folder, table and date, as far as known."""
     folder = _folder_of(result)
     said = f"{record.data.file}, {record.data.poses} poses"
     if folder is None:
@@ -156,34 +159,38 @@ def _source(result: object, record: Report) -> str:
 
 
 def _folder_of(result: object) -> Path | None:
-    """The folder of a result that was saved, None of one that was not."""
+    """Return the folder of a result; None if the result is not saved."""
     folder = result.folder if isinstance(result, SavedResult) else result
     return Path(folder) if isinstance(folder, str | Path) else None
 
 
 @dataclass(frozen=True, repr=False)
 class ExplainResult:
-    """A finding in words. found: part by part."""
+    """Explanation of one finding. record: the whole report. found: the explanation.
+
+    tellable: names of alternative explanations that further poses could exclude; None if unknown.
+    """
 
     record: Report
     found: "Explanation"
     tellable: frozenset[str] | None
 
     def summary(self) -> str:
-        """Where it sits, how large it is at the tool, what would cause it, what to measure to be sure."""
+        """Return text: site of the finding, its size at the tool, possible causes, and measurements that
+        would decide."""
         from gpmodel.report import explain as explained
 
         return explained.text(self.found)
 
     def report(self, folder: str | Path) -> None:
-        """Leave finding_N.html in `folder`. Raises InputError when it cannot be written."""
+        """Write finding_N.html into `folder`. Raises InputError if the file cannot be written."""
         from gpmodel.report import explain as explained
 
         page = explained.html(self.record, self.found.number, self.tellable)
         write_text(file_path(folder, "folder") / f"finding_{self.found.number}.html", page)
 
     def save(self, file: str | Path) -> None:
-        """Write its parts as JSON. Raises InputError when it cannot be written."""
+        """Write the explanation as JSON. Raises InputError if the file cannot be written."""
         write_text(file_path(file, "file"), to_json({"schema": 1, **asdict(self.found)}))
 
     def __repr__(self) -> str:
@@ -191,8 +198,11 @@ class ExplainResult:
 
 
 def explain(result: object, number: int) -> ExplainResult:
-    """Finding `number`, from 1, of a result or its folder, in words; where it has a model, the advice is what its next
-    poses could tell. Raises InputError where it is no result, or has no such finding."""
+    """Explain finding `number`, counted from 1, of a result or its folder.
+
+    With a saved model, the advice names only alternative explanations that further poses could exclude. Raises
+    InputError for an object that is no result, or an invalid number.
+    """
     with extra_for("an explanation", "report"):
         from gpmodel.api.poses import tellable_causes
         from gpmodel.report import explain as explained
@@ -205,7 +215,7 @@ def explain(result: object, number: int) -> ExplainResult:
 
 
 def _model_of(result: object) -> Model | None:
-    """The model of a result or of its folder, None where there is none."""
+    """Return the model of a result or its folder; None without a model."""
     if folder := _folder_of(result):
         return load_model(folder) if (folder / MODEL).is_file() else None
     model = getattr(result, "model", None)
@@ -216,10 +226,10 @@ def export(
     result: object, folder: str | Path | None = None, *, box: str | None = None, setup: str | None = None,
     tool: str | None = None, seed: int = 0,
 ) -> "ExportsResult":  # fmt: skip
-    """The model of a result in the forms that others read; written to `folder` where one is given.
+    """Export the model of a result to files of other programs; write them to `folder`, if given.
 
-    result: a Model, a result with one, a folder of one, or a model.json. Everything else as in `Model.export`.
-    Raises InputError where it has no model.
+    result: a Model, a result with a model, a result folder, or a model.json. Other arguments as in `Model.export`.
+    Raises InputError if the result has no model.
     """
     made = model_of(result, "result").export(box=box, setup=setup, tool=tool, seed=seed)
     if folder is not None:
@@ -228,7 +238,8 @@ def export(
 
 
 def model_of(given: object, argument: str) -> Model:
-    """A model, that of a result, or in a folder or file. Raises InputError naming the argument for none of these."""
+    """Return a model, given as itself, by a result, a folder or a file; raise InputError naming the argument
+    otherwise."""
     model = load_model(file_path(given, argument)) if isinstance(given, str | Path) else given
     model = model if isinstance(model, Model) else getattr(model, "model", None)
     if not isinstance(model, Model):
@@ -237,7 +248,7 @@ def model_of(given: object, argument: str) -> Model:
 
 
 def record_of(result: object, argument: str) -> Report:
-    """The report of a result or of its folder. Raises InputError naming the argument."""
+    """Return the report of a result or its folder; raise InputError naming the argument otherwise."""
     if isinstance(result, str | Path):
         return read_report(file_path(result, argument))
     record = getattr(result, "record", None)

@@ -1,4 +1,4 @@
-"""Measured tables with known truth."""
+"""Simulate measured tables with known errors."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -42,13 +42,13 @@ Values = str | Sequence[float] | Array
 
 @dataclass(frozen=True, repr=False)
 class SimulationResult(Shown):
-    """A measured table and the truth behind it, a Model that predicts it but for the noise."""
+    """Simulated table and its true model, which predicts the table except for the noise."""
 
     table: Dataset
     truth: Model
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a pose, as text cells of a measured table."""
+        """Return one row per pose, as text cells of a measured table."""
         return frame_of(self.table, self.truth.mechanism)
 
     def summary(self) -> str:
@@ -56,12 +56,11 @@ class SimulationResult(Shown):
         return f"{len(self.table)} poses of {self.truth.mechanism.name}\n{self.truth.summary()}"
 
     def save(self, file: str | Path, **more: object) -> Path:
-        """Write the table as .csv and the truth beside it as .truth.json, whose path is returned.
+        """Write the table as .csv and the true model as .truth.json beside it; return the path of the model.
 
         Cameras and boards are described in .cameras.toml and .board.toml.
-        more: kept with the truth, as JSON, and ignored when it is read.
-
-        Raises InputError when they cannot be written.
+        more: additional JSON content of the model's file, ignored on reading.
+        Raises InputError if a file cannot be written.
         """
         path = file_path(file, "file")
         write_text(path, table_text(self.to_dataframe()))
@@ -85,15 +84,19 @@ def simulate(
     inputs: Mapping[str, Values] | None = None,
     seed: int = 0,
 ) -> SimulationResult:
-    """Poses measured on a mechanism with known errors, by an instrument at a random place with a random tool point.
+    """Simulate measurements of a mechanism with known errors, with random instrument position and tool point.
 
-    effects: "gear_harmonic J4=20 arcsec" or "slot:axis:expression=value". poses: how many random ones within the
-    limits, or a table of joint values. instrument: "tracker", or one that reads no points, "camera", "hand camera",
-    "planes", "spheres", "points", "bar" or "inclinometer". noise: standard deviation of one reading, of a tracker each
-    of x, y, z: text with a unit, 0.03 mm, 0.1 px or 0.002 deg where None. geometry_sigma: of every constant
-    error, m, and rad at 1 m. inputs: further columns by header with its unit, "temperature [degC]": "20:30" (uniform),
-    "20|30" (one of them a row) or the values (N,). A column `payload [kg]`,
-    or the mechanism's payload, hangs at the tool point. Raises InputError for what cannot be read.
+    effects: "gear_harmonic J4=20 arcsec" or "slot:axis:expression=value".
+    poses: number of random poses within the limits, or a table of joint values.
+    noise: standard deviation of one measurement, for a tracker of each of x, y, z: text with a unit; None for 0.03 mm,
+    0.1 px or 0.002 deg.
+    instrument: "tracker", or an instrument that measures no points: "camera", "hand camera", "planes", "spheres",
+    "points", "bar" or "inclinometer".
+    geometry_sigma: standard deviation of every constant error, m, and rad per m.
+    inputs: further columns by header with unit, "temperature [degC]": "20:30" (uniform), "20|30" (one of the values in
+    each row) or values (N,). A column `payload [kg]`, or the mechanism's payload, acts at the tool point.
+    seed: random seed.
+    Raises InputError for an argument that cannot be read.
     """
     dimension, usual = NOISE.get(among(instrument, INSTRUMENTS, "instrument"), ("length", "0.03 mm"))
     spread = quantity(usual if noise is None else noise, dimension, "noise", most=NOISIEST)
@@ -132,7 +135,7 @@ def simulate(
 
 
 def _check_columns(columns: Sequence[tuple[str, str, Array]], q: Array, arm: Mechanism) -> None:
-    """Raises InputError for columns that could not be read again as inputs."""
+    """Raise InputError for columns that a measured table could not contain as inputs."""
     inputs = pd.DataFrame(dict(enumerate(values for *_, values in columns)), index=range(len(q)))
     inputs.columns = pd.Index([f"{name} [{unit}]" for name, unit, _ in columns])
     with naming("inputs"):
@@ -158,7 +161,7 @@ def _truth(made: Simulation) -> SavedModel:
 
 
 def _column(header: str, values: Values, count: int, rng: np.random.Generator) -> tuple[str, str, Array]:
-    """Name, unit and values (count,) of one further column."""
+    """Return name, unit and values (count,) of a further column."""
     name, unit = split_header(str(header))
     if unit is None or not known_unit(unit):
         raise InputError(f"'{header}', expected a name with its unit, as in 'temperature [degC]'", "inputs")

@@ -1,4 +1,4 @@
-"""Measured tables, from files or data frames."""
+"""Read measured tables from files or data frames."""
 
 import hashlib
 import html
@@ -29,7 +29,8 @@ from gpmodel.texts import read_toml
 
 
 def aligned(rows: Iterable[Sequence[str]], left: int = 1) -> str:
-    """Rows of cells as lines, columns lined up: the first `left` to the left, the others to the right."""
+    """Format rows of cells as lines with aligned columns: the first `left` columns left-aligned, the others
+    right-aligned."""
     table = [list(row) for row in rows]
     widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))] if table else []
     return "\n".join(
@@ -42,7 +43,7 @@ def aligned(rows: Iterable[Sequence[str]], left: int = 1) -> str:
 
 
 class Shown:
-    """A result that a notebook shows as its summary and, where `_with_rows`, the rows below it."""
+    """Base class of results that a notebook shows as a summary and, if `_with_rows`, a table of rows."""
 
     _with_rows = True
 
@@ -52,7 +53,7 @@ class Shown:
             """Return the text to print."""
 
         def to_dataframe(self) -> pd.DataFrame:
-            """Its rows."""
+            """Return the rows of the result."""
 
     def _repr_html_(self) -> str:
         table = self.to_dataframe().to_html(index=False, max_rows=20) if self._with_rows else ""
@@ -60,17 +61,17 @@ class Shown:
 
 
 TableLike = Dataset | pd.DataFrame | str | Path
-"""Types accepted as a table; poses to predict may also be an array (N, n) of joint values, rad and m."""
+"""Types accepted as a table; unmeasured poses may also be an array (N, n) of joint values, rad and m."""
 Described = Mapping[str, object] | str | Path | None
 """Content of a TOML file, or its path."""
 
 LARGE = 4 << 20
-"""Bytes of a table that takes a second to read, about 30 000 poses. Larger ones are announced."""
+"""Size of a table, bytes, that takes a second to read, about 30 000 poses. A larger table is announced."""
 
 
 @dataclass(frozen=True)
 class Cells:
-    """A table as it was given and as cells of text, empty ones missing; `path` is what messages call it."""
+    """A table as given, and with its cells as text, missing if empty. path: name of the table in messages."""
 
     given: pd.DataFrame
     text: pd.DataFrame
@@ -82,14 +83,16 @@ def read_table(
     table: TableLike, mechanism: MechanismLike, *, in_order: bool = False, cameras: Described = None,
     board: Described = None, surfaces: Described = None,
 ) -> Dataset:  # fmt: skip
-    """Measured poses of `mechanism` (or of its name or file) from a .csv or .xlsx file, or a data frame alike.
+    """Read measured poses of a mechanism from a .csv or .xlsx file or from a data frame.
 
-    Units are in the headers, in brackets: `J1 [deg]`, `x [mm]`, `temperature [degC]`. A payload of the mechanism is
-    carried in every row. in_order: the rows are in the order of measurement, so that effects may depend on the poses
-    before; a column of times that never falls says so as well. cameras, board, surfaces: what instruments that read no
-    points look at, as TOML files or what these would hold.
-    Raises InputError: file missing or empty, a column without or with an unknown unit, joints missing or in surplus,
-    text among numbers, nothing measured, a payload column beside the mechanism's payload.
+    Headers contain units in brackets: `J1 [deg]`, `x [mm]`, `temperature [degC]`. A payload of the mechanism applies to
+    every row.
+    mechanism: object, name or file.
+    in_order: the rows are in the order of measurement, so that an effect may depend on earlier poses. A time column
+    that never decreases implies it.
+    cameras, board, surfaces: descriptions of what cameras or touches measure, as TOML files or their content.
+    Raises InputError for a missing or empty file, a column with an unknown unit or none, missing or surplus joints,
+    text among numbers, no measurement, or a payload column if the mechanism has a payload.
     """
     arm, in_order = mechanism_of(mechanism), switch(in_order, "in_order")
     given = described(cameras, board, surfaces)
@@ -102,7 +105,7 @@ def read_table(
 
 
 def specified(dataset: Dataset, instrument: object) -> Dataset:
-    """Return the table with the specification of its instrument; None changes nothing. Raises InputError."""
+    """Return the table with its instrument's specification; None changes nothing. Raises InputError if invalid."""
     if instrument is None:
         return dataset
     if not isinstance(instrument, str):
@@ -123,7 +126,7 @@ def described(
 
 
 def check_told_of(dataset: Dataset, given: Collection[str]) -> None:
-    """Raises InputError, naming the argument, where cameras, a board or surfaces are given that no column reads."""
+    """Raise InputError naming the argument if cameras, a board or surfaces are described that the table lacks."""
     for name, columns in (("cameras", ("u", "v")), ("board", ("u", "v")), ("surfaces", TOUCHED)):
         if name in given and not {*dataset.readings, *dataset.labels} & {*columns}:
             raise InputError(f"{dataset.source} has no column {' or '.join(columns)} that it describes", name)
@@ -135,8 +138,7 @@ def dataset_of(
 ) -> Dataset:  # fmt: skip
     """Read a table for a mechanism; also unmeasured poses if `need_measurement` is False.
 
-    argument: name of the argument in messages. Raises InputError as `read_table`, or for a dataset with other
-    joints.
+    argument: name of the argument in messages. Raises InputError as `read_table`, or for a dataset with other joints.
     """
     payload = choice_of(mechanism).payload
     if isinstance(source, np.ndarray) and not need_measurement:
@@ -158,8 +160,10 @@ def dataset_of(
 
 
 def in_metres(value: str | float, dataset: Dataset, name: str, most: Mapping[str, float] = LARGEST) -> float:
-    """A size of one reading, m, of text with a unit; of pixels and inclinations what they count as. Raises InputError,
-    naming the argument, where it is none of a reading of the table, or above the `most` of its dimension."""
+    """Convert the size of one measurement, text with a unit, to metres; pixels and angles by the weights of the table.
+
+    Raises InputError naming the argument for a unit that no measurement of the table has, or a value above `most`.
+    """
     _, unit = (isinstance(value, str) and split_quantity(value)) or (0.0, "")
     for kind in observations(dataset):
         if kind.metres is not None and factor_like(unit, kind.unit) is not None:
@@ -168,14 +172,14 @@ def in_metres(value: str | float, dataset: Dataset, name: str, most: Mapping[str
 
 
 def told_of_reading(source: TableLike, progress: Say) -> None:
-    """Says that a table is read where that takes long."""
-    with suppress(OSError, ValueError):  # whoever reads it says what is wrong with it
+    """Announce that a table is being read, if it is large."""
+    with suppress(OSError, ValueError):  # the reader reports such errors
         if isinstance(source, str | Path) and os.path.isfile(source) and Path(source).stat().st_size > LARGE:
             progress(Progress("reading the table"))
 
 
 def cells_of(source: pd.DataFrame | str | Path, argument: str = "table") -> Cells:
-    """Cells of a file or data frame. Raises InputError where there is no row, or it is neither."""
+    """Return the cells of a file or data frame; raise InputError for an empty table or any other object."""
     if isinstance(source, str | Path) and str(source):
         path = Path(source)
         frame, digest = read_frame(path)
@@ -203,7 +207,7 @@ def frame_to_extend(source: TableLike, mechanism: Mechanism, argument: str) -> t
 
 
 def with_numbers(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return the frame with text columns of numbers as numbers; columns with other text are unchanged."""
+    """Return the frame with text columns of numbers converted to numbers; a column with other text is unchanged."""
     out = frame.copy()
     for name in out.columns[
         out.dtypes.map(pd.api.types.is_object_dtype) | out.dtypes.map(pd.api.types.is_string_dtype)
@@ -215,7 +219,7 @@ def with_numbers(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _frame_of_array(values: Array, mechanism: Mechanism, argument: str) -> pd.DataFrame:
-    """A data frame of joint values (N, n), rad and m. Raises InputError for another shape."""
+    """Return a data frame of joint values (N, n), rad and m; raise InputError for another shape."""
     joints = mechanism.joints
     if values.ndim != 2 or values.shape[1] != len(joints) or values.dtype.kind not in "fiu":
         said = " x ".join(map(str, values.shape))

@@ -1,4 +1,4 @@
-"""A model judged by poses measured after it was fitted."""
+"""Test a model on poses measured later, without the pose-by-pose procedure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -25,20 +25,20 @@ from gpmodel.table.read import dataset_from
 from gpmodel.table.units import split_header
 
 CORRECTED = "corrected_"
-"""Prefix of the corrected joint values in tables of `compensate`."""
+"""Prefix of corrected joint values in tables of `compensate`."""
 GIVEN_BESIDE = ("correction", "residual", "sigma", "outside", "status")
-"""Columns that `compensate` adds to them."""
+"""Other columns that `compensate` adds to a table."""
 
 
 @dataclass(frozen=True, repr=False)
 class VerifyResult(Shown):
-    """A model against poses measured afterwards. record: the content of verify.json."""
+    """Result of testing a model on later poses. record: content of verify.json."""
 
     record: Verification
 
     @property
     def verdict(self) -> str:
-        """The answer in one sentence, that on the tolerance in another."""
+        """Verdict in one sentence, with a second sentence if a tolerance was given."""
         from gpmodel.report.verification_words import verdict
 
         return verdict(self.record)
@@ -54,26 +54,28 @@ class VerifyResult(Shown):
         return self.record.passed
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a row of the table, the worst first: errors without and with the model, promised, chance, and what
-        is outside the ranges it was fitted in."""
+        """Return one row per row of the table, the largest error first.
+
+        Columns: errors without and with the model, expected error, chance, and inputs outside the ranges of the fit.
+        """
         frame = by_row(self.record)
         return frame if self.record.missed.known else frame.drop(columns="missed [mm]")
 
     def changes(self) -> pd.DataFrame:
-        """One row a thing that changed: name, kind, value, stderr, unit, chance, rivals."""
+        """Return one row per identified change: name, kind, value, stderr, unit, chance, rivals."""
         columns = ["name", "kind", "value", "stderr", "unit", "chance", "rivals"]
         return pd.DataFrame(self.record.changes, columns=columns)
 
     def summary(self) -> str:
-        """Verdict, errors, what it rests on, and the worst rows."""
+        """Return text: verdict, errors, amount of data, and the rows with the largest errors."""
         from gpmodel.report.verification_words import text
 
         return text(self.record)
 
     def report(self, folder: str | Path) -> None:
-        """Leave verify.html, verify.csv and verify.json, which `certificate` reads, in `folder`: all or none.
+        """Write verify.html, verify.csv and verify.json, the input of `certificate`, into `folder`; all files or none.
 
-        Raises InputError when they cannot be written.
+        Raises InputError if a file cannot be written.
         """
         with extra_for("the page of a verification", "report"):
             from gpmodel.report.verification_words import html
@@ -85,7 +87,7 @@ class VerifyResult(Shown):
             self.save(draft / NAME)
 
     def save(self, file: str | Path) -> None:
-        """Write verify.json. Raises InputError when it cannot be written."""
+        """Write verify.json. Raises InputError if the file cannot be written."""
         write_text(file_path(file, "file"), to_json(self.record))
 
     def __repr__(self) -> str:
@@ -96,14 +98,18 @@ def verify_saved(
     saved: SavedModel, table: TableLike, asked: VerifyRequest, tolerance: str | None, in_order: bool,
     sights: Mapping[str, Described],
 ) -> VerifyResult:  # fmt: skip
-    """A saved model judged by a table. sights: what cameras, boards and surfaces are, where not as in the fit. Raises
-    InputError as `gpmodel.verify`."""
+    """Test a saved model on a table. sights: cameras, board and surfaces that differ from those of the fit.
+
+    Raises InputError as `gpmodel.verify`.
+    """
     return judged_by(saved, later_table(saved, table, sights), asked, tolerance, in_order)[0]
 
 
 def later_table(saved: SavedModel, table: TableLike, sights: Mapping[str, Described]) -> tuple[Dataset, Dataset | None]:
-    """Where the machine went, and where its nominal arm would have been sent, where the table says both. Raises
-    InputError as `gpmodel.verify`."""
+    """Return the dataset at the actual joint values, and one at the targets of `compensate` if the table has any.
+
+    Raises InputError as `gpmodel.verify`.
+    """
     told = described(**sights)
     dataset, targets = _driven(saved, table, told)
     check_told_of(dataset, told)
@@ -114,7 +120,7 @@ def judged_by(
     saved: SavedModel, later: tuple[Dataset, Dataset | None], asked: VerifyRequest, tolerance: str | None,
     in_order: bool, significance: float = SIGNIFICANCE,
 ) -> tuple[VerifyResult, Verified]:  # fmt: skip
-    """A saved model judged by a table measured later. significance: of each of the two tests."""
+    """Test a saved model on a table measured later. significance: of each of the two tests."""
     dataset, targets = later
     fresh = afterwards(saved, dataset)
     old = np.setdiff1d(np.arange(len(dataset)), fresh)
@@ -129,7 +135,7 @@ def judged_by(
 
 
 def _others(session: Session, dataset: Dataset, judged: IntArray) -> Others:
-    """The rows that are not `judged`, where a point was measured."""
+    """Return the errors of rows with a measured point that are not among the `judged` rows."""
     errors = errors_at(session, dataset)
     errors[judged] = np.nan
     known = np.isfinite(errors)
@@ -139,7 +145,7 @@ def _others(session: Session, dataset: Dataset, judged: IntArray) -> Others:
 def _driven(
     saved: SavedModel, table: TableLike, sights: Mapping[str, Mapping[str, object]]
 ) -> tuple[Dataset, Dataset | None]:
-    """Where the machine went, and where its nominal arm would have been sent, where the table says both."""
+    """Return the dataset at the actual joint values, and one at the targets of `compensate` if the table has any."""
     mechanism, known = saved.mechanism, {} if saved.measured is None else saved.measured.dataset.described
     if isinstance(table, Dataset):
         return dataset_of(

@@ -1,4 +1,4 @@
-"""Test of a model on poses measured after its fit."""
+"""Test a model on poses measured after its fit."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,36 +24,38 @@ from gpmodel.table.bundles import different_poses
 from gpmodel.table.cells import CONTROLLER_DECIMALS, joint_table, table_text
 
 NAMED_BY = 12
-"""Poses after which a change is named. If none is named by then, no single change explains the poses."""
+"""Number of poses by which a change must be identified. Later the check ends: no single change explains the poses."""
 TWICE = 2.0
-"""Largest undetected motion of the tool, in expected errors of the model, where no tolerance is given."""
+"""Largest undetected displacement of the tool, in expected errors of the model, if no tolerance is given."""
 
 
 @dataclass(frozen=True, repr=False)
 class RepairedModel(Shown):
-    """The model of a machine after a change, fitted to the poses of the check with the old model as prior. found: its
-    numbers and the error that it expects."""
+    """Model of a machine after a change, refitted to the poses of the check with the former model as prior.
+
+    found: its parameters and its expected error.
+    """
 
     found: Repaired
 
     @property
     def model(self) -> Model:
-        """The model; `save` writes it."""
+        """The repaired model; `save` writes it to a file."""
         return Model(self.found.saved)
 
     @property
     def more(self) -> pd.DataFrame | None:
-        """Poses to measure until it expects at most 1.2 times the error before the change; None where 30 are not enough
-        for that."""
+        """Further poses until the expected error is at most 1.2 times that before the change; None if 30 are
+        too few."""
         return None if self.found.more is None else _row(self.found.saved, self.found.more)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a number that changed: name, unit, value and standard error before and after, SI."""
+        """Return one row per changed parameter: name, unit, value and standard error before and after, SI."""
         rows = [(n.name, n.unit, *n.before, *n.after) for n in self.found.numbers]
         return pd.DataFrame(rows, columns=["name", "unit", "before", "stderr before", "after", "stderr after"])
 
     def summary(self) -> str:
-        """State what changed with its ±, the error that the model expects, and how many poses are missing."""
+        """State what changed, with standard errors, the expected error, and the number of further poses needed."""
         numbers = (
             f"{n.name} {wording.measured(*n.after, n.unit)}, before {wording.measured(*n.before, n.unit)}"
             for n in self.found.numbers
@@ -74,9 +76,15 @@ class RepairedModel(Shown):
 
 @dataclass(frozen=True, repr=False)
 class NextCheck(Shown):
-    """A check so far. judged: by the poses there are, None of too few. poses: their number, of different ones.
-    limit: mm by which the tool may move unseen. unseen: zeros that may still have changed by more. next: the pose to
-    measure, None where the check has ended. repaired: the model of the machine now, where a change is named."""
+    """State of a pose-by-pose check.
+
+    judged: result of the poses so far; None with too few.
+    poses: number of different poses.
+    limit: displacement of the tool, mm, that a change must cause to be detected.
+    unseen: joint zeros whose change could cause more without being detected.
+    next: pose to measure next; None if the check has ended.
+    repaired: model of the changed machine, if the change is identified.
+    """
 
     judged: VerifyResult | None
     poses: int
@@ -87,16 +95,16 @@ class NextCheck(Shown):
 
     @property
     def decided(self) -> bool:
-        """True where no further pose is needed."""
+        """True if no further pose is needed."""
         return self.next is None
 
     @property
     def holds(self) -> bool | None:
-        """True if the model holds; None while it is not decided."""
+        """True if the model holds; None if not yet decided."""
         return None if self.judged is None or not self.decided else self.judged.holds
 
     def summary(self) -> str:
-        """Summarise the answer so far, and what to measure next."""
+        """State the result so far and the pose to measure next."""
         from gpmodel.report.verification_words import sentences
 
         lines = [] if self.judged is None else [*sentences(self.judged.record)]
@@ -134,7 +142,10 @@ def next_check(
     saved: SavedModel, table: TableLike | None, asked: VerifyRequest, tolerance: str | None, in_order: bool,
     sights: Mapping[str, Described],
 ) -> NextCheck:  # fmt: skip
-    """The check by the poses of a table, or its first pose. Raises InputError as `gpmodel.verify_next`."""
+    """Evaluate a pose-by-pose check on the poses of a table; without a table propose its first pose.
+
+    Raises InputError as `gpmodel.verify_next`.
+    """
     if table is None:
         return NextCheck(None, 0, np.nan, (), _row(saved, Pool.of(saved).next(np.zeros((0, 0)))))
     later = later_table(saved, table, sights)
@@ -153,7 +164,7 @@ def next_check(
 
 
 def _row(saved: SavedModel, q: Array) -> pd.DataFrame:
-    """Poses (n,) or (M, n) with the headers of the table of the fit."""
+    """Return poses (n,) or (M, n) as a table with the headers of the fitted table."""
     return joint_table(saved.mechanism, np.atleast_2d(q), saved.columns)
 
 
@@ -165,22 +176,24 @@ def verify(
     cameras: Described = None, board: Described = None, surfaces: Described = None, progress: Say = silent,
     command: str = COMMAND,
 ) -> VerifyResult:  # fmt: skip
-    """Judge a model by poses measured afterwards: does it hold, has the machine drifted, or is it another one?
+    """Test a fitted model on later poses: the model holds, the machine has drifted, or it is another machine.
 
-    The registration is found anew, and where what stands in the world is: a camera in the hall, a board on the table,
-    planes, points. Tool point, what links carry and everything else are the model's, at the end of its session. With r
-    what the model leaves, V its covariance (noise and all that the model does not know better) and z the part of
-    V^(-1/2) r at right angles to the registration, |z|² is compared with chi-square, and what could have changed
-    (zeros, tool, sizes of effects, geometry, the catalogue) is tested against z. The two tests together call an
-    unchanged machine changed in one case of a hundred.
+    The registration is fitted again, and so are stationary objects: a fixed camera, a board on the table, planes,
+    points. Tool point and objects on links keep their fitted values at the end of the session. With r the residual, V
+    its covariance (noise and uncertainty of the model) and z the part of V^(-1/2) r orthogonal to the registration,
+    |z|² is compared with chi-square. Possible changes (zeros, tool, sizes of effects, geometry, the catalogue) are
+    tested against z. The two tests together call an unchanged machine changed in one case of a hundred.
 
-    model: a fitted model, or its folder or file. table: as in `read_table`; if it has the columns
-    corrected_J1, ... of `compensate`, the machine went there, and the errors left of its targets J1, ... are said too.
-    tolerance: what no row may exceed, as "0.1 mm", of pixels "0.5 px". in_order: as in `predict`. cameras, board,
-    surfaces: as in `read_table`, where they are others than in the table of the fit. progress: called with what is
-    being done. command: what verify.json says made it. The verdict rests on 2000 rows of more, in even stretches; the
-    tolerance on all, where points were measured.
-    Raises InputError where the table does not fit the model, reads in a unit that the fit did not, or has fewer than
+    model: a fitted model, or its folder or file.
+    table: as in `read_table`. If it has the columns corrected_J1, ... of `compensate`, the machine was at these joint
+    values, and the error at the targets J1, ... is reported too.
+    tolerance: largest allowed error of a row, "0.1 mm", or "0.5 px" for pixels.
+    in_order: as in `predict`.
+    cameras, board, surfaces: as in `read_table`, if different from those of the fit.
+    progress: called with progress messages. command: command line, recorded in verify.json.
+    Of more than 2000 rows, 2000 in even stretches decide the tests; the tolerance applies to all rows with measured
+    points.
+    Raises InputError if the table does not fit the model, has a kind of measurement that the fit lacked, or fewer than
     four poses.
     """
     name, judged = Path(model).name if isinstance(model, str | Path) else "model", model_of(model, "model")
@@ -195,19 +208,19 @@ def verify_next(
     model: Model | str | Path, table: TableLike | None = None, *, tolerance: str | None = None, in_order: bool = False,
     cameras: Described = None, board: Described = None, surfaces: Described = None,
 ) -> NextCheck:  # fmt: skip
-    """Check a model pose by pose: what the poses say so far, and which one to measure next, until it is decided.
+    """Check a model pose by pose: evaluate the poses so far, and propose the next one until the result is decided.
 
-    Measure the pose of `next`, add it to the table, call it again. A look at n poses has the significance
-    0.05 · 6 / (π² (n - 5)²), so that of machines that did not change at most one check in twenty ends with a change,
-    however long it goes on. It ends where a change is seen and named, or where a change of any joint's zero that moves
-    the tool by more than the tolerance would be with the chance 0.9; without a tolerance twice the error that the model
-    expects. Poses are chosen among those of the fit, where the arm is known to go: the one that shows most of the zero
-    that is seen worst. Where a change is named, `repaired` is the model fitted to these poses, its own numbers and
-    their ± as prior, what changed free: `repaired.model.save(...)`; `repaired.more` are the poses that it lacks.
+    Measure the pose `next`, add it to the table, and call again. A test with n poses has the significance
+    0.05 · 6 / (π² (n - 5)²), so that at most one check in twenty of an unchanged machine ends with a change. The check
+    ends when a change is identified, or when a change of any joint zero that moves the tool by more than the tolerance
+    would be detected with probability 0.9. Without a tolerance, twice the expected error of the model counts. The
+    proposed pose is a pose of the fit, the one most sensitive to the least determined joint zero.
+    If a change is identified, `repaired` is the model refitted to these poses. Its prior is the former model, with the
+    changed parameters free. `repaired.model.save(...)` writes it; `repaired.more` are further poses it needs.
 
-    model, table, tolerance, in_order, cameras, board, surfaces: as in `verify`; no table, or fewer than six poses:
-    the next of the first poses, far from the others. Raises InputError as `verify`, and where the model does not hold
-    the table of its fit. Source: Robbins (1970), statistical methods related to the law of the iterated logarithm.
+    model, table, tolerance, in_order, cameras, board, surfaces: as in `verify`. Without a table, or with fewer than six
+    poses, a pose far from the others is proposed. Raises InputError as `verify`, and if the model does not contain the
+    table of its fit. Source: Robbins (1970), statistical methods related to the law of the iterated logarithm.
     """
     judged = model_of(model, "model")
     name = Path(model).name if isinstance(model, str | Path) else "model"

@@ -208,7 +208,7 @@ def matched_with_readings(saved: SavedModel, dataset: Dataset) -> Dataset:
     rows = rows[:: max(1, len(rows) // MOST_ROWS)]
     known = all(joint.measured for joint in saved.mechanism.joints) and not branched(saved.mechanism)
     if known and len(rows) >= FEWEST_OF_A_PART:
-        with np.errstate(all="ignore"):  # an effect that is no number there is named where it is asked for
+        with np.errstate(all="ignore"):  # undefined effects are reported by the caller
             frames = tips(saved, fitting.subset(rows), nominal=False)[1].tip
         if not np.isfinite(frames).all():
             return fitting

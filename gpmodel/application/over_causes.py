@@ -50,7 +50,7 @@ def of_the_ball(name: str, joint: SavedModel, machine: Mechanism) -> tuple[Effec
     if name not in balls:
         raise InputError(f"'{name}' is no ball of {machine.name}; it has {choices(name, balls)}", "joint")
     rig = joint.mechanism
-    if isinstance(rig, Reaching) and len(joint.placement.tool) == 1:  # a lever ends where the fit found the tool
+    if isinstance(rig, Reaching) and len(joint.placement.tool) == 1:  # the lever ends at the fitted tool point
         rig = rig.reaching(next(iter(joint.placement.tool.values()))[:3, 3])
     single = balls_of(rig)
     if len(single) != 1 or single[0].name:

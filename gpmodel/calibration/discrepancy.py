@@ -24,8 +24,7 @@ from gpmodel.table.bundles import sharing
 
 MOST_POSES = 200
 """Poses from which noise and discrepancy are estimated, drawn evenly along the rows. Their 600 coordinates give the
-noise to 3 %.
-"""
+noise to 3 %."""
 FEWEST = 10
 """Least degrees of freedom for separating noise and discrepancy."""
 LENGTHS = (0.3, 0.08)
@@ -97,8 +96,7 @@ def alike(q: Array, lengths: Sequence[float] = LENGTHS, order: int = ORDER) -> A
     """Return the correlation (N, N) of an unknown function at two poses.
 
     Mean over joints of exp(-d²/2) and its powers up to `order`, which contain products of joints. lengths: as shares of
-    a
-    joint's range.
+    a joint's range.
     """
     span = np.ptp(q, axis=0)
     gaps = (q[:, None] - q[None])[:, :, span > 0] / span[span > 0]

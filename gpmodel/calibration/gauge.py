@@ -49,11 +49,9 @@ def preference(
     """Return the indices of the effects in the order in which a fit includes them: joint zeros, lengths, angles.
 
     Effects of one kind keep their order. Effects at a joint that does not move are omitted, because the link before
-    that
-    joint has equivalent parameters.
+    that joint has equivalent parameters.
     growth: (E,) resemblance of each effect to a growth of the mechanism; lengths with the most of it come last. None if
-    a
-    measurement determines the scale.
+    a measurement determines the scale.
     """
     zeros = {(slot, axis) for joint in mechanism.joints for slot, axis, _ in joint.drive}
     kinds = []
@@ -69,8 +67,7 @@ ENOUGH, LIMIT_OF_FEW = 1.5, 200.0
 """Used if no measurement determines the scale: measurements per unknown from which all constants are fitted, and the
 condition limit with fewer; the limit is halved until a degree of freedom is left. Cross-validation cannot choose this
 limit, because folds ignore the prior that keeps such a fit from following the noise (of 20 tables with 40 touches on
-three balls, cross-validation left 4 with one constant).
-"""
+three balls, cross-validation left 4 with one constant)."""
 
 
 def choose(
@@ -78,14 +75,12 @@ def choose(
 ) -> tuple[Mask, float, tuple[ident.RankChoice, ...]]:
     """Return the mask (E,) of the effects to fit, the condition limit, and the cross-validation curve of the limit.
 
-    problem: the linear problem at `theta` (E,). nominal: problem of the constant effects alone, at zero.
-    Constant effects are ranked in the order of `preference` by their nominal columns, because fitted errors of a
-    milliradian
+    problem: the linear problem at `theta` (E,). nominal: problem of the constant effects alone, at zero. Constant
+    effects are ranked in the order of `preference` by their nominal columns, because fitted errors of a milliradian
     would make parallel axes appear distinguishable. The limit of LIMITS with the most constants is chosen whose
     cross-validated error is within one standard error of the smallest, so that tables of one machine fit the same
     constants. If no measurement determines the scale, the limit is SIZE_LIMIT or LIMIT_OF_FEW, and the length most like
-    a
-    growth is fitted. Pose-dependent effects need a unique share of MINIMUM_SHARE; effects with a prior are always
+    a growth is fitted. Pose-dependent effects need a unique share of MINIMUM_SHARE; effects with a prior are always
     fitted.
     Raises InputError for fewer measurements than unknowns, or for a single fold.
     """

@@ -30,18 +30,16 @@ SETTLED = 1e-8
 
 WEAKEST = 1e-3
 """Smallest singular value of the normalised columns of registration and tool that is used to absorb a residual. With a
-smaller one, a millimetre of residual would move the tool by a metre.
-"""
+smaller one, a millimetre of residual would move the tool by a metre."""
 
 
 def with_taken_up(model: ErrorModel, known: ErrorModel) -> ErrorModel:
     """Return the model with the instrument's effects split into rigid motion and distortion as in a `known` model.
 
     With D (M, K) the columns of the instrument's effects, P the columns of registrations and tools and G = P⁺ D, an
-    error
-    θ D of the measurements is P G θ + (D - P G) θ. The first part moves robot and tool rigidly; the second is
-    distortion by
-    the instrument. The measurements determine only the sum, so the split must be copied from the known model.
+    error θ D of the measurements is P G θ + (D - P G) θ. The first part moves robot and tool rigidly; the second is
+    distortion by the instrument. The measurements determine only the sum, so the split must be copied from the known
+    model.
     """
     there = {(e.name, e.terms): e.taken_up for e in known.effects if e.taken_up}
     if not there:
@@ -128,9 +126,7 @@ ATTEMPTS = 4
 
 RATIO_SETTLED = 0.1
 """Change of the log variance shared by the repeats of a pose below which the weights have converged. It changes
-standard
-errors by less than a twentieth.
-"""
+standard errors by less than a twentieth."""
 
 UNSETTLED = 1.1
 """Factor on σ by which an unconverged fit counts as worse than a converged fit with another condition limit."""
@@ -203,8 +199,7 @@ def _calibrate(
 
 
 def _placed(bare: Fitting) -> Placement:
-    """Return the best of the placements fitted from several starts with the nominal mechanism, to avoid local
-    minima."""
+    """Return the best placement of the nominal mechanism, fitted from several starts to avoid local minima."""
     nothing = np.zeros(0, dtype=bool)
     reached = (iterate(bare, np.zeros(0), start, nothing) for start in start_placements(bare.poses))
     return min(reached, key=lambda found: residual_sigma(found.problem)).placement
@@ -212,8 +207,7 @@ def _placed(bare: Fitting) -> Placement:
 
 @dataclass(frozen=True)
 class _Manner:
-    """Options of a fit. robust: exclude outliers. weigh: estimate the weight of rotations. seed: random seed of the
-    folds."""
+    """Options of a fit. robust: exclude outliers. weigh: estimate the weight of rotations. seed: of the folds."""
 
     robust: bool
     weigh: bool

@@ -86,23 +86,18 @@ REGAINED = 2
 """Halvings by which the next step starts longer than the last accepted one. Short steps come in long sequences."""
 SUFFICIENT = 0.5
 """Least decrease of the cost, as a share of the decrease that the linear problem predicts (Armijo 1966). Steps with a
-smaller decrease oscillate across a valley.
-"""
+smaller decrease oscillate across a valley."""
 CORRECTIONS = 2
 """Largest number of corrections of a step by the error of its linear prediction, before it is halved. In a curved
-valley a straight step is too short. Nearly equivalent parameters (twist, offset and tool) cause such a valley.
-"""
+valley a straight step is too short. Nearly equivalent parameters (twist, offset and tool) cause such a valley."""
 NEAR, BENT = 1e-6, 1e-4
 """Largest displacement of a measurement, m, and largest relative error of the predicted displacement, with which the
-next step reuses the columns. With residuals of 0.1 mm this moves the result by less than STEP_TOLERANCE.
-"""
+next step reuses the columns. With residuals of 0.1 mm this moves the result by less than STEP_TOLERANCE."""
 STEP_TOLERANCE = 1e-9
 """Largest displacement of a measurement, m, by the last step: a hundredth of an instrument's resolution."""
 FREE_JOINTS_TOLERANCE = 1e-8
 """STEP_TOLERANCE of a fit with eliminated joints, m. Smaller steps oscillate: errors of the joints turn the columns by
-a
-second-order amount.
-"""
+a second-order amount."""
 
 REASONS = {
     "converged": f"the last step moved no pose by more than {STEP_TOLERANCE * 1e6:g} µm",
@@ -213,8 +208,7 @@ def iterate(
 
     problem: linear problem at the initial point, if known.
     A step that does not lower the cost enough is corrected by the error of its linear prediction, then halved. With
-    free
-    joints it is only halved, since the rows change with the point.
+    free joints it is only halved, since the rows change with the point.
     """
     here = Reached(placement, theta, problem or fitting.at(theta, placement))
     last, cut, since, gram = np.inf, 0, 0.0, None
@@ -233,7 +227,7 @@ def iterate(
         since, gram = (since + last, gram) if near else (0.0, None)
         if not near and not free:
             theta, placement, observed = there.theta, there.placement, there.problem.observed
-            del here, there, step  # of thousands of poses two problems are held at a time, not three
+            del here, there, step  # with thousands of poses, three problems exceed the memory
             there = Reached(placement, theta, fitting.about(observed, placement))
         here = there
         if last < STEP_TOLERANCE:
@@ -251,8 +245,7 @@ def _lower(fitting: Fitting, here: Reached, step: _Step, cut: int) -> tuple[Reac
     """Return the first point that lowers the cost enough, from 2⁻ᶜᵘᵗ of the step on, and its number of halvings.
 
     None if no point does. A step that opens a closed loop counts as too long. Columns are those of the former point,
-    except
-    with free joints.
+    except with free joints.
     """
     before = fitting.cost(here.problem, here.theta, here.placement, step.linear)
     count, free = here.problem.placement, here.problem.left is not None

@@ -50,13 +50,11 @@ class JointReadings:
         return max(float(np.sqrt(np.sum(self.off**2) / max(self.shown - used, 1))), LEAST_ERROR)
 
     def alone(self, informed: Array, sigma: float) -> Array:
-        """Return orthonormal combinations (B, W) of joint values that determine an unknown better than the measurements
-        do.
+        """Return orthonormal combinations (B, W) of joint values that outperform the measurements for some unknown.
 
         informed: rows (M, K) of measurements and priors, each with standard deviation `sigma`. The combinations are R v
-        of unit
-        length, with v the generalised eigenvectors of RᵀR / τ² and RᵀR / τ² + CᵀC / σ² whose eigenvalue exceeds one
-        half.
+        of unit length, with v the generalised eigenvectors of RᵀR / τ² and RᵀR / τ² + CᵀC / σ² whose eigenvalue exceeds
+        one half.
         """
         told, read = informed / max(sigma, LEAST_SIGMA), self.rows / self.error()
         scale = np.sqrt(np.sum(told**2, axis=0) + np.sum(read**2, axis=0))
@@ -248,7 +246,7 @@ def linearise_about(
     blocks, names = placement_columns(poses, observed, placement)
     rows = weights > 0
     weight = weights[rows]
-    # one effect after the other in memory: columns of thousands of poses by hundreds of effects are there only once
+    # one effect at a time, so that the columns of thousands of poses and hundreds of effects are stored once
     weighted = np.zeros((len(names) + len(model.effects), len(weight))).T
     weighted[:, : len(names)] = np.concatenate(blocks, axis=2)[rows] * weight[:, None]
     add_effect_rows(weighted.T[len(names) :], model.effects, model, poses, observed, weights)

@@ -11,8 +11,7 @@ from gpmodel.calibration.linearise import Linearised
 
 LARGEST_RATIO = 1e4
 """Largest ratio of the variance that repeats share to the variance within repeats. Beyond it the difference of repeats
-carries no information.
-"""
+carries no information."""
 
 
 @dataclass(frozen=True)

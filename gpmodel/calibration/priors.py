@@ -16,14 +16,11 @@ the tool."""
 
 GEOMETRY_REACH = 0.01
 """Prior standard deviation of a geometric constant about its nominal value, m or rad. It matters only if the poses
-hardly
-determine the constant, as with hundreds of harmonics in the model.
-"""
+hardly determine the constant, as with hundreds of harmonics in the model."""
 
 
 def prior_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask) -> tuple[Array, Array]:
-    """Return rows (B, K) and right side (B,) of the priors, (θ - mean) σ / prior = 0, one per fitted effect with a
-    prior."""
+    """Return rows (B, K) and right side (B,) of the priors (θ - mean) σ / prior = 0 of the fitted effects."""
     prior = np.array([e.prior for e in model.effects])
     at = np.flatnonzero(kept & np.isfinite(prior))
     sigma = noise_sigma(model, problem)
@@ -52,8 +49,8 @@ def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, placemen
 
     If a measurement is in an instrument's frame, each constant has the standard deviation GEOMETRY_REACH. Otherwise the
     dropped constants count too: the fitted ones, θ = A θ_all, have the covariance reach² A Aᵀ, so that the fit nearest
-    to
-    the nominal geometry does not depend on which constants are dropped. The reach is then estimated, at most TOLERANCE.
+    to the nominal geometry does not depend on which constants are dropped. The reach is then estimated, at most
+    TOLERANCE.
     """
     if not (len(at) and relative(problem)):
         return np.diag(np.full(len(at), residual_sigma(problem) / GEOMETRY_REACH))
@@ -79,7 +76,7 @@ def _explained(
     inverse = np.linalg.inv(lower)
     placed, columns = problem.columns[:, : problem.placement], problem.columns[:, problem.placement + at]
     shown = columns @ lower
-    if size_hidden(problem):  # a machine that shrinks to a point would explain whatever is left
+    if size_hidden(problem):  # a machine shrunk to a point would explain any residual
         shown = ident.remove(ident.orthonormal((inverse @ growth)[:, None]), shown.T).T
     return inverse, (shown, problem.residual + columns @ theta[at], placed)
 

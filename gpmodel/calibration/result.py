@@ -22,8 +22,7 @@ from gpmodel.numerics.rank import RankChoice
 
 CORRELATED = 0.8
 """Correlation of two parameters above which they are reported as interchangeable. The standard error of each is then at
-least 1.7 times as large as with the other known.
-"""
+least 1.7 times as large as with the other known."""
 
 
 @dataclass(frozen=True)
@@ -56,9 +55,7 @@ class Covariance:
     @property
     def predictive(self) -> Array:
         """Covariance (P + E + A, P + E + A) of the unknowns for predictions, alternative explanations included; (P + E,
-        P + E)
-        without alternatives.
-        """
+        P + E) without alternatives."""
         return self.over_causes if len(self.over_causes) else self.values
 
     def only(self, kept: Mask) -> "Covariance":
@@ -183,8 +180,7 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     """Return the uncertainty at the end of a fit: covariance σ² (CᵀC)⁻¹ with C the columns and the prior rows.
 
     σ² = Σ r² / (M - rank), unless the model has its own noise. If joints are free, approximate joint values of the
-    table
-    add rows for unknowns that the measurements leave undetermined.
+    table add rows for unknowns that the measurements leave undetermined.
     """
     problem, at = fitted.problem, np.flatnonzero(kept)
     free = problem.free(kept)

@@ -97,9 +97,7 @@ VISIBLE = 0.05
 POOL = 400
 SHOWN = 4
 """Number of random poses within the joint limits, and number of them that are reported because the explanations differ
-most
-there.
-"""
+most there."""
 
 
 AT_ONCE = 50
@@ -160,12 +158,9 @@ def rivals_of_constants(calibration: Calibration, poses: Poses, pool: Iterable[C
     """Return every significant constant that a candidate of `pool` imitates within the noise, the closest first.
 
     With c the constant's column, C the candidate's and ⊥ the part that no other column of the model explains (smooth
-    terms
-    as far as their priors allow), w minimises |θ c⊥ - C⊥ w|. The two are indistinguishable if this is below TOLD_APART
-    σ.
-    Removing all columns, c included, leaves C⊥ - ĉ ĉᵀC of C, with ĉ the unit vector along c⊥. One projection of a
-    candidate
-    therefore serves all constants; the triangle R of its QR decomposition and ĉᵀC replace C⊥.
+    terms as far as their priors allow), w minimises |θ c⊥ - C⊥ w|. The two are indistinguishable if this is below
+    TOLD_APART σ. Removing all columns, c included, leaves C⊥ - ĉ ĉᵀC of C, with ĉ the unit vector along c⊥. One
+    projection of a candidate therefore serves all constants; the triangle R of its QR decomposition and ĉᵀC replace C⊥.
     """
     model, theta = calibration.model, calibration.theta
     here = FittedColumns.at(calibration, poses)
@@ -220,10 +215,8 @@ def hidden_rivals(calibration: Calibration, poses: Poses) -> tuple[Rival, ...]:
     """Return the alternatives to significant constants: at most one per constant, at most LISTED in total.
 
     Candidates are those of the catalogue with at most UNKNOWNS unknowns. For each constant the plausible one that moves
-    the
-    point least is chosen, if other measurements could distinguish it. Effects that depend on the row number are
-    excluded,
-    because a constant acts on all rows alike.
+    the point least is chosen, if other measurements could distinguish it. Effects that depend on the row number are
+    excluded, because a constant acts on all rows alike.
     """
     mechanism = calibration.model.mechanism
     offered = catalogue.candidates(mechanism, poses.states)

@@ -22,20 +22,15 @@ from gpmodel.numerics import rank as ident
 
 LIMIT = 5000.0
 """Condition limit if no measurement determines the scale. Nearly redundant combinations are then held by their prior,
-so
-that the fit is nearest to the description; a lower limit would drop them instead.
-"""
+so that the fit is nearest to the description; a lower limit would drop them instead."""
 
 TOLERANCE = 1e-3
 """Largest prior standard deviation of a constant that no measurement determines, m or rad. Makers state 0.5 to 2 mm and
 mrad for links and joint zeros. With ten times as much, touches of a two-armed robot made it 8 % larger. At half and at
-double, the constants that the measurements determine do not change.
-"""
+double, the constants that the measurements determine do not change."""
 LEAST, MOST, GRID = 3e-5, 3e-2, 60
 """Grid of the standard deviation of constants about the description, m and rad: smallest (machined parts), largest
-(lost
-joint zeros), and number of values.
-"""
+(lost joint zeros), and number of values."""
 SMALLEST = 1e-4
 """Smallest share of noise in the measurements: rounding of coordinates in mm to 0.01 µm."""
 
@@ -59,8 +54,8 @@ def size_hidden(problem: Linearised) -> bool:
 def relative(problem: Linearised) -> bool:
     """Return whether no measurement of a fit is in the frame of an instrument.
 
-    Touches, bars, cameras and inclinometers measure parts of a mechanism relative to each other. They determine much
-    of its geometry weakly or not at all.
+    Touches, bars, cameras and inclinometers measure parts of a mechanism relative to each other. They determine much of
+    its geometry weakly or not at all.
     """
     return problem.left is None and without_frame(problem.observed.kinds)
 
@@ -75,8 +70,7 @@ def share_of_size(model: ErrorModel, problem: Linearised) -> Array:
     """Return how much each effect resembles a growth of the mechanism (E,): |cosine| of the two displacement fields.
 
     Displacements of the tool point over the poses are compared, after rigid motions of the root and the tool are
-    projected
-    out.
+    projected out.
     """
     count = len(problem.poses)
     bare = replace(problem.observed, kinds=(Point(np.zeros((count, 3))),))
@@ -95,8 +89,7 @@ def standing_for(
     """Return the changes of the held effects that are equivalent to one unit of each other effect, and to growth.
 
     Returns (H, O), unknowns per unknown, and (H,), unknowns per relative growth. Effects are equivalent if they move
-    the
-    tool point of the nominal mechanism alike over the poses, up to rigid motions of the root and the tool.
+    the tool point of the nominal mechanism alike over the poses, up to rigid motions of the root and the tool.
     """
     count = len(problem.poses)
     nominal = observe(ErrorModel(model.mechanism, ()), problem.poses, np.zeros(0), placement)
@@ -120,8 +113,8 @@ def spread(columns: Array, target: Array, placed: Array, most: float) -> tuple[f
     target: (M,) measurements. placed: (M, P) columns of unknowns without a prior.
     most: largest standard deviation, m and rad.
     Returns the standard deviation, the RMS residual, m, and orthonormal columns (M, K) that the measurements determine.
-    With s the singular values of the columns without their part along `placed`, the measurements have the variance
-    σ² + reach² s²; reach² and log σ are averaged over their likelihood on a grid. Source: MacKay (1992), Bayesian
+    With s the singular values of the columns without their part along `placed`, the measurements have the variance σ² +
+    reach² s²; reach² and log σ are averaged over their likelihood on a grid. Source: MacKay (1992), Bayesian
     Interpolation.
     """
     taken = ident.orthonormal(placed)

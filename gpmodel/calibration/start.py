@@ -78,8 +78,7 @@ the tool."""
 
 GOOD_START = 1e-4
 """RMS error, m, of initial values below which no further start is tried. Poses in one plane have a mirrored solution,
-which fits far worse.
-"""
+which fits far worse."""
 
 TRIED_TOOLS = np.vstack([np.zeros(3), *(0.15 * sign * axis for axis in np.eye(3) for sign in (1.0, -1.0))])
 """Initial tool points (7, 3), m: the flange, and 0.15 m from it in each direction."""

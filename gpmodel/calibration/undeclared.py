@@ -5,9 +5,9 @@ the measurements, F the columns of the placement and of declared effects, A thos
 
     r = F ρ + A θ + Σ_a c_a ∘ f_a(q) + e,   θ ~ N(0, τ² I),   f_a ~ N(0, γ_a² K),   e ~ N(0, n² I)
 
-where f_a are unknown smooth functions of the joint values. γ_a, τ and n maximise the restricted likelihood.
-Constants are then fitted by generalised least squares with the covariance V of the functions and the noise. The
-conditional mean of the functions becomes part of the model, with α = V⁻¹ (r - F ρ - A θ):
+where f_a are unknown smooth functions of the joint values. γ_a, τ and n maximise the restricted likelihood. Constants
+are then fitted by generalised least squares with the covariance V of the functions and the noise. The conditional mean
+of the functions becomes part of the model, with α = V⁻¹ (r - F ρ - A θ):
 
     f_a(q) = γ_a² Σ_m K(q, q_m) c_a,m α_m
 
@@ -38,15 +38,13 @@ from gpmodel.numerics import rank
 
 MEAN, OF_ONE, OF_TWO = 0.3, ((0.3, 1.5), (0.1, 4.0)), (0.3, 1.5)
 """Variance of an unknown function of size 1: of its mean; of sinusoids of one joint, with their rates, rad over its
-range;
-and of products of sinusoids of two joints. A load hardly changes over a table, so most of an effect is its mean;
+range; and of products of sinusoids of two joints. A load hardly changes over a table, so most of an effect is its mean;
 without a mean, constants absorb it and touches leave arms less accurate outside their region than the nominal geometry.
 With other shares and rates from 1 to 4.5 the error outside is up to twice as large on planes, within a fifth elsewhere.
 """
 MOST_ROWS, LARGEST = 400, 3000
 """Measurements from which variances are estimated, drawn evenly along the rows; and measurements up to which their
-covariance is inverted. With more, the noise is taken as white.
-"""
+covariance is inverted. With more, the noise is taken as white."""
 STEPS = 20
 """Updates of the variances; with 40 no constant changes by a tenth of its standard error."""
 PASSES = 3
@@ -62,10 +60,8 @@ ALONE_STEPS = 200
 """Updates of τ and n without functions; with 100 the likelihood is equal within a thousandth of a nat."""
 EARNED = 20.0
 """Least gain, nats, at which undeclared effects are reported. The largest of 56 tables of touches and cameras without
-an
-undeclared effect was 11, the least of eight with a compliant joint and two oval gears 38. At half, one table more of
-pure noise is reported; at double, one table with an effect is missed.
-"""
+an undeclared effect was 11, the least of eight with a compliant joint and two oval gears 38. At half, one table more of
+pure noise is reported; at double, one table with an effect is missed."""
 START, SMALLEST = (1e-4, 3e-4, 0.3), 1e-8
 """Initial γ and τ, m and rad, and initial share of noise in the measurements; and the smallest γ and n, rounding."""
 
@@ -152,8 +148,7 @@ class Coloured:
         """Return the conditional mean of the functions, as an effect, given the residual (M,) of whitened rows.
 
         None if all functions are below SHOWN times the noise. The effect's prior is the standard deviation of the
-        functions
-        relative to their mean, both RMS over the measurements.
+        functions relative to their mean, both RMS over the measurements.
         """
         pulled = linalg.solve_triangular(self.lower, white, lower=True, trans="T", check_finite=False)
         weights = self.values.T @ (self.axes * pulled[:, None])
@@ -176,8 +171,7 @@ class Coloured:
         """Return the posterior variance (N,), m², of points, by the unknowns and the functions together.
 
         axes, columns: (N, 3, A) and (N, 3, K), derivatives of the points by the axes and by the unknowns. fitted: the
-        problem of
-        the fit. The part of an unknown that the functions absorb is not counted twice (universal kriging).
+        problem of the fit. The part of an unknown that the functions absorb is not counted twice (universal kriging).
         """
         unknowns, out = fit.covariance.values, np.sum((axes * self.unknown.sizes) ** 2, axis=(1, 2))
         for k in range(3):
@@ -320,8 +314,7 @@ def apart_from_effects(fit: Calibration, poses: Poses) -> Calibration:
     """Refit constants separately from undeclared effects, and add these effects to the model.
 
     The fit is returned unchanged if a measurement is in an instrument's frame. sigma² is n² plus the mean variance of
-    the
-    functions over the measurements.
+    the functions over the measurements.
     """
     fitting = fitting_of(fit, poses)
     raw = fitting.at(fit.theta, fit.placement)

@@ -1,8 +1,8 @@
 """Joints without a sensor: their table values are approximate, so the joint values of every pose are unknowns too.
 
-They are eliminated pose by pose (variable projection). With the weighted sensitivities A (m, n) of one pose to its
-free joints and A = U S Vᵀ, only the measurements along the columns of U with a negligible singular value still inform
-the model; an error of the joint values explains any residual along the other columns.
+They are eliminated pose by pose (variable projection). With the weighted sensitivities A (m, n) of one pose to its free
+joints and A = U S Vᵀ, only the measurements along the columns of U with a negligible singular value still inform the
+model; an error of the joint values explains any residual along the other columns.
 Source: Golub and Pereyra (1973); the truncation takes the place of 1/S in Robertson (2003), Fig 3.17.
 """
 
@@ -19,8 +19,7 @@ from gpmodel.table.dataset import Dataset
 
 TRUNCATION = 1e-2
 """Least singular value, relative to the largest, of a joint direction that the measurements determine. Other directions
-keep the table's values.
-"""
+keep the table's values."""
 
 ELIMINATED = 1e-2
 """Least share of a column that free joints do not absorb. A column with less is set to zero."""
@@ -32,9 +31,7 @@ PRIOR_SIGMA = {"revolute": np.radians(1.0), "prismatic": 1e-3}
 """Standard deviation of approximate joint values if none is stated, rad and m: read from a scale by eye."""
 ROTATION_WEIGHT = 0.3
 """Weight of a radian of orientation, m: a typical lever from wrist to tool. The fit of a table replaces it by the ratio
-of
-the residuals.
-"""
+of the residuals."""
 MAX_ITERATIONS = 20
 """Largest number of steps for the joint values of a pose; three are usual."""
 STEP_TOLERANCE = 1e-9
@@ -96,8 +93,7 @@ def eliminate(columns: Array, residual: Array, joints: Array) -> tuple[Array, Ar
     """Eliminate each pose's joints (N, m, n) from columns (N, m, K) and residual (N, m).
 
     Returns columns (M, K), residual (M,) and the pose (M,) of each row. A column that the joints absorb, up to
-    ELIMINATED,
-    is exactly zero. NaN in the residual means not measured.
+    ELIMINATED, is exactly zero. NaN in the residual means not measured.
     """
     measured = np.isfinite(residual)
     left = complement(joints * measured[:, :, None], measured)
@@ -116,10 +112,8 @@ def observable(rows: Array, nominal: Array, sizes: Array) -> Array:
     """Project out of columns (M, K) the combinations that free joints absorb in the nominal mechanism.
 
     nominal: (M', K) columns without any effect, where an absorbed combination is zero up to rounding. With effects such
-    a
-    combination is small but not zero, and would be fitted to noise. sizes: (K,) column norms before elimination, which
-    make
-    metres and radians comparable.
+    a combination is small but not zero, and would be fitted to noise. sizes: (K,) column norms before elimination,
+    which make metres and radians comparable.
     """
     scale = np.where(sizes > 0, sizes, 1.0)
     _, s, vt = np.linalg.svd(nominal / scale, full_matrices=True)
@@ -130,8 +124,8 @@ def observable(rows: Array, nominal: Array, sizes: Array) -> Array:
 def solve_joints(model: ErrorModel, poses: Poses, theta: Array, placement: Placement) -> Poses:
     """Return the poses with their free joints solved against the measurements.
 
-    Per pose: the joint values nearest to the table's (in units of `prior_sigmas`) among those that fit the
-    measurements best, by truncated Gauss-Newton:  δ = σ (V S⁺ Uᵀ r + (I - V V⁺) (q_table - q) / σ).
+    Per pose: the joint values nearest to the table's (in units of `prior_sigmas`) among those that fit the measurements
+    best, by truncated Gauss-Newton:  δ = σ (V S⁺ Uᵀ r + (I - V V⁺) (q_table - q) / σ).
     Without a free joint, and in rows without a measurement, joint values are unchanged.
     """
     free = list(free_joints(model.mechanism))

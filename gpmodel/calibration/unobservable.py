@@ -91,12 +91,11 @@ def unobservable_families(calibration: Calibration, poses: Poses) -> tuple[str, 
 
 def held_at_description(fit: Calibration, poses: Poses, *, searched: bool = False) -> Iterator[str]:
     """Yield sentences on the expected error inside and outside the measured region, on undeclared effects, and on
-    constants
-    that the measurements do not determine.
+    constants that the measurements do not determine.
 
     Yields nothing if a measurement is in an instrument's frame. searched: the model is the result of a search for
-    effects.
-    A constant counts as not determined if its standard error without priors, σ / (|c| share), is above TOLERANCE.
+    effects. A constant counts as not determined if its standard error without priors, σ / (|c| share), is above
+    TOLERANCE.
     """
     problem = problem_at(fit, poses)
     at = np.flatnonzero(fit.kept & of_the_description(fit.model))

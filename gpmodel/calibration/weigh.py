@@ -59,8 +59,7 @@ def weighed(mechanism: Mechanism, poses: Poses) -> Poses:
     """Return the poses with pixels and inclinations converted to metres.
 
     With lengths in the table, the factors equalise the residuals of the standard model. Without lengths, a pixel counts
-    as
-    its size at the distance of the board, and a radian as one metre.
+    as its size at the distance of the board, and a radian as one metre.
     """
     dataset = poses.dataset
     if not any(isinstance(kind, Pixels | Inclination) for kind in dataset.observations):
@@ -92,8 +91,8 @@ def _spread(kind: Observation, observed: Observed) -> float:
     unknowns.
 
     σ² = Σ |r|² / (ν F) over the rows of the smaller |r|, with ν degrees of freedom per row and F the share of the sum
-    that
-    normal residuals have there. A median of components would fail: of the six of a ball bar, five are fitted to zero.
+    that normal residuals have there. A median of components would fail: of the six of a ball bar, five are fitted to
+    zero.
     """
     left = kind.residual(observed.tips, observed.own)
     read = np.isfinite(left)

@@ -15,7 +15,7 @@ from typing import NoReturn
 
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
-os.environ["MPLBACKEND"] = "agg"  # nothing is shown, and one that is not installed ends every picture
+os.environ["MPLBACKEND"] = "agg"  # no window is shown; a missing backend would fail
 
 import click  # noqa: E402
 
@@ -109,9 +109,9 @@ class CommandGroup(click.Group):
         """Run as a program, and exit."""
         arguments = list(sys.argv[1:] if args is None else args) or ["--help"]
         if threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what is unpacked goes
+            signal.signal(signal.SIGTERM, signal.default_int_handler)  # as for Ctrl-C, to remove temporary files
         terminal.begin()
-        logging.getLogger("matplotlib").setLevel(logging.ERROR)  # a home that is read-only is no news
+        logging.getLogger("matplotlib").setLevel(logging.ERROR)  # no warning about a read-only home folder
         try:
             status = super().main(arguments, prog_name or "gpmodel", standalone_mode=False)
             ended = status if isinstance(status, int) else DONE
