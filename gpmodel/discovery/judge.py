@@ -23,8 +23,7 @@ from gpmodel.selection.sparse_bayes import reestimate
 
 @dataclass(frozen=True)
 class Judged:
-    """hypotheses: every selected group with its tests, the largest gain first. calibration: fit with the accepted
-    groups."""
+    """hypotheses: every selected group with its tests, by decreasing gain. calibration: fit of the accepted groups."""
 
     hypotheses: tuple[Hypothesis, ...]
     calibration: Calibration

@@ -100,8 +100,8 @@ def discover(
 
 
 def _searched(state: State, standard_fit: Calibration) -> tuple[Callable[[], Calibration], str]:
-    """Run the rounds on the sample; return a fit of the findings to the training poses as a task, and why they ended.
-    """
+    """Run the rounds on the sample; return a function that fits their findings to all training rows, and why they
+    ended."""
     sampled = len(state.sample) < len(state.train)
     start = state.fit_sample(state.model(()), standard_fit) if sampled else standard_fit
     calibration, stopped = _run_rounds(state, start)

@@ -1,1 +1,1 @@
-"""Groups of effects chosen together by marginal likelihood."""
+"""Selection of groups of effects by marginal likelihood."""

@@ -1,10 +1,10 @@
-"""Find the credible set of a selected group: every candidate in its place, with its probability.
+"""Find the credible set of a selected group: all candidates that could replace it, with their probabilities.
 
     p(h | y) ∝ exp L(model with h in the place of g),   h over all groups of the pool
 
-L is the objective of the selection: log marginal likelihood less the price. Everything else in the model is
-re-estimated with h, and what h makes superfluous is deleted. What has no name counts as one cause, "none of these".
-Sources: Wang et al. (2020), a sum of single effects; Raftery et al. (1997), the models near the best one.
+L is the objective of the selection: log marginal likelihood minus price. The rest of the model is re-estimated with h,
+and groups that h makes superfluous are deleted. All unnamed candidates are one cause, "none of these". Sources: Wang et
+al. (2020), a sum of single effects; Raftery et al. (1997), the models near the best one.
 """
 
 from collections.abc import Iterable, Sequence
@@ -24,9 +24,8 @@ from gpmodel.selection.smooth_terms import nats_without_a_name
 from gpmodel.selection.sparse_bayes import prune, reestimate
 
 NEAR, MOST, ALIKE = 9.0, 40, 1e-3
-"""Nats below the best within which the model is estimated again with a candidate:
-a farther one has a probability below 0.0001. Such candidates at most, the best first. Relative difference of two
-contributions below which no measurement at these poses distinguishes their causes."""
+"""Candidates within NEAR nats of the best are re-estimated, at most MOST of them; others have a probability below
+0.0001. ALIKE: relative difference of contributions below which no measurement at these poses distinguishes them."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class CredibleSet:
-    """Causes, the most probable first. none: probability that the cause has no name, 0 outside the set."""
+    """Causes, the most probable first. none: probability of an unnamed cause, 0 outside the set."""
 
     causes: tuple[Cause, ...]
     none: float
@@ -52,12 +51,12 @@ class CredibleSet:
 
     @property
     def others(self) -> tuple[Cause, ...]:
-        """Causes that the selected group is none of."""
+        """Causes that do not contain the selected group."""
         return tuple(cause for cause in self.causes if not cause.own)
 
 
 def credible_set(model: Active, g: int, sites: Sequence[Site] = (), inputs: Sequence[str] = ()) -> CredibleSet:
-    """Weigh all candidates in the place of a selected group. sites, inputs: of smooth terms."""
+    """Compute the probabilities of all candidates in the place of a selected group. sites, inputs: of smooth terms."""
     near, group = dict(_near(model, g)), model.pool.groups[g]
     unnamed = _smooth_terms(model, g, sites, inputs) if _named(group) else np.zeros(0)
     total = float(logsumexp([*near.values(), *unnamed]))
@@ -76,9 +75,9 @@ def _named(group: Group) -> bool:
 
 
 def _near(model: Active, g: int) -> Iterable[tuple[int, float]]:
-    """Candidates in the place of a group, itself among them, with the objective (nats) of the model with each.
+    """Yield candidates in the place of a group, itself included, with the objective (nats) of the model with each.
 
-    Curves of other groups are held.
+    Curves of other groups keep their variances.
     """
     yield g, model.objective
     model = beside_curves(model, [g], model.pools)
@@ -96,7 +95,7 @@ def _near(model: Active, g: int) -> Iterable[tuple[int, float]]:
 
 
 def _smooth_terms(model: Active, g: int, sites: Sequence[Site], inputs: Sequence[str]) -> Array:
-    """Objective (K,), nats, of the model with smooth terms where a group acts in its place."""
+    """Return the objective (K,), nats, of the model with each smooth term in the place of a group."""
     slots = {slot for e in model.pool.groups[g].effects for slot in e.slots}
     there = [site for site in sites if not slots.isdisjoint(slot for slot, _, _ in site.terms)]
     if not there or not inputs:
@@ -106,7 +105,7 @@ def _smooth_terms(model: Active, g: int, sites: Sequence[Site], inputs: Sequence
 
 
 def _lines(fewer: Active, chance: dict[int, float]) -> list[tuple[tuple[int, ...], float]]:
-    """Groups by what they contribute beside a model: those that contribute the same are one line."""
+    """Merge groups with equal contributions given a model, and return each set with its total probability."""
     lines: list[tuple[list[int], Array]] = []
     for h in sorted(chance, key=lambda h: (-round(chance[h], 6), fewer.pool.groups[h].name)):
         moved = _contribution(fewer, h)
@@ -120,7 +119,7 @@ def _lines(fewer: Active, chance: dict[int, float]) -> list[tuple[tuple[int, ...
 
 
 def _contribution(fewer: Active, h: int) -> Array:
-    """Least-squares contribution (M,) of a group to what a model leaves."""
+    """Return the least-squares contribution (M,) of a group to the residual of a model."""
     columns = fewer.pool.columns(h)
     columns = columns - fewer.spanned @ (fewer.spanned.T @ columns)
     return np.asarray(columns @ np.linalg.lstsq(columns, fewer.left, rcond=None)[0])

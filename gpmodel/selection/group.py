@@ -1,4 +1,4 @@
-"""Define a group of columns that come in together under one variance, and the price of its structure, nats."""
+"""A group: columns that enter the model together under one variance; and the price of its description, nats."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,17 +16,17 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.states import States
 
 CAP = 5e-3
-"""Radians or metres, as √a: no undeclared effect of a machine in service moves its place further."""
+"""Largest √a, rad or m: no undeclared effect of a machine in service moves its site by more."""
 DECLARED_CAP = 0.3
-"""Largest √a of an effect that is known to be there, in its own unit."""
+"""Largest √a of an effect that is known to exist, in its own unit."""
 FEW = 2
-"""Unknowns up to which a group is read as one effect: a number, or a sine and cosine. More of them make a curve."""
+"""Largest number of coefficients of a single effect: a number, or a sine and cosine. A curve has more."""
 FLAT = 1e-6
-"""Relative variance of a basis below which it is a constant, which the geometry holds."""
+"""Relative variance of a basis function below which it is constant and thus part of the geometry."""
 
 
 class Shapes:
-    """Values (N,) of bases at fixed poses, each computed once."""
+    """Values (N,) of basis functions at fixed poses, each computed once."""
 
     def __init__(self, states: States) -> None:
         self.states = states
@@ -41,7 +41,7 @@ class Shapes:
         return self._values[text]
 
     def moments(self, basis: Basis) -> tuple[float, float]:
-        """Variance and mean square over the poses."""
+        """Return variance and mean square over the poses."""
         text = str(basis)
         if text not in self._moments:
             values = self(basis)
@@ -52,13 +52,12 @@ class Shapes:
 
 @dataclass(frozen=True)
 class Group(Candidate):
-    """A candidate with unknowns u_k ~ N(0, a spread_k²), one variance a for all of them.
+    """A candidate with coefficients u_k ~ N(0, a spread_k²), with one variance a for all of them.
 
-    spreads: (E,) standard deviations of the unknowns for a = 1, scaled so that Σ spread_k² var(φ_k) = 1: √a is how
-    far the whole group moves its place over the poses, rad or m. where: slot and axis. cap: largest √a; where the
-    priors are believed, what somebody stated. always_included: in the model whatever it is worth. parts: the groups of
-    one kind at several places that it is made of, empty for a plain group. inner: None also where not all of its
-    effects are left.
+    spreads: (E,) standard deviations of the coefficients for a = 1, scaled so that Σ spread_k² var(φ_k) = 1. √a is then
+    the RMS motion of its site by the whole group, rad or m. where: slot and axis. cap: largest √a; for specified priors
+    the specified value. always_included: exempt from deletion. parts: groups of one kind at several sites that form
+    this group, empty for a plain group. inner: None also if some of the effects are deleted.
     """
 
     spreads: tuple[float, ...] = ()
@@ -68,21 +67,19 @@ class Group(Candidate):
     parts: tuple["Group", ...] = ()
 
     def with_prior(self, variance: float) -> tuple[Effect, ...]:
-        """Its effects with the standard deviations √a spread_k as their priors."""
+        """Return its effects with prior standard deviations √a spread_k, a = `variance`."""
         root = math.sqrt(variance)
         return tuple(replace(e, prior=root * s) for e, s in zip(self.effects, self.spreads, strict=True))
 
 
 def is_curve(candidate: Candidate) -> bool:
-    """Return whether a candidate describes an error without naming a part: a smooth term, or one of a generic
-    family.
-    """
+    """Return whether a candidate describes an error without naming a part: a smooth term or one of a generic family."""
     known = family(candidate.family)
     return candidate.found_by == SMOOTH_TERM or (known is not None and known.generic)
 
 
 def spread_of(effect: Effect, shapes: Shapes) -> float:
-    """Standard deviation over the poses of what a unit of it does to its slots; 0 where flat, NaN past numbers."""
+    """Return the standard deviation over the poses of a unit effect's motion; 0 if constant, NaN if it overflows."""
     total, size = 0.0, 0.0
     for term in effect.terms:
         variance, square = shapes.moments(term.basis)
@@ -92,9 +89,9 @@ def spread_of(effect: Effect, shapes: Shapes) -> float:
 
 
 def group_of(candidate: Candidate, shapes: Shapes) -> Group | None:
-    """A candidate as a group; finite priors say how large its effects are to each other, the others get equal shares.
+    """Return a candidate as a group. Finite priors give the ratios of its effects, other effects get equal shares.
 
-    Those that do not vary over the poses are left out; None where nothing is left.
+    Effects that do not vary over the poses are omitted; None if no effect varies.
     """
     sizes = [spread_of(e, shapes) for e in candidate.effects]
     alive = [(e, s) for e, s in zip(candidate.effects, sizes, strict=True) if np.isfinite(s) and s > 0]
@@ -110,10 +107,11 @@ def group_of(candidate: Candidate, shapes: Shapes) -> Group | None:
 
 
 def geometry_groups(effects: Iterable[Effect]) -> tuple[Group, ...]:
-    """Group constant errors as lengths, angles, and those with priors, which keep their ratios; other effects one each.
+    """Group constant errors as lengths, angles, and those with priors, which keep their ratios; others are single
+    groups.
 
-    All are always in. Together they stay within what is believed of a description: along a direction that the poses
-    hardly show, a wrist 29 cm away would say in the linear problem what the curves of two joints do.
+    All are always included, with variances limited to errors of a description. Along a direction that the poses hardly
+    determine, a wrist 29 cm away would otherwise fit in the linear problem like two curves.
     """
     kinds: dict[str, list[Effect]] = {"geometry, lengths": [], "geometry, angles": [], "geometry, with priors": []}
     for e in effects:
@@ -130,7 +128,7 @@ def geometry_groups(effects: Iterable[Effect]) -> tuple[Group, ...]:
 
 
 def joined(name: str, parts: Sequence[Group], cost: float) -> Group:
-    """Groups of one kind at several places under one variance."""
+    """Return groups of one kind at several sites as one group under one variance."""
     share = 1.0 / math.sqrt(len(parts))
     effects = tuple(e for p in parts for e in p.effects)
     spreads = tuple(share * s for p in parts for s in p.spreads)
@@ -138,16 +136,16 @@ def joined(name: str, parts: Sequence[Group], cost: float) -> Group:
 
 
 READABLE = 12
-"""Operations, inputs and constants that are read in a formula at most; a longer one is no plainer than a curve."""
+"""Largest number of operations, inputs and constants of a readable formula; a longer one is no clearer than a curve."""
 
 
 @dataclass(frozen=True)
 class Price:
-    """Prices of groups.
+    """Prices of groups, nats.
 
-    limits: minimum_nats for any group, head_start for one without a name, naming_margin for reading a curve.
-    of_input: nats by input, from the references of evolved programs; an input that is missing is free. with_formulas:
-    names of curves of which formulas are offered.
+    limits: minimum_nats for any group, head_start for one without a name, naming_margin for a curve or a long formula.
+    of_input: price of each input, from the inputs of evolved programs; others are free. with_formulas: names of curves
+    for which formulas are offered.
     """
 
     limits: Criteria = field(default_factory=Criteria)
@@ -155,16 +153,16 @@ class Price:
     with_formulas: frozenset[str] = frozenset()
 
     def to_describe(self, group: Group) -> float:
-        """Log of how many alternatives there are, and the price of having no name."""
+        """Return the log of the number of alternatives, plus the price of a group without a name."""
         return group.cost + self.limits.head_start * (not group.family)
 
     def to_enter(self, group: Group) -> float:
-        """Return the gain a group needs to enter the model: minimum gain, description and inputs."""
+        """Return the gain that a group needs to enter the model: minimum gain, description and inputs."""
         read = [self.of_input.get(name, 0.0) for name in group.inputs]
         return self.limits.minimum_nats + self.to_describe(group) + (float(np.mean(read)) if read else 0.0)
 
     def to_read(self, group: Group) -> float:
-        """Return the price of reading a smooth term once formulas of it are offered, or of a long formula."""
+        """Return the price of a smooth term with offered formulas, or of a long formula: both are hard to read."""
         names = {group.name, *(part.name for part in group.parts)}
         curve = is_curve(group) and len(group.effects) > FEW and not names.isdisjoint(self.with_formulas)
         basis = group.place.basis

@@ -17,15 +17,15 @@ from gpmodel.selection.programs import laws, terms
 Builder = Callable[[Mechanism, Shapes], Iterator[Group | None]]
 
 LARGEST_BLOCK = 130
-"""Effects of one kind offered together as one group at all places: more are slow and say nothing."""
+"""Largest number of effects of one kind in a joint group at all sites: with more it is slow and selects nothing."""
 SMALLEST_BLOCK = 3
-"""Places below which they are offered singly."""
+"""Least number of sites of a joint group."""
 BLOCK_COST = 1.0
-"""Nats of a kind at all places: there are few kinds to choose from."""
+"""Price of a joint group in addition to that of one part, nats: there are few kinds."""
 
 
 def of_offers(offers: Iterable[Offer]) -> Builder:
-    """Every instance of what is offered."""
+    """Return a builder of groups from families, candidates and effects."""
 
     def build(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
         for offer in offers:
@@ -35,10 +35,9 @@ def of_offers(offers: Iterable[Offer]) -> Builder:
 
 
 def of_evolved(candidates: Sequence[Candidate], cost: Callable[[int], float]) -> Builder:
-    """Build groups from evolved candidates; terms without a shared input become separate formulas, with their terms
-    as parts.
+    """Return a builder of groups from evolved candidates, one for each set of inputs that terms share.
 
-    cost: nats of a number of nodes.
+    Its parts are the single terms. cost: function from a number of nodes to nats.
     """
 
     def build(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
@@ -52,12 +51,12 @@ def of_evolved(candidates: Sequence[Candidate], cost: Callable[[int], float]) ->
 
 @dataclass(frozen=True)
 class Offering:
-    """Offer of a selection.
+    """Groups that a selection may use.
 
     single: builders of groups that are offered from the start.
-    sites, inputs: of the smooth terms of one or two inputs that are proposed.
-    grids: of sinusoids at more frequencies than can be named.
-    wanted: returns whether a group may be offered.
+    sites, inputs: of proposed smooth terms of one or two inputs.
+    grids: of sinusoids at any frequency of a range.
+    wanted: function that returns whether a group may be offered.
     """
 
     single: Sequence[Builder]
@@ -68,9 +67,9 @@ class Offering:
 
 
 def singles(offering: Offering, mechanism: Mechanism, shapes: Shapes) -> list[Group]:
-    """The single groups that vary over these poses, the first of each set of columns.
+    """Return the single groups that vary over these poses, without groups of equal columns.
 
-    Terms that were evolved together are offered one by one where one of them has a name by itself.
+    Terms that evolved together are offered separately if one of them is also offered by name.
     """
     built = chain.from_iterable(builder(mechanism, shapes) for builder in offering.single)
     found = without_copies(group for group in built if group is not None and offering.wanted(group))
@@ -79,7 +78,7 @@ def singles(offering: Offering, mechanism: Mechanism, shapes: Shapes) -> list[Gr
 
 
 def without_copies(groups: Iterable[Group]) -> list[Group]:
-    """The first of each set of columns."""
+    """Return the first of all groups with equal columns."""
     found: dict[object, Group] = {}
     for group in groups:
         found.setdefault((tuple(e.terms for e in group.effects), group.spreads, group.cap), group)
@@ -87,13 +86,13 @@ def without_copies(groups: Iterable[Group]) -> list[Group]:
 
 
 def _apart(group: Group, named: Set[tuple[Term, ...]]) -> tuple[Group, ...]:
-    """A group, or its terms but for those that are offered by name, where there are any. named: terms of those."""
+    """Return a group, or its terms that are not offered by name if some are. named: terms of the named groups."""
     left = tuple(part for part in group.parts if part.effects[0].terms not in named)
     return left if len(left) < len(group.parts) else (replace(group, parts=()),)
 
 
 def shared_kinds(mechanism: Mechanism, groups: Iterable[Group]) -> list[Group]:
-    """Groups that are the same but for the joint, as one group under one variance: many weak ones of one kind."""
+    """Return joint groups of groups that differ only in the joint: they detect many weak effects of one kind."""
     kinds: dict[str, list[Group]] = defaultdict(list)
     for group in groups:
         for j in mechanism.joints:

@@ -1,4 +1,4 @@
-"""Form the whitened linear problem, and the inner products of all columns that are offered."""
+"""Form the whitened linear problem, and the inner products of all offered columns."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -19,9 +19,9 @@ Site = tuple[str, str]
 
 
 class Rows:
-    """M weighted rows: their sensitivity (M,) to a unit twist at each site, whitened, the placement projected out.
+    """M weighted rows: the sensitivity (M,) to a unit twist at each site, whitened, with the placement projected out.
 
-    A column is a sensitivity times a shape, x = r ∘ φ(pose of row), so Xᵀv = Φᵀ (sums of r ∘ v over each pose).
+    A column is a sensitivity times a basis function, x = r ∘ φ(pose), so that Xᵀv = Φᵀ (sums of r ∘ v over each pose).
     """
 
     def __init__(
@@ -38,15 +38,15 @@ class Rows:
 
     @property
     def freedom(self) -> int:
-        """Rows less what the placement takes."""
+        """Number of rows minus the number of placement columns."""
         return len(self.pose_of_row) - int(self.placement.shape[1])
 
     def clean(self, whitened: Array) -> Array:
-        """Whitened rows less what the placement explains."""
+        """Project the placement out of whitened rows."""
         return whitened - self.placement @ (self.placement.T @ whitened)
 
     def sensitivity(self, site: Site) -> Array:
-        """Rows (M,) of a unit twist along one axis of one slot."""
+        """Return the rows (M,) of a unit twist along one axis of one slot."""
         slot, axis = site
         if slot not in self._sensitivity:
             blocks = self.problem.observed.sensitivity(places(self.mechanism).index(slot))
@@ -54,7 +54,7 @@ class Rows:
         return self._sensitivity[slot][:, AXES.index(axis)]
 
     def columns(self, effects: Sequence[Effect]) -> Array:
-        """Columns (M, E) of unit unknowns, weighted like the residual, neither whitened nor projected."""
+        """Return the columns (M, E) of unit coefficients, weighted like the residual, unwhitened, unprojected."""
         out = np.zeros((len(self.pose_of_row), len(effects)))
         for k, effect in enumerate(effects):
             for term in effect.terms:
@@ -63,19 +63,19 @@ class Rows:
         return out
 
     def apart(self, values: Array) -> Array:
-        """Values (M, K) pose by pose (P, m, K), zero where nothing was measured."""
+        """Arrange values (M, K) by pose (P, m, K), with zeros for unmeasured components."""
         measured = self.problem.weights[self.present] > 0
         out = np.zeros((*measured.shape, values.shape[1]))
         out[measured] = values
         return out
 
     def totals(self, values: Array) -> Array:
-        """Sums (P, K) over the rows of each pose of values (M, K)."""
+        """Sum values (M, K) over the rows of each pose (P, K)."""
         return np.add.reduceat(values, self._first, axis=0)
 
 
 class Atoms:
-    """Products with all columns at once, by the distinct pairs of site and basis function."""
+    """Products of vectors with all columns at once, by the distinct pairs of site and basis function."""
 
     def __init__(self, rows: Rows, effects: Sequence[Effect]) -> None:
         self.rows = rows
@@ -102,13 +102,13 @@ class Atoms:
         self.weights = sparse.csr_matrix((weight, (at, of)), shape=(len(effects), count))
 
     def cross(self, values: Array) -> Array:
-        """Xᵀ W v (E, K) for cleaned, whitened values (M, K)."""
+        """Return Xᵀ W v (E, K) for cleaned, whitened values v (M, K)."""
         by_pose = self.reach @ self.rows.apart(self.rows.whitening.whiten(values))
         return np.asarray(self.weights @ np.vstack([phi @ by_pose[:, s] for s, phi in enumerate(self.shapes)]))
 
 
 CHUNK = 400
-"""Groups whose products are formed at once; half or double change memory alone, a few megabytes."""
+"""Number of groups whose products are formed at once; half or double changes only memory, a few megabytes."""
 
 
 @dataclass(frozen=True)
@@ -122,18 +122,18 @@ class SizeClass:
     rhs: Array
 
     def part(self, at: IntArray) -> "SizeClass":
-        """Some of the groups."""
+        """Return some of the groups."""
         return SizeClass(self.ids[at], self.index[at], self.spreads[at], self.inner[at], self.rhs[at])
 
 
 class GroupPool:
-    """Groups over distinct effects (groups may share them); every column is scaled by its group's spread.
+    """Groups over distinct effects (groups may share them). Every column is scaled by the spread of its group.
 
-    sizes: (G,) effects of each group. cost, price, reading: (G,) nats to describe each group, to let it enter, and to
-    read it. block: (G,) number of the kind at several joints that it is a part of, -1 for none. wholes: (B,) number of
-    the group of each such kind. shared: (B,) nats that further parts need not say again: all but which of n joints it
-    is. square: yᵀy of the target, whitened and cleaned. rhs: (E,) its products with the distinct unit columns.
-    constant, reading_held, kinds_held: what held groups add to the objective, lose a reader, and are of each kind.
+    sizes: (G,) number of effects. cost, price, reading: (G,) nats for description, entry and reading, see `Price`.
+    block: (G,) index of the joint group that contains it, -1 for none. wholes: (B,) index of each joint group. shared:
+    (B,) nats of the description that further parts do not pay again: all but the log of n joints. square: yᵀy of the
+    target, whitened and cleaned. rhs: (E,) products of the target with the distinct unit columns. constant,
+    reading_held, kinds_held: contributions of held groups to objective, reading prices and numbers of parts.
     """
 
     constant, reading_held, kinds_held = 0.0, 0.0, np.zeros(1, np.int64)
@@ -186,7 +186,7 @@ class GroupPool:
         return out
 
     def _inner(self, index: IntArray) -> Array:
-        """XᵀX (G, K, K) of unit columns, whitened, placement projected out."""
+        """Return XᵀX (G, K, K) of unit columns, whitened, with the placement projected out."""
         count, size = index.shape
         columns = self.rows.whitening.whiten(self.rows.columns([self.effects[e] for e in index.ravel()]))
         placed = self.rows.placement.T @ columns
@@ -195,7 +195,7 @@ class GroupPool:
         return stacked @ np.swapaxes(stacked, 1, 2) - taken @ np.swapaxes(taken, 1, 2)
 
     def crossed(self, g: int) -> Array:
-        """Products (E, K) of every distinct unit column with the scaled columns of group g."""
+        """Return the products (E, K) of every distinct unit column with the scaled columns of group g."""
         if g not in self._crossed:
             self._crossed[g] = self._crossed_with(g)
         return self._crossed[g]
@@ -204,7 +204,7 @@ class GroupPool:
         return self.atoms.cross(self.columns(g))
 
     def columns(self, g: int) -> Array:
-        """Scaled columns (M, K) of a group, whitened and cleaned."""
+        """Return the scaled columns (M, K) of a group, whitened and cleaned."""
         if g not in self._columns:
             self._columns[g] = self._cleaned(g)
         return self._columns[g]
@@ -214,9 +214,9 @@ class GroupPool:
         return self.rows.clean(self.rows.whitening.whiten(own))
 
     def gram(self, chosen: Mapping[int, IntArray]) -> Array:
-        """Products (K, K) of the scaled columns of some groups, of those effects that are chosen.
+        """Return the products (K, K) of the scaled columns of some groups. chosen: remaining effects of each group.
 
-        Those of all groups that were ever asked for are kept side by side; the last answer too.
+        The products of all groups so far are cached, and the last result.
         """
         key = tuple((g, c.tobytes()) for g, c in chosen.items())
         if self._gram[0] != key:
@@ -228,7 +228,7 @@ class GroupPool:
         return self._gram[1]
 
     def _beside(self, g: int) -> None:
-        """Put the products of the scaled columns of a group beside those that are there."""
+        """Add the products of the scaled columns of a group to the cache."""
         effects = np.concatenate([self._effects, self.index[g]])
         spreads = np.concatenate([self._spreads, self.spreads[g]])
         new = spreads[:, None] * self.crossed(g)[effects]

@@ -1,7 +1,7 @@
 """Groups in the model: their posterior, the evidence, and the gain of each group.
 
-With A (M, K) the active columns times √a, C = σ² I + A Aᵀ and H = (σ² I + AᵀA)⁻¹ = L⁻ᵀL⁻¹:
-C⁻¹ = (I - A H Aᵀ) / σ², so that S and q of any group need the products XᵀA alone.
+With A (M, K) the active columns times √a, C = σ² I + A Aᵀ and H = (σ² I + AᵀA)⁻¹ = L⁻ᵀL⁻¹: C⁻¹ = (I - A H Aᵀ) / σ², so
+that S and q of any group need only the products XᵀA.
 """
 
 import math
@@ -19,14 +19,14 @@ from gpmodel.selection.group import FEW, Group
 from gpmodel.selection.pool import GroupPool
 
 LEAST_NOISE = 1e-8
-"""Metres, of a component: a tenth of what instruments resolve; in an exact table what is below it is rounding."""
+"""Least noise of one coordinate, m: a tenth of an instrument's resolution. In an exact table less is rounding."""
 LEAST = 10.0**-DECADES
-"""Smallest variance of a group over its largest: a group that explains nothing ends there, and is deleted."""
+"""Least ratio of the variance of a group to its largest. A group that explains nothing reaches it, and is deleted."""
 
 
 @dataclass(frozen=True)
 class Active:
-    """Groups in the model by number, with their variances; chosen: which of a group's effects are still in it."""
+    """Groups in the model by index, with their variances. chosen: the remaining effects of each group."""
 
     pool: GroupPool
     variances: dict[int, float]
@@ -35,7 +35,7 @@ class Active:
 
     @property
     def criteria(self) -> Criteria:
-        """The limits by which groups come in and go."""
+        """Limits for adding and deleting groups."""
         return self.pool.prices.limits
 
     def added(self, g: int, variance: float, part: Sequence[int] | None = None) -> "Active":
@@ -44,20 +44,20 @@ class Active:
         return replace(self, variances={**self.variances, g: variance}, chosen={**self.chosen, g: effects})
 
     def beside(self, group: Group, variance: float) -> "Active":
-        """The model with a new group, in a pool that has nothing else to offer."""
+        """Return the model with a new group, in a pool without other groups."""
         pool = GroupPool(self.pool.rows, [*(self.pool.groups[g] for g in self.variances), group], self.pool.prices)
         variances = dict(enumerate(self.variances.values()))
         there = Active(pool, variances, dict(enumerate(self.chosen.values())), self.sigma2)
         return there.added(len(variances), variance)
 
     def without(self, g: int) -> "Active":
-        """The model without group g."""
+        """Return the model without group g."""
         left = {k: v for k, v in self.variances.items() if k != g}
         return replace(self, variances=left, chosen={k: v for k, v in self.chosen.items() if k != g})
 
     @cached_property
     def pools(self) -> dict[frozenset[int], GroupPool]:
-        """Pools formed for this model, by the groups that each holds."""
+        """Pools formed for this model, by the set of held groups."""
         return {}
 
     @cached_property
@@ -71,7 +71,7 @@ class Active:
 
     @cached_property
     def index(self) -> IntArray:
-        """Distinct effect (K,) of each column."""
+        """Index of the distinct effect (K,) of each column."""
         return np.concatenate([self.pool.index[g][self.chosen[g]] for g in self.variances])
 
     @cached_property
@@ -107,13 +107,13 @@ class Active:
 
     @cached_property
     def spanned(self) -> Array:
-        """A L⁻ᵀ (M, K), whose product with its transpose is what the groups take out of rows."""
+        """A L⁻ᵀ (M, K). Its product with its transpose is the part of rows that the groups explain."""
         columns = [np.sqrt(a) * self.pool.columns(g)[:, self.chosen[g]] for g, a in self.variances.items()]
         return np.hstack(columns) @ self.inverse.T
 
     @cached_property
     def mean(self) -> Array:
-        """Posterior mean H Aᵀy (K,), in the same units."""
+        """Posterior mean H Aᵀy (K,), in units of `scale`."""
         return self.inverse.T @ (self.inverse @ self.rhs)
 
     @cached_property
@@ -126,18 +126,18 @@ class Active:
 
     @property
     def energy(self) -> float:
-        """Sum of the squared residual: |y|² - yᵀAμ - σ² |μ|², as (σ² I + AᵀA) μ = Aᵀy."""
+        """Sum of squares of the residual: |y|² - yᵀAμ - σ² |μ|², as (σ² I + AᵀA) μ = Aᵀy."""
         taken = self.mean @ (self.rhs + self.sigma2 * self.mean) if self.variances else 0.0
         return float(self.pool.square - taken)
 
     @cached_property
     def misfit(self) -> Array:
-        """Squared residual (P,) of each pose, whitened, in units of σ²."""
+        """Sum of squares (P,) of the residual of each pose, whitened, in units of σ²."""
         return np.bincount(self.pool.rows.pose_of_row, self.left**2) / self.sigma2
 
     @property
     def unknowns(self) -> float:
-        """γ, how many unknowns the data determine."""
+        """γ, the number of coefficients that the data determine."""
         return len(self.mean) - self.sigma2 * float(np.sum(self.inverse**2))
 
     @cached_property
@@ -153,12 +153,12 @@ class Active:
         return -0.5 * (volume + self.mismatch + freedom * float(np.log(2 * np.pi)))
 
     def own(self, g: int, part: IntArray | slice = slice(None)) -> tuple[Array, Array]:
-        """s and q (1, K) of an active group, or of some of its columns, with itself taken out."""
+        """Return s and q (1, K) of an active group, or of some of its columns, given the other groups."""
         at = np.arange(self.blocks[g].start, self.blocks[g].stop)[part]
         return self._taken_out(at[None], np.array([self.variances[g]]))
 
     def _taken_out(self, at: IntArray, a: Array) -> tuple[Array, Array]:
-        """s and q (G, K) of columns (G, K) at prior variances (G,), each row with itself taken out.
+        """Return s and q (G, K) of columns (G, K) at prior variances (G,), each given the model without these columns.
 
         With σ²H_gg = V diag(h) Vᵀ and μ the posterior mean: a s = (1 - h) / h, √a q = Vᵀμ / h.
         """
@@ -174,9 +174,9 @@ class Active:
         return self._gains(np.arange(len(self.variances)))
 
     def _gains(self, of: IntArray) -> dict[int, tuple[float, float]]:
-        """Gains and best variances of some active groups, by their places.
+        """Return gains and best variances of some active groups, by their position in the model.
 
-        Groups of few columns are scored beside those of many: a column of zeros gains nothing.
+        Small groups are padded with columns of zeros, which gain nothing.
         """
         groups, a = np.array(list(self.variances), dtype=np.int64), np.array(list(self.variances.values()))
         first, sizes = self._columns
@@ -190,16 +190,16 @@ class Active:
 
     @cached_property
     def _columns(self) -> tuple[IntArray, IntArray]:
-        """First column of each group, and their number."""
+        """First column of each group, and its number of columns."""
         first = np.array([own.start for own in self.blocks.values()], dtype=np.int64)
         return first, np.diff(first, append=len(self.rhs))
 
     @cached_property
     def reestimated(self) -> dict[int, float]:
-        """Variance of each group for the next step: the best of one or two columns, of more MacKay's, a |μ|² / γ.
+        """Variance of each group for the next step: the best one for one or two columns, else MacKay's a |μ|² / γ.
 
-        γ = K - σ² tr H_gg of the K unknowns are determined; it needs no eigenvalues, and where the evidence is largest
-        it changes nothing.
+        γ = K - σ² tr H_gg of the K coefficients are determined. It needs no eigenvalues, and is stationary at the
+        largest evidence.
         """
         (first, sizes), determined = self._columns, 1.0 - self.sigma2 * np.sum(self.inverse**2, axis=0)
         known, squares = (np.add.reduceat(part, first) for part in (determined, self.mean**2))
@@ -210,44 +210,44 @@ class Active:
 
     @cached_property
     def found(self) -> tuple[int, ...]:
-        """Selected groups: those in the model that are not always included."""
+        """Indices of the selected groups: those that are not always included."""
         return tuple(g for g in self.variances if not self.pool.groups[g].always_included)
 
     @cached_property
     def objective(self) -> float:
-        """L: log marginal likelihood of the cleaned target less the price of every selected group, nats."""
+        """L: log marginal likelihood of the cleaned target minus the price of every selected group, nats."""
         shared = float((self.of_kind - 1).clip(0) @ self.pool.shared)
         return self.pool.constant + self.evidence - self.paid + shared
 
     @property
     def paid(self) -> float:
-        """Sum of the prices of the selected groups, each as if alone, nats."""
+        """Sum of the prices of the selected groups, each without a discount for its kind, nats."""
         return sum(float(self.pool.price[g]) + self._further_sites(g) for g in self.found)
 
     @property
     def utility(self) -> float:
-        """The objective less what a reader loses by curves that name no part, nats."""
+        """The objective minus the reading prices of curves that name no part, nats."""
         return self.objective - self.pool.reading_held - float(sum(self.pool.reading[g] for g in self.found))
 
     def net_gain(self, g: int) -> float:
-        """Gain of a group in the model less its price, nats."""
+        """Return the gain of a group in the model minus its price, nats."""
         return self.gains[g][0] - self.price(g)
 
     @cached_property
     def of_kind(self) -> IntArray:
-        """Number of selected groups (K,) of each kind that is offered at several joints."""
+        """Number of selected parts (K,) of each joint group."""
         kinds = self.pool.block[list(self.found)]
         return self.pool.kinds_held + np.bincount(kinds[kinds >= 0], minlength=len(self.pool.shared))
 
     @cached_property
     def prices(self) -> Array:
-        """Price (G,) of each group beside the others, nats: its site alone where one of its kind is in the model."""
+        """Price (G,) of each group given the others, nats: that of its site if another of its kind is in the model."""
         others = np.append(self.of_kind, 0)[self.pool.block]
         others[list(self.found)] -= 1
         return self.pool.price - np.where(others > 0, np.append(self.pool.shared, 0.0)[self.pool.block], 0.0)
 
     def price(self, g: int) -> float:
-        """Price of a group beside the others, nats: ln n for each further one of its sites, of n that there are."""
+        """Return the price of a group given the others, nats, with ln n for each further one of its n sites."""
         return float(self.prices[g]) + self._further_sites(g)
 
     def _further_sites(self, g: int) -> float:
@@ -256,10 +256,10 @@ class Active:
         return max(len(np.unique(self.part_of_column(g))) - 1, 0) * self.price_of_site(g)
 
     def price_of_site(self, g: int) -> float:
-        """ln n, nats, of a group at several of n sites: each is one of so many."""
+        """Return ln n, nats, for a group at several of n sites."""
         return math.log(max(len(self.pool.groups[g].parts), 1))
 
     def part_of_column(self, g: int) -> IntArray:
-        """Number of the part that each remaining column of a group at several sites belongs to; empty for others."""
+        """Return the part to which each remaining column of a joint group belongs, by index; empty for other groups."""
         sizes = [len(part.effects) for part in self.pool.groups[g].parts]
         return np.repeat(np.arange(len(sizes)), sizes)[self.chosen[g]] if sizes else np.zeros(0, dtype=np.int64)

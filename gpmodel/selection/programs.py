@@ -1,4 +1,4 @@
-"""Evolved programs as candidates: effects at a site, written over the table's columns, without poles between poses."""
+"""Convert evolved programs to candidates: effects at a site over the table's columns, without poles between poses."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -17,11 +17,11 @@ from gpmodel.model.sites import Site
 from gpmodel.model.states import States
 
 DIGITS = 5
-"""Significant digits of an evolved constant; the coefficient in front of the basis is fitted anew, with σ."""
+"""Significant digits of an evolved constant. The coefficient of the basis function is fitted anew, with σ."""
 
 
 def as_candidate(program: Program, site: Site, names: Mapping[str, str], cost: float, maker: str) -> Candidate | None:
-    """A program as effects at its site, one an output; None where it is no function of any input."""
+    """Return a program as effects at its site, one for each output; None if it depends on no input."""
     texts = [expression_text(program.select([k]), names) for k in range(len(program.outputs))]
     try:
         bases = [Expression(t) for t in dict.fromkeys(texts)]
@@ -35,7 +35,7 @@ def as_candidate(program: Program, site: Site, names: Mapping[str, str], cost: f
 
 
 def parts(program: Program) -> list[Program]:
-    """Each of a program's outputs alone, and all but one of three; none of a program of one."""
+    """Return programs of all proper subsets of a program's outputs; empty for a single output."""
     count = len(program.outputs)
     fewer = {size: list(combinations(range(count), size)) for size in range(1, count)}
     return [program.select(chosen) for chosen in chain(*fewer.values())]
@@ -44,7 +44,7 @@ def parts(program: Program) -> list[Program]:
 def laws(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate, ...]:
     """Split an evolved candidate into one formula for each set of inputs that its terms share.
 
-    cost: nats of a number of nodes.
+    cost: function from a number of nodes to nats.
     """
     sets: list[list[int]] = []
     for k, effect in enumerate(candidate.effects):
@@ -56,23 +56,21 @@ def laws(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate,
 
 
 def terms(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate, ...]:
-    """Each term by itself of what was evolved in several and has no name; none of one. cost: nats of so many nodes."""
+    """Return each term of an unnamed evolved candidate alone; empty for one term. cost: function from nodes to nats."""
     if candidate.family or len(candidate.effects) == 1:
         return ()
     return tuple(_some(candidate, [k], cost) for k in range(len(candidate.effects)))
 
 
 def _some(candidate: Candidate, own: Sequence[int], cost: Callable[[int], float]) -> Candidate:
-    """A candidate of some of the terms of another."""
+    """Return a candidate with some of the terms of another."""
     effects = [candidate.effects[k] for k in own]
     nodes = sum(Expression(str(effect.terms[0].basis)).program.complexity for effect in effects)
     return replace(candidate, name=law_name(effects), effects=numbered(effects), cost=cost(nodes))
 
 
 def without_poles(criteria: Criteria, candidate: Candidate, measured: States, between: Columns) -> bool:
-    """Return whether its basis functions stay bounded between the measured poses; a quotient that passes a pole does
-    not.
-    """
+    """Return whether the basis functions of a candidate are bounded between the measured poses, without a pole."""
     for effect in candidate.effects:
         for term in effect.terms:
             largest = float(np.max(np.abs(term.basis(between))))
@@ -82,9 +80,9 @@ def without_poles(criteria: Criteria, candidate: Candidate, measured: States, be
 
 
 def expression_text(program: Program, names: Mapping[str, str]) -> str:
-    """A one-output program as one line of arithmetic over the table's columns, its constants to `DIGITS` digits.
+    """Write a one-output program over the table's columns, with constants of `DIGITS` digits.
 
-    A program that is a bare input is that input unscaled: its coefficient takes the scale up.
+    A program that is a single input is written unscaled: its coefficient includes the scale.
     """
     if len(program.nodes) == 1 and program.nodes[0].operator == "input":
         return str(program)
@@ -102,7 +100,7 @@ def with_plain_signs(program: Program) -> Program:
 
 
 def _plain(builder: Builder, node: Node, copies: list[int]) -> int:
-    """A sum or difference with its second argument positive where that is a number or begins with one."""
+    """Write a sum or difference such that its second argument has no negative number in front."""
     if node.operator not in _OTHER:
         return builder.add(node, copies)
     first, second = (copies[k] for k in node.arguments)
@@ -117,7 +115,7 @@ def _plain(builder: Builder, node: Node, copies: list[int]) -> int:
 
 
 def _turned(builder: Builder, index: int) -> int | None:
-    """The node of the other sign of a negative number, or of a product that begins with one; None of others."""
+    """Return the node of opposite sign of a negative number or a product that begins with one; None for others."""
     node = builder.nodes[index]
     if node.operator == "multiply":
         factor = _turned(builder, node.arguments[0]) if _is_number(builder, node.arguments[0]) else None

@@ -1,4 +1,4 @@
-"""Linearise the chain, take a step of the selection, and fit the exact chain with the selected groups."""
+"""Linearise the chain, make a step of the selection, and fit the exact chain with the selected groups."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,9 +27,9 @@ class Expansion:
     fitting: model, poses and weights of the fit.
     theta: (E,) values of the effects, SI units.
     placement: registration and tool.
-    sigma: standard deviation of one measurement, m.
+    sigma: standard deviation of one coordinate, m.
     variances: prior variance of each group in the model, by name.
-    left: terms of the effects that each of these groups still has, by name.
+    left: terms of the remaining effects of each of these groups, by name.
     """
 
     fitting: Fitting
@@ -45,7 +45,7 @@ class Refit:
     """Fit of the exact chain.
 
     state: its point of expansion.
-    problem: linearised there, with independent rows.
+    problem: the problem linearised at that point, with independent rows.
     unknowns: number of unknowns that the measurements determine.
     error: (N,) 3-D error of each pose, m.
     """
@@ -59,7 +59,7 @@ class Refit:
 def refit(state: Expansion) -> Refit:
     """Fit all values and the placement on the exact chain, θ ~ N(0, prior²), at the noise of a state.
 
-    The damped steps of a calibration are taken. Each lowers the sum of squares, priors included.
+    Each damped step lowers the sum of squares, priors included.
     """
     inflation = 1.0 + state.fitting.ratio
     model = replace(state.fitting.model, noise=state.sigma * float(np.sqrt(inflation)))
@@ -78,15 +78,13 @@ def refit(state: Expansion) -> Refit:
 
 
 def inliers(error: Array, use: Mask, sigmas: float) -> Mask:
-    """Mark the poses (N,) within so many robust standard deviations of the median error; at most a tenth is excluded.
-
-    error: (N,) m. use: (N,) poses whose median and deviation count.
-    """
+    """Return the poses (N,) within `sigmas` robust standard deviations of the median error; at most a tenth is
+    excluded. error: (N,) m. use: (N,) poses from which median and deviation are computed."""
     return ~((error > outlier_limit(error[use], sigmas)) & among_worst(error))
 
 
 UNKNOWN = 1e-6
-"""First prior variance of a group that is always in the model, rad² or m²; re-estimation moves it."""
+"""First prior variance of a group that is always included, rad² or m²; re-estimation changes it."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +98,7 @@ class Screening:
 def relinearised(
     screening: Screening, groups: Sequence[Group], state: Expansion, step: Callable[[Active], Active]
 ) -> tuple[Active, Expansion]:
-    """Linearise at a state, take a step of the selection from its groups, and fit the exact chain with the result."""
+    """Linearise at a state, make a step of the selection from its groups, and fit the exact chain with the result."""
     active = step(_started(screening, groups, state))
     return active, _refitted(active, screening, state)
 
@@ -111,7 +109,7 @@ def with_only(screening: Screening, groups: Sequence[Group], state: Expansion) -
 
 
 def _started(screening: Screening, groups: Sequence[Group], state: Expansion) -> Active:
-    """Linearise at a state, with the groups selected before; unknowns are totals, from the means of their priors."""
+    """Linearise at a state, with the groups selected before. Coefficients are total values minus their prior means."""
     fitting, model = state.fitting, state.fitting.model
     problem = fitting.linearised(state.theta, state.placement)
     target = problem.residual + problem.columns[:, problem.placement :] @ off_mean(model, state.theta)
@@ -129,7 +127,7 @@ def _started(screening: Screening, groups: Sequence[Group], state: Expansion) ->
 
 
 def _refitted(active: Active, screening: Screening, state: Expansion) -> Expansion:
-    """Fit the exact chain with the groups of a model, then judge outliers and the levels of the noise again."""
+    """Fit the exact chain with the groups of a model, then determine outliers and noise levels again."""
     fitting = state.fitting
     before = dict(zip((e.terms for e in fitting.model.effects), state.theta, strict=True))
     effects, variances, left = [], {}, {}
@@ -155,7 +153,7 @@ def _refitted(active: Active, screening: Screening, state: Expansion) -> Expansi
 
 
 def _readmitted(state: Expansion, criteria: Criteria) -> Mask:
-    """Mark the inliers (N,) of a fit to all poses: the outliers of an earlier model may be explained by this one."""
+    """Return the inliers (N,) of a fit to all poses: the model may explain the outliers of an earlier model."""
     everything = np.ones(len(state.fitting.use), dtype=bool)
     fit = refit(replace(state, fitting=replace(state.fitting, use=everything)))
     return inliers(fit.error, everything, criteria.outlier_sigmas)

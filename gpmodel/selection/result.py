@@ -1,4 +1,4 @@
-"""Summarise a selection: groups with gains, and the permutation null of the largest gain."""
+"""Result of a selection: groups with gains, and the permutation null of the largest gain."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -28,9 +28,9 @@ from gpmodel.table.bundles import JUDGED
 class Kept:
     """A selected group.
 
-    gain: of the evidence over the model without it, before its price, nats.
+    gain: evidence minus that of the model without it, before its price, nats.
     variance: prior variance.
-    determined: number of its unknowns that the data determine.
+    determined: number of its coefficients that the data determine.
     shared: part of its price that another selected group of its kind pays, nats.
     """
 
@@ -48,10 +48,10 @@ class Kept:
 
 @dataclass(frozen=True)
 class Offered:
-    """The groups that a selection may choose from.
+    """The groups that a selection may use.
 
-    always: always included. single: of the catalogue and evolved. proposed: smooth terms, sinusoids and formulas that a
-    residual asked for. grids: of sinusoids.
+    always: always included. single: of the catalogue and evolved. proposed: smooth terms, sinusoids and formulas for a
+    residual. grids: of sinusoids.
     """
 
     screening: Screening
@@ -61,13 +61,13 @@ class Offered:
     grids: Sequence[FrequencyGrid]
 
     def with_formulas_of(self, curves: frozenset[str]) -> "Offered":
-        """Return the offer with formulas of some curves; these curves pay a reading price from then on."""
+        """Return the offer with formulas of some curves; from now on these curves pay a reading price."""
         prices = self.screening.prices
         prices = replace(prices, with_formulas=prices.with_formulas | curves)
         return replace(self, screening=replace(self.screening, prices=prices))
 
     def groups(self, mechanism: Mechanism) -> list[Group]:
-        """All of them, those of one kind at several joints as one more each."""
+        """Return all groups, with joint groups for each kind at several joints."""
         return [*self.always, *self.single, *shared_kinds(mechanism, self.single), *self.proposed]
 
 
@@ -93,14 +93,14 @@ class Selection:
 
     @cached_property
     def permutation_null(self) -> Array:
-        """Largest gain (T,) less its description of any group on T permuted residuals, nats."""
+        """Largest gain (T,) minus description price of any group on T permuted residuals, nats."""
         screening, rng = self.offered.screening, np.random.default_rng(JUDGED)
         together = exchangeable(self.state.fitting.poses.dataset, screening.prices.limits)
         return gain_null(self.active, self.offered.grids, together, rng, screening.prices.limits.shuffles)
 
 
 def summarised(offered: Offered, active: Active, state: Expansion) -> Selection:
-    """Summarise the selected groups."""
+    """Return the result of a selection."""
     kept: list[Kept] = []
     for g in active.found:
         group, variance, pick = active.pool.groups[g], active.variances[g], active.chosen[g].tolist()
@@ -114,16 +114,16 @@ def summarised(offered: Offered, active: Active, state: Expansion) -> Selection:
 
 
 MOST_NUMBERS = 1_000_000
-"""Entries of the gain matrices times residuals that are held at once: some ten megabytes."""
+"""Largest number of entries of gain matrices times residuals in memory: some ten megabytes."""
 
 
 def gain_null(
     active: Active, grids: Sequence[FrequencyGrid], bundle: IntArray, rng: np.random.Generator, count: int
 ) -> Array:
-    """Compute the largest gain (count,) less its description of any group or sinusoid on permuted residuals, nats.
+    """Compute the largest gain (count,) minus description price of any group or sinusoid on permuted residuals, nats.
 
-    Every group is scored given the model, as in `Scan`.
-    bundle: (N,) code of the exchangeable block of each pose, in the order of the problem's poses.
+    Every group is scored given the model, as in `Scan`. bundle: (N,) code of the exchangeable block of each pose, in
+    the order of the problem's poses.
     """
     pool, trials = active.pool, active.pool.rows.clean(permuted(active, bundle, rng, count))
     every_rhs = pool.atoms.cross(trials)
@@ -140,11 +140,10 @@ def gain_null(
 
 
 def running_maximum(found: Array, s: Array, q: Array, cap: Array, cost: Array) -> Array:
-    """Update the largest gains (T,) less their descriptions with those of G groups, nats.
+    """Update the largest gains (T,) minus description prices with those of G groups, nats. s: (G, K). q: (T, G, K).
 
-    s: (G, K). q: (T, G, K).
-    No gain exceeds ½ Σ q² / s. The variance is sought of the group with the largest bound on each trial, then of the
-    groups alone whose bound exceeds the maximum.
+    No gain exceeds ½ Σ q² / s. The best variance is computed for the group with the largest bound on each trial, then
+    for the groups whose bound exceeds that maximum.
     """
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         most = 0.5 * np.sum(np.where(q == 0.0, 0.0, q**2 / np.maximum(s, 0.0)), axis=2) - cost
@@ -156,11 +155,11 @@ def running_maximum(found: Array, s: Array, q: Array, cap: Array, cost: Array) -
 
 
 def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: int) -> Array:
-    """Add residuals permuted over exchangeable blocks to the values of the model: targets (M, count), whitened.
+    """Add residuals permuted over exchangeable blocks to the prediction of the model: targets (M, count), whitened.
 
-    Permuted residuals are rescaled to σ, since the fit removed degrees of freedom and removes them again from each.
-    Columns that place a body seen in one block alone, such as a bar, remove them once only: another block's residual
-    has no part along them.
+    They are rescaled to σ, since the fit removed degrees of freedom and removes them again from each. Placement columns
+    of a body measured in one block alone, such as a bar, remove them only once: the residual of another block has no
+    part along them.
     """
     rows, left = active.pool.rows, active.left
     codes = np.unique(bundle, return_inverse=True)[1].reshape(-1)
@@ -174,7 +173,7 @@ def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: 
 
 
 def _of_one_bundle(rows: Rows, codes: IntArray) -> Array:
-    """Return a basis (M, k) of the placement columns that one block alone determines; codes: (N,) blocks."""
+    """Return a basis (M, k) of the placement columns that one block alone determines. codes: (N,) blocks."""
     placed = rows.problem.columns[:, : rows.problem.placement]
     alone = of_one_fold(placed, codes[rows.pose_of_row])
     return ident.orthonormal(rows.whitening.whiten(placed[:, alone]))

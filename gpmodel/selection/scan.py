@@ -15,11 +15,11 @@ from gpmodel.selection.pool import GroupPool, SizeClass
 from gpmodel.selection.posterior import Active
 
 MEMORY = 4_000_000
-"""Numbers held at once, 32 MB."""
+"""Largest number of values in memory at once, 32 MB."""
 
 
 class Scan:
-    """Score groups given a model: what each gains when it is added.
+    """Compute the gain of each group when it is added to a model.
 
     table, right: whitened products T = XᵀA L⁻ᵀ (E, K) of the distinct columns with those of the model, and t = L⁻¹Aᵀy.
     classes: S (G, K, K) and XᵀC⁻¹y (G, K) of the groups of each size. among: groups to score; the gain of others is -∞.
@@ -55,9 +55,10 @@ class Scan:
         return inner, rhs
 
     def gains(self, least: Array | None = None) -> tuple[Array, Array, Array]:
-        """Compute gain (G,), best variance (G,) and decrease of yᵀC⁻¹y (G,) of every group.
+        """Return gain (G,), best variance (G,) and decrease of yᵀC⁻¹y (G,) of every group.
 
-        Where no gain reaches `least` (G,), even with the noise estimated again: its bound ½ yᵀC⁻¹X S⁻¹ XᵀC⁻¹y.
+        If the bound ½ yᵀC⁻¹X S⁻¹ XᵀC⁻¹y of a gain, with the noise estimated again, is below `least` (G,), it is
+        returned.
         """
         pool, gains, mismatch = self.active.pool, np.full(len(self.active.pool.groups), -np.inf), self.active.mismatch
         variances, fit = np.ones(len(gains)), np.zeros(len(gains))
@@ -73,9 +74,9 @@ class Scan:
 
 
 class PoolBeside(GroupPool):
-    """Groups beside held ones, whose variances stay what they are in units of the noise.
+    """A pool of groups given held groups, whose variances are constant in units of the noise.
 
-    With P = σ²C⁻¹ of the held groups every product is uᵀPv in the place of uᵀv: of what they leave of both.
+    With P = σ²C⁻¹ of the held groups, every product uᵀv becomes uᵀPv: the held groups are projected out.
     """
 
     def __init__(self, held: Active) -> None:
@@ -101,7 +102,7 @@ class PoolBeside(GroupPool):
 
 
 def beside_curves(model: Active, moving: Iterable[int], pools: dict[frozenset[int], GroupPool]) -> Active:
-    """Hold the groups of many unknowns, except those that move. pools: those formed before, by the groups held."""
+    """Hold the groups of many coefficients, except those in `moving`. pools: earlier pools, by their held groups."""
     held = frozenset(g for g in model.found if model.pool.sizes[g] > FEW) - frozenset(moving)
     if not held:
         return model
@@ -111,7 +112,7 @@ def beside_curves(model: Active, moving: Iterable[int], pools: dict[frozenset[in
 
 
 def whole(model: Active) -> Active:
-    """Return a model to the pool of all groups, the held ones included."""
+    """Return the model in the pool of all groups, the held ones included."""
     if not isinstance(model.pool, PoolBeside):
         return model
     held, units = model.pool.held, model.sigma2 / model.pool.held.sigma2
@@ -120,6 +121,6 @@ def whole(model: Active) -> Active:
 
 
 def _part(model: Active, groups: Iterable[int], pool: GroupPool) -> Active:
-    """Some groups of a model."""
+    """Return some groups of a model."""
     own = sorted(groups)
     return Active(pool, {g: model.variances[g] for g in own}, {g: model.chosen[g] for g in own}, model.sigma2)

@@ -1,4 +1,4 @@
-"""Selection of groups: linearise, propose, select, solve the exact chain; until nothing changes."""
+"""Select groups: linearise, propose, select, fit the exact chain; until nothing changes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -25,7 +25,7 @@ from gpmodel.selection.sparse_bayes import exchange, grow
 Step = Callable[[Active], Active]
 
 Proposer = Callable[[Selection], tuple[Sequence[Group], frozenset[str]]]
-"""Groups that the residual of a selection asks for, and the names of curves whose formulas are among them."""
+"""Function from a selection to groups proposed for its residual, and the names of curves with formulas among them."""
 
 
 def select(
@@ -39,10 +39,9 @@ def select(
 ) -> Selection:
     """Select groups by marginal likelihood, propose others for the residual, and select again until nothing changes.
 
-    Groups are added and deleted, then exchanged. Smooth terms are proposed for the residual of the calibration, they
-    and sinusoids for that of every new selection; where it stays the same, further ones.
-    poses: those the calibration was fitted to. workers: search for proposals. propose: further ones, such as formulas
-    of the selected curves.
+    Groups are added and deleted, then exchanged. Smooth terms and sinusoids are proposed for the residual of every new
+    selection, others if it is unchanged. poses: of the calibration. workers: search for proposals. propose: proposes
+    other groups, such as formulas of the selected curves.
     """
     with threadpool_limits(limits=1, user_api="blas"):
         chosen = nothing_selected(calibration, poses, prices or Price(), offering.grids)
@@ -78,7 +77,7 @@ def select(
 def nothing_selected(
     calibration: Calibration, poses: Poses, prices: Price, grids: Sequence[FrequencyGrid]
 ) -> Selection:
-    """The effects of a calibration alone, always included, linearised where it has them."""
+    """Return a selection of the effects of a calibration alone, always included, linearised at their values."""
     screening = Screening(Shapes(_predicted_states(calibration, poses)), prices)
     base = geometry_groups(calibration.model.effects)
     fitting, theta, placement = fitting_of(calibration, poses), calibration.theta, calibration.placement
@@ -88,7 +87,7 @@ def nothing_selected(
 
 
 def _among(before: Selection, groups: Sequence[Group], new: Sequence[Group], step: Step) -> Selection:
-    """Take a step from where a selection ended, among its groups and new ones. Every group may come and go."""
+    """Make a step from a selection, among its groups and new ones. Every group may be added or deleted."""
     offered = before.offered
     known = {group.name for group in groups}
     unique = {group.name: group for group in (*offered.proposed, *new) if group.name not in known}
@@ -99,16 +98,16 @@ def _among(before: Selection, groups: Sequence[Group], new: Sequence[Group], ste
 
 
 def _smooth_terms(active: Active, offering: Offering) -> list[Group]:
-    """Smooth terms of one and two inputs that the residual of a model asks for."""
+    """Propose smooth terms of one and two inputs for the residual of a model."""
     if not offering.inputs:
         return []
     return [group for group in propose_smooth_terms(active, offering.sites, offering.inputs) if offering.wanted(group)]
 
 
 def _predicted_states(calibration: Calibration, poses: Poses) -> States:
-    """The states of poses, the instrument looking at where the model has them.
+    """Return the states of poses, with the predicted point in the frame of the instrument.
 
-    Where it measured them is no input: a column that holds the noise, and lengths that take the arm away, explain it.
+    The measured point is no input: it contains the noise, and an effect of it could absorb all lengths of the arm.
     """
     there = resolved(calibration, poses)
     observed = observe(calibration.model, there, calibration.theta, calibration.placement)

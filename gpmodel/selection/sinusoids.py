@@ -1,8 +1,8 @@
 """Propose sinusoids of the joint angles for the residual of a model, at any frequency of a grid.
 
 The columns of a sinusoid are x = r ∘ sin(rate (q - start)) and r ∘ cos(rate (q - start)), with r (M,) the sensitivity
-of the rows to the joint, times its load where the amplitude grows with that. Products with x are sums over the poses,
-so that no column is formed for each frequency. Poses of one exchangeable block share one angle.
+of the rows to the joint, times its load if the amplitude is proportional to it. Products with x are sums over the
+poses, so that no column is formed for each frequency. Poses of one exchangeable block share one angle.
 """
 
 from collections.abc import Iterable, Sequence
@@ -24,13 +24,13 @@ from gpmodel.selection.posterior import Active
 from gpmodel.selection.sparse_bayes import reestimate
 
 AT_ONCE = 500_000
-"""Sines worked on at once, 4 MB."""
+"""Largest number of sines computed at once, 4 MB."""
 
 MOST_WAVES = 12
-"""Sinusoids proposed at once: two for each of six joints."""
+"""Largest number of sinusoids proposed at once: two for each of six joints."""
 
 ROUNDING = 0.5
-"""Nats that a constant written with fewer digits may cost: one standard deviation."""
+"""Largest loss of a constant rounded to fewer digits, nats: one standard deviation."""
 
 REFINEMENTS = 30
 """Largest number of steps of the refinement of a frequency."""
@@ -42,7 +42,7 @@ class Spectrum:
 
     angle: (P,) q - start of each pose, rad.
     energy: (P,) sums of r².
-    sums: (P, K) of r times the columns that are projected out.
+    sums: (P, K) of r times the projected-out columns.
     rhs: (P, T) of r times the residual of each target.
     sigma2: variance of the noise.
     """
@@ -115,9 +115,9 @@ def sinusoid_null(active: Active, grids: Sequence[FrequencyGrid], targets: Array
 
 
 def propose_sinusoids(active: Active, grids: Sequence[FrequencyGrid]) -> list[Group]:
-    """Return the sinusoids of largest net gain given a model, the strongest first, each given those before it.
+    """Return the sinusoids of largest net gain given a model, the best first, each given the previous ones.
 
-    The best sinusoid of a joint is sought again only where it would be the next. Source: Minoux (1978).
+    The best sinusoid of a joint is computed again only if it could be the next. Source: Minoux (1978).
     """
     rows, found, fresh = active.pool.rows, list[Group](), set[int]()
     names = {g.name for g in active.pool.groups}
@@ -144,7 +144,7 @@ def propose_sinusoids(active: Active, grids: Sequence[FrequencyGrid]) -> list[Gr
 
 
 def _peak(there: Spectrum) -> tuple[float, float]:
-    """Find the frequency of largest gain between the neighbours of the best on a grid, and that gain, nats."""
+    """Find the frequency of largest gain between the neighbours of the best one of a grid, and that gain, nats."""
     rates = there.grid.rates
     bound = there.bound()[:, 0]
     k = int(np.argmax(bound))
@@ -159,7 +159,7 @@ def _peak(there: Spectrum) -> tuple[float, float]:
 
 
 def _written(there: Spectrum, rate: float, gain: float, shapes: Shapes) -> Group | None:
-    """Return the sinusoid of a frequency, written in as few digits as the data determine."""
+    """Return the sinusoid of a frequency, written with as few digits as the data determine."""
     grid = there.grid
     for digits in range(1, DIGITS):
         value = float(f"{grid.value(rate):.{digits}g}")
@@ -170,5 +170,5 @@ def _written(there: Spectrum, rate: float, gain: float, shapes: Shapes) -> Group
 
 
 def grids_of(offers: Iterable[Offer], mechanism: Mechanism, states: States) -> list[FrequencyGrid]:
-    """List the frequency grids of the families that are offered."""
+    """Return the frequency grids of the offered families."""
     return [grid for o in offers if isinstance(o, Family) for grid in o.grids(mechanism, states)]

@@ -1,8 +1,8 @@
 """Propose smooth terms of one or two inputs at any site for the residual of a model.
 
 A smooth term of one input is a sum of sines with the prior variances of a Gaussian process
-(``gpmodel.evolution.smooth``), one of two inputs a sum of their products. Its marginal likelihood given a model tells
-whether the residual at a site depends on these inputs, whatever the form.
+(``gpmodel.evolution.smooth``), one of two inputs a sum of their products. Its marginal likelihood given a model decides
+whether the residual at a site depends on these inputs, in whatever form.
 """
 
 import math
@@ -27,17 +27,17 @@ from gpmodel.selection.group import CAP, Group, Shapes, group_of
 from gpmodel.selection.posterior import Active
 
 LENGTHS: tuple[tuple[float, ...], ...] = ((0.35,), (0.9,), (0.6, 0.6), (0.6, 1.5), (1.5, 0.6), (1.2, 1.2))
-"""Correlation lengths over half the range of each input: of one input, and of two."""
+"""Correlation lengths, relative to half the range of each input: of one input, and of two."""
 SCREENED = 300
-"""Largest number of poses of the screening; the selection scores the proposals at all."""
+"""Largest number of poses of the screening; the selection uses all poses."""
 SHORT_LIST, OFFERED, OF_ONE_PLACE = 40, 24, 4
-"""Sites and inputs that are scored exactly after the screening; proposals; proposals at one site."""
+"""Number of sites and inputs that are scored exactly after the screening; of proposals; of proposals at one site."""
 COARSE, COMPONENTS = 0.6, 5
-"""Correlation length of the screening, and principal components of its covariance that it uses."""
+"""Correlation length of the screening, and number of principal components of its covariance."""
 TYPICAL = 100.0
-"""Prior variance of the screening over the mean variance of an estimated coefficient."""
+"""Ratio of the prior variance of the screening to the mean variance of an estimated coefficient."""
 NEGLIGIBLE = 0.02
-"""Relative deviation of a coefficient below which its product of sines is left out."""
+"""Relative standard deviation of a coefficient below which its product of sines is omitted."""
 
 
 @dataclass(frozen=True)
@@ -65,13 +65,13 @@ class SmoothTerm:
         return tuple(w.name for w in self.sines)
 
     def values(self) -> Array:
-        """Compute its columns (N, m), scaled so that their variances over the poses add up to 1."""
+        """Return its columns (N, m), scaled so that their variances over the poses add up to 1."""
         parts = [w.values[:, self.index[:, i]] for i, w in enumerate(self.sines)]
         out = parts[0] if len(parts) == 1 else parts[0] * parts[1]
         return np.asarray(out / np.sqrt(out.var(axis=0).sum()))
 
     def group(self, site: Site, cost: float, shapes: Shapes) -> Group | None:
-        """Return its group at a site; None where no column varies."""
+        """Return its group at a site; None if no column varies."""
         name = f"{site.name} over {' and '.join(self.inputs)}"
         effects = []
         for number, (row, spread) in enumerate(zip(self.index.tolist(), self.spreads.tolist(), strict=True), 1):
@@ -89,7 +89,7 @@ def principal(column: Array) -> Array:
 
 
 def multiplied(parts: Sequence[Array]) -> Array:
-    """Multiply every column of the first part with every one of the second; drop negligible products. (N, m)"""
+    """Multiply every column of the first part with every column of the second; omit negligible products. (N, m)"""
     out = parts[0] if len(parts) == 1 else (parts[0][:, :, None] * parts[1][:, None, :]).reshape(len(parts[0]), -1)
     size = out.std(axis=0)
     out = out[:, size > NEGLIGIBLE * size.max()]
@@ -107,9 +107,9 @@ class _Found:
 
 
 def propose_smooth_terms(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> list[Group]:
-    """Return the smooth terms of largest net gain given a model, a few at most at each site.
+    """Return the smooth terms of largest net gain given a model, at most a few at each site.
 
-    Of a term of two inputs those of each input are proposed too, so that a sum is distinguished from a product.
+    For a term of two inputs the terms of each input are proposed too, so that a sum is distinguished from a product.
     """
     found = sorted(_best(active, sites, inputs), key=lambda f: -f.nats)
     out: dict[tuple[str, ...], _Found] = {}
@@ -127,7 +127,7 @@ def propose_smooth_terms(active: Active, sites: Sequence[Site], inputs: Sequence
 
 
 def nats_without_a_name(active: Active, sites: Sequence[Site], inputs: Sequence[str], offered: int) -> Array:
-    """Net gains (K,), nats, of smooth terms at some sites, of so many that are offered."""
+    """Return net gains (K,), nats, of smooth terms at some sites. offered: number of all offered sites."""
     further = math.log(offered / len(sites)) + active.criteria.minimum_nats
     return np.array([found.nats - further for found in _best(active, sites, inputs)])
 
@@ -167,7 +167,7 @@ def _best(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> Itera
 class SiteProducts:
     """Products of unit twists at each of P poses and S sites, given a model.
 
-    inner: with each other (S, P, P), without what the model takes out of them. rhs: with the residual (S, P).
+    inner: with each other (S, P, P), with the model projected out. rhs: with the residual (S, P).
     """
 
     poses: IntArray
@@ -176,7 +176,7 @@ class SiteProducts:
 
     @cached_property
     def single(self) -> NDArray[np.float32]:
-        """The products with each other in single precision, for the screening."""
+        """The products `inner` in single precision, for the screening."""
         return self.inner.astype(np.float32)
 
     @staticmethod
@@ -198,13 +198,13 @@ class SiteProducts:
         return SiteProducts(rows.present[at], np.ascontiguousarray(inner), rhs)
 
     def products(self, values: Array, sigma2: float, some: slice = slice(None)) -> tuple[Array, Array]:
-        """S (S, m, m) and XᵀC⁻¹y (S, m) of functions with values (P, m) at some of the sites."""
+        """Return S (S, m, m) and XᵀC⁻¹y (S, m) of functions with values (P, m) at some of the sites."""
         sites, poses, _ = self.inner[some].shape
         there = (self.inner[some].reshape(-1, poses) @ values).reshape(sites, poses, -1)
         return values.T @ there / sigma2, self.rhs[some] @ values / sigma2
 
     def screened(self, values: Array, sigma2: float) -> Array:
-        """Gain (S,) at one typical variance a, nats: ½ a bᵀM⁻¹b - ½ ln|M| of M = I + a S and b = XᵀC⁻¹y.
+        """Return the gain (S,) at a typical variance a, nats: ½ a bᵀM⁻¹b - ½ ln|M| with M = I + a S and b = XᵀC⁻¹y.
 
         The last pivot of the Cholesky factor of M bordered by √a b and c is √(c - a bᵀM⁻¹b).
         """

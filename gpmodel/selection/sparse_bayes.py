@@ -3,11 +3,11 @@
     y = Σ_g X_g u_g + e,   u_g ~ N(0, a_g I),   e ~ N(0, σ² I)
     L = ln p(y | a, σ²) - Σ_g price_g over the groups that are not always included        [nats]
 
-`grow` climbs L by single groups. Two groups may share what a third explains alone, and no single step leads from one
-model to the other: `exchanges` removes groups, forbids them, and grows again. Models are compared by their utility: L
-less what a reader loses by each curve that names no part. A weak curve without a formula stays; a formula takes the
-place of a curve where it explains nearly as much.
-Sources: Tipping and Faul (2003), for groups of columns in place of single ones; MacKay (1992); tabu: Glover (1989).
+`grow` increases L by single groups. If two groups describe together what a third describes alone, no single step leads
+from one model to the other: `exchange` removes groups, forbids them, and grows again. Models are compared by their
+utility: L minus the reading prices of curves that name no part. A weak curve without a formula stays; a formula
+replaces a curve if it explains nearly as much. Sources: Tipping and Faul (2003), for groups of columns in place of
+single ones; MacKay (1992); tabu: Glover (1989).
 """
 
 from collections import defaultdict
@@ -25,27 +25,26 @@ from gpmodel.selection.posterior import LEAST_NOISE, Active
 from gpmodel.selection.scan import Scan, beside_curves, whole
 
 TOLERANCE = 0.05
-"""Nats: a smaller rise of L ends a loop."""
+"""Rise of L, nats, below which a loop ends."""
 SWEEPS = 30
-"""Re-estimations at most; they end by themselves far earlier."""
+"""Largest number of re-estimations; far fewer are usual."""
 FREE = 1e4
-"""Factor on the variance of a group of few unknowns, at which its prior holds it no more."""
+"""Factor on the variance of a group of few coefficients from which its prior has no influence."""
 SHORT_LIST = 100
-"""Groups that are scanned again after a full scan, until none of them has a net gain."""
+"""Number of groups that are scored again after a full scan, until none of them has a net gain."""
 TOGETHER, BEGIN, GO_ON = 3, 0.05, 0.33
-"""Best groups that must gain, one by one, a share of what a regrowth lacks for it to begin, and to go on.
-
-Two groups that share nothing gain little until the first is in, which takes down the noise: a twentieth (a hinge by a
-line and a ramp, 12 %), then more than half. At a third, two exchanges in three of a measured robot end early.
+"""Number of best groups whose gains must reach a share of the lost utility for a regrowth to begin, and to go on. Two
+groups that share nothing gain little until the first is included and reduces the noise: a twentieth (a hinge by a line
+and a ramp, 12 %), then more than half. At a third, two exchanges in three of a measured robot end early.
 """
 
 
 def exchange(model: Active, new: frozenset[str] | None = None) -> Active:
-    """Maximise the utility over all groups of the pool, from the model that grows. Deterministic.
+    """Maximise the utility over all groups of the pool by exchanges, after growing the model. Deterministic.
 
-    Removals wait in line: what was tried on an earlier model is tried again last, until none is better. Meanwhile the
-    other groups of many unknowns are held; what wins is then grown in full.
-    new: names of groups with which every regrowth begins, where all others were tried before; None for all.
+    Removals that failed on an earlier model are tried last, until none improves the model. Meanwhile the other groups
+    of many coefficients are held; a better model is then grown in full. new: names of groups with which every regrowth
+    begins, if all others were tried before; None for all.
     """
     model, tried, pools = named_by_site(grow(model)), dict[frozenset[int], int](), dict[frozenset[int], GroupPool]()
     first = np.array([new is None or group.name in new for group in model.pool.groups])
@@ -66,8 +65,8 @@ def exchange(model: Active, new: frozenset[str] | None = None) -> Active:
 def grow(model: Active, listed: IntArray | None = None, reading: bool = False, goal: float = -np.inf) -> Active:
     """Add the group of largest net gain, re-estimate, prune; until no group has a net gain.
 
-    listed: groups that may be added; None for all. reading: curves pay what a reader loses by them, as where models are
-    compared. goal: utility without which a model is of no use; growth ends where the best groups cannot reach it.
+    listed: groups that may be added; None for all. reading: include the reading prices of curves, as for comparing
+    models. goal: least useful utility; growth ends if the best groups cannot reach it.
     """
     model = prune(reestimate(model))
     refused, among = set[int](), listed
@@ -100,7 +99,7 @@ def grow(model: Active, listed: IntArray | None = None, reading: bool = False, g
 
 
 def _removals(model: Active) -> list[frozenset[int]]:
-    """Each selected group, the weakest first, then all groups that act at one site, then all of one kind."""
+    """Return each selected group, the weakest first, then all groups at one site, then all of one kind."""
     pool, together = model.pool, defaultdict[object, set[int]](set)
     for g in model.found:
         group = pool.groups[g]
@@ -112,12 +111,12 @@ def _removals(model: Active) -> list[frozenset[int]]:
 
 
 def _exchanged(model: Active, removed: frozenset[int], first: Mask) -> Iterator[Active]:
-    """Models grown again without some groups.
+    """Yield models that are grown again without some groups.
 
-    Growth begins with the group of largest net gain among the first (G,), where the remaining groups may take any size:
-    a group held to its size keeps out what would change it. It goes on among a short list. Two effects may hide behind
-    their best approximation: what regained more than it lacks is forbidden once. In the place of a group of many
-    unknowns groups of few are grown alone.
+    Growth begins with the group of largest net gain among the first (G,), with free variances of the remaining groups,
+    since a group with a fixed variance excludes groups that would change it. It continues among a short list. Two
+    effects may be hidden by one best approximation: groups that regain more than is missing are forbidden once. In the
+    place of a group of many coefficients, groups of few are grown alone.
     """
     pool, fewer = model.pool, reestimate(reduce(Active.without, removed, model), 4)
     lost = model.utility - fewer.utility
@@ -155,7 +154,7 @@ def _exchanged(model: Active, removed: frozenset[int], first: Mask) -> Iterator[
 
 
 def reestimate(model: Active, sweeps: int = SWEEPS) -> Active:
-    """Update all variances and the noise together in log a, halving the step where the evidence falls."""
+    """Update all variances and the noise together in log a, with half the step if the evidence falls."""
     step = 1.0
     for _ in range(sweeps):
         target = model.reestimated
@@ -175,7 +174,7 @@ def reestimate(model: Active, sweeps: int = SWEEPS) -> Active:
 
 
 def prune(model: Active, exempt: int = -1) -> Active:
-    """Delete groups but for one with a net loss, the worst first, and idle sites of groups at several sites."""
+    """Delete groups with a net loss except `exempt`, the worst first, and sites without gain from joint groups."""
     while (
         worst := min((g for g in model.found if g != exempt), key=model.net_gain, default=None)
     ) is not None and model.net_gain(worst) < 0.0:
@@ -184,9 +183,9 @@ def prune(model: Active, exempt: int = -1) -> Active:
 
 
 def named_by_site(model: Active) -> Active:
-    """Name groups of several sites site by site where more of their sites have a net gain of their own than have none.
+    """Replace groups of several sites by their parts if more than half of their sites have a net gain of their own.
 
-    Models are compared in this form, so that each named site pays its price. The few others are no findings.
+    Models are compared in this form, so that each named site pays its price. Sites without a net gain are deleted.
     """
     blocks = [g for g in model.found if model.pool.groups[g].parts]
     number = {group.name: g for g, group in enumerate(model.pool.groups)} if blocks else {}
@@ -202,24 +201,24 @@ def named_by_site(model: Active) -> Active:
 
 
 def rests_on_one_pose(before: Active, after: Active) -> bool:
-    """Return whether one pose brings most of the gain of a move: a group fitted to an outlier."""
+    """Return whether most of the gain of a move is from one pose: a group fitted to an outlier."""
     gained = before.misfit * (before.sigma2 / after.sigma2) - after.misfit
     return float(gained.max()) > before.criteria.one_pose_share * float(gained.sum())
 
 
 def _together(net: Array) -> float:
-    """Sum of the largest net gains, nats."""
+    """Return the sum of the largest net gains, nats."""
     return float(np.sort(net)[-TOGETHER:].clip(0.0).sum())
 
 
 def _forbidden(pool: GroupPool, removed: frozenset[int]) -> list[int]:
-    """Removed groups, and each kind at several joints that lost one part: in the place of two or more it may come."""
+    """Return the removed groups, and each joint group of which only one part was removed."""
     kinds = pool.block[list(removed)]
     return [*removed, *pool.wholes[np.flatnonzero(np.bincount(kinds[kinds >= 0]) == 1)].tolist()]
 
 
 def _without_idle_sites(model: Active) -> Active:
-    """Groups of several sites without the sites that gain too little at the common variance."""
+    """Delete sites with too small a gain at the common variance from groups of several sites."""
     for g in list(model.variances):
         of_column = model.part_of_column(g)
         for part in np.unique(of_column)[::-1]:
