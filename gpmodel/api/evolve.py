@@ -205,12 +205,12 @@ class EvolutionResult(Shown):
             [
                 "Best program of each run",
                 aligned([("", "run", "gain", "held out", "nodes", "site"), *best]),
-                "\nRuns that refer to each input (on shuffled errors)",
+                "\nRuns whose best program contains each input (in brackets: on permuted residuals)",
                 aligned([head, *rows]),
-                "\nRuns that use each operator",
+                "\nRuns whose best program contains each operator",
                 aligned(words.operators(self.record.histograms[0])),
                 said,
-                f"stands out of chance: {found}" if found else "no input stands out of chance",
+                f"significant inputs: {found}" if found else "no input is significant",
             ]
         )
 
@@ -229,7 +229,7 @@ class EvolutionResult(Shown):
 
     def __repr__(self) -> str:
         found = ", ".join(self.histogram.significant) or "none"
-        return f"<{len(self.runs)} runs on {self.start.poses.dataset.source}: inputs that stand out of chance: {found}>"
+        return f"<{len(self.runs)} runs on {self.start.poses.dataset.source}: significant inputs: {found}>"
 
 
 def evolve(
@@ -297,10 +297,12 @@ def evolve(
 def _effects_of(model: object, arm: Mechanism, standard: tuple[str, ...]) -> tuple[Effect, ...]:
     """Return the effects of a saved model; raise InputError for another mechanism, or if `standard` is given too."""
     if standard != ("*",):
-        raise InputError("a model has its own geometry; expected no patterns in addition", "standard")
+        raise InputError(
+            "patterns cannot be combined with a model, which fixes the geometry; expected no patterns", "standard"
+        )
     known = model if isinstance(model, Model) else load_model(file_path(model, "model"), arm)
     if [j.name for j in known.mechanism.joints] != [j.name for j in arm.joints]:
-        raise InputError(f"is of {known.mechanism.name}; expected one of {arm.name}", "model")
+        raise InputError(f"a model of {known.mechanism.name}; expected a model of {arm.name}", "model")
     return known.saved.model.effects
 
 
@@ -311,7 +313,7 @@ def _models(known: tuple[Effect, ...], groups: Models) -> Models:
     effects = tuple(effect for _, group in groups for effect in group)
     names = [effect.name for effect in effects]
     if twice := [name for name in names if names.count(name) > 1]:
-        raise InputError(f"'{twice[0]}' is there twice, expected each effect once", "effects")
+        raise InputError(f"'{twice[0]}' appears twice, expected each effect once", "effects")
     whole = [(", ".join(name for name, _ in groups), (*geometry, *effects))] if groups else []
     return [(STANDARD, geometry), *whole]
 

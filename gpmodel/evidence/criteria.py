@@ -78,14 +78,14 @@ class Test:
 
 
 _WORDS: dict[str, Callable[[Test], str]] = {
-    "chance": lambda t: f"chance of it on shuffled residuals {wording.chance(t.value)}, limit {t.limit}",
-    "nats": lambda t: f"description length saved {t.value:.1f} nats, limit {t.limit}",
-    "cross-validation": lambda t: f"cross-validated gain {t.value:.1f} deviations, limit {t.limit}",
-    "stretches": lambda t: f"gain on stretches of rows left out {t.value:.1f} deviations, limit {t.limit}",
+    "chance": lambda t: f"probability on permuted residuals {wording.chance(t.value)}, limit {t.limit}",
+    "nats": lambda t: f"net gain {t.value:.1f} nats, limit {t.limit}",
+    "cross-validation": lambda t: f"cross-validated gain {t.value:.1f} standard errors, limit {t.limit}",
+    "stretches": lambda t: f"gain with folds of rows {t.value:.1f} standard errors, limit {t.limit}",
     "unique share": lambda t: f"unique share {t.value:.3f}, limit {t.limit}",
-    "repeats": lambda t: f"repeats counted once, it saves {t.value:.1f} nats, limit {t.limit}",
-    "rows": lambda t: f"what drifts along the rows taken off, it saves {t.value:.1f} nats, limit {t.limit}",
-    "space": lambda t: f"what varies over the space taken off, it saves {t.value:.1f} nats, limit {t.limit}",
+    "repeats": lambda t: f"net gain with repeats counted once {t.value:.1f} nats, limit {t.limit}",
+    "rows": lambda t: f"net gain without drift along the rows {t.value:.1f} nats, limit {t.limit}",
+    "space": lambda t: f"net gain without variation over space {t.value:.1f} nats, limit {t.limit}",
 }
 
 

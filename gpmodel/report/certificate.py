@@ -99,12 +99,12 @@ Parameter = tuple[str, str, str, str]
 """Name, value, σ and unit."""
 SMALL_PRINT = (
     "Accuracy in the manner of ISO 9283 (1998): distance between measured and predicted position of the tool point, "
-    "one measurement a pose, over the poses named; mean, mean + 3 s and maximum are of these distances. "
-    "Registration only is registration and tool point with the nominal geometry. After is predicted by the model "
-    "below, of the machine as it was measured: measure again with its corrections and certify that (gpmodel verify) "
-    "for an accuracy that is measured. Further poses are any within the measured ranges of the joints, as this "
-    "instrument would read them; each bound holds by itself, by a Monte Carlo over the fitted numbers and the noise "
-    "(JCGM 101)."
+    "one measurement a pose, at the stated poses. Mean, mean + 3 s and maximum are statistics of these distances. "
+    "Registration only: registration and tool point are fitted, the geometry is nominal. After: error predicted by the "
+    "model below for the machine as measured. For a measured accuracy, apply the corrections, measure again, and "
+    "certify the result of gpmodel verify. Further poses: random poses within the measured ranges of the joints, "
+    "including the noise of this instrument. Each bound holds separately (Monte Carlo over fitted numbers and noise, "
+    "JCGM 101)."
 )
 
 
@@ -170,7 +170,7 @@ def certificate(report: Report, particulars: Particulars, tolerance_mm: float | 
         record=_record(report),
         errors=np.zeros((0, 2)) if errors is None else errors,
         tolerance_mm=tolerance_mm,
-        small_print=f"{SMALL_PRINT} Values are of the model fitted to all poses; {words.interval(report)}.",
+        small_print=f"{SMALL_PRINT} Values are those of the model fitted to all poses; {words.interval(report)}.",
     )
 
 
@@ -178,10 +178,13 @@ def _unseen(report: Report) -> str:
     """State the fit to which the errors of the certificate belong."""
     if report.data.folds:
         folds = report.data.folds
-        return f", each predicted by a calibration made without it ({folds}-fold); the final fit is to all of them"
+        return (
+            f", each predicted by a calibration without this pose ({folds}-fold); the final fit uses all "
+            f"{report.data.unit}"
+        )
     if report.held:
-        return " held out: the calibration that predicts them was made without them; the final fit is to all poses"
-    return f", the {report.data.unit} the model was fitted to"
+        return " held out: not used by the calibration that predicts them; the final fit uses all poses"
+    return " to which the model was fitted"
 
 
 def html(found: Certificate, kicker: str) -> str:
@@ -201,7 +204,7 @@ def _judged(errors: Array | None, tolerance_mm: float | None) -> str:
         return ""
     beyond, limit = int((errors[:, 1] > tolerance_mm).sum()), f"{wording.millimetres(tolerance_mm)} mm"
     said = f"fail: {beyond} of {len(errors)}" if beyond else f"pass: none of {len(errors)}"
-    return f"{said} poses off by more than {limit}, as predicted"
+    return f"{said} poses with a predicted error above {limit}"
 
 
 def _scope(report: Report) -> tuple[Line, ...]:
@@ -250,7 +253,7 @@ def _repeatability(report: Report) -> tuple[Line, ...]:
     if accurate is None:
         lines.append(("pose accuracy AP", "not stated: fewer than three poses were measured three times"))
     else:
-        kind = "held out" if accurate.heldout else "fitted, as if left out one by one"
+        kind = "held out" if accurate.heldout else "fitted, each error as if the pose were left out"
         for when, mm, stderr in (
             ("registration only", accurate.before_mm, accurate.before_stderr_mm),
             ("after", accurate.after_mm, accurate.after_stderr_mm),
@@ -267,7 +270,7 @@ def repeated(found: Repeatability) -> tuple[Line, ...]:
     return (
         ("pose repeatability RP = l + 3 s, mean", mean),
         ("pose repeatability RP, worst pose", f"{wording.millimetres(found.rp_max_mm)} mm"),
-        ("from", f"{found.measurements} measurements of {found.poses} poses; ISO 9283 asks for {REPEATS} of each"),
+        ("from", f"{found.measurements} measurements of {found.poses} poses; ISO 9283 requires {REPEATS} of each"),
     )
 
 

@@ -41,7 +41,7 @@ def pictures(report: Report) -> Iterator[Picture]:
         yield Picture(
             "ladder", "Error after each step", 4.7, 0.75 + 0.56 * len(rungs),
             f"RMS of the 3-D error after each step of the model, {_side(report, rungs)}: {steps}.",
-            "Dots: RMS of the 3-D error; the thin line reaches to the largest error. The scale is logarithmic.",
+            "Dots: RMS of the 3-D error. The thin lines end at the largest error. The scale is logarithmic.",
             partial(_ladder, report=report, rungs=rungs),
         )  # fmt: skip
     errors = _errors(report)
@@ -53,11 +53,11 @@ def pictures(report: Report) -> Iterator[Picture]:
         yield Picture(
             "error_histogram", "Error before and after" if len(shown) > 1 else "Distribution of the error", 4.9, 3.5,
             f"Histogram of the 3-D error of {which}, same bins for each step: {said}.",
-            f"3-D error of {which}{', the same bins before and after' if len(shown) > 1 else ''}.",
+            f"3-D error of {which}{', with equal bins before and after' if len(shown) > 1 else ''}.",
             partial(_histogram, errors=shown, floor=report.noise_floor_mm),
         )  # fmt: skip
         yield Picture(
-            "cumulative", f"How many {report.data.unit} are better than …", 4.9, 3.5,
+            "cumulative", f"Share of the {report.data.unit} below an error", 4.9, 3.5,
             f"Cumulative share of {which} over the 3-D error, one curve a step: {said}.",
             f"Share of {which} whose 3-D error is below the value on the axis.",
             partial(_cumulative, errors=errors, floor=report.noise_floor_mm),
@@ -66,7 +66,7 @@ def pictures(report: Report) -> Iterator[Picture]:
 
 def _side(report: Report, rungs: Sequence[StepRecord]) -> str:
     unit = report.data.unit
-    return f"held-out {unit}" if all(r.heldout.known for r in rungs) else f"training {unit}, none were held out"
+    return f"held-out {unit}" if all(r.heldout.known for r in rungs) else f"training {unit} (none were held out)"
 
 
 def _errors(report: Report) -> list[tuple[str, Array, str]]:

@@ -30,14 +30,15 @@ def pictures(report: Report) -> Iterator[Picture]:
         yield Picture(
             "fitness", "Gain over the generations", 4.9, 2.6,
             f"Gain of the best program so far in each of {len(report.runs)} runs, over the generations.",
-            "Share of what programs are scored by that the best one so far removes.",
+            "Share of the scored residual that the best program so far removes.",
             partial(_fitness, runs=report.runs),
         )  # fmt: skip
         rows = operators(report.histograms[0])[1:]
         if rows:
             yield Picture(
                 "operators", "Operators of the best programs", 4.9, 1.0 + 0.2 * len(rows),
-                f"Best programs that use each of {len(rows)} operators.", "Runs whose best program uses the operator.",
+                f"Best programs that use each of {len(rows)} operators.", ("Number of runs whose best program "
+                "contains the operator."),
                 partial(_operators, rows=rows),
             )  # fmt: skip
     best = report.compensation
@@ -46,7 +47,7 @@ def pictures(report: Report) -> Iterator[Picture]:
         yield Picture(
             "compensation", f"The best program ({best.run}) over its inputs", 10.2, 2.5 * (1 + (shown - 1) // 3),
             f"Outputs of the best program at the training poses, over {', '.join(best.inputs[:shown])}.",
-            "Each dot: a training pose. Angles in rad; other columns scaled to order one.",
+            "Each dot is a training pose. Angles are in rad; other columns are scaled to order one.",
             partial(_compensation, best=best),
         )  # fmt: skip
 

@@ -49,8 +49,8 @@ def pictures(report: Report) -> Iterator[Picture]:
         if shape.x:
             yield Picture(
                 f"shape_{shape.effect + 1}", f"Shape of {name}", 4.9, 3.3,
-                f"Partial residual of {name} over {x_name}, with the fitted curve where it reads this input alone.",
-                "Dots: partial residuals, everything else in the model removed."
+                f"Partial residual of {name} over {x_name}, with the fitted curve if this is the only input.",
+                "Dots: partial residuals, the measured values minus all other terms of the model."
                 + (" Line: the fitted effect." if shape.curve_x else ""),
                 partial(_shape, shape=shape, x_name=x_name),
             )  # fmt: skip
@@ -61,18 +61,22 @@ def pictures(report: Report) -> Iterator[Picture]:
             "rank_curve", "Error over the condition limit", 4.9, 3.3,
             f"Cross-validated error over the condition limit; lowest {millimetres(1e3 * best.cv_rms)} mm with "
             f"{best.rank} unknowns at a limit of {best.condition_limit:g}.",
-            "How many unknowns these poses support; the number beside a dot is the rank kept there.",
+            "Number of unknowns that these poses determine. The number at a dot is the rank at this condition limit.",
             partial(_rank, curve=curve, chosen=report.condition_limit),
         )  # fmt: skip
     for name, title, unit, scale, shown_unit in KINDS:
         chosen = [p for p in report.parameters if p.kept and p.value is not None and p.stderr and p.unit == unit]
         strongest = sorted(chosen, key=lambda p: -abs(p.value or 0.0) / (p.stderr or 1.0))[:MOST_PARAMETERS]
-        rest = "" if len(strongest) == len(chosen) else f" The {len(strongest)} most certain of {len(chosen)}."
+        rest = (
+            ""
+            if len(strongest) == len(chosen)
+            else f" The figure has the {len(strongest)} most significant of {len(chosen)}."
+        )
         if chosen:
             chosen = [p for p in chosen if any(p is s for s in strongest)]
             yield Picture(
                 name, title, 4.9, 0.75 + 0.175 * len(chosen),
-                f"{title} with one standard deviation, {len(chosen)} parameters; the table below has them.",
+                f"{title} with one standard deviation, {len(chosen)} parameters, as in the table below.",
                 f"Value ± σ. Hollow: within 2 σ of zero.{rest}",
                 partial(_parameters, parameters=chosen, scale=scale, unit=shown_unit),
             )  # fmt: skip

@@ -31,10 +31,10 @@ def pictures(report: Report) -> Iterator[Picture]:
     for k, histogram in enumerate(histograms, 1):
         standing = significant_inputs(histogram)
         shown, unread = len(_shown(histogram)), len(histogram.inputs) - len(_shown(histogram))
-        rest = f" Few or none of them refer to the other {unread} inputs." if unread else ""
+        rest = f" Few or no programs contain the other {unread} inputs." if unread else ""
         yield Picture(
             f"inputs_{k}", f"Round {k}", 4.9, 1.1 + 0.21 * shown,
-            f"Evolved programs that refer to each input, beside the same search on shuffled residuals; "
+            f"Number of evolved programs that contain each input, on the residual and on permuted residuals; "
             f"significant inputs: {standing}.",
             f"Significant: {standing}.{rest}",
             partial(_inputs, histogram=histogram),
@@ -43,11 +43,11 @@ def pictures(report: Report) -> Iterator[Picture]:
     chosen = frozenset(e.name for e in report.effects)
     if rounds:
         yield Picture(
-            "search", "The best candidates of each round against chance", 10.2, 0.9 + 0.62 * len(rounds),
-            f"Description length saved by the candidates of {len(rounds)} rounds, beside the best that shuffled "
-            f"residuals gave; in the model: "
+            "search", "Net gain of the best candidates of each round", 10.2, 0.9 + 0.62 * len(rounds),
+            f"Net gain of the candidates of {len(rounds)} rounds, and the best net gain on permuted "
+            f"residuals; candidates in the model: "
             f"{sum(any(c.name in chosen for c in r.candidates) for r in rounds)}.",
-            "Each dot is a distinct candidate. Chance: the best of each search on shuffled residuals.",
+            "Each dot is a candidate. Each mark 'chance' is the best net gain of a search on permuted residuals.",
             partial(_search, rounds=rounds, chosen=chosen),
         )  # fmt: skip
 
@@ -85,12 +85,12 @@ def _inputs(figure: Figure, histogram: Histogram) -> None:
     axes.spines["left"].set_visible(False)
     axes.set_xlim(0, 1.18 * max(use.max(), null.max(), 1))
     axes.locator_params(axis="x", integer=True)
-    axes.set_xlabel("best programs that refer to the input")
+    axes.set_xlabel("best programs that contain the input")
     axes.grid(axis="x")
     looks = zip(FILLED, kinds, strict=False)
     named = ", ".join(f"{name} ({'filled' if filled else 'hollow'})" for filled, (name, _) in looks)
     real = named if len(kinds) > 1 else "on the residual"
-    for colour, label in ((BEFORE, real), (NULL, "on shuffled residuals")):
+    for colour, label in ((BEFORE, real), (NULL, "on permuted residuals")):
         axes.barh(0, 0, color=colour, label=label)
     figure.legend(loc="outside upper right", ncols=2, labelcolor=MUTED)
 
@@ -114,13 +114,13 @@ def _search(figure: Figure, rounds: Sequence[RoundRecord], chosen: Collection[st
                 axes.annotate(shortened(candidate.name, 60), (value, row - 0.08), (5, 5), va="bottom",
                               textcoords="offset points", ha="right", color=AFTER, weight="bold")  # fmt: skip
         if best is None:
-            axes.text(1.0, row - 0.08, "nothing of these was added", ha="right", va="center", color=MUTED,
+            axes.text(1.0, row - 0.08, "no candidate was added", ha="right", va="center", color=MUTED,
                       transform=axes.get_yaxis_transform())  # fmt: skip
     axes.set_yticks(range(len(rounds)), [f"round {r.round}" for r in rounds])
     axes.tick_params(axis="y", length=0, labelcolor=INK)
     axes.axvline(0, color=AXIS, lw=0.8)
     signed(axes.xaxis)
-    axes.set_xlabel("description length saved, nats")
+    axes.set_xlabel("net gain, nats")
     for colour, label, mark in ((AFTER, "added", "o"), (BEFORE, "not added", "o"), (NULL, "chance", "|")):
         axes.scatter([], [], color=colour, marker=mark, s=30, label=label)
     figure.legend(loc="outside upper right", ncols=3, labelcolor=MUTED, handletextpad=0.3)

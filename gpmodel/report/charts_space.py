@@ -54,7 +54,8 @@ def pictures(report: Report) -> Iterator[Picture]:
         yield Picture(
             "rows", "Residual along the rows", 10.2, 4.6,
             "Components x, y, z of the residual over the row of the table, before and after; outliers are marked.",
-            "A jump is a set-up that moved, a slope a drift, a wide stretch a bad session. " + fitted,
+            ("A jump indicates that the set-up moved, a slope indicates drift, a wide band indicates larger "
+            "noise. ") + fitted,
             partial(_rows, report=report, before=before, after=after),
         )  # fmt: skip
 
@@ -79,7 +80,8 @@ def _arrow_pictures(report: Report) -> Iterator[Picture]:
     yield Picture(
         "arrows_above", "Seen from above", 4.9, 4.6,
         f"Residual of the {models} as arrows at the nominal positions: x and y.",
-        f"{colours}Residual {float(f'{magnification:.2g}'):,.0f} times enlarged; explore.html turns it.{some}",
+        (f"{colours}Residual {float(f'{magnification:.2g}'):,.0f} times enlarged. See explore.html for a 3-D "
+        f"view.{some}"),
         partial(_arrows, points=points, moves=shown, magnification=magnification, sides=((0, 1),)),
     )  # fmt: skip
 
@@ -87,11 +89,11 @@ def _arrow_pictures(report: Report) -> Iterator[Picture]:
 def _moved_picture(number: int, name: str, moved: MovedRecord) -> Picture:
     points, moves = numbers(moved.points_mm), numbers(moved.moves_mm)
     magnification = _magnification(points, moves)
-    where = "at joint values anywhere within the limits" if moved.anywhere else "at measured poses"
+    where = "at random joint values within the limits" if moved.anywhere else "at measured poses"
     return Picture(
-        f"moved_{number}", f"What {name} does to the tool", 4.9, 2.5,
+        f"moved_{number}", f"Displacement of the tool by {name}", 4.9, 2.5,
         f"Displacement of the tool by {name} as arrows {where}, from above and from the side.",
-        f"Arrows: what it does to the tool {where}, {float(f'{magnification:.2g}'):,.0f} times enlarged; from above "
+        f"Arrows: displacement of the tool {where}, {float(f'{magnification:.2g}'):,.0f} times enlarged; from above "
         "and from the side.",
         partial(_arrows, points=points, moves=[(moves, AFTER)], magnification=magnification, sides=((0, 1), (0, 2))),
     )  # fmt: skip

@@ -206,17 +206,21 @@ def verdict(found: Comparison) -> str:
     many = f"{len(compared)} quantit{'y' if len(compared) == 1 else 'ies'}"
     parts = [f"{len(changed)} of {many} changed beyond chance" if changed else f"No change beyond chance in {many}"]
     if found.of_models:
-        parts = ["The same rows, another model: what differs is of the models, not of the machine"]
+        parts = [
+            "Both models were fitted to the same rows: the differences are those of the models, not of the machine"
+        ]
         apart = any(c.difference for c in (*compared, *found.placement))
         if not (apart or found.incomparable or found.only_before or found.only_after):
-            parts = ["The same rows and the same numbers"]
+            parts = ["Both models were fitted to the same rows and are equal"]
     elif found.shared:
-        parts[0] += f"; {found.shared} rows are in both tables, which the σ of the changes allow for"
+        parts[0] += f"; {found.shared} rows are in both tables (the σ of the changes allow for the common rows)"
     parts += ["the registration moved"] if any(c.significant for c in found.placement if c not in tool) else []
     parts += [f"largest: {', '.join(changed[:4])}"] if changed else []
     parts += [f"new: {' and '.join(e.name for e in found.only_after)}"] if found.only_after else []
     parts += [f"gone: {' and '.join(e.name for e in found.only_before)}"] if found.only_before else []
-    parts += ["not the same parameters were fitted, so that none of them is compared"] if found.incomparable else []
+    parts += (
+        ["the two models have different parameters, so that no parameters are compared"] if found.incomparable else []
+    )
     return "; ".join(parts) + "."
 
 
@@ -230,7 +234,10 @@ def text(found: Comparison) -> str:
     """The comparison in 80 columns, changes beyond chance marked with a star."""
     sources = zip(SIDES, found.sources, strict=True)
     heads = f"    {'':16}{'before':>11} {'after':>11} {'change':>18} {'':10}{'in σ':>5}"
-    said = f"fitted in one only, so the others took them up there: {', '.join(found.incomparable)}"
+    said = (
+        "fitted in one model only (in the other model, other parameters absorb these errors): "
+        f"{', '.join(found.incomparable)}"
+    )
     blocks = (
         ("Verdict", [wording.wrapped(verdict(found))]),
         ("Compared", [wording.wrapped(source, 11, f"    {side:6} ") for side, source in sources]),

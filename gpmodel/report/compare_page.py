@@ -29,8 +29,9 @@ def picture(changes: Sequence[Change]) -> Picture | None:
         return None
     largest = ", ".join(f"{c.name} {minus(f'{c.in_deviations:+.1f}')} σ" for c in known[:4])
     return Picture(
-        "changes", "Changes in their own σ", 5.6, 0.6 + 0.19 * len(known), f"Changes in their own σ: {largest}.",
-        "Change ± σ, over σ. Filled: beyond chance, however many are compared.", partial(_draw, changes=known),
+        "changes", "Changes in units of σ", 5.6, 0.6 + 0.19 * len(known), f"Changes in units of σ: {largest}.",
+        ("Change ± σ, in units of σ. Filled: significant, corrected for the number of "
+        "comparisons."), partial(_draw, changes=known),
     )  # fmt: skip
 
 

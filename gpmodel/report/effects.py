@@ -140,8 +140,9 @@ def _explanation(candidate: Candidate, number: Quantity, poses: Poses) -> str:
     if known is None or not known.yields or not computed or number.value > -AGAINST * number.stderr:
         return said
     return (
-        f"{said}. Its number is negative, and nothing yields against its load: it stands for something else that "
-        "follows the same loads, as a controller that corrects for sag, or a description with wrong masses"
+        f"{said}. The fitted compliance is negative, which is physically impossible. The true cause depends "
+        "on the same "
+        "loads, for example a controller that corrects for sag, or wrong masses in the description"
     )
 
 

@@ -39,8 +39,8 @@ def explain(report: Report, number: int, tellable: Set[str] | None = None) -> Ex
     tellable: names of the causes that further poses could distinguish from the findings, if requested.
     """
     if not 1 <= number <= len(report.effects):
-        have = f"it has {len(report.effects)}" if report.effects else "it has none"
-        raise InputError(f"finding {number}: no such finding in the report; {have}")
+        have = f"1 to {len(report.effects)}" if report.effects else "a report with findings"
+        raise InputError(f"finding {number}: not in the report; expected {have}")
     effect = report.effects[number - 1]
     value = wording.measured(effect.value, effect.stderr, effect.unit)
     return Explanation(
@@ -63,12 +63,12 @@ def text(found: Explanation) -> str:
     """The explanation in 80 columns."""
     blocks = (
         ("", (found.value,)),
-        ("where", (found.chain, found.where)),
+        ("site", (found.chain, found.where)),
         ("size at the tool", (found.size,)),
-        ("what would cause it", (found.cause,)),
-        ("what speaks for it", found.facts),
-        ("what to measure to be sure", found.advice),
-        ("for the one who repairs", found.repair),
+        ("physical cause", (found.cause,)),
+        ("evidence", found.facts),
+        ("what to measure for confirmation", found.advice),
+        ("for maintenance", found.repair),
     )
     lines = [f"{found.number}  {found.name}"]
     for heading, sentences in blocks:
@@ -97,16 +97,17 @@ def _chain(report: Report, effect: EffectRecord) -> str:
 
 def _size(effect: EffectRecord) -> str:
     if effect.tool_rms_mm is None:
-        return "Not known: the report is of an earlier version; make it again."
+        return "Not known: the report was written by an earlier version of gpmodel; run the calibration again."
     measured = _moves(effect.tool_rms_mm, effect.tool_max_mm)
     if effect.tool_turn_mrad is not None:
-        measured += f", and turns it by {wording.significant(effect.tool_turn_mrad, 3)} mrad RMS"
+        measured += f"; rotation of the tool {wording.significant(effect.tool_turn_mrad, 3)} mrad RMS"
     if effect.workspace_rms_mm is None:
-        return f"Moves the measured point by {measured} over the measured poses."
+        return f"Displacement of the measured point at the measured poses: {measured}."
     anywhere = _moves(effect.workspace_rms_mm, effect.workspace_max_mm)
     return (
-        f"Moves the tool by {anywhere} over the workspace, all joints anywhere within their limits; over the measured "
-        f"poses by {measured}."
+        f"Displacement of the tool over the workspace, with all joints within their limits: {anywhere}. At "
+        "the measured "
+        f"poses: {measured}."
     )
 
 
@@ -118,28 +119,33 @@ def _facts(report: Report, effect: EffectRecord) -> Iterator[str]:
     if effect.cv_rms_mm is not None and effect.cv_before_mm is not None:
         yield (
             f"the cross-validated error falls from {wording.length(effect.cv_before_mm)} to "
-            f"{wording.length(effect.cv_rms_mm)} RMS with it"
+            f"{wording.length(effect.cv_rms_mm)} RMS if the effect is added"
         )
     if effect.p_value is not None:
-        yield f"chance of its score: {wording.chance(effect.p_value, effect.shuffles, effect.shuffled)}"
+        yield f"probability of this gain by chance: {wording.chance(effect.p_value, effect.shuffles, effect.shuffled)}"
     if pointed := words.beforehand(report, effect):
         yield f"the histogram of referenced inputs {pointed}"
     yield from words.constants(effect)
     for r in effect.ranges:
         unit = f" {wording.pretty_unit(r.unit)}".rstrip()
-        yield wording.minus(f"it was trained on {r.input} from {r.low:.4g} to {r.high:.4g}{unit} and holds there only")
+        yield wording.minus(
+            f"the effect is valid only for {r.input} from {r.low:.4g} to {r.high:.4g}{unit}, the range in training"
+        )
     if effect.unique_share is not None:
-        yield f"{wording.percent(effect.unique_share)} of its signature is explained by nothing else in the model"
+        yield (
+            f"{wording.percent(effect.unique_share)} of the displacement is explained by nothing else in the "
+            "model (unique share)"
+        )
     for said in filter(None, (beside_specification(effect), words.causes(effect))):
         yield said
     if len(effect.front) > 1:
         taken = next(k for k, formula in enumerate(effect.front, 1) if formula.taken)
         yield (
-            f"its formula is number {taken} of {len(effect.front)} on the page, none of which a shorter one equals in "
-            "gain; calibrate takes another by --findings and --formula"
+            f"the formula is number {taken} of {len(effect.front)} in the report; to use another formula, run gpmodel "
+            "calibrate with --findings and --formula"
         )
     if said := words.confirmed(report):
-        yield f"all findings together are {said}"
+        yield f"the findings are jointly {said}"
 
 
 def _cause(effect: EffectRecord) -> str:
@@ -147,8 +153,8 @@ def _cause(effect: EffectRecord) -> str:
     if effect.explanation:
         return sentence(effect.explanation)
     if effect.found_by == NAMED:
-        return "No family of the catalogue describes it: it was named by the user, not found."
-    return "No mechanism is known for it: it follows the error, and no family of the catalogue describes it."
+        return "Unknown: the user named this effect, and no family of the catalogue describes the effect."
+    return "Unknown: no family of the catalogue describes this effect, whose formula was fitted to the residual."
 
 
 LOW_SHARE = 0.3
@@ -158,13 +164,15 @@ WELL_KNOWN = 10.0
 """Standard errors from zero of a value that is known to a tenth."""
 
 MEASURES = {
-    "clock": "measure the first poses once more at the end, and once after a night: an event of the session does not "
-    "come back",
-    "temperature": "measure the same dozen poses cold and warm, the temperature in its own column",
-    "payload": "measure the same dozen poses with two payloads at least",
-    "load": "measure the same dozen poses with and without payload: a load's part grows with it, an angle's does not",
-    "approach": "approach the same dozen poses from either side of the joint, the direction in a column approach_J",
-    "delay": "change it in one step, then measure the same poses again and again until they are still",
+    "clock": "measure the first poses again at the end of the session and on the next day: an effect of the session "
+    "does not recur",
+    "temperature": "measure twelve poses with a cold and with a warm machine, and add a column with the temperature",
+    "payload": "measure twelve poses with two or more payloads",
+    "load": "measure twelve poses with and without payload: an effect of a load changes with the "
+    "payload, an effect of an "
+    "angle does not",
+    "approach": "approach twelve poses from both directions of the joint, and add the direction as a column approach_J",
+    "delay": "change the input in one step, then repeat the same poses until the positions are constant",
     "speed": "approach the same poses slowly and fast",
 }
 """By the kind of a column: what would tell its effect from everything else."""
@@ -203,22 +211,29 @@ def advice(report: Report, effect: EffectRecord, tellable: Set[str] | None) -> I
     close = [cause.names[0] for cause in effect.others]
     told = [name for name in close if tellable is None or name in tellable]
     if told:
-        yield f"take poses at which it and {told[0]} differ: `gpmodel poses --after` this result chooses them"
+        yield (
+            f"measure poses that separate this effect from {told[0]}: `gpmodel poses --after RESULT` selects the poses"
+        )
     elif close:
         yield (
-            f"no poses of this mechanism tell it from {close[0]}: only another quantity does, such as a changed "
-            "payload, a second point of the tool or the orientation"
+            f"no poses of this mechanism separate this effect from {close[0]}: measure another quantity, for "
+            "example with "
+            "a changed payload, a second tool point or the orientation"
         )
     elif effect.value and effect.stderr is not None and abs(effect.value) < WELL_KNOWN * effect.stderr:
-        yield "take the poses that tell most of it: `gpmodel poses --after` this result with `--criterion effect`"
+        yield (
+            "measure the poses that reduce the ± of this effect most: `gpmodel poses --after RESULT --criterion effect`"
+        )
     units, joints = {r.input: r.unit for r in effect.ranges}, frozenset(report.mechanism.joints)
     found = {kind for name in effect.inputs for kind in kinds_of(name, units.get(name, "1"), joints)}
     yield from (said for kind, said in MEASURES.items() if kind in found)
     angles = [name for name in effect.inputs if name in joints]
     if angles:
-        yield f"sweep {' and '.join(angles)} alone through the whole range, all other joints still, in both directions"
+        yield (
+            f"move {' and '.join(angles)} alone through the whole range in both directions, with all other joints still"
+        )
     if effect.unique_share is not None and effect.unique_share < LOW_SHARE:
         near = ", ".join(c.name for c in effect.correlated_with[:3]) or "the standard model"
-        yield f"widen the range of the joints: on these poses it is hard to tell from {near}"
+        yield f"extend the ranges of the joints: at these poses the effect is nearly equivalent to {near}"
     if report.noise_floor_mm is None:
-        yield "repeat some poses: without a noise floor nobody knows how much is left to find"
+        yield "repeat some poses: the repeats give the noise floor, the smallest error that a model can reach"

@@ -49,16 +49,18 @@ def pictures(fleet: FleetPart) -> Iterator[Picture]:
     count = len(fleet.machines)
     if all(m.standard_mm and m.own_mm and m.fleet_mm for m in fleet.machines):
         yield Picture(
-            "machines", "Before and after of each machine", 9.8, 3.0,
-            f"Errors of each of {count} machines on held-out poses: standard model, alone, together.",
-            "3-D RMS on poses held out, machines in the order of the table.", partial(_errors, fleet=fleet),
+            "machines", "Errors of each machine", 9.8, 3.0,
+            (f"Errors of each of {count} machines on held-out poses: standard model, own poses alone, with the "
+            "prior of the type."),
+            "3-D RMS on held-out poses. The machines are in the order of the table.", partial(_errors, fleet=fleet),
         )  # fmt: skip
     if count <= MOST_MACHINES and fleet.outliers():
         yield Picture(
             "standing", "Every machine in every parameter", 9.8, 0.9 + 0.2 * len(fleet.parts),
             f"Distance of each of {count} machines from the others in each of {len(fleet.parts)} parameters.",
-            "Area: how far a machine is from the others, in σ of a normal law as improbable; hollow below the mean, "
-            "full above. Coloured: beyond chance. Machines in the order of the table.",
+            "Area: deviation of a machine from the others, in σ of a normal distribution with equal probability. "
+            "Hollow: below "
+            "the mean; filled: above. Orange: significant. The machines are in the order of the table.",
             partial(_map, fleet=fleet),
         )  # fmt: skip
     for number, part in enumerate(_shown(fleet), 1):
@@ -163,7 +165,7 @@ def _map(figure: Figure, fleet: FleetPart) -> None:
 PAGE = "fleet.html"
 MOST_SAID = 3
 WELL_KNOWN = 3.0
-NOT_TESTED = f"Which machine stands out is not tested: that needs {FEWEST} machines"
+NOT_TESTED = f"Outliers are not tested: the test needs {FEWEST} machines"
 """Outliers and effects that the verdict names; standard deviations from
 zero from where a mean is one that spreads are shares of."""
 
@@ -183,7 +185,10 @@ def sentences(fleet: FleetPart) -> list[str]:
     parts = [f"{len(fleet.machines)} machines share {named}{more}" if named else f"{len(fleet.machines)} machines"]
     own, both = (rms(numbers([getattr(m, k) for m in fleet.machines])) for k in ("own_mm", "fleet_mm"))
     if own == own:
-        parts.append(f"{wording.length(own)} RMS on held-out poses each alone, {wording.length(both)} together")
+        parts.append(
+            f"{wording.length(own)} RMS on held-out poses with own poses alone, {wording.length(both)} with the "
+            "prior of the type"
+        )
     found = fleet.outliers()
     told = "; ".join(
         f"{fleet.machines[k].serial} in {p.name} (chance {wording.chance(p.chances[k])})" for k, p in found[:MOST_SAID]
@@ -191,12 +196,12 @@ def sentences(fleet: FleetPart) -> list[str]:
     rest = f" and {len(found) - MOST_SAID} more" if len(found) > MOST_SAID else ""
     further = [f"{m.serial} also has {', '.join(m.effects)}" for m in fleet.machines if m.effects]
     parts += further[:MOST_SAID]
-    parts += [f"{len(further) - MOST_SAID} more have effects of their own"] if len(further) > MOST_SAID else []
-    among = " in what all have" if further else ""
+    parts += [f"{len(further) - MOST_SAID} more machines have further effects"] if len(further) > MOST_SAID else []
+    among = " in the common effects" if further else ""
     if len(fleet.machines) < FEWEST:
         parts.append(NOT_TESTED)
     else:
-        parts.append(f"Stands out{among}: {told}{rest}" if found else f"No machine stands out{among}")
+        parts.append(f"Outlier{among}: {told}{rest}" if found else f"No machine is an outlier{among}")
     return [f"{part}." for part in parts]
 
 
@@ -257,22 +262,22 @@ def record_of(fleet: FleetPart) -> Iterator[str]:
     """Where the numbers are from, and what they cannot say."""
     yield f"effects {fleet.chosen}"
     factor = coverage_factor(len(fleet.machines) - 1)
-    yield f"± σ of a mean: standard uncertainty (k = 1); ± {factor:.2f} σ is its 95 % interval, k by Student's t"
+    yield f"± σ of a mean: standard uncertainty (k = 1); ± {factor:.2f} σ is the 95 % interval (k from Student's t)"
     geometry = [p for p in fleet.prior if all(term.basis == str(ONE) for term in p.terms)]
     known = [[p.deviation for p in geometry if p.unit == unit] for unit in ("m", "rad")]
     within = [
         str(wording.measured(float(np.median(d)), None, u)) for d, u in zip(known, ("m", "rad"), strict=True) if d
     ]
-    yield f"a further machine is believed to be like the type within {' and '.join(within)} of geometry, median"
+    yield f"prior of a further machine: its geometry deviates from the type by {' and '.join(within)} (median σ)"
     if fleet.left_out:
-        yield f"not listed, because not every machine's poses tell them from the others: {', '.join(fleet.left_out)}"
+        yield f"not listed, because the poses of some machines do not determine them: {', '.join(fleet.left_out)}"
     if len(fleet.machines) < FEWEST:
         yield NOT_TESTED
 
 
 def machines_title(fleet: FleetPart) -> str:
     """The heading of the table of machines, with its order where there is one."""
-    return "Machines" + (", the farthest from the others first" if len(fleet.machines) >= FEWEST else "")
+    return "Machines" + (", the largest deviation first" if len(fleet.machines) >= FEWEST else "")
 
 
 def _machines(fleet: FleetPart) -> Iterator[str]:

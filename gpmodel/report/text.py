@@ -18,7 +18,7 @@ def summary(report: Report) -> str:
         ("Verdict", [wrapped(" ".join(filter(None, (report.verdict, verdict.behind(report)))))]),
         ("3-D error, mm", list(_ladder(report))),
         ("Predictions", [wrapped(said)] if (said := words.predicted(report)) else []),
-        ("Readings, each in its own unit, RMS", list(_readings(report))),
+        ("Residual RMS of each kind of measurement, in its unit", list(_readings(report))),
         ("Noise floor", [wrapped(words.noise_floor(report))]),
         ("Instrument", [wrapped(words.instrument(report))] if report.instrument else []),
         ("Effects" if report.kind == "calibrate" else "Findings", list(_effects(report))),
@@ -102,7 +102,7 @@ def _rejected(report: Report) -> Iterator[str]:
     for number, candidate in enumerate(report.rejected, 1):
         yield wrapped(f"{number}  {candidate.name}: {words.lowers(candidate)}")
         yield wrapped(f"rejected: {candidate.why}", 7)
-        yield wrapped(f"poses that decide: {words.deciding(number)}", 7)
+        yield wrapped(f"to select poses for a decision: {words.deciding(number)}", 7)
 
 
 def _relative(effect: EffectRecord) -> str:
@@ -145,13 +145,15 @@ def _doubts(report: Report) -> Iterator[str]:
     if report.dropped():
         yield wrapped(words.dropped(report))
     if report.data.outliers:
-        yield wrapped(f"{wording.left_out(report.data.outliers, report.data.poses)}: no fit and no error counts them")
+        yield wrapped(f"{wording.left_out(report.data.outliers, report.data.poses)} of all fits and errors")
     if report.data.heldout and report.ladder and not report.held:
-        yield wrapped("held out are only poses of set-ups or tools not trained on: no error can be given for them")
+        yield wrapped(
+            "no error on held-out poses is known: every held-out pose has a set-up or tool without training poses"
+        )
     if report.unobservable:
         more = len(report.unobservable) - MOST_LISTED
         listed = ", ".join(report.unobservable[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
-        yield wrapped(f"not visible, because joint values solved at every pose absorb it: {listed}")
+        yield wrapped(f"not determined, because joint values are solved at every pose and absorb the error: {listed}")
     yield from (wrapped(text) for text in (*report.unseen, *report.hidden))
     if report.status:
         limit = "" if report.condition_limit is None else f"; condition limit {report.condition_limit:g}"

@@ -29,7 +29,7 @@ def of_discovery(report: Report) -> str:
     before, after = standard.errors.rms_mm, last.errors.rms_mm
     if not report.effects:
         left = f"{wording.length(before)} RMS on {_where(report)}{_beside_noise(report, before)}"
-        return f"Nothing was added: these poses show no missing effect, {left}.{_left_out(report)}"
+        return f"Nothing was added: no further effect is significant at these poses, {left}.{_left_out(report)}"
     effects = f"{_count(len(report.effects))} effect{'s' if len(report.effects) > 1 else ''}"
     were = "were" if len(report.effects) > 1 else "was"
     if report.confirmation is not None and not report.confirmation.passed:
@@ -57,7 +57,7 @@ def behind(report: Report) -> str:
     Empty without any.
     """
     inputs = list(inputs_in_words(report))
-    followed = f"What was found follows {wording.listed(inputs)}." if report.kind == "discover" and inputs else ""
+    followed = f"The found effects depend on {wording.listed(inputs)}." if report.kind == "discover" and inputs else ""
     return " ".join(filter(None, (followed, *_undecided(report), _rejected(report), *_orientation(report))))
 
 
@@ -83,8 +83,8 @@ def farthest_tool_point(report: Report) -> float:
 
 def _rejected(report: Report) -> str:
     count = len(report.rejected)
-    left = "candidate is" if count == 1 else "candidates are"
-    return f"{_count(count)} rejected {left} left for further poses to decide.".capitalize() if count else ""
+    left = "candidate needs" if count == 1 else "candidates need"
+    return f"{_count(count)} rejected {left} further poses for a decision.".capitalize() if count else ""
 
 
 def _undecided(report: Report) -> Iterator[str]:
@@ -92,8 +92,10 @@ def _undecided(report: Report) -> Iterator[str]:
     for effect in report.effects:
         others = effect.others
         if others and effect.probability is not None and effect.probability < SURE:
-            more = f" and {len(others) - 1} more" if len(others) > 1 else ""
-            yield f"These poses do not tell {effect.name} from {others[0].names[0]}{more}."
+            more = (
+                f" and {len(others) - 1} more causes" if len(others) > 2 else " and one more cause" * (len(others) - 1)
+            )
+            yield f"These poses do not separate {effect.name} from {others[0].names[0]}{more}."
 
 
 def inputs_in_words(report: Report) -> Iterator[str]:
@@ -137,7 +139,7 @@ def _count(number: int) -> str:
 
 
 def _where(report: Report) -> str:
-    return "held-out poses" if report.held else "the poses fitted to"
+    return "held-out poses" if report.held else "training poses"
 
 
 def _left_out(report: Report) -> str:
@@ -155,7 +157,10 @@ def _beside_noise(report: Report, rms: float | None) -> str:
     if floor is None or not rms:
         return ""
     if floor > STATED_TOO_LARGE * rms:
-        return f", {floor / rms:.0f} times less than the stated noise of {wording.length(floor)}, which cannot be right"
+        return (
+            f", {floor / rms:.0f} times less than the stated noise of {wording.length(floor)}: the stated "
+            "noise is too large"
+        )
     count = (report.data.heldout if report.held else report.data.train) or 1
     if rms <= floor * (1 + 2 / np.sqrt(2 * count)):
         return ", at the noise floor"
@@ -180,7 +185,7 @@ def of_evolution(report: Report) -> str:
     real = [run for run in report.runs if not run.shuffled]
     best = max((run.gain for run in real if run.gain is not None), default=None)
     inputs = ", ".join(histogram.significant)
-    found = f"The residual refers to {inputs}" if inputs else "No input is significant"
+    found = f"The residual depends on {inputs}" if inputs else "No input is significant"
     if report.effects:
         found = f"Given {wording.listed([e.name for e in report.effects])}: {found[0].lower()}{found[1:]}"
-    return f"{found}; the best of {len(real)} programs removes {wording.percent(best)} of what they are scored by."
+    return f"{found}; the best of {len(real)} programs removes {wording.percent(best)} of the scored residual."

@@ -12,15 +12,17 @@ from gpmodel.report.verification_words import NOMINAL, facts, tolerance, verdict
 
 SMALL_PRINT = (
     "Accuracy in the manner of ISO 9283 (1998): distance between measured and predicted position of the tool point "
-    "over the rows of a table that was measured after the model was fitted; mean, mean + 3 s and maximum are of these "
-    "distances. Nominal is the nominal geometry at the joint values that were driven, registration and tool point "
-    "found anew: it is not the machine before its calibration. After is the model, its registration found anew."
+    "for the rows of a table that was measured after the fit of the model. Mean, mean + 3 s and maximum are statistics "
+    "of these distances. Nominal: nominal geometry at the driven joint values, with fitted registration "
+    "and tool point; "
+    "this is not the machine before the calibration. After: the model, with a newly fitted registration."
 )
 OF_READINGS = (
-    "Errors are of what was read: how far a touch is off its surface or its point, the ends of a bar off their "
-    "distance, in mm; a pixel or a degree counts as many mm as in the fit of the model. The tool point itself was not "
-    "measured, as ISO 9283 asks. Nominal is the nominal geometry at the joint values that were driven; after is the "
-    "model."
+    "Errors are those of the measured quantities in mm: distance of a touch from the surface or point, error of the "
+    "length of a bar. Pixels and degrees are converted to mm as in the fit of the model. ISO 9283 "
+    "requires measurements "
+    "of the tool point, which this table does not have. Nominal: nominal geometry at the driven joint values. After: "
+    "the model."
 )
 
 

@@ -51,7 +51,7 @@ def sentences(record: Verification) -> Iterator[str]:
     answer, cause = {
         "holds": ("The model holds", "Set-up or instrument changed"),
         "drifted": ("The machine has drifted", "Changed"),
-    }.get(record.verdict, ("This is another machine, or much of it was changed", ""))
+    }.get(record.verdict, ("This is another machine, or many parts of the machine have changed", ""))
     yield " ".join([*_rows_apart(record), f"{answer}: {after} RMS on {record.data.counted} measured afterwards."])
     yield f"Expected: {promised}. Nominal geometry at the driven joint values: {without}."
     if cause:
@@ -59,22 +59,25 @@ def sentences(record: Verification) -> Iterator[str]:
     if record.verdict == "drifted" and not record.changes:
         yield "No single change explains it."
     if not cause and (record.without.rms_mm or 0.0) > LOST:
-        yield "Not even the nominal geometry fits: other units, another order of joints, or another type?"
+        yield (
+            "The nominal geometry does not fit either: check the units, the order of the joints and the type "
+            "of machine."
+        )
     yield from filter(None, [tolerance(record)])
 
 
 def _rows_apart(record: Verification) -> Iterator[str]:
     """Yield remarks on rows excluded from the verdict, and on readings that are too good."""
     if record.fitted:
-        several = "s are" if len(record.fitted) > 1 else " is"
-        yield f"{len(record.fitted)} row{several} of the fit and left out ({wording.some(record.fitted)})."
+        several = "s" if len(record.fitted) > 1 else ""
+        yield f"{len(record.fitted)} row{several} of the fit left out ({wording.some(record.fitted)})."
     if rows := record.data.outliers:
         worst = max((p.with_mm or 0.0 for p in record.poses if p.outlier), default=0.0)
         yield f"{wording.left_out(rows, len(record.poses))}: up to {size(record, worst)} off."
     if record.chance_of_less < TOO_GOOD:
         yield (
-            f"Nearer to the model than its noise allows (chi-square {record.chi_square:.3g} of {record.degrees}): "
-            "another instrument, or positions that were computed?"
+            f"The errors are smaller than the noise of the model allows (chi-square {record.chi_square:.3g} of "
+            f"{record.degrees}): was another instrument used, or were the positions computed?"
         )
 
 
@@ -85,11 +88,11 @@ def tolerance(record: Verification) -> str:
     (row, worst), (unit, of_one) = record.worst, record.shown
     limit = f"{record.tolerance_mm / of_one:.4g} {unit}"
     if not record.beyond:
-        return f"Every {record.data.unit.rstrip('s')} is within {limit}. The worst has {size(record, worst)}."
+        return f"Every {record.data.unit.rstrip('s')} is within {limit}. The largest error is {size(record, worst)}."
     count = len(record.poses) + (len(record.others.rows) if record.others else 0)
     return (
         f"{record.beyond} of {count} {record.data.unit} are beyond {limit}. "
-        f"The worst, row {row}, has {size(record, worst)}."
+        f"The largest error, in row {row}, is {size(record, worst)}."
     )
 
 
@@ -97,7 +100,7 @@ def change(found: NamedChange) -> str:
     """A change with its size: `zero of J2 by 31.0 ± 4.1 µrad`."""
     if found.kind == "size":
         more, by = ("more" if found.value > 0 else "less"), abs(found.value)
-        return f"{found.name}: {wording.percent(by)} ± {wording.percent(found.stderr)} {more} of it"
+        return f"{found.name}: {wording.percent(by)} ± {wording.percent(found.stderr)} {more} than before"
     moved = " moved" if found.kind in ("zero", "tool") else ""
     return f"{found.name}{moved} by {wording.measured(found.value, found.stderr, found.unit)}"
 
@@ -107,10 +110,10 @@ def facts(record: Verification) -> Iterator[tuple[str, str]]:
     known = "" if record.noise_degrees is None else f", σ known from {record.noise_degrees:.0f}"
     yield (
         "chi-square", f"{record.chi_square:.1f} of {record.degrees} degrees of freedom{known}; "
-        f"chance {wording.chance(record.chance)} while the model holds",
+        f"probability {wording.chance(record.chance)} if the model holds",
     )  # fmt: skip
     if record.rows > len(record.poses):
-        yield "judged on", f"{len(record.poses)} of {record.rows} rows, in even stretches"
+        yield "judged on", f"{len(record.poses)} of {record.rows} rows, in equally spaced blocks"
     for kind in record.kinds:
         with_model, promised, without = (
             wording.UNKNOWN if v is None else wording.significant(v, 3)
@@ -128,12 +131,12 @@ def facts(record: Verification) -> Iterator[tuple[str, str]]:
             f"{sizes[1]} mrad RMS by nominal geometry, {sizes[0]} by the model{there}",
         )
     for found in record.changes:
-        rivals = f"; explains it as well: {', '.join(found.rivals)}" if found.rivals else ""
+        rivals = f"; other possible causes: {', '.join(found.rivals)}" if found.rivals else ""
         yield "changed", f"{change(found)}, chance {wording.chance(found.chance)}{rivals}"
     if record.missed.known:
-        yield "compensated targets missed", _errors(record, record.missed)
+        yield "errors at the compensated targets", _errors(record, record.missed)
     if record.instrument is not None:
-        there = "in these readings too" if record.instrument else "not in these readings, and left out"
+        there = "also in these measurements" if record.instrument else "not in these measurements, and left out"
         yield "instrument's errors", there
     if record.data.outliers:
         yield "outliers", wording.left_out(record.data.outliers, len(record.poses))
@@ -166,7 +169,7 @@ def text(record: Verification) -> str:
     blocks = (
         ("Verdict", [wording.wrapped(said) for said in sentences(record)]),
         ("Errors", [f"    {title:<19}{said}" for title, said in errors]),
-        ("Why", [wording.wrapped(f"{name}: {value}", 6, "    ") for name, value in facts(record)]),
+        ("Evidence", [wording.wrapped(f"{name}: {value}", 6, "    ") for name, value in facts(record)]),
         ("Worst rows", [heads, *(_row(record, p) for p in record.worst_first[:MOST_PRINTED])]),
     )
     return wording.titled(blocks)
@@ -187,7 +190,7 @@ def picture(record: Verification) -> Picture:
         f"Error of every row: {_errors(record, record.after)} with the model, "
         f"{_errors(record, record.without)} with nominal geometry at the driven joint values.",
         "Dots: error of each row with the model (blue) and with nominal geometry at the driven joint values (grey). "
-        "The line is what the model expects, twice its RMS. The scale is logarithmic.",
+        "Marks: twice the RMS error that the model expects. The scale is logarithmic.",
         partial(_draw, record=record),
     )  # fmt: skip
 

@@ -27,8 +27,8 @@ BEYOND = 2.0
 """Error of an instrument over its specification from which it is out of specification. A limit is two standard
 deviations, and four do not occur by chance."""
 _CAUSES = {
-    "m": "a wrong reflector constant?", "1": "wrong air temperature or pressure, or another unit of length?",
-    "rad": "it needs its own compensation, or the error is the mechanism's",
+    "m": "check the reflector constant", "1": "check air temperature, air pressure and the unit of length",
+    "rad": "the instrument needs compensation, or the mechanism causes the error",
 }  # fmt: skip
 
 
@@ -39,10 +39,11 @@ def instrument(report: Report) -> str:
     stated = report.instrument
     if stated is None:
         return ""
-    found = "" if report.sigma_mm is None else f", {wording.length(report.sigma_mm)} found about the model"
+    found = "" if report.sigma_mm is None else f", {wording.length(report.sigma_mm)} estimated from the residual"
     return (
-        f"specified to {stated.specification}, {wording.length(stated.limit_mm)} at the distance of these poses: noise "
-        f"of one coordinate {wording.length(stated.noise_mm)} expected{found}"
+        f"specification {stated.specification}, {wording.length(stated.limit_mm)} at the distance of these "
+        "poses; noise "
+        f"of one coordinate: {wording.length(stated.noise_mm)} expected{found}"
     )
 
 
@@ -52,33 +53,33 @@ def beside_specification(effect: EffectRecord) -> str:
     if times is None:
         return ""
     if times < BEYOND:
-        return f"{times:.2g} times the instrument's specification, as an instrument in order may have"
+        return f"{times:.2g} times the instrument's specification, which is admissible"
     cause = _CAUSES["rad" if effect.kind != "single" else effect.unit]
     return f"{times:.0f} times the instrument's specification: {cause}"
 
 
 COVERAGE_OF_CAUSES = "95 %"
-NO_NAME = "none of these, but an effect without a name"
+NO_NAME = "none of these: an effect outside the catalogue"
 MOST_EXPLAINED = 3
 """Inputs whose test is put into words; the table has all."""
 _FOUND_BY = {
     CATALOGUE: "the catalogue of effects", NAMED: "named beforehand",
-    SMOOTH_TERM: "a smooth term of its inputs; no formula predicts as well",
-    FORMULA: "enumeration of short formulas for a smooth term or an effect; nothing was evolved for it",
-    FORMULA_OF_PROGRAM: "enumeration of short formulas for a program of genetic programming",
+    SMOOTH_TERM: "a smooth term; no formula predicts as well",
+    FORMULA: "enumeration of short formulas for a smooth term or an effect, without evolution",
+    FORMULA_OF_PROGRAM: "enumeration of short formulas for an evolved program",
     SEQUENCE: "genetic programming (sequence of instructions)", TREE: "genetic programming (tree)",
     **{maker: f"genetic programming, generation {g} bred from short formulas" for g, maker in enumerate(BRED, 1)},
 }  # fmt: skip
 _SOURCES = {
-    "repeats": "from the repeats in the table", "instrument": "from the instrument's figure",
-    "specification": "expected by the instrument's specification",
+    "repeats": "from the repeats in the table", "instrument": "from the stated noise of the instrument",
+    "specification": "expected from the instrument's specification",
 }  # fmt: skip
 
 
 def noise_floor(report: Report) -> str:
     """The noise floor and where it is known from, or how to make it known."""
     if report.noise_floor_mm is None:
-        return "unknown: repeat some poses (a column 'repeat'), or give the instrument's noise"
+        return "unknown: repeat some poses (a column 'repeat'), or give the noise of the instrument"
     return f"{wording.length(report.noise_floor_mm)} RMS {_SOURCES.get(report.noise_from or '', '')}".rstrip()
 
 
@@ -90,10 +91,10 @@ def predicted(report: Report) -> str:
     plain, measured = (
         (found.heldout, found.heldout_as_measured) if report.held else (found.model, found.model_as_measured)
     )
-    where = "held-out poses" if report.held else "the poses fitted to"
+    where = "held-out poses" if report.held else "training poses"
     return (
-        f"predict without an option: {wording.length(plain.rms_mm)} RMS on {where}. It leaves out the errors of the "
-        f"instrument and takes the robot as the session left it. As measured (--session): "
+        f"predict without an option: {wording.length(plain.rms_mm)} RMS on {where}, for the robot at the end of the "
+        f"session and without errors of the instrument. predict --session, with both: "
         f"{wording.length(measured.rms_mm)} RMS, the last step above"
     )
 
@@ -121,7 +122,7 @@ def confirmed(report: Report) -> str:
         return ""
     said = "confirmed on the held-out poses" if found.passed else "NOT CONFIRMED on the held-out poses"
     return (
-        f"{said}: gain of {found.t:.1f} standard deviations over {found.units} independent poses, "
+        f"{said}: gain of {found.t:.1f} standard errors over {found.units} independent poses, "
         f"p {wording.chance(found.p_value)}, limit {found.limit:g}"
     )
 
@@ -131,11 +132,11 @@ def causes(effect: EffectRecord) -> str:
     if effect.causes is None:
         return ""
     if not effect.others and not effect.alike and not effect.without_name:
-        return f"no other cause is in its {COVERAGE_OF_CAUSES} credible set"
+        return f"no other cause is in the {COVERAGE_OF_CAUSES} credible set"
     listed = [(c.probability, " or ".join(c.names)) for c in effect.causes]
     listed += [(effect.without_name, NO_NAME)] if effect.without_name else []
     named = (f"{name} ({wording.percent(p)})" for p, name in sorted(listed, reverse=True))
-    return f"causes at {COVERAGE_OF_CAUSES}: {'; '.join(named)}"
+    return f"possible causes ({COVERAGE_OF_CAUSES}): {'; '.join(named)}"
 
 
 def moves(effect: EffectRecord) -> str:
@@ -145,7 +146,7 @@ def moves(effect: EffectRecord) -> str:
     said = f"moves the tool by {wording.length(effect.tool_rms_mm)} RMS"
     if effect.alone_rms_mm is None:
         return said
-    return f"{said}, {wording.length(effect.alone_rms_mm)} of it absorbed by no other parameter"
+    return f"{said}, of which no other parameter absorbs {wording.length(effect.alone_rms_mm)}"
 
 
 def doubt(effect: EffectRecord) -> str:
@@ -158,7 +159,7 @@ def doubt(effect: EffectRecord) -> str:
         return ""
     size = wording.measured(effect.value, over_all, effect.unit)
     likely = wording.percent(effect.probability)
-    return f"if it is the cause ({likely} likely; allowing for the others, ± {size.deviation} {size.unit})"
+    return f"if this is the cause ({likely} likely; allowing for the other causes, ± {size.deviation} {size.unit})"
 
 
 def beforehand(report: Report, effect: EffectRecord) -> str:
@@ -169,7 +170,7 @@ def beforehand(report: Report, effect: EffectRecord) -> str:
     pointed = [name for name in effect.inputs if name in histogram.significant]
     if pointed:
         return f"indicated {', '.join(pointed)} beforehand"
-    return "did not indicate it: selected by its likelihood"
+    return "did not indicate this effect, which was selected by its likelihood"
 
 
 def story(report: Report) -> Iterator[str]:
@@ -181,13 +182,13 @@ def story(report: Report) -> Iterator[str]:
         if not others:
             continue
         names, one = wording.listed(others), len(others) == 1
-        it, stay = ("it", "is") if one else ("them", "are")
+        it, stay = ("this input", "is") if one else ("these inputs", "are")
         explain = "explains" if len(chosen) == 1 else "explain"
         if not chosen:
-            yield f"{names} {stay} significant, but no law of {it} passed the tests: a lead, not a finding."
+            yield f"{names} {stay} significant, but no effect that depends on {it} passed the tests."
             continue
         later = {name for h in report.histograms[number:] for name in h.significant}
-        gone = "" if later & set(others) else f"; with that in the model nothing refers to {it} any more"
+        gone = "" if later & set(others) else f"; given {wording.listed(chosen)}, no program refers to {it}"
         yield (f"The programs used {names} as a proxy; {wording.listed(chosen)} {explain} the same error better{gone}.")
 
 
@@ -197,7 +198,7 @@ def found(report: Report, effect: EffectRecord) -> str:
     if effect.round is None:
         return how
     others = sum(other.round == effect.round for other in report.effects) - 1
-    together = f", chosen together with {others} other{'s' if others > 1 else ''}" if others else ""
+    together = f", selected jointly with {others} other effect{'s' if others > 1 else ''}" if others else ""
     return f"{how}, in round {effect.round}{together}"
 
 
@@ -207,11 +208,11 @@ def dropped(report: Report) -> str:
     if not names:
         return ""
     if report.parameters and not report.geometry():
-        return f"the readings call for none of the {len(names)} geometric constants: all stay at zero"
+        return f"none of the {len(names)} geometric constants is significant: all are held at zero"
     out_of = f" of {len(names) + len(report.geometry())}" if report.parameters else ""
     return (
-        f"{len(names)}{out_of} geometric constants are redundant at these poses, as some are on every arm. They are "
-        f"held at zero and the other constants absorb them: {', '.join(names)}"
+        f"{len(names)}{out_of} geometric constants are redundant at these poses (every arm has redundant constants). "
+        f"They are held at zero, and the other constants absorb their effects: {', '.join(names)}"
     )
 
 
@@ -231,7 +232,7 @@ def constants(effect: EffectRecord) -> tuple[str, ...]:
     out = []
     for c in effect.constants:
         if c.low is None:
-            out.append(f"{c.name or 'constant inside it'} {wording.measured(c.value, c.stderr, c.unit)}")
+            out.append(f"{c.name or 'constant in the formula'} {wording.measured(c.value, c.stderr, c.unit)}")
         else:
             sure = c.low == c.high
             out.append(f"{c.name} {c.value:.0f}" + ("" if sure else f", {c.low} to {c.high} at 95 %"))
@@ -251,7 +252,7 @@ def input_tests(histogram: Histogram) -> Iterator[str]:
     if not runs:
         return
     if not shuffled_runs:
-        yield "no evolved program was good enough for a finding, so the comparison with shuffled residuals was skipped"
+        yield "no evolved program was good enough for a finding, so the comparison with permuted residuals was skipped"
         return
     limit, use, null = histogram.significance, histogram.referring, histogram.referring_by_chance
     for k in sorted(range(len(use)), key=lambda k: -use[k])[:MOST_EXPLAINED]:
@@ -259,11 +260,11 @@ def input_tests(histogram: Histogram) -> Iterator[str]:
             return
         by_count, by_strength = histogram.count_p[k], histogram.strength_p[k]
         failed = [name for name, p in (("count", by_count), ("strength", by_strength)) if p >= limit]
-        stands = f"fails by its {' and its '.join(failed)}" if failed else "is significant"
+        stands = f"is not significant (fails the test of {' and of '.join(failed)})" if failed else "is significant"
         yield (
-            f"{histogram.inputs[k]} {stands}: {use[k]} of {runs} programs refer to it, "
-            f"{null[k]} of {shuffled_runs} on shuffled residuals "
-            f"(p {wording.chance(by_count)}); a program as good as the best one on shuffled residuals: "
+            f"{histogram.inputs[k]} {stands}: {use[k]} of {runs} programs contain this input, "
+            f"{null[k]} of {shuffled_runs} on permuted residuals "
+            f"(p {wording.chance(by_count)}); probability of so good a program on permuted residuals: "
             f"p {wording.chance(by_strength, shuffled_runs)}"
         )
 
@@ -298,10 +299,10 @@ def removed(report: Report) -> str:
     real, null = report.removed(shuffled=False), report.removed(shuffled=True)
     if real is None or null is None:
         return ""
-    alike = "" if real > null else ": no more than by chance, so that their inputs say nothing"
+    alike = "" if real > null else ": no more than by chance, so that the inputs of these programs have no meaning"
     return (
-        f"the best programs remove {wording.percent(real)} of what they are scored by (median of the runs), "
-        f"of shuffled errors {wording.percent(null)}{alike}"
+        f"the best programs remove {wording.percent(real)} of the scored residual (median of the runs), and "
+        f"{wording.percent(null)} of permuted residuals{alike}"
     )
 
 
@@ -319,15 +320,16 @@ def place(slot: str, axis: str) -> str:
     where = {
         "base": "at the base, before the first joint",
         "tool": "at the flange, after the last joint",
-        INSTRUMENT: "of the instrument's readings, before they are registered",
+        INSTRUMENT: "of the instrument, applied to its measurements before registration",
     }.get(slot, f"just {'before' if side == 'fixed' else 'after'} the motion of {joint}")
-    motion = {"T": "shift along", "R": "turn about"}.get(axis[:1], "")
+    motion = {"T": "translation along", "R": "rotation about"}.get(axis[:1], "")
     return f"{motion} {axis[1:]} of the frame {where}" if motion else where
 
 
 REJECTED = (
-    "Not findings, and in no model: each is significant, lowers the cross-validated error and failed another test. "
-    "Further poses decide."
+    "These candidates are not in the model: each is significant and lowers the cross-validated error, "
+    "but failed another "
+    "test. Measure further poses for a decision."
 )
 
 

@@ -54,8 +54,8 @@ def test_a_saved_model_is_what_its_effects_are(saved: bool, tmp_path: Path) -> N
     [
         ({"model": "nowhere"}, "nowhere"),
         ({"effects": ["no_such"]}, "no_such"),
-        ({"effects": [BASE, BASE]}, "there twice"),
-        ({"model": "that", "standard": ("J*",)}, "standard: a model has its own geometry"),
+        ({"effects": [BASE, BASE]}, "appears twice"),
+        ({"model": "that", "standard": ("J*",)}, "standard: patterns cannot be combined with a model"),
     ],
 )
 def test_what_is_no_model_or_effect_is_refused(asked: dict[str, object], message: str) -> None:

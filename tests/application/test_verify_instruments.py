@@ -111,7 +111,7 @@ def test_the_command_takes_the_files_of_the_fit_and_leaves_its_pages(tmp_path: P
     assert "px expected" in " ".join(done.stdout.split())
     assert "Every row is within 2 px" in " ".join(done.stdout.split())
     assert run("certificate", tmp_path / "out").exit_code == 0
-    assert "a pixel or a degree counts as many mm" in (tmp_path / "out" / "certificate.html").read_text()
+    assert "Pixels and degrees are converted to mm" in (tmp_path / "out" / "certificate.html").read_text()
     done = run("verify", tmp_path / "model.json", table, "--tolerance", "0.1px")
     assert done.exit_code == 3
     other = fitted("planes")[0]

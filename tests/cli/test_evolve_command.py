@@ -40,13 +40,13 @@ def run(*arguments: object) -> Result:
 @pytest.mark.parametrize("space", [pytest.param("cartesian", marks=pytest.mark.long), "slot"])
 def test_both_representations_are_counted_beside_shuffled_runs(space: str, table: Path, tmp_path: Path) -> None:
     result = run(table, *QUICK, "--space", space, "--out", tmp_path)
-    assert "on shuffled errors" in result.output
-    assert "of shuffled errors" in result.output
+    assert "on permuted residuals" in result.output
+    assert "of permuted residuals" in result.output
     shown = json.loads((tmp_path / "report.json").read_text())
     gains = {side: [r["gain"] for r in shown["runs"] if r["shuffled"] == side] for side in (False, True)}
     record = read_report(tmp_path)
     assert [record.removed(side) for side in gains] == pytest.approx([np.median(of) for of in gains.values()])
-    assert "of shuffled errors" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "of permuted residuals" in (tmp_path / "report.html").read_text(encoding="utf-8")
     report = shown
     (counted,) = report["histograms"]
     assert counted["runs"] == counted["shuffled_runs"] == {"linear": 2, "tree": 2}

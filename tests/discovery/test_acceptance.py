@@ -59,8 +59,8 @@ def test_nothing_is_accepted_of_a_robot_without_an_undeclared_effect() -> None:
 @pytest.mark.parametrize(
     ("rule", "limit", "said"),
     [
-        ("significance", 0.0, "chance of it"),
-        ("minimum_nats", 1e6, "description length"),
+        ("significance", 0.0, "probability on permuted"),
+        ("minimum_nats", 1e6, "net gain"),
         ("clear_cv_t", 1e6, "cross-validated gain"),
         ("minimum_share", 1.1, "unique share"),
     ],

@@ -82,7 +82,7 @@ def test_spread_and_its_interval_are_said_in_one_unit(found: FleetResult) -> Non
 def test_an_innocent_fleet_has_no_outlier() -> None:
     found = gp.fleet(MECHANISM, machines(1, 6), [BASE, JOINT], holdout=0.0)
     assert found.record.outliers() == []
-    assert found.verdict.endswith("No machine stands out.")
+    assert found.verdict.endswith("No machine is an outlier.")
     assert {m.own_mm for m in found.record.machines} == {None}
 
 
@@ -105,7 +105,7 @@ def test_a_machine_keeps_what_it_alone_has_and_is_named_with_it(tmp_path: Path) 
     gear = "gear error, 2 per turn, J2"
     assert [m.effects for m in found.record.machines] == [(), (), (gear,), ()]
     assert f"{gear} on A-3" in found.record.chosen
-    assert f"A-3 also has {gear}. No machine stands out in what all have." in found.verdict
+    assert f"A-3 also has {gear}. No machine is an outlier in the common effects." in found.verdict
     fit = found.machines["A-3"]
     assert fit.rms < 0.5 * fit.record.ladder[1].heldout.rms_mm
     assert all(gear not in e.name for e in found.machines["A-1"].model.saved.model.effects)
@@ -205,6 +205,6 @@ def test_what_was_not_tested_has_no_column(count: int) -> None:
     tested = count >= FEWEST
     assert ("farthest" in page) == ("farthest" in summary(record)) == tested
     assert (NOT_TESTED in page) == (NOT_TESTED in summary(record)) == (not tested)
-    assert ("No machine stands out" in page) == (tested and not record.outliers())
+    assert ("No machine is an outlier" in page) == (tested and not record.outliers())
     assert ("standing" in {p.name for p in pictures(record)}) == bool(record.outliers())
     assert not any(head in page for head in ("together, mm", "effects of its own"))

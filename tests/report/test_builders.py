@@ -78,7 +78,7 @@ def test_a_finding_that_matches_no_family_says_so() -> None:
 
 
 def test_the_verdict_says_what_was_added_or_that_nothing_was() -> None:
-    assert report("nothing").verdict.startswith("Nothing was added: these poses show no missing effect, ")
+    assert report("nothing").verdict.startswith("Nothing was added: no further effect is significant at these poses, ")
     assert report("nothing").effects == ()
     standard, after = (report("gear").ladder[k].heldout.rms_mm for k in (1, -1))
     said = report("gear").verdict

@@ -85,7 +85,7 @@ def test_the_page_has_the_particulars_the_accuracy_the_parameters_and_the_record
     for said in (
         "IRB 6400R", "64-10291", "tracker", "A. N. &lt;Other&gt;", made.data.sha256, made.command,
         f"RMS {' '.join(wording.millimetres(root_mean_square(of)) for of in found.T)}",
-        "held out: the calibration that predicts them was made without them", effect.name,
+        "held out: not used by the calibration that predicts them", effect.name,
         wording.measured(effect.value, effect.stderr, effect.unit).value, "not stated: no pose was measured",
         wording.measured(made.placement[0].value, made.placement[0].stderr, "m", in_list=True).value, "tool x", "J1",
         "workspace covered", "standard uncertainty (k = 1)", "is the 95 % interval (k = ",
@@ -100,7 +100,7 @@ def test_poses_held_out_in_turn_are_not_called_unseen() -> None:
     made = calibrated()
     turned = dataclasses.replace(made, data=dataclasses.replace(made.data, folds=5))
     said = certificate.certificate(turned, Particulars()).poses
-    assert "each predicted by a calibration made without it (5-fold)" in said
+    assert "each predicted by a calibration without this pose (5-fold)" in said
     assert "saw" not in said
 
 
@@ -113,7 +113,7 @@ def test_the_accuracy_is_said_under_the_title() -> None:
 
 
 def test_poses_the_model_was_fitted_to_are_called_that() -> None:
-    assert "the poses the model was fitted to" in page(certificate.certificate(calibrated(0.0), Particulars()))
+    assert "poses to which the model was fitted" in page(certificate.certificate(calibrated(0.0), Particulars()))
 
 
 @pytest.mark.parametrize(("beyond", "said"), [(0.999, "fail: 1 of "), (1.001, "pass: none of "), (None, "")])
@@ -204,7 +204,7 @@ def test_a_report_does_not_differ_from_itself() -> None:
     assert {c.chance for c in (*found.parameters, *found.effects, *found.placement)} == {1.0}
     assert {c.name for c in found.placement} >= {"tool x", "registration rz"}
     assert (found.only_before, found.only_after, found.incomparable) == ((), (), ())
-    assert verdict(found) == "The same rows and the same numbers."
+    assert verdict(found) == "Both models were fitted to the same rows and are equal."
 
 
 def test_two_models_of_the_same_rows_are_no_change_of_the_machine() -> None:
@@ -214,12 +214,12 @@ def test_two_models_of_the_same_rows_are_no_change_of_the_machine() -> None:
     moved = dataclasses.replace(kept, value=kept.value + 50 * kept.stderr)
     other = dataclasses.replace(report, parameters=tuple(moved if p is kept else p for p in report.parameters))
     found = compare(report, other)
-    assert verdict(found).startswith("The same rows, another model")
+    assert verdict(found).startswith("Both models were fitted to the same rows: ")
     assert not any(c.significant or c.stderr for c in (*found.parameters, *found.effects, *found.placement))
     assert kept.name in {c.name for c in found.parameters}
     assert "±" not in text(found)
     assert not any("±" in cell for c in found.parameters for cell in cells(c))
-    assert "The same rows" in html(found)
+    assert "the same rows" in html(found)
 
 
 def test_a_table_that_grew_is_compared_by_what_was_added() -> None:
@@ -287,7 +287,7 @@ def test_parameters_that_only_one_could_fit_are_not_compared() -> None:
     found = compare(report, other)
     assert found.incomparable == (kept.name,)
     assert kept.name not in {c.name for c in found.parameters}
-    assert "fitted in one only" in text(found)
+    assert "fitted in one model only" in text(found)
     assert verdict(found).startswith(f"No change beyond chance in {len(found.effects)} quantity;")
 
 
@@ -323,7 +323,7 @@ def test_a_machine_is_known_by_its_geometry_and_its_joints_by_their_order() -> N
     )
     found = compare(report, renamed)
     assert {c.name for c in found.effects} == {e.name for e in renamed.effects}
-    assert verdict(found) == "The same rows and the same numbers."
+    assert verdict(found) == "Both models were fitted to the same rows and are equal."
 
 
 def test_the_page_shows_the_changes_and_no_chance_that_is_one() -> None:

@@ -114,13 +114,13 @@ def test_the_first_screen_says_noise_floor_causes_and_whether_it_is_confirmed() 
     causes = (CauseRecord((effect.name,), 0.6, own=True), CauseRecord(("something alike",), 0.4))
     head = page(dataclasses.replace(report, effects=(dataclasses.replace(effect, causes=causes),))).text
     head = head[: head.index("Error after each step")]
-    assert "noise floor unknown give repeats or --noise" in head
+    assert "noise floor unknown measure repeats, or give --noise" in head
     assert "Confirmed on the held-out poses" in head
     assert "something alike" in head
     doubted = page(dataclasses.replace(report, confirmation=Confirmation(0.4, 0.35, 0.1, 20, False))).text
-    assert "NOT CONFIRMED on the held-out poses: gain of 0.4 standard deviations" in doubted
+    assert "NOT CONFIRMED on the held-out poses: gain of 0.4 standard errors" in doubted
     known = page(quickly()).text
-    assert f"noise floor {wording.millimetres(quickly().noise_floor_mm)} mm RMS by the instrument" in known
+    assert f"noise floor {wording.millimetres(quickly().noise_floor_mm)} mm RMS from the stated noise" in known
 
 
 def test_held_out_and_training_errors_stand_under_their_own_heading() -> None:
@@ -150,7 +150,7 @@ def test_an_effect_is_shown_with_all_that_is_known_of_it() -> None:
         "The effect found", effect.name, f"{value.value} ± {value.deviation} {value.unit}",
         f"{effect.slot} {effect.axis}", place(effect.slot, effect.axis),
         f"unique share {wording.percent(effect.unique_share)}",
-        f"trained on J4 {trained.low:.4g}".replace("-", "−"), wording.length(effect.tool_rms_mm),
+        f"range of J4 in training {trained.low:.4g}".replace("-", "−"), wording.length(effect.tool_rms_mm),
         wording.chance(effect.p_value, effect.shuffles), beforehand(report, effect),
     ):  # fmt: skip
         assert said in text
@@ -169,27 +169,29 @@ def test_the_histogram_says_which_of_its_tests_failed() -> None:
         {"linear": 8}, (0.002, 0.01, 1.0), (0.4, 0.003, 1.0), 0.05,
     )  # fmt: skip
     first, second = input_tests(counted)
-    assert first.startswith("J1 fails by its strength: 8 of 8 programs refer to it, 1 of 8")
+    assert first.startswith(
+        "J1 is not significant (fails the test of strength): 8 of 8 programs contain this input, 1 of 8"
+    )
     assert second.startswith("J2 is significant: 7 of 8")
     assert "0.003 extrapolated from 8 shuffles" in second
     report = dataclasses.replace(discovered(), histograms=(counted,))
     one = EffectRecord("a", inputs=("J2",), round=1)
     assert beforehand(report, one) == "indicated J2 beforehand"
-    assert "did not indicate it" in beforehand(report, dataclasses.replace(one, inputs=("J1",)))
+    assert "did not indicate this effect" in beforehand(report, dataclasses.replace(one, inputs=("J1",)))
     assert beforehand(report, dataclasses.replace(one, round=None)) == ""
 
 
 def test_a_histogram_without_shuffled_runs_says_why() -> None:
     counted = dataclasses.replace(discovered().histograms[0], shuffled_runs={})
     (said,) = input_tests(counted)
-    assert "comparison with shuffled residuals was skipped" in said
+    assert "comparison with permuted residuals was skipped" in said
 
 
 def test_record_parameters_and_tool_point_are_listed() -> None:
     report = discovered()
     text = page(report).text
     kept = sum(p.kept for p in report.parameters)
-    assert f"{kept} parameters kept, {len(report.dropped())} dropped" in text
+    assert f"{kept} parameters fitted, {len(report.dropped())} held at zero" in text
     tool = report.placement[0]
     assert tool.name == "tool x"
     assert f"tool x {wording.measured(tool.value, tool.stderr, tool.unit).value}" in text

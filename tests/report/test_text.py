@@ -54,11 +54,11 @@ def test_a_rejected_candidate_is_listed_where_it_lowers_the_error(
     for said in (summary(report), html(report, {})):
         text = " ".join(said.split())
         parts = (
-            "Not findings",
+            "These candidates are not in the model",
             "0.244 → 0.200 mm",
             "ejected: it drifts",
             "--rejected 1",
-            "One rejected candidate is left",
+            "One rejected candidate needs further poses",
         )
         assert [part in text for part in parts] == [listed] * len(parts)
     assert "play <J3>" not in html(report, {})
@@ -118,7 +118,7 @@ def test_causes_stand_before_a_value_that_holds_for_one_of_them() -> None:
     text = " ".join(summary(dataclasses.replace(report, effects=(doubted,))).split())
     value = str(wording.measured(effect.value, effect.stderr, effect.unit))
     assert text.index("a stranger") < text.index(value)
-    assert "if it is the cause (50 % likely; allowing for the others, ± " in text[text.index(value) :]
+    assert "if this is the cause (50 % likely; allowing for the other causes, ± " in text[text.index(value) :]
 
 
 @pytest.mark.long
@@ -139,7 +139,7 @@ def test_what_an_effect_moves_comes_with_what_nothing_else_takes_up() -> None:
     assert effect.alone_rms_mm is not None
     assert effect.tool_rms_mm is not None
     assert 0.0 < effect.alone_rms_mm <= effect.tool_rms_mm
-    assert "absorbed by no other parameter" in " ".join(summary(report).split())
+    assert "of which no other parameter absorbs" in " ".join(summary(report).split())
     truth = measure("ur5", (), (), 1, count=40)
     fit = calibrate(truth.model, truth.poses)
     first = next(e for e, kept in zip(truth.model.effects, fit.kept, strict=True) if kept)
@@ -156,7 +156,7 @@ def test_it_says_whether_held_out_poses_confirm_the_findings(passed: bool) -> No
     report = dataclasses.replace(discovered(), confirmation=Confirmation(1.3, 0.12, 0.1, 20, passed))
     text = summary(report)
     assert ("NOT CONFIRMED" in text) is not passed
-    assert "1.3 standard deviations over 20 independent poses" in " ".join(text.split())
+    assert "1.3 standard errors over 20 independent poses" in " ".join(text.split())
 
 
 def test_nothing_found_is_said() -> None:
@@ -186,13 +186,13 @@ def test_a_lead_that_led_elsewhere_is_explained() -> None:
     (said,) = told(("torque_J2",), ())
     assert said == (
         "The programs used torque_J2 as a proxy; base compliance explains the same error better; "
-        "with that in the model nothing refers to it any more."
+        "given base compliance, no program refers to this input."
     )
     (still,) = told(("torque_J2",), ("torque_J2",))[:1]
-    assert "any more" not in still
+    assert "no program refers" not in still
 
 
 def test_a_lead_without_a_finding_is_called_one() -> None:
     assert told(("temperature",), found=False) == [
-        "temperature is significant, but no law of it passed the tests: a lead, not a finding."
+        "temperature is significant, but no effect that depends on this input passed the tests."
     ]

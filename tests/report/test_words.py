@@ -25,11 +25,15 @@ from gpmodel.report.words import (
 @pytest.mark.parametrize(
     ("slot", "axis", "said"),
     [
-        ("J5.moving", "Ry", "turn about y of the frame just after the motion of J5"),
-        ("J2.fixed", "Tx", "shift along x of the frame just before the motion of J2"),
-        ("base", "Rz", "turn about z of the frame at the base, before the first joint"),
-        ("tool", "Tz", "shift along z of the frame at the flange, after the last joint"),
-        ("instrument", "Tx", "shift along x of the frame of the instrument's readings, before they are registered"),
+        ("J5.moving", "Ry", "rotation about y of the frame just after the motion of J5"),
+        ("J2.fixed", "Tx", "translation along x of the frame just before the motion of J2"),
+        ("base", "Rz", "rotation about z of the frame at the base, before the first joint"),
+        ("tool", "Tz", "translation along z of the frame at the flange, after the last joint"),
+        (
+            "instrument",
+            "Tx",
+            ("translation along x of the frame of the instrument, applied to its measurements before registration"),
+        ),
         ("J2.moving, J3.moving", "Rz", ""),
     ],
 )
@@ -77,29 +81,33 @@ def test_what_a_number_multiplies_is_said_place_by_place(case: str) -> None:
 def test_effects_chosen_in_one_round_say_so() -> None:
     first, second, later = (EffectRecord(n, found_by="catalogue", round=r) for n, r in (("a", 1), ("b", 1), ("c", 2)))
     report = Report(effects=(first, second, later))
-    assert found(report, first) == "the catalogue of effects, in round 1, chosen together with 1 other"
+    assert found(report, first) == "the catalogue of effects, in round 1, selected jointly with 1 other effect"
     assert found(report, later) == "the catalogue of effects, in round 2"
-    assert places(EffectRecord("a", "base", "Rx", terms=BASE))[1].startswith("turn about y of the frame at the base")
+    assert places(EffectRecord("a", "base", "Rx", terms=BASE))[1].startswith(
+        "rotation about y of the frame at the base"
+    )
 
 
 def test_an_input_is_judged_by_the_limit_of_its_own_run() -> None:
     counts = {"linear": (4,)}, {"linear": (1,)}, {}, {"linear": 8}, {"linear": 8}
     counted = Histogram(("J1",), *counts, (0.08,), (0.06,), 0.1)
     assert next(input_tests(counted)).startswith("J1 is significant")
-    assert next(input_tests(replace(counted, significance=0.05))).startswith("J1 fails by its count and its strength")
+    assert next(input_tests(replace(counted, significance=0.05))).startswith(
+        "J1 is not significant (fails the test of count and of strength)"
+    )
 
 
 def test_an_error_of_the_instrument_is_said_beside_its_specification() -> None:
     offset = EffectRecord("range offset of the instrument", "instrument", "Tx", unit="m", of_specification=193.0)
-    assert beside_specification(offset) == "193 times the instrument's specification: a wrong reflector constant?"
-    assert "in order" in beside_specification(replace(offset, of_specification=0.8))
+    assert beside_specification(offset) == "193 times the instrument's specification: check the reflector constant"
+    assert "admissible" in beside_specification(replace(offset, of_specification=0.8))
     assert beside_specification(replace(offset, of_specification=None)) == ""
 
 
 def test_the_noise_found_is_said_beside_the_noise_expected() -> None:
     stated = InstrumentRecord("15 µm + 6 µm/m", 0.033, 0.0165)
     said = instrument(Report(instrument=stated, sigma_mm=0.031))
-    assert "16.50 µm expected, 31 µm found" in said.replace("0.031 mm", "31 µm"), said
+    assert "16.50 µm expected, 31 µm estimated" in said.replace("0.031 mm", "31 µm"), said
     assert instrument(Report(sigma_mm=0.031)) == ""
 
 
