@@ -1,1 +1,1 @@
-"""Judging a measured table before anything is fitted to it."""
+"""Check a measured table before it is used, and assign the columns of foreign files."""

@@ -85,8 +85,8 @@ MOST_COLUMNS = 60
 ENOUGH_TO_SCREEN = 25
 """Number of rows from which the lower bound of the residual, with 13 unknowns a coordinate, excludes any columns."""
 ROUGH, ROUNDS = 0.25, 8
-"""Largest share of the spread that a coarse fit may leave, and its iterations: ten poses of three arms left 0.004,
-points of other rows 0.6."""
+"""Largest residual of a coarse fit as a share of the spread of the points, and number of iterations of that fit. Ten
+poses of three arms left 0.004, points of other rows 0.6."""
 MOST_DEGREES = 370.0
 """Largest joint value in columns that are not identified by their names."""
 Readings = Callable[[Mechanism, Array, Array], Iterator[Reading]]

@@ -234,7 +234,7 @@ def _measured(sheet: Sheet, mechanism: Mechanism, fits: list[Fit], lines: dict[i
 def _computed(sheet: Sheet, mechanism: Mechanism, fit: Fit) -> bool:
     """Return whether the points are computed: the residual of a registration is the rounding of their digits.
 
-    It is also true if the residual of the standard model is below the noise of any instrument.
+    Positions are also computed if the residual of the standard model is below the noise of any instrument.
     """
     p = np.column_stack([si_of(fit.unit, "prismatic") * numbers_of(sheet, i)[fit.rows] for i in fit.points])
     data = replace(unmeasured([joint.name for joint in mechanism.joints], fit.q), position=p)

@@ -1,4 +1,4 @@
-"""Find columns that are exchanged or in a wrong unit: another interpretation of them fits the mechanism far better."""
+"""Find columns that are exchanged or in a wrong unit: another interpretation fits the mechanism far better."""
 
 from collections.abc import Iterable, Iterator
 from itertools import chain, groupby, islice, product
@@ -135,8 +135,8 @@ def comparable_rows(data: Dataset) -> IntArray:
 
 
 def typical(frames: Array, position: Array) -> tuple[IntArray, Array]:
-    """Return the indices (K,) of the poses without the worst ones, and the errors (N,) of all poses, m, by a fit to
-    them.
+    """Return the indices (K,) of the poses without the worst ones, and the errors (N,) of all poses, m, by a fit to the
+    kept poses.
 
     Gross errors of single poses are no sign of exchanged columns.
     """
@@ -250,8 +250,8 @@ def _degrees_read_as_radians(largest: float) -> str:
 
 
 COARSE = 0.05
-"""Median error of rotations over the poses, rad, from which they are refused: three degrees. Errors of joint zeros are
-milliradians."""
+"""Median error of rotations over the poses, rad, from which the rotations are refused: three degrees. Errors of joint
+zeros are milliradians."""
 TAIT_BRYAN = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx")
 PROPER = ("xyx", "xzx", "yxy", "yzy", "zxz", "zyz")
 

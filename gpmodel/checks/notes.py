@@ -165,8 +165,8 @@ def measured_values(data: Dataset) -> int:
 def unknowns(mechanism: Mechanism, data: Dataset, effects: tuple[Effect, ...]) -> int:
     """Count the unknowns: registration, tool, anchors and constant effects.
 
-    Of the constants it counts combinations that well spread poses distinguish: the rank at the nominal geometry over
-    random poses within the limits.
+    Constants count by the combinations that well spread poses distinguish: the rank at the nominal geometry over random
+    poses within the limits.
     """
     many = unmeasured(data.joints, random_poses(mechanism, RANK_POSES, np.random.default_rng(0)))
     nothing, something = many.position, np.zeros((RANK_POSES, 3))
@@ -187,7 +187,7 @@ def unknowns(mechanism: Mechanism, data: Dataset, effects: tuple[Effect, ...]) -
 
 
 ENOUGH_VALUES = 5.0
-"""Measured values per unknown. With 5 the errors at new poses are within a tenth of those with more, √(1 + 1/5)."""
+"""Measured values per unknown. With 5 the errors at new poses are a tenth larger than with many, √(1 + 1/5)."""
 
 NARROW = 0.3
 """Share of a joint's range below which a wider range would determine more."""

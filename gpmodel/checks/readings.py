@@ -57,7 +57,7 @@ def rounding(data: Dataset) -> float:
 
 
 def _last_digits(data: Dataset) -> tuple[float, float]:
-    """Return the last decimal of all positions, m, and of all joint values, rad or m. Zero if they have no common
+    """Return the last decimal of all positions, m, and of all joint values, rad or m. Zero if the values have no common
     decimal."""
     return 1e-3 * _last(1e3 * data.position), float(np.radians(_last(np.degrees(data.q))))
 

@@ -17,13 +17,13 @@ from gpmodel.table.dataset import TOUCHED, Dataset
 from gpmodel.wording import left_out, some
 
 JUMP_STATISTIC = 2.3
-"""Threshold of the largest standardised cumulative sum. By chance less than one of 10⁴ tables exceeds it."""
+"""Threshold of the largest standardised cumulative sum. By chance less than one of 10⁴ tables exceeds the threshold."""
 
 JUMP_ROWS = 20
 """Least number of rows for a test of their order."""
 
 SERIAL_SIGMAS = 4.0
-"""Threshold of the correlation of neighbouring rows, in standard deviations. One of 3·10⁴ good tables exceeds it."""
+"""Threshold of the correlation of neighbouring rows, in standard deviations. One of 3·10⁴ good tables exceeds this."""
 
 
 PLACED = {"setup": "registration", "tool": "tool point"}
@@ -112,10 +112,10 @@ SMALL_RANGE = np.radians(20.0)
 """Range of a joint, rad, below which sines look like straight lines."""
 
 POOR = 2e-3
-"""Residual of the standard model, m, from which it is poor. For a robot it is usually 0.1 to 1 mm."""
+"""Residual of the standard model, m, from which the fit is poor. For a robot the residual is usually 0.1 to 1 mm."""
 
 POOR_TURN = 1e-2
-"""Residual of the standard model in the orientations, rad, from which it is poor: ten times that of a calibrated
+"""Residual of the standard model in the orientations, rad, from which the fit is poor: ten times that of a calibrated
 machine."""
 
 HOTTEST = 150.0

@@ -32,7 +32,7 @@ GRID = np.radians(np.arange(0.0, 360.0, 2.0))
 """Tested angles, rad. Half the step moves the point of a wrist by less than its noise."""
 LESS, FAR_LESS = 1.5, 3.0
 """Least factor by which free angles have to reduce the standard deviation of the residual, after each pass and at the
-end. In a sound model they remove one of three coordinates, a factor of 1.2."""
+end. In a sound model free angles remove one of three coordinates, a factor of 1.2."""
 FAR_OFF = np.radians(10.0)
 """Least median difference of the free angles from the column, rad. Play and gear errors are below 1 degree, shuffled
 values near 90."""
@@ -92,9 +92,9 @@ def _with(data: Dataset, k: int, angles: Array | float) -> Dataset:
 
 
 WEAK = 10.0
-"""Ratio of the RMS motion of the point by a joint to the residual of registration and tool. Below it the column of the
-joint may be misinterpreted without a larger residual. A wrong sign of a column leaves about twice the motion by the
-joint.
+"""Ratio of the RMS motion of the point by a joint to the residual of registration and tool. Below this ratio a wrong
+interpretation of the joint's column does not increase the residual. A wrong sign of a column leaves about twice the
+motion by the joint.
 """
 NOT_WORSE = 1.2
 """Largest ratio of the residual of registration and tool with another interpretation to that of the unchanged table."""
@@ -174,7 +174,7 @@ SMALLEST = 2e-4
 IMPOSSIBLE = 2e-3
 """Deviation of a factor from one that no machine has: aluminium grows by 0.0023 over 100 K."""
 CHANCE = 1e-4
-"""Probability of a factor at least so far from one in a sound table, below which it is a warning."""
+"""Probability of a factor at least so far from one in a sound table, below which the factor causes a warning."""
 
 
 @dataclass(frozen=True)
@@ -207,8 +207,8 @@ class Factor:
 def scaled(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str, str]]:
     """Yield severity and text on a wrong factor of positions or joint values, and the reason why no sound fit follows.
 
-    A factor of one column has to reduce the residual by BETTER. A factor of all positions cannot: lengths of the links
-    have an equal effect. fit: of the standard model.
+    A factor of one column has to reduce the residual by BETTER. A factor of all positions need not, since longer links
+    of the mechanism would fit equally well. fit: of the standard model.
 
     With r (M,) the measurements minus the nominal prediction, P the columns of registration, tool and the effects of a
     sound machine (HEALTHY), A those of every constant, and c that of a factor,
@@ -252,7 +252,7 @@ def _factors(fit: Calibration, poses: Poses) -> list[Factor]:
 
 
 def _effects(mechanism: Mechanism) -> Iterator[Effect]:
-    """Yield the effect of each factor per unit. A joint with too large values moves less than they state."""
+    """Yield the effect of each factor per unit. A joint with too large values moves less than its values state."""
     for axes, name in (("xyz", "x, y and z look"), *((axis, f"column '{axis}' looks") for axis in "xyz")):
         terms = tuple(Term(INSTRUMENT, f"T{axis}", Expression(f"instrument_{axis}")) for axis in axes)
         yield Effect(name, terms, "1")

@@ -79,8 +79,8 @@ def eliminate(
     """Eliminate candidates that fail a test given all others, in each pass the weaker half of those that fail.
 
     judge: tests candidates given all others of a calibration. fit: calibrates with candidates, starting from a fit.
-    Returns the last verdict on each candidate, and the calibration with the accepted ones. The others are tested again
-    at the end.
+    Returns the last verdict on each candidate, and the calibration with the accepted ones. The accepted candidates are
+    tested again at the end.
     """
     inside, judged = dict(offered), dict[str, Hypothesis]()
     asked: Mapping[str, Candidate] = inside

@@ -132,7 +132,8 @@ def choose(problem: Problem, evolved: Sequence[Candidate], fresh: frozenset[str]
 def as_candidate(kept: Kept, poses: Poses) -> Candidate:
     """Convert a selected group to a candidate.
 
-    A curve keeps its learned priors. A group of at most two coefficients gets flat priors, unless they are specified.
+    A curve keeps its learned priors. A group of at most two coefficients gets flat priors, unless its priors are
+    specified.
     """
     group = kept.group
     plain = len(group.effects) <= PLAIN and not group.believed

@@ -62,10 +62,10 @@ def explore(
 ) -> Exploration:
     """Evolve programs over all sites at once, `runs` times for each strategy, then on permuted residuals.
 
-    After the first round the permuted runs are omitted if no program has the least gain of a finding. Half as many are
-    enough if their maxima are pooled with those of earlier rounds, but no fewer than a p-value needs. Above
-    `evolved_poses` poses evolution uses a sample of them, and half of it if the model has hundreds of columns; programs
-    are scored on all poses. Without runs the histogram is empty. Raises OutOfTime between two runs.
+    After the first round the permuted runs are omitted if no program has the least gain of a finding. Half as many
+    permuted runs are enough if their maxima are pooled with those of earlier rounds, but no fewer than a p-value needs.
+    Above `evolved_poses` poses evolution uses a sample of them, and half of it if the model has hundreds of columns;
+    programs are scored on all poses. Without runs the histogram is empty. Raises OutOfTime between two runs.
     """
     n = len(residual.poses)
     count = search.evolved_poses if residual.span.size < MANY_COLUMNS else search.evolved_poses // 2

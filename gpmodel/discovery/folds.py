@@ -35,9 +35,9 @@ def discover_by_folds(
 
     The errors of each step are those of the held-out poses, predicted by the repetition without them; a repetition with
     fewer steps uses its last model. repeats: ways to repeat the loop, the quickest first; without evolution the errors
-    are rather larger than smaller. If one does not confirm an evolved finding, the next way is tried at half the chance
-    of confirming a false one. workers: run the repetitions, the first way during the whole loop. Raises InputError for
-    fewer than two folds, or more folds than blocks of poses.
+    are rather larger than smaller. If a way does not confirm an evolved finding, the next way is tried at half the
+    significance level. workers: run the repetitions, the first way during the whole loop. Raises InputError for fewer
+    than two folds, or more folds than blocks of poses.
     """
     started = time.monotonic()
     nothing = np.zeros(0, dtype=np.int64)

@@ -61,8 +61,8 @@ def curves_of(kept: Sequence[tuple[Candidate, Kept]], fresh: frozenset[str]) -> 
 
 
 def _at_one_site(candidates: Iterable[Candidate]) -> Iterator[tuple[tuple[str, ...], Candidate]]:
-    """Yield the groups at one site with at most two inputs as one candidate, with their names. Named groups are
-    included if they have two inputs or more coefficients than a formula."""
+    """Yield the groups at one site with at most two inputs as one candidate, with their names. Groups that all have
+    names are merged only if they have one input and at most NUMBERS coefficients."""
     at: dict[frozenset[object], list[Candidate]] = defaultdict(list)
     for one in candidates:
         at[places(one)].append(one)
@@ -117,8 +117,8 @@ class ShortLaw:
 def formulas(left: Residual, curves: Sequence[Candidate], search: Search) -> Iterator[ShortLaw]:
     """Yield formulas of one term in the inputs and at the site of each curve, and shorter versions of the best one.
 
-    left: residual of a model with all the curves. The searches run in parallel. They are repeated without winsorising
-    the outliers of the curve, since a formula may be sharper than its curve.
+    left: residual of a model with all the curves. The searches run in parallel. The searches are repeated without
+    winsorising the outliers of the curve, since a formula may be sharper than its curve.
     """
     doubted = [doubtful(left, curve) for curve in curves]
     views = [(left, taken_as_measured(left, out)) if out.any() else (left,) for out in doubted]
@@ -142,8 +142,8 @@ def formulas(left: Residual, curves: Sequence[Candidate], search: Search) -> Ite
 def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
     """Return the formula searches of a curve, in its inputs and at its site.
 
-    For an unnamed curve the site of largest gain is searched, too. There is none for several sites or too many inputs.
-    If two inputs are lagged copies of one column, each is searched separately.
+    For an unnamed curve the site of largest gain is searched, too. A curve with several sites or too many inputs has no
+    search. If two inputs are lagged copies of one column, each is searched separately.
     """
     residual = left.without(curve.effects)
     sites = places(curve)
@@ -205,7 +205,7 @@ def _shortened(
 ) -> list[ShortLaw]:
     """Remove nodes from the best formula one by one, while its gain rises, and return these shorter formulas.
 
-    Each is scored at its site; one with a pole is excluded, since it could hide a better one.
+    Formulas with a pole are excluded, since they could hide better ones.
     """
     steps: list[ShortLaw] = []
     most, best = _best(residual, laws)

@@ -57,15 +57,15 @@ def discover(
 ) -> Discovery:
     """Run the whole discovery loop. Held-out poses only measure errors; no effect is selected by them.
 
-    At the end they decide whether the findings or the standard model are shipped.
+    At the end the held-out poses decide whether the findings or the standard model are shipped.
 
     train, heldout: rows of `poses`; heldout may be empty. candidates: effects that may be missing.
     standard: effects of the standard model; None for the complete geometry.
     known: effects in the model from the start. noise: σ that weights finite priors, m; None for that of the residual.
     condition_limit: of the standard model; None for a cross-validated limit.
     errors_alone: compute only the errors of each step, without a fit to all poses and simplified formulas.
-    progress: called with one line on the current task. kept: finished runs of an interrupted search.
-    Raises InputError for different candidates of one name, or if no held-out pose has a known set-up and tool.
+    progress: called with one line on the current task. kept: finished runs of an interrupted search. Raises InputError
+    for different candidates of one name, or if no held-out pose has a known set-up and tool.
     """
     started = time.monotonic()
     search, say = search or Search(), Teller(progress)

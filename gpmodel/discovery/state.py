@@ -65,7 +65,7 @@ class Round:
 
 @dataclass(frozen=True)
 class FinalFit:
-    """Fit to all poses: its findings, the constants inside each finding, and their changes as effects by finding."""
+    """Fit to all poses: its findings, the constants inside each, and the effects of changes of these constants."""
 
     calibration: Calibration
     candidates: tuple[Candidate, ...]
@@ -116,7 +116,7 @@ class Discovery:
 
     @property
     def confirmed(self) -> bool:
-        """Whether the held-out poses confirm the findings, or there are none."""
+        """Whether the held-out poses confirm the findings; true without findings."""
         return self.confirmation is None or self.confirmation.passed
 
 

@@ -23,10 +23,10 @@ class Criteria:
             itself: the two-sided 5 %, since among many expressions some predict a little better by chance.
         minimum_share: least share of an effect's motion that the other effects of the model do not explain. Below it an
             error of the model of a hundredth decides the coefficient.
-        scored_share: least unique share of a column that is scored at all; below it the coefficient is rounding.
+        scored_share: least unique share of a column that is scored; with less the coefficient is rounding.
         largest_between: largest ratio of a basis between the measured poses to its size at them; more is a pole.
     Naming:
-        head_start: nats by which an unnamed expression has to beat a named effect, since it is harder to understand.
+        head_start: nats by which an unnamed expression has to beat a named effect, as formulas explain less.
         naming_margin: cost of a curve without a named part if formulas of it are offered, nats.
         tie: difference within which the shortest of equivalent expressions is used, nats.
     Selection of groups:

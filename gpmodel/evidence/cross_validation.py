@@ -61,8 +61,8 @@ def paired_t(gain: Array) -> float:
 def gained(before: Predicted, after: Predicted, sigmas: float) -> float:
     """Return the paired t of the gain of prediction `after` over `before`, over independent units of poses.
 
-    Errors of both count up to median + sigmas · 1.4826 MAD of the errors before. A curve with few poses may miss one of
-    them by far, which decides nothing.
+    Errors of both count up to median + sigmas · 1.4826 MAD of the errors before. A curve may miss a single pose by far,
+    which decides nothing.
     """
     limit = outlier_limit(np.sqrt(before.per_unit), sigmas) ** 2
     return paired_t(np.minimum(before.per_unit, limit) - np.minimum(after.per_unit, limit))

@@ -17,11 +17,11 @@ def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
     """Return the variance inflation (at least 1) of a candidate's coefficient by repeats, rows and space.
 
     With s the product of the candidate's contribution and the remaining residual, summed over each pose, it is Σ_blocks
-    (Σ s)² / Σ s², the ratio of cluster-robust to plain variance (Liang and Zeger 1986). It is divided by its
-    expectation for independent noise (`_when_independent`), and is 1 unless it exceeds 1 by two standard deviations
-    √(2/blocks). One candidate in thirty exceeds them by chance. Unless a candidate depends on time, its ratio is
-    therefore shrunk toward those of the model's columns (`_among`). A permutation of whole blocks corrects less, since
-    a drift within a block remains in any order of the blocks (experiments/coverage).
+    (Σ s)² / Σ s², the ratio of cluster-robust to plain variance (Liang and Zeger 1986). This inflation is divided by
+    its expectation for independent noise (`_when_independent`), and set to 1 unless it exceeds 1 by two standard
+    deviations √(2/blocks). One candidate in thirty exceeds this limit by chance. Unless a candidate depends on time,
+    its ratio is therefore shrunk toward those of the model's columns (`_among`). A permutation of whole blocks corrects
+    less, since a drift within a block remains in any order of the blocks (experiments/coverage).
     """
     explained = contribution(residual, candidate)
     left = residual.values - explained * (explained @ residual.values / max(float(explained @ explained), 1e-300))

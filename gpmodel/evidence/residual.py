@@ -37,7 +37,7 @@ def independent_units(dataset: Dataset, criteria: Criteria) -> IntArray:
 def exchangeable(dataset: Dataset, criteria: Criteria) -> IntArray:
     """Return the code (N,) of the poses that are permuted as one block.
 
-    Blocks are independent units. For single poses in the order of measurement they are stretches of rows, which keep
+    Blocks are independent units. For single poses in the order of measurement, blocks are stretches of rows, which keep
     the dependence between neighbouring rows. Source: Künsch (1989), blocks.
     """
     unit = independent_units(dataset, criteria)

@@ -33,7 +33,7 @@ LEADS = (1, 2, 2.5, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 32, 40)
 """Nominal leads of ball screws, mm (ISO 3408-2)."""
 
 SHORTEST = 2e-3
-"""Shortest period of a cyclic error, m. No robot has a finer screw, and poses repeat to a tenth of it at best."""
+"""Shortest period of a cyclic error, m. No robot has a finer screw, and robots repeat poses to 0.2 mm at best."""
 
 TURN = {"x": "A", "y": "B", "z": "C"}
 

@@ -16,9 +16,9 @@ from gpmodel.model.effect import Effect, Term, drive_effect, made_of
 from gpmodel.model.states import States, load_unit
 
 NO_LOAD, NEXT_TO_NONE = 1e-6, 1e-4
-"""Load up to which it counts as rounding, N·m or N; and the least share of the largest load of equal unit that counts.
-With a smaller share, a joint would have to be ten thousand times as soft as the others, and at other poses the load may
-be a hundred times as large.
+"""Largest load that counts as rounding, N·m or N; and the least share of the largest load of equal unit that is not
+negligible. Under a smaller load a joint would have to be ten thousand times as soft as the others, and at other poses
+the load may be a hundred times as large.
 """
 
 STANDARD_TEMPERATURE = {"degC": 20.0, "K": 293.15, "degF": 68.0}
@@ -193,8 +193,8 @@ def share_of_rows(states: States) -> str:
 def relative(states: States, column: str, unit: str) -> str:
     """Write a column relative to a reference. The constants of a model describe the mechanism at that reference.
 
-    The reference is 20 °C for temperatures (ISO 1). For other columns it is the measured value nearest to zero: zero
-    itself, or the start of a clock.
+    The reference is 20 °C for temperatures (ISO 1). For other columns the reference is the measured value nearest to
+    zero: zero itself, or the start of a clock.
     """
     if (reference := STANDARD_TEMPERATURE.get(unit)) is None:
         values = states[column]

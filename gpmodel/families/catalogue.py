@@ -37,11 +37,11 @@ class Family:
     build: function that yields each instance for a mechanism and the columns of a table.
     grids: function that yields its harmonics at any frequency of a range, for a search.
     offered: function that yields the instances for a search, None if they are those of `build`.
-    generic: it describes the form of an error and names no part; only a search uses it.
+    generic: it describes the form of an error and names no part; only a search uses such a family.
     clamped: its value is kept constant well beyond the fitted ranges.
     refit_constants: constants in its basis functions were chosen from many and are refined in the last fit.
-    yields: it is a compliance of a part without a drive, so that its coefficient is positive.
-    wanders: it is a random motion during the session, with no formula for the position afterwards.
+    yields: the effect is a compliance of a part without a drive, so that its coefficient is positive.
+    wanders: the effect is a random motion during the session, which no formula predicts after the session.
     """
 
     name: str

@@ -21,7 +21,7 @@ Such a curve is smoother than the error curve of a gear."""
 def continued(curve: Candidate) -> tuple[Effect, ...]:
     """Return as many further harmonics as a fine error curve has, with prior standard deviations falling as k^-1.5.
 
-    Empty for any other candidate.
+    Empty for a candidate that is no fine error curve.
     """
     count, last = len(curve.effects) // 2, curve.effects[-1]
     if count <= SMOOTH[0] or len(curve.inputs) > 1 or last.terms[0].basis != wave("cos", count, curve.inputs[0]):

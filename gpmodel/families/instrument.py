@@ -36,7 +36,8 @@ DEGREE = 3
 """Degree of the smooth error field over the volume: a bend and an S shape along each direction."""
 
 FINE, FINE_POSES = 5, 200
-"""Half waves, over all directions together, of a detailed error field, and the least number of poses for it."""
+"""Largest number of half waves, over all directions together, of a detailed error field; and the least number of poses
+for such a field."""
 
 NEAREST, STEEPEST = 1.0, float(np.radians(85.0))
 """Least distance of a measured point from an instrument that measures angles and a distance, m; and the largest
@@ -54,7 +55,7 @@ explain."""
 class _Sizes:
     """Prior standard deviations of the errors of an instrument: a length, m, an angle, rad, and a scale.
 
-    believed: they come from the specification of the instrument.
+    believed: the standard deviations come from the specification of the instrument.
     """
 
     length: float = LENGTH

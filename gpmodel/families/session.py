@@ -1,7 +1,7 @@
 """Families of effects that follow the session: temperature, time, a shift between two rows, and effects with memory.
 
-Effects with memory are play, friction, hysteresis and a lag after the temperature. They need rows in the order of
-measurement. Typical play is 0.25 to 1 arc minute from side to side (Gong 2000).
+Effects with memory are play, friction, hysteresis and a lag after the temperature. Such effects need rows in the order
+of measurement. Typical play is 0.25 to 1 arc minute from side to side (Gong 2000).
 """
 
 import math
@@ -192,7 +192,7 @@ def _measured_temperatures(states: States) -> list[str]:
 
 
 PLAY = 1e-4
-"""Half the play of a drive, rad. For a linear axis a tenth of it, m: that play at a pitch radius of 0.1 m."""
+"""Half the play of a drive, rad. For a linear axis, m, it is a tenth: the play at a pitch radius of 0.1 m."""
 
 WIDTHS = (0.02, 0.05, 0.1, 0.2)
 """Half-widths of stop operators, as shares of the travel of a joint or the span of a torque. A narrower operator acts
@@ -280,7 +280,8 @@ def _following(
 ) -> Iterator[tuple[str, tuple[Effect, ...], float]]:
     """Yield the effects that may follow a temperature, each with its name and cost.
 
-    They are the growth of the arm and of each link, the tilt of the base and of each axis, and the drift of each zero.
+    The effects are the growth of the arm and of each link, the tilt of the base and of each axis, and the drift of each
+    zero.
     """
     family, cost = "lagged_growth", 4.0 + float(np.log(LAGS))
     name = f"growth of the arm {where}"

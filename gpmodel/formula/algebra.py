@@ -224,9 +224,9 @@ def _unchanged(expression: sympy.Expr) -> sympy.Expr:
 def _by_levels(expression: sympy.Expr) -> sympy.Expr:
     """Simplify an expression level by level: functions of an angle inside another function come first.
 
-    sympy seeks trigonometric identities also inside the arguments of functions, which takes long. Each such argument is
-    therefore simplified alone and replaced by a symbol. A level with more than MOST_TERMS terms after expansion stays
-    as it is.
+    The search of sympy for trigonometric identities inside the arguments of functions takes long. Each such argument is
+    therefore simplified alone and replaced by a symbol. A level with more than MOST_TERMS terms after expansion is not
+    simplified.
     """
     inside: dict[sympy.Expr, sympy.Symbol] = {}
 

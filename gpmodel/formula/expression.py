@@ -148,7 +148,8 @@ def raise_to(builder: Builder, base: int, power: int) -> int:
 
 
 LARGEST_WRITTEN = 50_000
-"""Largest number of parts of a basis function with each name replaced by its definition; each name may double it."""
+"""Largest number of parts of a basis function with each name replaced by its definition; each name may double the
+number."""
 
 
 class Columns(Protocol):
@@ -219,7 +220,7 @@ class Expression:
 
 @lru_cache(maxsize=1 << 16)
 def _parsed(text: str) -> Program:
-    """Return the program of a text. It is cached, because each round writes thousands of candidates anew."""
+    """Return the program of a text. The program is cached, because each round writes thousands of candidates anew."""
     program = parse(text, "basis")
     if len(program.outputs) != 1:
         raise InputError(f"basis {text!r}: {len(program.outputs)} values, expected one; write for example sin(2*J4)")

@@ -273,8 +273,8 @@ Build = Callable[[Builder, Node, list[int]], int]
 LINEAR = ("add", "subtract", "multiply", "divide")
 CURVED = frozenset(("sin", "cos", "tan", "atan", "exp", "log", "tanh", "asin", "reciprocal", "logistic"))
 NESTED = 2
-"""Additional price of a function inside a function, nodes. With it two of 40 drawn formulas of two inputs became better
-and none worse."""
+"""Additional price of a function inside a function, nodes. With this price the search for 40 random formulas of two
+inputs found two better and none worse."""
 
 
 def description_size(program: Program) -> int:

@@ -1,1 +1,1 @@
-"""Many machines of one type: what they share, how they spread, and which of them is no part of it."""
+"""Machines of one type: their common mean, the spread between them, and outlying machines."""

@@ -37,7 +37,8 @@ class Shared:
 
 
 Judge = Callable[[Mask], tuple[Array, Array]]
-"""Function of the machines that are no outliers (m,) to z (m,) of each machine by the others, and the chances (m,)."""
+"""Function of the mask (m,) of machines that are no outliers. Returns z (m,) of each machine against the others, and
+its chance (m,)."""
 
 
 @dataclass(frozen=True)
@@ -93,9 +94,9 @@ def _variance(values: Array, variances: Array, wanted: float) -> float:
 def deviations(judges: Sequence[Judge], machines: int) -> Deviations:
     """Test every machine against the others in every parameter or block.
 
-    The chances are corrected for all machines and all judges (Holm). While the smallest chance is below SIGNIFICANCE,
-    that machine becomes an outlier and the parameter is tested again without it, so that it masks no other. With fewer
-    than FEWEST machines there are no outliers.
+    The chances are corrected for the number of machines and of parameters (Holm). While the smallest chance is below
+    SIGNIFICANCE, its machine becomes an outlier and the parameter is tested again without that machine, so that one
+    outlier masks no other. With fewer than FEWEST machines there are no outliers.
     """
     inside = np.ones((machines, len(judges)), dtype=bool)
     z, chance = np.zeros(inside.shape), np.ones(inside.shape)
@@ -131,7 +132,7 @@ def chance_of(z: float, machines: int) -> float:
 def in_normal(z: float, chance: float) -> float:
     """Convert a corrected chance to the equally improbable number of standard deviations of a normal distribution.
 
-    It has the sign of z. Machines that are no outliers get small values.
+    The result has the sign of z. Machines that are no outliers get small values.
     """
     return float(np.copysign(special.ndtri(0.5 * max(chance, SMALLEST)), z))
 
@@ -139,7 +140,7 @@ def in_normal(z: float, chance: float) -> float:
 def deleted(values: Array, variances: Array, inside: Mask) -> tuple[Array, Array]:
     """Return deleted residuals z (m,) and their chances, for estimates and variances (m,).
 
-    Each machine is compared with the other machines that are `inside`: z_i = (y_i - μ) / √(v_i + τ² + stderr(μ)²). It
+    Each machine is compared with the other machines that are `inside`: z_i = (y_i - μ) / √(v_i + τ² + stderr(μ)²). z_i
     has Student's t distribution with m - 2 degrees of freedom because τ is estimated (Viechtbauer and Cheung 2010;
     Higgins et al. 2009).
     """

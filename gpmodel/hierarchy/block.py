@@ -93,8 +93,8 @@ def block_information(fits: Sequence[Calibration], effects: tuple[Effect, ...]) 
 def shared(of: BlockInformation) -> tuple[float, float, float]:
     """Return τ of a block and its interval of coverage COVERAGE, as `between` does for one parameter.
 
-    Q(τ²) equals its expectation. At the ends of the interval it is a quantile of χ² with m - 1 degrees of freedom, as
-    if all effects of a machine differed in one proportion.
+    Q(τ²) equals its expectation. At the ends of the interval Q is a quantile of χ² with m - 1 degrees of freedom, as if
+    all effects of a machine differed in one proportion.
     """
     tail, free = (1.0 - COVERAGE) / 2.0, len(of.values) - 1
     low, high = (_common(of, float(special.chdtri(free, q)) / free).spread for q in (tail, 1.0 - tail))
@@ -143,7 +143,7 @@ def further_distance(
 def _common(of: BlockInformation, share: float = 1.0) -> Common:
     """Estimate the mean and the spread of the machines.
 
-    τ² solves Q = Σ r² / (1 + τ² λ) = `share` of its expectation; it is zero if Q is below that at τ² = 0.
+    τ² solves Q = Σ r² / (1 + τ² λ) = `share` of its expectation; τ² is zero if Q is smaller at τ² = 0.
     """
 
     def excess(variance: float) -> float:

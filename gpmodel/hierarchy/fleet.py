@@ -20,8 +20,8 @@ from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import table_names, translate
 
 WIDE = 3e-3
-"""Prior standard deviation of geometry in the fit of one machine, m and rad: more than that of any machine. It is
-removed before the type is estimated and remains only for constants that no machine's poses determine."""
+"""Prior standard deviation of geometry in the fit of one machine, m and rad: more than that of any machine. This prior
+is removed before the type is estimated and remains only for constants that no machine's poses determine."""
 
 STEPS, SETTLED = 500, 1e-4
 """Largest number of iterations, and the relative change of every τ² that ends them: a hundredth of the standard error
@@ -51,8 +51,8 @@ def learned(
 
         b_i ~ N(μ, T),  T = diag(τ²)                                b_i: all effects of machine i, geometry complete
 
-    The complete geometry contains equivalent constants. Machines differ independently in all of them; in a set without
-    equivalent constants they would differ together.
+    The complete geometry contains equivalent constants. The differences between machines are independent in all
+    constants; without equivalent constants they would be correlated.
     """
     constant = np.array([e.constant for e in effects])
     size = np.array([WIDE if e.constant else min(e.prior, _size(own, e.name)) for e in effects])
@@ -98,9 +98,9 @@ def _expectation_maximisation(told: Information, kinds: IntArray, constant: Mask
     """Return μ (E,) and the prior deviations (E,) of a further machine. Effects of one kind (E,) have one τ.
 
     Expectation: C_i = (Λ_i + T⁻¹)⁻¹, b_i = C_i (η_i + T⁻¹ μ). Maximisation: μ is the mean of b_i with prior μ ~ N(0,
-    1), and τ² the mean of (b_i - μ)² + diag C_i. The precision of μ is P = 1 + Σ (1 + Λ_i T)⁻¹ Λ_i. Its variance is
-    diag P⁻¹, and 1 / diag P for a `constant` (E,) effect: each of several equivalent constants is as well known as with
-    the others in the model.
+    1), and τ² the mean of (b_i - μ)² + diag C_i. The precision of μ is P = 1 + Σ (1 + Λ_i T)⁻¹ Λ_i. The variance of μ
+    is diag P⁻¹. For a `constant` (E,) effect it is 1 / diag P, the variance with all other constants known, since
+    several constants are equivalent.
     """
     count = np.bincount(kinds)
     mean, variance = np.zeros(len(kinds)), np.ones(len(kinds))

@@ -107,7 +107,7 @@ class Further:
     final: the last fit.
     alone: the fit to its poses alone, None if it does not determine every effect.
     outlying: names of effects in which the machine differs from its type.
-    likeness: comparison in the other effects, or in all if the outlying ones are half of them or more.
+    likeness: comparison in the effects that are not outlying, or in all effects if at least half are outlying.
     """
 
     steps: tuple[Step, ...]
@@ -178,7 +178,7 @@ def from_the_type(
     """Run the discovery loop with the effects and priors of the type as its standard model.
 
     Findings are in addition to the effects of the type. If the noise of these poses is larger than that of the type,
-    the fit to all poses is repeated with it.
+    the fit to all poses is repeated with the larger noise.
     """
     machine = further_machine(fleet, mechanism, poses.subset(train), poses.subset(heldout))
     believed = replace(machine.final.model, noise=fleet.noise)
@@ -200,7 +200,7 @@ def from_the_type(
 def alone_steps(found: Discovery) -> tuple[Step, ...]:
     """Return the fit to the machine's poses without the prior, with errors on the poses that `found` held out.
 
-    Empty if the poses are too few for that fit.
+    Empty if the poses are too few for a fit without the prior.
     """
     rows = found.poses.dataset.row
     errors = np.full(len(rows), np.nan)

@@ -128,7 +128,7 @@ MACHINES = "machines"
 NOISE = "noise of one coordinate"
 """Name of the last parameter. Its values are logarithms of metres."""
 MOST_MACHINES = 10_000
-"""Largest number of machines. They determine a type well enough."""
+"""Largest number of machines. So many machines determine a type well enough."""
 
 PerMachine = Annotated[tuple[Finite, ...], msgspec.Meta(max_length=MOST_MACHINES)]
 

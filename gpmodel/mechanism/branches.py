@@ -72,8 +72,8 @@ TIP_TOLERANCE = 1e-7
 
 
 def probe(mechanism: Mechanism) -> Array:
-    """Return one oblique pose (1, n). With closed loops it is near the middle of the limits if the usual pose does not
-    close."""
+    """Return one oblique pose (1, n). If closed loops do not close at this pose, the probe is near the middle of the
+    limits."""
     count = np.arange(1.0, len(mechanism.joints) + 1.0)
     q, loops = 0.1 * count[None], closed(mechanism)
     if loops is not None and not loops.closes(q)[0]:

@@ -88,9 +88,9 @@ class Mechanism(Protocol):
         """Return the gravity loads on the mechanism at rest, by name, each (N,): the load itself, not its reaction.
 
         torque_J2 (Nm; N for a prismatic joint): generalised force on the coordinate J2 of the table, minus the
-        derivative of the potential energy. It is positive where gravity increases the coordinate. If J2 is positive
-        upwards, a payload on a horizontal arm gives a negative torque. A compliant joint moves by compliance times
-        torque.
+        derivative of the potential energy. The torque is positive where gravity increases the coordinate. If J2 is
+        positive upwards, a payload on a horizontal arm gives a negative torque. A compliant joint moves by compliance
+        times torque.
 
         force_J2_x .. moment_J2_z (N, Nm): wrench of the weight of everything beyond J2 at the origin of J2.moving, in
         its axes. force_base_x .. moment_base_z: that of the whole mechanism, in the frame of the base.
@@ -105,7 +105,7 @@ class ClosedLoops(Protocol):
     """A mechanism whose legs meet in one platform. An error in a leg moves the tool as far as the other legs allow.
 
     `slots` and `transforms` are as for a chain; the effect of an error twist is different. The geometric constants of a
-    chain do not fit it, so that it states its own.
+    chain do not fit such a mechanism, so that it states its own constants.
     """
 
     @property
@@ -266,7 +266,7 @@ class Ball:
     name: empty if the mechanism has only one ball.
     angles: columns of States, rad: rotations of the ball in its socket about the x axis of the socket, then its own y,
     then z.
-    shifts: shifts of its centre, by direction in words. The direction along its lever or leg is last.
+    shifts: shifts of its centre, by direction in words. The last entry is the direction along its lever or leg.
     axial: column of the load on it along its leg, N, positive for a pull; empty if there is none.
     """
 

@@ -58,7 +58,8 @@ class Effect:
     unit: unit of θ.
     family: family of the catalogue, empty if there is none.
     prior: prior standard deviation of θ around `mean`; infinite for none.
-    taken_up: rigid motions of registrations and tools per unit of θ, which are subtracted so that it changes neither.
+    taken_up: rigid motions per unit of θ that are subtracted from the effect, so that registration and tool do not
+    change.
     """
 
     name: str

@@ -201,7 +201,7 @@ def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement)
 
 
 def _completed(known: Own, kinds: tuple[Observation, ...], tips: Tips) -> Own:
-    """Add unknowns of the observations that the fit does not contain, estimated from these poses.
+    """Add missing unknowns of the observations, estimated from these poses, to the unknowns of a fit.
 
     An example is a point that only held-out poses touched.
     """

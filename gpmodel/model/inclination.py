@@ -19,7 +19,7 @@ VERTICAL = "vertical"
 FEWEST = 4
 """Least number of measurements of one inclinometer: each axis has three unknowns."""
 STEEPEST = np.radians(89.9)
-"""Largest inclination, rad. Beyond it the sine hardly changes with the angle."""
+"""Largest inclination, rad. The sine of a larger angle hardly changes with the angle."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Columns with memory, which depend on the poses measured before.
 
-The name of each column can be used in an expression. It ends with its constant, with `p` for the decimal point:
+The name of each column can be used in an expression. The name ends with a constant, with `p` for the decimal point:
 
     last_move_J2            sign of the last move of the joint, 0 before its first move
     play_J2_0p01            play operator of half-width r:  y_k = max(x_k - r, min(x_k + r, y_(k-1))), y_0 = x_0
@@ -24,12 +24,12 @@ from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import is_time
 
 OFTEN = 0.05
-"""Least share of rows close to the previous row from which a joint counts as held. Of random poses in a range of 0.2
-rad, one in two hundred is within SAME_JOINT."""
+"""Least share of rows close to the previous row from which a joint counts as standing still. Of random poses in a range
+of 0.2 rad, one in two hundred is within SAME_JOINT."""
 _LAST_MOVE = re.compile(r"last_move_(?P<of>\w+)$")
 _WITH_CONSTANT = re.compile(r"(?P<what>play|stop|lag)_(?P<of>\w+)_(?P<size>\d+(?:p\d+)?)$")
 FEWEST_ROWS = 10
-"""Least number of rows with rising times for them to count as ordered. Random times rise in one of 10! tables."""
+"""Least number of rows with rising times for the rows to count as ordered. Random times rise in one of 10! tables."""
 
 
 def word(value: float, digits: int = 4) -> str:
@@ -95,8 +95,8 @@ class Past:
 def jitter(values: Array) -> float:
     """Return the largest change (rad or m) of the values (N,) of a joint that is no move.
 
-    It is SAME_JOINT if more than the share OFTEN of the rows differs from the previous row by less, as for a joint that
-    is measured while it is held. It is ROUNDING if the values are commands.
+    The limit is SAME_JOINT if more than the share OFTEN of the rows differs from the previous row by less, as for a
+    joint that is measured while it stands still. The limit is ROUNDING if the values are commands.
     """
     steps = np.abs(np.diff(values))
     held = np.sum((steps > ROUNDING) & (steps <= SAME_JOINT))
@@ -159,8 +159,8 @@ def clock_of(dataset: Dataset) -> str | None:
 def standing(past: Past, joints: Sequence[str]) -> list[str]:
     """Return the columns with memory that every search uses.
 
-    They are the last move of each moving joint, its stop operator over a tenth of its range, and temperatures with a
-    lag of a thirtieth, a tenth and a third of the session.
+    Such columns are the last move of each moving joint, the stop operator of each over a tenth of its range, and
+    temperatures with a lag of a thirtieth, a tenth and a third of the session.
     """
     moving = {j: float(np.ptp(past.columns[j])) for j in joints if np.ptp(past.columns[j]) > SAME_JOINT}
     names = [f"last_move_{j}" for j in moving]

@@ -24,7 +24,8 @@ previous fit."""
 IN_TURN = 20
 """Gauss-Newton steps for the pose of a body between two weightings."""
 TURNING = 1e-3
-"""Smallest ratio of the second smallest singular value to the largest. Below it all views turn about one axis."""
+"""Smallest ratio of the second smallest singular value to the largest. For a smaller ratio all views turn about one
+axis."""
 FEWEST_VIEWS = 3
 """Least number of views: their two rotations about two axes determine a hand-eye transform."""
 
@@ -188,7 +189,7 @@ class Camera(Mounted):
 
 @dataclass(frozen=True, eq=False)
 class Board(Mounted):
-    """A board or a body. corners: (P, 3) of all its corners or markers, m. A view may contain only some of them."""
+    """A board or a body. corners: (P, 3) of all its corners or markers, m. A view may contain only some corners."""
 
     corners: Array
 

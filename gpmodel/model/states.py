@@ -63,8 +63,8 @@ class Derived:
 
     made: function that returns the columns (N,) by name.
     known: function that tells whether a name may be one of them.
-    unit: function from a name to its unit.
-    All three are pickled for worker processes: they must be functions of a module.
+    unit: function from a name to its unit. All three functions are pickled for worker processes and must therefore
+    belong to a module.
     """
 
     made: Callable[[], Mapping[str, Array]]
@@ -344,9 +344,10 @@ def _of_the_payload(name: str) -> bool:
 
 
 def _carried(mechanism: Mechanism, dataset: Dataset, loads: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the torques of the payload alone, in addition to those of the links.
+    """Return the joint torques of the payload alone, without the torques of the links.
 
-    They are listed columns if the payload varies, and else derived, for a model that was fitted with varying payloads.
+    If the payload varies, these torques are listed columns. Else they are derived on demand, for a model that was
+    fitted with varying payloads.
     """
     bare = mechanism.loads(dataset.q, np.zeros(len(dataset)))
     torques = [f"torque_{joint.name}" for joint in mechanism.joints]

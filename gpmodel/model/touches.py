@@ -233,7 +233,7 @@ class Touches(AtTheTip):
         return bars, rows[bars], np.array([0.5 * self.bodies[i].features[1].frame[2, 3] for i in bars])
 
     def _poses(self, points: Array, own: Own) -> Array:
-        """Return poses (B, 4, 4) of the bodies. A bar lies on the line of its touches (N, 3), nearest to them."""
+        """Return poses (B, 4, 4) of the bodies. A bar is on the line of its touches (N, 3), with equal middles."""
         numbers = np.array([own[body.name][:6] for body in self.bodies])
         poses = se3.exp(np.concatenate([np.zeros((len(numbers), 3)), numbers[:, 3:]], axis=1))
         poses[:, :3, 3] = numbers[:, :3]

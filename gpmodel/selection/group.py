@@ -89,7 +89,7 @@ def spread_of(effect: Effect, shapes: Shapes) -> float:
 
 
 def group_of(candidate: Candidate, shapes: Shapes) -> Group | None:
-    """Return a candidate as a group. Finite priors give the ratios of its effects, other effects get equal shares.
+    """Return a candidate as a group. Finite priors give the ratios of its effects; others contribute equally.
 
     Effects that do not vary over the poses are omitted; None if no effect varies.
     """
@@ -144,8 +144,8 @@ class Price:
     """Prices of groups, nats.
 
     limits: minimum_nats for any group, head_start for one without a name, naming_margin for a curve or a long formula.
-    of_input: price of each input, from the inputs of evolved programs; others are free. with_formulas: names of curves
-    for which formulas are offered.
+    of_input: price of each input, from the inputs of evolved programs; an input without a price is free. with_formulas:
+    names of curves for which formulas are offered.
     """
 
     limits: Criteria = field(default_factory=Criteria)

@@ -17,7 +17,7 @@ from gpmodel.selection.programs import laws, terms
 Builder = Callable[[Mechanism, Shapes], Iterator[Group | None]]
 
 LARGEST_BLOCK = 130
-"""Largest number of effects of one kind in a joint group at all sites: with more it is slow and selects nothing."""
+"""Largest number of effects of one kind in a joint group at all sites: a larger group is slow and never selected."""
 SMALLEST_BLOCK = 3
 """Least number of sites of a joint group."""
 BLOCK_COST = 1.0
@@ -92,7 +92,7 @@ def _apart(group: Group, named: Set[tuple[Term, ...]]) -> tuple[Group, ...]:
 
 
 def shared_kinds(mechanism: Mechanism, groups: Iterable[Group]) -> list[Group]:
-    """Return joint groups of groups that differ only in the joint: they detect many weak effects of one kind."""
+    """Return joint groups of groups that differ only in the joint, to detect many weak effects of one kind."""
     kinds: dict[str, list[Group]] = defaultdict(list)
     for group in groups:
         for j in mechanism.joints:

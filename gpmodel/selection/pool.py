@@ -102,7 +102,7 @@ class Atoms:
         self.weights = sparse.csr_matrix((weight, (at, of)), shape=(len(effects), count))
 
     def cross(self, values: Array) -> Array:
-        """Return Xᵀ W v (E, K) for cleaned, whitened values v (M, K)."""
+        """Return Xᵀ W v (E, K) for whitened values v (M, K), with the placement projected out."""
         by_pose = self.reach @ self.rows.apart(self.rows.whitening.whiten(values))
         return np.asarray(self.weights @ np.vstack([phi @ by_pose[:, s] for s, phi in enumerate(self.shapes)]))
 
@@ -132,7 +132,7 @@ class GroupPool:
     sizes: (G,) number of effects. cost, price, reading: (G,) nats for description, entry and reading, see `Price`.
     block: (G,) index of the joint group that contains it, -1 for none. wholes: (B,) index of each joint group. shared:
     (B,) nats of the description that further parts do not pay again: all but the log of n joints. square: yᵀy of the
-    target, whitened and cleaned. rhs: (E,) products of the target with the distinct unit columns. constant,
+    whitened target without the placement. rhs: (E,) products of the target with the distinct unit columns. constant,
     reading_held, kinds_held: contributions of held groups to objective, reading prices and numbers of parts.
     """
 
@@ -204,7 +204,7 @@ class GroupPool:
         return self.atoms.cross(self.columns(g))
 
     def columns(self, g: int) -> Array:
-        """Return the scaled columns (M, K) of a group, whitened and cleaned."""
+        """Return the scaled columns (M, K) of a group, whitened, with the placement projected out."""
         if g not in self._columns:
             self._columns[g] = self._cleaned(g)
         return self._columns[g]

@@ -21,7 +21,8 @@ from gpmodel.selection.pool import GroupPool
 LEAST_NOISE = 1e-8
 """Least noise of one coordinate, m: a tenth of an instrument's resolution. In an exact table less is rounding."""
 LEAST = 10.0**-DECADES
-"""Least ratio of the variance of a group to its largest. A group that explains nothing reaches it, and is deleted."""
+"""Least ratio of the variance of a group to its largest. A group that explains nothing reaches this ratio, and is
+deleted."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ class Active:
 
     @cached_property
     def scale(self) -> Array:
-        """√a spread (K,) of each column."""
+        """Prior standard deviation (K,) √a spread of the coefficient of each column."""
         roots = [np.sqrt(a) * self.pool.spreads[g][self.chosen[g]] for g, a in self.variances.items()]
         return np.concatenate(roots)
 
@@ -142,12 +143,12 @@ class Active:
 
     @cached_property
     def mismatch(self) -> float:
-        """yᵀC⁻¹y of the cleaned target."""
+        """yᵀC⁻¹y of the target, with the placement projected out."""
         return (self.pool.square - float(np.sum((self.inverse @ self.rhs) ** 2))) / self.sigma2
 
     @cached_property
     def evidence(self) -> float:
-        """Log marginal likelihood of the cleaned target, nats."""
+        """Log marginal likelihood of the target, with the placement projected out, nats."""
         freedom, count = self.pool.rows.freedom, len(self.rhs)
         volume = (freedom - count) * float(np.log(self.sigma2)) + 2.0 * float(np.sum(np.log(np.diag(self.lower))))
         return -0.5 * (volume + self.mismatch + freedom * float(np.log(2 * np.pi)))
@@ -198,8 +199,8 @@ class Active:
     def reestimated(self) -> dict[int, float]:
         """Variance of each group for the next step: the best one for one or two columns, else MacKay's a |μ|² / γ.
 
-        γ = K - σ² tr H_gg of the K coefficients are determined. It needs no eigenvalues, and is stationary at the
-        largest evidence.
+        γ = K - σ² tr H_gg of the K coefficients are determined. This update needs no eigenvalues, and is stationary at
+        the largest evidence.
         """
         (first, sizes), determined = self._columns, 1.0 - self.sigma2 * np.sum(self.inverse**2, axis=0)
         known, squares = (np.add.reduceat(part, first) for part in (determined, self.mean**2))
@@ -215,7 +216,7 @@ class Active:
 
     @cached_property
     def objective(self) -> float:
-        """L: log marginal likelihood of the cleaned target minus the price of every selected group, nats."""
+        """Objective L: the log marginal likelihood (`evidence`) minus the price of every selected group, nats."""
         shared = float((self.of_kind - 1).clip(0) @ self.pool.shared)
         return self.pool.constant + self.evidence - self.paid + shared
 

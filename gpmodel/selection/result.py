@@ -157,9 +157,9 @@ def running_maximum(found: Array, s: Array, q: Array, cap: Array, cost: Array) -
 def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: int) -> Array:
     """Add residuals permuted over exchangeable blocks to the prediction of the model: targets (M, count), whitened.
 
-    They are rescaled to σ, since the fit removed degrees of freedom and removes them again from each. Placement columns
-    of a body measured in one block alone, such as a bar, remove them only once: the residual of another block has no
-    part along them.
+    Permuted residuals are rescaled to σ, since the fit removed degrees of freedom and removes them again from each.
+    Placement columns of a body measured in one block alone, such as a bar, remove them only once: the residual of
+    another block has no part along them.
     """
     rows, left = active.pool.rows, active.left
     codes = np.unique(bundle, return_inverse=True)[1].reshape(-1)

@@ -57,7 +57,7 @@ class Scan:
     def gains(self, least: Array | None = None) -> tuple[Array, Array, Array]:
         """Return gain (G,), best variance (G,) and decrease of yᵀC⁻¹y (G,) of every group.
 
-        If the bound ½ yᵀC⁻¹X S⁻¹ XᵀC⁻¹y of a gain, with the noise estimated again, is below `least` (G,), it is
+        If the bound ½ yᵀC⁻¹X S⁻¹ XᵀC⁻¹y of a gain, with the noise estimated again, is below `least` (G,), the bound is
         returned.
         """
         pool, gains, mismatch = self.active.pool, np.full(len(self.active.pool.groups), -np.inf), self.active.mismatch

@@ -40,8 +40,8 @@ def select(
     """Select groups by marginal likelihood, propose others for the residual, and select again until nothing changes.
 
     Groups are added and deleted, then exchanged. Smooth terms and sinusoids are proposed for the residual of every new
-    selection, others if it is unchanged. poses: of the calibration. workers: search for proposals. propose: proposes
-    other groups, such as formulas of the selected curves.
+    selection, other groups if the selection is unchanged. poses: of the calibration. workers: search for proposals.
+    propose: proposes other groups, such as formulas of the selected curves.
     """
     with threadpool_limits(limits=1, user_api="blas"):
         chosen = nothing_selected(calibration, poses, prices or Price(), offering.grids)
@@ -107,7 +107,7 @@ def _smooth_terms(active: Active, offering: Offering) -> list[Group]:
 def _predicted_states(calibration: Calibration, poses: Poses) -> States:
     """Return the states of poses, with the predicted point in the frame of the instrument.
 
-    The measured point is no input: it contains the noise, and an effect of it could absorb all lengths of the arm.
+    The measured point is no input: it contains the noise, and its effects could absorb all lengths of the arm.
     """
     there = resolved(calibration, poses)
     observed = observe(calibration.model, there, calibration.theta, calibration.placement)

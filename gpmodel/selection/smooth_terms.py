@@ -44,7 +44,7 @@ NEGLIGIBLE = 0.02
 class SmoothTerm:
     """A smooth term: sines of one input, or products of those of two.
 
-    index: (m, 1 or 2) number of the sine of each input.
+    index: (m, 1 or 2) for each column, the number of the sine of each input.
     spreads: (m,) relative prior standard deviation of each column.
     """
 
