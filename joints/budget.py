@@ -156,8 +156,7 @@ class Budget:
 
     def realigned(self, reach: float, every: int = 1) -> "Budget":
         """Return the remaining budget if the ball is held and each angle turns by up to `reach`, rad; uses every
-        `every`-th draw.
-        """
+        `every`-th draw."""
         fewer = replace(self.joints, parameters=self.joints.parameters[:, ::every])
         return replace(self, distances=fewer.distances(reach), joints=fewer)
 

@@ -133,8 +133,7 @@ class OnLegs:
 
     def closes(self, q: Array, twists: Mapping[int, Array] | None = None) -> Mask:
         """Return whether the links meet in one platform (N,) at joint values (N, n), with error twists (N, 6) of
-        slots.
-        """
+        slots."""
         return self._solved(q, twists or {})[2] < CLOSED
 
     def _solved(self, q: Array, twists: Mapping[int, Array]) -> tuple[Array, Array, Array]:

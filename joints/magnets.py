@@ -1,6 +1,5 @@
 """Number of magnets on a ring, the ring and socket of largest preload (thesis Tables 3.1 and 4.1), and predicted and
-measured preloads (Figures 3.25, 3.30, 4.31).
-"""
+measured preloads (Figures 3.25, 3.30, 4.31)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,1 +1,1 @@
-"""Genetic programming: linear sequences and trees, on its own."""
+"""Genetic programming with linear sequences and trees, independent of robots."""

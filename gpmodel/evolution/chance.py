@@ -1,4 +1,4 @@
-"""Null distribution of a score, from the best scores on permuted residuals."""
+"""p-value of a score from the best scores on permuted residuals."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ import numpy as np
 from gpmodel.arrays import Array
 
 FEWEST = 3
-"""Shuffled scores below which no law can be fitted to them, and nothing is claimed."""
+"""Least number of scores on permuted residuals. With fewer, no distribution can be fitted and the p-value is 1."""
 _EULER = 0.5772156649015329
 _KURTOSIS = 5.4
 _NODES = 21
@@ -15,7 +15,8 @@ _NODES = 21
 
 @dataclass(frozen=True)
 class Chance:
-    """Probability `p` of reaching a score by chance, from so many `shuffles`. of: what was shuffled."""
+    """A p-value. p: probability of the score under the null. shuffles: number of permutations.
+    of: what was permuted."""
 
     p: float
     shuffles: int
@@ -23,10 +24,10 @@ class Chance:
 
 
 def chance(value: float, null: Array) -> Chance:
-    """Chance of reaching `value` where nothing is, from null maxima (T,).
+    """Return the p-value of a score, given the maxima (T,) of searches on permuted residuals.
 
-    Where a shuffled score reaches the value: the larger of rank (1 + count) / (1 + T) and fitted law. Beyond all of
-    them the law alone. With under three finite scores: 1.
+    If some maximum reaches `value`, the p-value is the larger of the rank (1 + count) / (1 + T) and the tail of the
+    fitted distribution, otherwise the tail. With fewer than FEWEST finite maxima it is 1.
     """
     finite = null[np.isfinite(null)]
     if len(finite) < FEWEST or np.isnan(value):
@@ -36,15 +37,16 @@ def chance(value: float, null: Array) -> Chance:
 
 
 def larger(first: Chance, *others: Chance) -> Chance:
-    """The largest of several chances of one thing."""
+    """Return the largest of several p-values of one finding."""
     return max((first, *others), key=lambda found: found.p)
 
 
 def _tail(value: float, null: Array) -> float:
-    """Tail of Gumbel's law of maxima (Gumbel 1958), β = s √6 / π and μ = mean - 0.5772 β, for one further draw.
+    """Return the tail probability of Gumbel's distribution of maxima (Gumbel 1958), fitted to null maxima (T,).
 
-    The law is known as well as T draws tell it: s is averaged over its log-normal uncertainty √((κ - 1) / 4T), freed
-    of its bias 1 - (κ - 1) / 8T and widened by √(1 + 1/T) for that of the mean; κ = 5.4, Gumbel's kurtosis.
+    β = s √6 / π and μ = mean - 0.5772 β. The standard deviation s is uncertain: the tail is averaged over its
+    log-normal distribution of width √((κ - 1) / 4T), corrected for its bias 1 - (κ - 1) / 8T, and widened by √(1 + 1/T)
+    for the uncertainty of the mean; κ = 5.4 is Gumbel's kurtosis.
     """
     count = len(null)
     nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES)

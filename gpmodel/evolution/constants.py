@@ -1,4 +1,4 @@
-"""Constants of a program fitted by least squares."""
+"""Least-squares fit of the constants of a program."""
 
 from collections.abc import Mapping, Sequence
 from itertools import count
@@ -11,7 +11,8 @@ from gpmodel.formula.operators import BY_NAME, INPUT
 from gpmodel.formula.program import Program
 
 IDLE = 1e-12
-"""Share of its column outside the enabled ones up to which a constant stays: what it does they do."""
+"""Share of a constant's derivative column outside the model's columns, below which the constant is not fitted: the
+model's columns do the same."""
 
 
 def polish(
@@ -22,11 +23,11 @@ def polish(
     held: tuple[float, ...] = (),
     steps: int = 20,
 ) -> tuple[Program, float]:
-    """Fit the constants of a program at a site; return it with its gain there.
+    """Fit the constants of a program at a site; return the program and its gain.
 
-    Levenberg-Marquardt on the projected residual (`kernels.constants`); the coefficient is solved anew at every step.
-    Constants whose value is in ``held`` stay. Never returns a smaller gain than it was given. A program of several
-    outputs, or without a free constant, is returned as it is.
+    Levenberg-Marquardt on the projected residual (`kernels.constants`); the coefficient is solved at every step.
+    Constants with a value in ``held`` are not fitted. The gain never decreases. A program with several outputs, or
+    without a free constant, is returned unchanged.
     """
     place = targets if targets.sites == 1 else targets.only(site)
     free = np.array([value not in held for value in program.constants], dtype=bool)
@@ -45,7 +46,8 @@ def polish(
 
 
 def _nodes(program: Program, names: Sequence[str]) -> IntArray:
-    """Op-code and two arguments (3, nodes) of a program whose inputs have these names, as kernels read them."""
+    """Return op-codes and two arguments (3, nodes) of a program for the kernels.
+    names: its inputs, numbered in order."""
     from gpmodel.evolution.kernels.machine import CONSTANT
 
     numbers = count()
@@ -63,7 +65,8 @@ def _nodes(program: Program, names: Sequence[str]) -> IntArray:
 def own_constants_polished(
     program: Program, targets: Targets, site: int, inputs: Mapping[str, Array], own: Array, fixed: tuple[float, ...]
 ) -> Array:
-    """A program's own constants after ``polish``; those that its effective code does not use stay."""
+    """Return a program's own constants after ``polish``; constants that its effective code
+    does not use are unchanged."""
     better, _ = polish(program, targets, site, inputs, held=fixed, steps=8)
     change = dict(zip(program.constants, better.constants, strict=True))
     return np.array([change.get(value, value) for value in own.tolist()])

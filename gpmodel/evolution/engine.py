@@ -1,4 +1,4 @@
-"""Runs populations on the kernels."""
+"""Runs populations of programs on the compiled kernels."""
 
 import os
 import threading
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gpmodel.arrays import Array, IntArray
 
 SLICE = 512
-"""Programs that a thread works on at once: their registers stay in its cache."""
+"""Programs that a thread runs together: their registers fit into its cache."""
 
 
 @cache
@@ -36,18 +36,22 @@ def over_slices(count: int, threads: int, work: Callable[[slice], None], size: i
 
 
 BLOCK = 128
-"""Poses run at a time where a program may be dropped after any block: its rows then stay in the first cache."""
+"""Poses that are run together if a program can be dropped after any block: its rows fit into the first-level cache."""
 
 LONG_BLOCK = 512
-"""Poses run at a time where all are: rows in the second cache cost less than four times as many jumps (18 %)."""
+"""Poses that are run together if no program is dropped. Rows in the second-level cache cost less than four times as
+many jumps (18 %)."""
 
 
 @dataclass(frozen=True)
 class Code:
-    """Effective code of a slice of programs, one row each: what the kernels execute.
+    """Effective code of P programs, as the kernels execute it.
 
-    words (P, longest) instructions of which ``count`` are used, outputs (P, m) rows, the number of nodes (operators
-    and references to leaves), a hash of the whole, and own constants (P, C).
+    words: instructions (P, longest), of which the first ``count`` are used.
+    outputs: row (P, m) of each output.
+    nodes: number (P,) of operators and references to leaves.
+    hashes: hash (P,) of the code.
+    constants: constants (P, C) that belong to each program.
     """
 
     words: IntArray
@@ -58,12 +62,13 @@ class Code:
     constants: Array
 
     def take(self, rows: NDArray[np.intp]) -> "Code":
-        """The code of some of the programs."""
+        """Return the code of some of the programs."""
         return Code(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
 
 def empty_code(constants: Array, longest: int, outputs: int) -> Code:
-    """Room for the code of as many programs as there are rows of own constants (P, C)."""
+    """Allocate the code of P programs with own constants (P, C), of at most ``longest`` instructions and ``outputs``
+    outputs."""
     size = len(constants)
     return Code(
         workspace("words", (size, longest)).view(np.int64),
@@ -76,7 +81,7 @@ def empty_code(constants: Array, longest: int, outputs: int) -> Code:
 
 
 def values(code: Code, fixed: Array) -> Array:
-    """Outputs (P, outputs, N) of decoded programs on fixed rows (base, N); overwritten by the next call."""
+    """Return the outputs (P, outputs, N) of decoded programs on fixed rows (base, N); the next call overwrites them."""
     from gpmodel.evolution.kernels import batch
 
     found = workspace("values", (len(code.count), code.outputs.shape[1], fixed.shape[1]))
@@ -87,14 +92,15 @@ def values(code: Code, fixed: Array) -> Array:
 
 
 def sizes(code: Code, base: int) -> NDArray[np.uint16]:
-    """Nodes (P, 2^m) of each program that reach exactly the outputs of a set of bits; ``base`` rows are fixed."""
+    """Return the number (P, 2^m) of nodes of each program that reach exactly the outputs in each bit set.
+    base: number of fixed rows."""
     from gpmodel.evolution.kernels import batch
 
     return batch.sizes_by_outputs(code.words, code.count, base, code.outputs)
 
 
 def compensator_fitness(code: Code, fixed: Array, measured: Array, maximum: bool, hopeless: float) -> Array:
-    """Fitness of Fig 5.5 (or the RMS of the same distances) of decoded programs; see ``kernels.batch``."""
+    """Return the largest distance (Fig 5.5), or the RMS distance, of each decoded program; see ``kernels.batch``."""
     from gpmodel.evolution.kernels import batch
 
     found = np.empty(len(code.count))
@@ -114,7 +120,7 @@ def _rows(code: Code, fixed: Array, block: int) -> Array:
 
 
 def workspace(name: str, shape: tuple[int, ...]) -> Array:
-    """A float64 array on a 64-byte boundary, one a thread and name, reused by the next call."""
+    """Return a float64 array on a 64-byte boundary; the next call by the same thread with the same name reuses it."""
     size = int(np.prod(shape))
     held: dict[str, Array] = _buffers.__dict__
     if name not in held or held[name].size < size:

@@ -1,4 +1,4 @@
-"""Programs of several trees each, as the flat codes that the kernels read."""
+"""Programs of several trees each, as flat prefix codes for the kernels."""
 
 from dataclasses import dataclass
 
@@ -10,20 +10,20 @@ from gpmodel.evolution.engine import Code, empty_code
 from gpmodel.evolution.machine import Layout
 
 OPERATOR_CODES = 32
-"""Prefix codes from here name a row of fixed values."""
+"""First prefix code that is a row of fixed values; smaller codes are operators."""
 
 OWN_CONSTANT = 16384
-"""Prefix codes from here name one of the program's own constants."""
+"""First prefix code that is one of the program's own constants."""
 
 OWN_BYTE = 255
-"""Byte that stands for any such leaf in a packed tree, one byte a node."""
+"""Byte of every own constant in a packed tree, which has one byte per node."""
 
 
 @dataclass(frozen=True)
 class Forest:
     """Programs of several trees each, as flat prefix codes.
 
-    Tree k of program p is ``codes[bounds[p, k]:bounds[p, k + 1]]``; constants is (P, most constants), padded.
+    Tree k of program p is ``codes[bounds[p, k]:bounds[p, k + 1]]``. constants: (P, most constants), padded.
     """
 
     codes: NDArray[np.int16]
@@ -31,7 +31,7 @@ class Forest:
     constants: Array
 
     def decoded(self, layout: Layout, part: slice) -> Code:
-        """Effective code of a slice of programs."""
+        """Return the effective code of a slice of programs."""
         from gpmodel.evolution.kernels.batch import decode_forest
 
         longest = int(np.max(self.bounds[part, -1] - self.bounds[part, 0]))

@@ -1,10 +1,10 @@
-"""The formula of a response at a known site in one to six known inputs.
+"""Search of a formula for the residual at a known site, in one to six known inputs.
 
-Founders of one input are the short forms (``gpmodel.evolution.founders``). Of several inputs a formula is a product or
-a sum of a formula of each, or a formula of a weighted sum or of a distance: factors, summands, weights or the point are
-estimated as smooth functions first, which says how likely each structure is; then each piece is a search in one input.
-The population that these found is bred (``gpmodel.evolution.memetic``). Constants are fitted to the residual of the
-whole model, seen from the site.
+Founders in one input are the short forms of ``gpmodel.evolution.founders``. In several inputs a formula is a product or
+a sum of formulas in one input each, or a formula of a weighted sum or of a distance. Factors, summands, weights or the
+point are estimated as smooth functions first; their residual variance ranks the structures. Each part is then searched
+in one input. The resulting population is bred (``gpmodel.evolution.memetic``). Constants are fitted to the residual of
+the whole model at the site.
 """
 
 import itertools
@@ -36,26 +36,30 @@ from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Program, length
 
 STARTED, STARTED_OF_SEVERAL = 200, 120
-"""Short forms whose constants are fitted, of one input alone, and of one piece of a formula of several inputs."""
+"""Number of short forms whose constants are fitted, for a formula in one input, and for one part of a formula in
+several."""
 KEPT = 40
-"""Formulas of one input alone, fitted on a few values of it, whose constants are fitted on all poses."""
+"""Formulas in one input, fitted to binned values, whose constants are then fitted to all poses."""
 PIECES, PRODUCTS = 8, 48
-"""Formulas of each factor, summand, weighted sum or distance, the shortest descriptions; products of them at most."""
+"""Formulas kept for each factor, summand, weighted sum or distance, by description length;
+largest number of products."""
 BEHIND = 40.0
-"""Nats by which a structure of several inputs may fit worse than the best without a form, and is still searched."""
+"""Largest difference in log likelihood, nats, to the best structure at which a structure of
+several inputs is searched."""
 THIRDS = 4
-"""Third inputs that are looked at in a product with two others."""
+"""Number of third inputs that are tried in a product with two inputs."""
 
 
 def formulas_at(
     problem: SlotProblem, site: int, names: Sequence[str], generations: int = GENERATIONS
 ) -> tuple[Solution, ...]:
-    """Formulas of one term at one site, shortest first: those that none of as few nodes equals in gain, unless they are
-    shorter to read. In one input or two, in two and a third of the problem where it saves much more, or of more in the
-    three of whose structures one leaves least noise.
+    """Return the Pareto front of formulas of one term at a site, in gain, nodes and length of the text, shortest first.
 
-    ``problem.nats(formula.gain, formula.complexity + 1)`` is what each saves; its coefficient is solved. generations:
-    at most; of none the founders are shortened. Depends on the arguments only. Raises InputError for an unknown input.
+    names: inputs of the formula. To two inputs a third input of the problem is added if it saves much more. Of more
+    than three inputs the three with the best structure are used.
+    generations: largest number; with 0 the founders are only shortened.
+    ``problem.nats(formula.gain, formula.complexity + 1)`` is what a formula saves, with its coefficient solved. The
+    result depends on the arguments only. Raises InputError for an unknown input.
     """
     there = problem.only(site, problem.inputs.names)
     there = replace(there, inputs=Inputs(there.inputs.names, there.inputs.values))  # any form of any kind of input
@@ -78,7 +82,7 @@ def _sound(one: Solution) -> bool:
 
 
 def shorter(program: Program, problem: SlotProblem) -> Iterator[Program]:
-    """The program less a node, in every way, its constants fitted."""
+    """Yield the program with one node removed, in every possible way, with constants fitted."""
     columns = problem.inputs.mapping()
     for one in shorter_forms(program):
         yield polish(one, problem.targets, 0, columns)[0]
@@ -88,8 +92,8 @@ def shorter(program: Program, problem: SlotProblem) -> Iterator[Program]:
 class _Structure:
     """Structure of a formula in its inputs.
 
-    noise: residual variance with smooth functions.
-    programs: search for the forms.
+    noise: residual variance with smooth functions in place of formulas.
+    programs: searches the formulas.
     """
 
     noise: float
@@ -97,14 +101,16 @@ class _Structure:
 
 
 def _of_two(problem: SlotProblem, every: SlotProblem) -> list[_Structure]:
-    """Structures of two inputs, or of these and a third of every one beside which no structure of two is likely."""
+    """Return the likely structures of two inputs, or structures with a third input that are far likelier than all of
+    these."""
     own, further = _structures_of_two(problem), _with_a_third(problem, every)
     least = min(structure.noise for structure in own)
     return _likely(every, [s for s in further if _nats(problem, least, s.noise) > BEHIND] or own)
 
 
 def _with_a_third(problem: SlotProblem, every: SlotProblem) -> list[_Structure]:
-    """The product of two inputs and a third that leaves least noise, among the likeliest third inputs."""
+    """Return the product of two inputs and the third input with the least residual variance; [] if there is no third
+    input."""
     pair, columns = problem.inputs.names, every.inputs.mapping()
     rest = sorted(set(columns).difference(pair))
     if not rest:
@@ -115,12 +121,12 @@ def _with_a_third(problem: SlotProblem, every: SlotProblem) -> list[_Structure]:
 
 
 def _nats(problem: SlotProblem, noise: float, less: float) -> float:
-    """Nats by which what leaves less noise is likelier."""
+    """Return the difference in log likelihood, nats, between residual variances ``noise`` and ``less``."""
     return 0.5 * problem.targets.components * float(np.log(noise / less))
 
 
 def _of_more(problem: SlotProblem) -> list[_Structure]:
-    """Structures of the three inputs of which one leaves least noise, and of two of these."""
+    """Return structures of the three inputs with the least residual variance, and of pairs of these inputs."""
     some = [problem.only(0, names) for names in itertools.combinations(problem.inputs.names, 3)]
     found = [(structure(only), only) for only in some for structure in (_products, _of_weighted_sum)]
     found += [(_product_and_summand(only, last), only) for only in some for last in only.inputs.names]
@@ -135,13 +141,13 @@ def _structures_of_two(problem: SlotProblem) -> list[_Structure]:
 
 
 def _likely(problem: SlotProblem, structures: Sequence[_Structure]) -> list[_Structure]:
-    """Structures that are nearly as likely as any."""
+    """Return the structures within BEHIND nats of the best one."""
     least = min(structure.noise for structure in structures)
     return [one for one in structures if _nats(problem, one.noise, least) <= BEHIND]
 
 
 def _products(problem: SlotProblem) -> _Structure:
-    """Products of a formula of each input, each searched as the problem is seen through the other factors."""
+    """Return products of one formula per input; each factor is searched with smooth functions as the other factors."""
     noise, values = factors(problem.targets, problem.inputs.values)
 
     def programs() -> list[Program]:
@@ -157,7 +163,7 @@ def _products(problem: SlotProblem) -> _Structure:
 
 
 def _sums(problem: SlotProblem) -> _Structure:
-    """Sums of a formula of each of two inputs, each searched with the other summand taken off the residual."""
+    """Return sums of one formula for each of two inputs; each is searched with the other summand subtracted."""
     first, second = summands(problem.targets, problem.inputs.values)
     seen = without(problem.targets, second), without(problem.targets, first)
 
@@ -168,7 +174,8 @@ def _sums(problem: SlotProblem) -> _Structure:
 
 
 def _product_and_summand(problem: SlotProblem, last: str) -> _Structure:
-    """Sums of a product of formulas of each input but one and a formula of that, each searched without the other."""
+    """Return sums of a formula of the input ``last`` and a product of formulas of the other inputs.
+    Each part is searched with the other part subtracted as a smooth function."""
     factor_names = [name for name in problem.inputs.names if name != last]
     columns = np.array([problem.inputs[name] for name in (*factor_names, last)])
     noise, product, summand = product_and_summand(problem.targets, columns)
@@ -186,7 +193,7 @@ def _product_and_summand(problem: SlotProblem, last: str) -> _Structure:
 
 
 def _added(problem: SlotProblem, firsts: Sequence[Program], seconds: Sequence[Program]) -> list[Program]:
-    """Sums of two programs of each kind, the ratio of their amounts solved."""
+    """Return the sums of each first and each second program, with the ratio of their coefficients solved."""
     found, columns = [], problem.inputs.mapping()
     for f, s in itertools.product(firsts, seconds):
         one, other = problem.targets.set_gain(np.vstack([f.evaluate(columns), s.evaluate(columns)]), 0)[1].tolist()
@@ -196,7 +203,7 @@ def _added(problem: SlotProblem, firsts: Sequence[Program], seconds: Sequence[Pr
 
 
 def _of_each(problem: SlotProblem, *targets: Targets) -> list[list[Program]]:
-    """Formulas of each input of a problem on targets of its own."""
+    """Return formulas for each input of a problem, each with its own targets."""
     inputs = zip(problem.inputs.names, problem.inputs.values, targets, strict=True)
     return [_of_column(name, column, seen, problem.parsimony) for name, column, seen in inputs]
 
@@ -204,7 +211,8 @@ def _of_each(problem: SlotProblem, *targets: Targets) -> list[list[Program]]:
 def _of_column(
     name: str, column: Array, targets: Targets, parsimony: float, most: tuple[int, int] = (STARTED_OF_SEVERAL, PIECES)
 ) -> list[Program]:
-    """Formulas of a column (N,) of a name, the shortest descriptions. most: founders that are fitted; formulas."""
+    """Return formulas of a column (N,), the shortest descriptions.
+    most: number of founders whose constants are fitted, and of formulas."""
     few, seen = binned(column, targets)
     population = Formulas(SlotProblem(Inputs((name,), few[None]), seen, parsimony=parsimony))
     population.add([parse(repr(name)), *founders(name, column, targets, most[0])])
@@ -212,7 +220,7 @@ def _of_column(
 
 
 def _of_weighted_sum(problem: SlotProblem) -> _Structure:
-    """Formulas of the weighted sum of inputs that saves most."""
+    """Return formulas of the weighted sum of inputs with the largest gain."""
     weights = weighted_sum(problem.targets, problem.inputs.values)
     weights = weights / weights[np.argmax(np.abs(weights))]
     pairs = zip(problem.inputs.names, weights.tolist(), strict=True)
@@ -221,13 +229,13 @@ def _of_weighted_sum(problem: SlotProblem) -> _Structure:
 
 
 def _of_distance(problem: SlotProblem) -> _Structure:
-    """Formulas of the distance from a point in the plane of two inputs that saves most."""
+    """Return formulas of the distance from a point, in the plane of two inputs, with the largest gain."""
     (one, other), (a, b, w) = map(repr, problem.inputs.names), distance(problem.targets, problem.inputs.values)
     return _of_any(problem, parse(f"hypot({one} - ({a:.6g}), ({w:.6g})*({other} - ({b:.6g})))"))
 
 
 def _of_any(problem: SlotProblem, joined: Program) -> _Structure:
-    """Formulas of what inputs are joined to."""
+    """Return formulas of an inner program ``joined``."""
     column, targets = joined.evaluate(problem.inputs.mapping())[0], problem.targets
 
     def programs() -> list[Program]:

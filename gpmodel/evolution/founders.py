@@ -1,11 +1,9 @@
-"""The short forms that formulas are bred from: elements of one input, elements of those, products of two.
+"""Short forms from which formulas are bred: elements of one input, elements of elements, products of two elements.
 
-An element is an operator of k (u - c), where u runs over [0, 1] at the poses: line, power, wave, bump, ramp, edge, dead
-zone, saturation, pole, root, logarithm. Every element, every element of an element and every product of two is compared
-by projection at a few k and c, some forty thousand; their constants are fitted afterwards. An edge has no slope to fit
-its position by, so that it is compared between all neighbouring values.
-
-Source: Bartlett, Desmond and Ferreira (2024), exhaustive symbolic regression.
+An element is an operator of k (u - c), where u is the input scaled to [0, 1]: line, power, wave, bump, ramp, step, dead
+zone, saturation, pole, root, logarithm. Some forty thousand short forms, on a grid of k and c, are compared by
+projection; their constants are fitted afterwards. A step has no derivative by its position; it is tried between all
+neighbouring values. Source: Bartlett, Desmond and Ferreira (2024), exhaustive symbolic regression.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -23,32 +21,37 @@ from gpmodel.formula.operators import BY_NAME
 from gpmodel.formula.program import Builder, Node, Program
 
 INSIDE, OUTSIDE = (0.1, 0.9, 4), (0.02, 0.1, 0.4)
-"""Places c, from one to another in so many steps; distances of poles and roots from the range, which start outside."""
+"""Grid of c as first value, last value and number of steps; distances of poles and roots from
+the range of the input."""
 STEEP, TURNS, GROWTH, WIDTHS = (2.0, 25.0, 2), (2.0, 24.0, 8), (1.5, 20.0, 2), (3.0, 8.0, 1)
-"""Constants k of steps, of waves, of exponentials, and of bumps and resonances: from one to another, in so many."""
+"""Grids of k for smooth steps, waves, exponentials, and bumps and resonances: first value, last
+value, number of steps."""
 ROOTS = 0.1, 1.0, 8
-"""Distances of the outer roots of a cubic from the middle one, from one to another in so many steps: of four steps a
-plain cubic began so far off that two hundred other shapes were before it."""
+"""Grid of the distances of the outer roots of a cubic from its middle root: first, last, number of steps. With four
+steps a plain cubic started so far off that two hundred other shapes ranked above it."""
 EXPONENTS = (0.75, 1.25, 2.0)
-"""Exponents p in odd powers x |x|^p at the start; in even powers one more."""
+"""Exponents p of odd powers x |x|^p at the start; even powers start at p + 1."""
 ALONE = 3
-"""Refinement of the exponents for a single element: a sine at a wrong rate is uninformative."""
+"""Factor by which the grid is finer for single elements: a sine of a wrong rate is uninformative."""
 LINE = "({q} - {a})"
-"""The element that is the input itself, from a place."""
+"""Text of the element that is the input minus a constant."""
 EDGE, BESIDE_EDGE = "step({q} - {a})", 0.05
-"""The element that sets in at once, and the share of the poses that it leaves at either side at least."""
+"""Text of the step element; least share of the poses on either side of a step."""
 JOINED = 4.0
-"""Nats that an element has to gain, about its nodes and constants."""
+"""Nats that an element has to gain, approximately the price of its nodes and constants."""
 APART = 1.001
-"""Ratio of two constants that begin at one place of the grid."""
+"""Ratio of two constants that start at one point of the grid, so that they are fitted separately."""
 BINS, CHUNK = 64, 1_000_000
-"""Values of a column that elements are compared on; numbers that compositions are computed of at a time."""
+"""Number of values of a column at which elements are compared; size of an array of compositions."""
 
 
 @dataclass(frozen=True)
 class Element:
-    """A function of x = k (u - c). text: in the input's unit, {q} the input, {k} and {a} k and c; {b} is c + 1/k, {d}
-    1/k², {e} -k²."""
+    """A function of x = k (u - c).
+
+    text: formula in the unit of the input: {q} is the input, {k} and {a} are k and c, {b} is c + 1/k, {d} 1/k², {e}
+    -k².
+    """
 
     text: str
     function: Callable[[Array], Array]
@@ -56,7 +59,7 @@ class Element:
     c: float = 0.0
 
     def program(self, inner: Program, low: float, width: float) -> Program:
-        """The element of a program whose values lie from ``low`` over ``width``."""
+        """Return the element of a program ``inner`` whose values range from ``low`` to ``low + width``."""
         numbers = {
             "k": self.k / width,
             "a": low + self.c * width,
@@ -75,36 +78,37 @@ class Element:
 
     @property
     def size(self) -> int:
-        """Nodes that it adds."""
+        """Number of nodes that the element adds."""
         return _template(self.text).complexity - 1
 
 
 @cache
 def _template(text: str) -> Program:
-    """A text of an element as a program of inputs q, k, a, b, d and e."""
+    """Parse the text of an element as a program of inputs q, k, a, b, d and e."""
     return parse(text.format(**{name: name for name in "qkabde"}))
 
 
 def constant(value: float) -> Program:
-    """A program that is a number, to six digits."""
+    """Return a program that is a constant, rounded to six digits."""
     builder = Builder()
     return builder.program([builder.constant(float(f"{value:.6g}"))])
 
 
 def _inside(finer: int) -> list[float]:
-    """Places within the range."""
+    """Return values c on the grid INSIDE, refined by a factor."""
     first, last, steps = INSIDE
     return list(np.linspace(first, last, steps * finer + 1).tolist())
 
 
 def _in_proportion(numbers: tuple[float, float, int], finer: int = 1) -> list[float]:
-    """Numbers from one to another, each so many times the one before."""
+    """Return a geometric grid from (first, last, number of steps), refined by a factor."""
     first, last, steps = numbers
     return list(np.geomspace(first, last, steps * finer + 1).tolist())
 
 
 def _elements(finer: int = 1) -> Iterator[Element]:
-    """Line, powers, kink, ramps, dead band, wave, steps, bump, resonance, growths, roots, logarithms, poles."""
+    """Yield lines, powers, kinks, ramps, dead zones, waves, steps, bumps, resonances, exponentials, roots, logarithms,
+    poles."""
     apply = {name: operator.function for name, operator in BY_NAME.items()}
     inside = _inside(finer)
     steep, turns, growth, widths = (_in_proportion(numbers, finer) for numbers in (STEEP, TURNS, GROWTH, WIDTHS))
@@ -133,20 +137,20 @@ def _elements(finer: int = 1) -> Iterator[Element]:
 
 
 def _cubics() -> Iterator[Element]:
-    """Cubics by their middle root; among the products they are one of a parabola and a line, of more constants."""
+    """Yield cubics by their middle root. As a product of a parabola and a line a cubic needs more constants."""
     for c, root in product(_inside(ALONE), _in_proportion(ROOTS)):
         yield Element("({q} - {a})*(square({q} - {a}) - {d})", lambda x: x * (x * x - 1.0), 1.0 / root, c)
 
 
 def _powers() -> Iterator[Element]:
-    """Powers of any exponent, odd and even about their root."""
+    """Yield powers with real exponents, odd and even about their root."""
     for c, p in product(_inside(ALONE), EXPONENTS):
         yield Element(f"({{q}} - {{a}})*power(abs({{q}} - {{a}}), {p})", partial(_odd_power, p), c=c)
         yield Element(f"power(abs({{q}} - {{a}}), {p + 1.0})", partial(_even_power, p + 1.0), c=c)
 
 
 def _rectified() -> Iterator[Element]:
-    """Rectified waves; among the compositions they begin too far from the data's rate."""
+    """Yield rectified waves. As compositions they start too far from the rate in the data."""
     for c, k in product(_inside(ALONE), _in_proportion(TURNS, ALONE)):
         yield Element("abs(sin({k}*({q} - {a})))", lambda x: np.abs(np.sin(x)), 0.5 * k, c)
 
@@ -164,7 +168,7 @@ def _of_opposite(function: Callable[[Array], Array], x: Array) -> Array:
 
 
 class Elements:
-    """Elements in the order of their texts. every: one by one; first: number of the first of each text (T,)."""
+    """Elements sorted by text. every: all elements. first: index (T,) of the first element of each text."""
 
     def __init__(self, every: Iterable[Element]) -> None:
         numbers: dict[str, list[Element]] = {}
@@ -176,11 +180,11 @@ class Elements:
         self._constants = np.array([(element.k, element.c) for element in self.every]).reshape(-1, 2)
 
     def of_text(self, text: int) -> slice:
-        """Numbers of the elements of a text."""
+        """Return the indices of the elements with text number ``text``."""
         return slice(self.first[text], self.first[text + 1] if text + 1 < len(self.first) else len(self.every))
 
     def on_grid(self, columns: Array) -> Array:
-        """Values (C, E, N) over columns (C, N), each of which varies."""
+        """Return the values (C, E, N) of all elements at columns (C, N), none of which is constant."""
         u = (columns - columns.min(axis=1, keepdims=True)) / np.ptp(columns, axis=1)[:, None]
         out = np.empty((len(columns), len(self.every), columns.shape[1]))
         for text in range(len(self.texts)):
@@ -191,7 +195,7 @@ class Elements:
 
 
 def edges(column: Array) -> Elements:
-    """An edge half way between any two neighbouring values of a column (N,) that have enough poses at either side."""
+    """Return a step between any two neighbouring values of a column (N,) with enough poses on either side."""
     u = np.sort((column - column.min()) / np.ptp(column))
     fewest = max(1, int(np.ceil(BESIDE_EDGE * len(u))))
     low, high = u[fewest - 1 : len(u) - fewest], u[fewest : len(u) - fewest + 1]
@@ -201,24 +205,26 @@ def edges(column: Array) -> Elements:
 
 ELEMENTS, FINE = Elements(_elements()), Elements((*_elements(ALONE), *_cubics(), *_powers(), *_rectified()))
 FAR = Elements(Element("square({q} - {a})", np.square, c=c) for d in OUTSIDE for c in (-d, 1.0 + d))
-"""Squares from places outside the range, of which other elements are taken: a wave of one is a chirp."""
+"""Squares about points outside the range, as inner functions of other elements: a wave of such a square is a chirp."""
 
 Build = Callable[[], Program]
 
 
 @dataclass(frozen=True)
 class Founder:
-    """A short form before its constants are fitted: nats that it saves less those of its elements, and its program."""
+    """A short form before its constants are fitted. nats: gain minus the price of its elements. build: makes the
+    program."""
 
     nats: float
     build: Build
 
 
 def founders(name: str, column: Array, targets: Targets, most: int) -> list[Program]:
-    """The short forms of a column (N,) of a name that save most at the targets' first site from where they start.
+    """Return the ``most`` short forms of a column (N,) with the largest gain at the first site, before constants are
+    fitted.
 
-    One of a kind: of those that differ in constants alone the best. Compared on at most ``BINS`` values of the column.
-    A column that does not vary has none.
+    Of forms that differ in constants alone only the best is kept. Forms are compared on at most ``BINS`` values. A
+    constant column has none.
     """
     if not np.ptp(column):
         return []
@@ -237,10 +243,8 @@ def founders(name: str, column: Array, targets: Targets, most: int) -> list[Prog
 
 
 def binned(column: Array, targets: Targets) -> tuple[Array, Targets]:
-    """At most ``BINS`` values of a column (N,), and the targets of functions of it, sums over the poses of each.
-
-    A function that is constant over each bin has the gain that it has at the poses.
-    """
+    """Return at most ``BINS`` values of a column (N,), and targets summed over the poses of each bin.
+    A function that is constant over each bin has the gain that it has at the poses."""
     if len(column) <= BINS:
         return column, targets
     order = np.argsort(column, kind="stable")
@@ -254,13 +258,13 @@ def binned(column: Array, targets: Targets) -> tuple[Array, Targets]:
 
 
 def _nats(values: Array, targets: Targets) -> Array:
-    """Nats (...) that each of values (..., N) saves."""
+    """Return the gain (...), nats, of each of the basis functions with values (..., N)."""
     flat = values.reshape(-1, values.shape[-1])
     return fit_nats(targets.gains(flat)[:, 0], targets.components).reshape(values.shape[:-1])
 
 
 def _alone(elements: Elements, column: Array, targets: Targets, of: Callable[[Element], Program]) -> Iterator[Founder]:
-    """The best element of each text."""
+    """Yield the best element of each text."""
     nats = _nats(elements.on_grid(column[None, :])[0], targets)
     for text in range(len(elements.texts)):
         numbers = elements.of_text(text)
@@ -269,7 +273,7 @@ def _alone(elements: Elements, column: Array, targets: Targets, of: Callable[[El
 
 
 def _products(alone: Array, targets: Targets, of: Callable[[Element], Program]) -> Iterator[Founder]:
-    """The best product of two elements for every two texts."""
+    """Yield the best product of two elements for every pair of texts."""
     nats = np.full((len(alone), len(alone)), -np.inf)
     for one in range(len(alone)):
         nats[one, one:] = _nats(alone[one] * alone[one:], targets)
@@ -283,7 +287,7 @@ def _products(alone: Array, targets: Targets, of: Callable[[Element], Program]) 
 def _composed(
     inner: Elements, columns: dict[str, Array], targets: Targets, of: Callable[[Element], Program]
 ) -> Iterator[Founder]:
-    """The best element of another element of one column (N,), for every two texts."""
+    """Yield the best element of an inner element, for every pair of texts."""
     inside = inner.on_grid(np.array(list(columns.values())))[0]
     nats = np.full((len(inside), len(ELEMENTS.every)), -np.inf)
     varies = np.flatnonzero((np.ptp(inside, axis=1) > 0) & np.array([element.text != LINE for element in inner.every]))
@@ -299,7 +303,7 @@ def _composed(
 
 
 def _of_blocks(nats: Array, first: Elements, build: Callable[[int, int], Program]) -> Iterator[Founder]:
-    """The best of nats (E, F) of every two texts."""
+    """Yield the best pair of elements of every pair of texts. nats: gains (E, F)."""
     best = np.maximum.reduceat(np.maximum.reduceat(nats, first.first, axis=0), ELEMENTS.first, axis=1)
     for one, other in zip(*np.nonzero(best > 2.0 * JOINED), strict=True):
         rows, columns = first.of_text(one), ELEMENTS.of_text(other)
@@ -310,12 +314,12 @@ def _of_blocks(nats: Array, first: Elements, build: Callable[[int, int], Program
 
 
 def product_of(first: Program, second: Program) -> Program:
-    """The product of two programs, whose equal constants are fitted apart: they are equal by the grid they begin on."""
+    """Return the product of two programs. Constants that are equal only because of the grid are fitted separately."""
     apart = [value * APART if value in first.constants else value for value in second.constants]
     return joined("multiply", first, second.with_constants(apart))
 
 
 def joined(operator: str, *programs: Program) -> Program:
-    """An operator of programs of one output."""
+    """Return an operator applied to programs of one output each."""
     builder = Builder()
     return builder.program([builder.apply(operator, *(builder.copy(one)[one.outputs[0]] for one in programs))])

@@ -1,4 +1,4 @@
-"""One generation after another: scores, selection, breeding, and constants fitted now and then."""
+"""Generations of a population: scoring, selection, breeding, and fits of constants at intervals."""
 
 from functools import reduce
 
@@ -20,7 +20,7 @@ POLISHED = 4
 
 
 class Generations:
-    """A problem's populations under some settings, without a clock."""
+    """The populations of a problem under some settings, without a time limit."""
 
     def __init__(self, problem: Scored, settings: Settings, rng: np.random.Generator) -> None:
         self.problem, self.selection, self.budget, self.rng = problem, settings.selection, settings.budget, rng
@@ -34,7 +34,8 @@ class Generations:
         self.hopeless = np.inf
 
     def scores(self, population: Population, hopeless: float = np.inf, known: Scores | None = None) -> Scores:
-        """Scores of a population; effective code that is in ``known`` is not run again."""
+        """Return the scores of a population; scores of effective code in ``known`` are reused.
+        hopeless: score above which a program may get an infinite score."""
         decode = population.decoder(self.layout)
         found = Scores.empty(len(population))
         order = None if known is None else np.argsort(known.hashes)
@@ -55,12 +56,12 @@ class Generations:
         return found
 
     def start(self) -> tuple[Population, Scores]:
-        """A fresh population and its scores."""
+        """Return a random population and its scores."""
         population = self.breeding.initial(self.budget.population, self.rng)
         return population, self.scores(population)
 
     def following(self, population: Population, scores: Scores) -> tuple[Population, Scores]:
-        """The next population and its scores."""
+        """Breed the next population; return it and its scores."""
         count = self.budget.population
         mothers, fathers = self.selection.parents(scores, self.rng)
         children = self.breeding.offspring(population, mothers, fathers, self.rng)
@@ -71,10 +72,10 @@ class Generations:
         return (children, found) if keep is None else (population.join(children).take(keep), both.take(keep))
 
     def scores_of_eligible(self, children: Population, few: int) -> Scores:
-        """Scores in which those too bad to be selected may be infinite; who is selected is the same.
+        """Return scores in which programs too bad to be selected may be infinite, which does not change the selection.
 
-        Over many poses, a maximum that passes a limit is not run to the end. Where fewer than ``few`` stay
-        below the limit, taken from the generation before, everything is run again without one.
+        The maximum error over many poses is not computed to the end once it exceeds a limit, taken from the generation
+        before. If fewer than ``few`` programs are below the limit, all are scored without it.
         """
         if not self.problem.can_drop_the_hopeless:
             return self.scores(children)
@@ -85,7 +86,8 @@ class Generations:
         return found
 
     def polished(self, population: Population, scores: Scores) -> tuple[Population, Scores]:
-        """The best programs not met before, their constants fitted, in the place of the worst."""
+        """Fit the constants of the best programs that were not fitted before, and let them
+        replace the worst programs."""
         if not isinstance(self.problem, SlotProblem) or not self.layout.own_constants:
             return population, scores
         columns = self.problem.inputs.mapping()
@@ -111,6 +113,6 @@ class Generations:
 
 
 def distinct(hashes: NDArray[np.uint64]) -> int:
-    """Number of different effective codes."""
+    """Return the number of different effective codes."""
     ordered = np.sort(hashes)
     return 1 + int(np.count_nonzero(ordered[1:] != ordered[:-1]))

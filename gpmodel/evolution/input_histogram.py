@@ -1,4 +1,5 @@
-"""The histogram of referenced inputs (thesis Figs 5.9, 5.12, 5.13) over many runs, against what chance refers to."""
+"""Histogram of referenced inputs (thesis Figs 5.9, 5.12, 5.13) over many runs, compared with runs on permuted
+residuals."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -15,9 +16,11 @@ from gpmodel.formula.program import Program
 
 @dataclass(frozen=True)
 class RunRecord:
-    """The best program of one run: of which representation, on the residual or on a shuffled one.
+    """The best program of one run.
 
-    ``strength`` is what it explains, larger is better: the nats saved (slot) or -log(1 - gain) (compensator).
+    representation: name of the representation.
+    shuffled: whether the residual was permuted.
+    strength: gain in nats (slot) or -log(1 - gain) (compensator); larger is better.
     """
 
     representation: str
@@ -28,11 +31,13 @@ class RunRecord:
 
 @dataclass(frozen=True)
 class Histogram:
-    """Runs whose best program references each input in effective code, on the residual and on shuffled ones.
+    """Number of runs whose best program references each input, on the residual and on permuted residuals.
 
-    ``counts`` and ``shuffled`` map a representation to (inputs,) runs, ``operators`` to the runs that use each
-    operator; ``runs`` and ``shuffled_runs`` say how many there were. ``count_p`` and ``strength_p`` (inputs,) are the
-    two chances of ``p_values``; an input is significant below ``significance``.
+    counts, shuffled: representation -> number (inputs,) of runs on the residual, and on permuted residuals.
+    operators: representation -> number of runs that use each operator.
+    runs, shuffled_runs: representation -> number of runs.
+    count_p, strength_p: the two p-values (inputs,) of ``histogram``.
+    significance: an input is significant if both p-values are below it.
     """
 
     inputs: tuple[str, ...]
@@ -47,22 +52,23 @@ class Histogram:
 
     @property
     def p_values(self) -> tuple[float, ...]:
-        """The larger of the two chances (inputs,): an input has to stand out both in number and in what it explains."""
+        """The larger of the two p-values (inputs,): an input has to be referenced often, and by strong programs."""
         return tuple(map(max, self.count_p, self.strength_p))
 
     @property
     def significant(self) -> tuple[str, ...]:
-        """Inputs whose p-value is below ``significance``."""
+        """Inputs with a p-value below ``significance``."""
         return tuple(name for name, p in zip(self.inputs, self.p_values, strict=True) if p < self.significance)
 
     @property
     def referring(self) -> tuple[int, ...]:
-        """Runs (inputs,) of all representations that reference each input."""
+        """Number (inputs,) of runs, in all representations, whose best program references each input."""
         return self._summed(self.counts)
 
     @property
     def referring_by_chance(self) -> tuple[int, ...]:
-        """Shuffled runs (inputs,) of all representations that reference each input."""
+        """Number (inputs,) of runs on permuted residuals, in all representations, whose best program references each
+        input."""
         return self._summed(self.shuffled)
 
     def _summed(self, counts: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
@@ -70,17 +76,16 @@ class Histogram:
 
 
 def histogram(records: Sequence[RunRecord], inputs: Sequence[str], significance: float) -> Histogram:
-    """Count, over runs of any representations, the inputs and operators of their best programs.
+    """Count the inputs and operators of the best programs of runs, and test each input.
 
-    Both chances of an input are corrected for the number of inputs, each once:
-
-    * count: Fisher's exact test of the runs that reference it against the shuffled runs that do, times the number of
-      inputs (Bonferroni);
-    * strength: the chance that a shuffled run explains as much, by whatever inputs, as the best run that references
-      this one (``gpmodel.evolution.chance``). A maximum over inputs needs no further correction (Westfall, Young 1993).
-
-    Runs on one residual agree even where there is only noise, so that counting alone would call chance an effect.
-    Raises InputError where there is no run at all.
+    Both p-values of an input are corrected for the number of inputs:
+    * count: Fisher's exact test of the runs that reference the input against runs on permuted residuals, times the
+    number of inputs (Bonferroni);
+    * strength: the probability that a run on permuted residuals, with any inputs, is as strong as the best run that
+    references the input (``gpmodel.evolution.chance``). A maximum over inputs needs no further correction (Westfall,
+    Young 1993).
+    Runs on one residual agree even if it is noise, so that counts alone would call chance an effect. Raises InputError
+    if there is no run.
     """
     if not records:
         raise InputError("histogram: no run to count")
@@ -103,10 +108,10 @@ def histogram(records: Sequence[RunRecord], inputs: Sequence[str], significance:
 
 
 def input_prices(histograms: Sequence[Histogram]) -> dict[str, float]:
-    """-ln(n p) of each of n inputs, nats: the price of reading it, from what evolved programs refer to.
+    """Return the price -ln(n p), nats, of using each of n inputs, from the references of evolved programs.
 
-    p is in proportion to the Bayes factor of a reference, (k + 1) / (N + 2) over (k' + 1) / (N' + 2): k of N programs
-    evolved on residuals refer to the input, k' of N' on permuted ones. Without runs every input costs nothing.
+    p is proportional to the Bayes factor of a reference, (k + 1) / (N + 2) over (k' + 1) / (N' + 2). k of N programs
+    evolved on residuals reference the input, k' of N' on permuted residuals. Without runs every price is zero.
     """
     references: dict[str, list[int]] = {}
     runs = sum(sum(h.runs.values()) for h in histograms)
@@ -123,13 +128,13 @@ def input_prices(histograms: Sequence[Histogram]) -> dict[str, float]:
 
 
 def without_runs(inputs: Sequence[str], significance: float) -> Histogram:
-    """The histogram of a search that was not made: every count is zero and every chance one."""
+    """Return the histogram of a search without runs: every count is zero and every p-value one."""
     certain = (1.0,) * len(inputs)
     return Histogram(tuple(inputs), {}, {}, {}, {}, {}, certain, certain, significance)
 
 
 def referencing(records: Sequence[RunRecord], inputs: Sequence[str]) -> tuple[int, ...]:
-    """Runs (inputs,) whose program references each input."""
+    """Return the number (inputs,) of runs whose program references each input."""
     return tuple(sum(name in record.program.inputs for record in records) for name in inputs)
 
 
@@ -145,7 +150,8 @@ def _by_count(real: Sequence[RunRecord], null: Sequence[RunRecord], inputs: Sequ
 
 
 def _at_least(count: int, marked: int, drawn: int, total: int) -> float:
-    """Chance of at least so many marked ones among those drawn: the upper tail of the hypergeometric distribution."""
+    """Return the probability of at least ``count`` marked among the drawn: the tail of the
+    hypergeometric distribution."""
     ways = sum(comb(marked, k) * comb(total - marked, drawn - k) for k in range(count, min(marked, drawn) + 1))
     return ways / comb(total, drawn)
 

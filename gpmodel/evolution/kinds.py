@@ -1,10 +1,10 @@
 """Kinds of values and the operations allowed on them: strongly typed programs (Montana 1995).
 
-Kinds of inputs: "angle", "short angle" (its range is too short for its period to show), "time" and "row" (clocks),
-"number" (dimensionless), and any other name, which is a quantity of its own: "length", "torque", "temperature". An
-angle may stand in periodic functions, in functions of its distance from a given angle, and in sums and differences. A
-quantity may be added to its own kind only. A clock may enter as a ramp, a step or an exponential approach. A threshold
-is a constant.
+Kinds of inputs: "angle", "short angle" (its range is too short for its period to matter), "time" and "row" (clocks),
+"number" (dimensionless), and any other name, which is a quantity of its own: "length", "torque", "temperature". Angles
+may be arguments of periodic functions and of functions of the distance from a given angle, and may be added and
+subtracted. A quantity may be added to its own kind only. Clocks may enter ramps, steps and exponential approaches. A
+threshold is a constant.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,8 @@ ANY, CONSTANT, NUMBER = "any", "constant", "number"
 ANGLE, SHORT, BENT, SQUARE = "angle", "short angle", "bent angle", "squared angle"
 CLOCKS = ("time", "row")
 SHORT_RANGE = np.pi / 2
-"""An angle that varies by less than a quarter turn: its sine is a straight line to 10 %, or a parabola to 3 %."""
+"""Range of an angle, rad, below which it is a short angle: its sine is a straight line to 10 %,
+or a parabola to 3 %."""
 
 _SATURATING = ("tanh", "atan")
 _UNARY: dict[str, dict[str, str]] = {
@@ -36,14 +37,14 @@ _UNARY: dict[str, dict[str, str]] = {
 
 
 def role(kind: str) -> str:
-    """Return the role of a kind in the rules: "clock" and "quantity" stand for all of theirs."""
+    """Return the role of a kind in the rules: "clock" for every clock, "quantity" for every quantity, else the kind."""
     if kind in CLOCKS:
         return "clock"
     return kind if kind in _UNARY or kind == CONSTANT else "quantity"
 
 
 def result(operator: str, *kinds: str) -> str | None:
-    """The kind that an operator makes of its arguments' kinds, None where it may not be applied to them."""
+    """Return the kind of an operator's result, or None if the operator may not be applied to these kinds."""
     if ANY in kinds:
         return ANY
     if all(kind == CONSTANT for kind in kinds):
@@ -81,15 +82,12 @@ def _of_two(operator: str, first: str, second: str) -> str | None:
 
 
 NONE = 255
-"""Number of no kind at all."""
+"""Number that means "no kind"."""
 
 
 @dataclass(frozen=True)
 class Typing:
-    """The kinds that can arise from inputs of some kinds, numbered; without any, everything may be done.
-
-    ``inputs`` are the kinds of the inputs in turn.
-    """
+    """Numbered kinds that can arise from the kinds of the inputs. Without ``inputs`` every operation is allowed."""
 
     inputs: tuple[str, ...] = ()
 
@@ -100,16 +98,17 @@ class Typing:
         return tuple(dict.fromkeys(made))
 
     def numbers(self, kinds: Sequence[str]) -> NDArray[np.uint8]:
-        """Kinds by name as the numbers that the kernels use."""
+        """Return the numbers of kinds, as the kernels use them."""
         return np.array([self.kinds.index(kind) for kind in kinds], dtype=np.uint8)
 
     @cached_property
     def of_inputs(self) -> NDArray[np.uint8]:
-        """Numbers of the inputs' kinds; empty where there are none."""
+        """Number of the kind of each input; empty without kinds."""
         return self.numbers(self.inputs)
 
     def results(self, operator: Operator) -> NDArray[np.uint8]:
-        """Number of the kind that an operator makes, by those of its arguments: (K,) or (K, K), or ``NONE``."""
+        """Return the number of an operator's result kind, (K,) or (K, K) by the kinds of its arguments; ``NONE`` if not
+        allowed."""
         return self._results[operator.name]
 
     @cached_property
@@ -125,10 +124,12 @@ class Typing:
         return found
 
     def repairs(self, operators: Sequence[Operator]) -> NDArray[np.uint16]:
-        """``256 op-code + kind`` over (op-code, first kind, second kind): what is done where an operator is asked for.
+        """Return ``256 op-code + kind`` of the operator that replaces each requested one, by the kinds of its
+        arguments.
 
-        The operator itself where it may be applied; else the next on offer of as many arguments that may; 0 where
-        none may. The second kind is 0 for one argument. Empty without kinds.
+        An allowed operator replaces itself. Otherwise the next allowed operator with as many arguments does; 0 if there
+        is none. The table is (op-codes, first kind, second kind), second kind 0 for one argument, and empty without
+        kinds.
         """
         count = len(self.kinds) if self.inputs else 0
         table = np.zeros((max(BY_CODE) + 1, count, count), dtype=np.uint16)
@@ -143,7 +144,7 @@ class Typing:
         return table
 
     def allows(self, program: Program, names: Sequence[str]) -> bool:
-        """Return whether every node of a program over inputs of these names has an allowed kind."""
+        """Return whether every node of a program is allowed, given the names of its inputs."""
         found: list[int] = []
         for node in program.nodes:
             if node.operator == "input":

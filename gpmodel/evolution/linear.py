@@ -1,7 +1,7 @@
-"""The linear sequence: a fixed-length array of operators and operands on an accumulator machine.
+"""Linear sequence: a fixed-length array of operators and operands on an accumulator machine.
 
-Thesis section 5.2.2, Table 5.1 and Figs 5.3 to 5.5. The accumulator starts as register 0 does; an operator
-that takes an operand and stands at the very end is dropped.
+Thesis section 5.2.2, Table 5.1 and Figs 5.3 to 5.5. The accumulator starts with the value of register 0. An operator at
+the very end that lacks its operand is dropped.
 """
 
 from collections.abc import Callable
@@ -23,13 +23,16 @@ from gpmodel.formula.program import Builder, Program
 
 @dataclass(frozen=True)
 class Linear:
-    """Programs as sequences of ``length`` genes; the defaults search a slot's shape.
+    """Settings of programs as sequences of ``length`` genes; the defaults search a basis function at a slot.
 
-    operators: a named set (``gpmodel.formula.operators.SETS``) or names; constants: fixed ones, own_constants: how
-    many more each program carries. outputs: how many of the ``registers`` are offered as a basis. start_inputs:
-    registers start from the inputs in turn rather than from 0; direct: binary operators may name an element as
-    well as a register. crossover, mutation: rates an element (Fig 5.3).
-    Raises InputError for a choice out of range.
+    operators: name of a set (``gpmodel.formula.operators.SETS``) or names.
+    constants: fixed constants.
+    own_constants: number of further constants that each program carries.
+    registers, outputs: number of registers, and of registers that are offered as basis functions.
+    start_inputs: registers start with the inputs in turn rather than with 0.
+    direct: binary operators may take an element of the input array as well as a register.
+    crossover, mutation: rates per gene (Fig 5.3).
+    Raises InputError for a value out of range.
     """
 
     length: int = 40
@@ -54,14 +57,14 @@ class Linear:
 
     @staticmethod
     def thesis() -> "Linear":
-        """Section 5.2.2: 160 elements, the operators and constants of Table 5.1, rates of 1 %."""
+        """Return the settings of section 5.2.2: 160 elements, operators and constants of Table 5.1, rates of 1 %."""
         return Linear(
             length=160, registers=8, outputs=3, operators="thesis", constants=TABLE_CONSTANTS, own_constants=0,
             start_inputs=False, direct=False, crossover=0.01, mutation=0.01,
         )  # fmt: skip
 
     def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> "SequenceBreeding":
-        """The machine over these inputs, its registers started from ``start`` where given, and its breeding."""
+        """Return the breeding of sequences over these inputs. start: inputs with which the registers start."""
         first: list[str | None] = [*start]
         if not first and self.start_inputs:
             first = [inputs.names[k % len(inputs.names)] for k in range(self.registers)]
@@ -75,7 +78,7 @@ class Linear:
 
 @dataclass(frozen=True)
 class Sequences:
-    """A population: genes (P, L) of uint8 and each program's own constants (P, own constants)."""
+    """A population of sequences. genes: (P, L). constants: (P, own constants)."""
 
     genes: NDArray[np.uint8]
     constants: Array
@@ -84,15 +87,15 @@ class Sequences:
         return len(self.genes)
 
     def take(self, rows: NDArray[np.intp]) -> "Sequences":
-        """The programs at some positions."""
+        """Return the programs at some rows."""
         return Sequences(self.genes[rows], self.constants[rows])
 
     def join(self, other: "Sequences") -> "Sequences":
-        """Both populations, this one first."""
+        """Return both populations, this one first."""
         return Sequences(np.concatenate([self.genes, other.genes]), np.concatenate([self.constants, other.constants]))
 
     def decoder(self, layout: Layout) -> Callable[[slice], Code]:
-        """Effective code of a slice, by the kernels."""
+        """Return a function from a slice of programs to their effective code."""
         return partial(self._decoded, layout)
 
     def _decoded(self, layout: Layout, part: slice) -> Code:
@@ -108,15 +111,15 @@ class Sequences:
         return code
 
     def program(self, row: int, layout: Layout) -> Program:
-        """One sequence as a program."""
+        """Return one sequence as a program."""
         return program_of(self.genes[row], self.constants[row], layout)
 
     def constants_of(self, row: int) -> Array:
-        """Own constants of one program."""
+        """Return the own constants of one program."""
         return np.array(self.constants[row])
 
     def with_constants(self, row: int, values: Array) -> "Sequences":
-        """The one program at ``row`` with other own constants."""
+        """Return a population of the program at ``row`` alone, with other own constants."""
         return Sequences(self.genes[row : row + 1], values[None, :])
 
 
@@ -124,8 +127,8 @@ class Sequences:
 class SequenceBreeding:
     """Creation and variation of sequences (Fig 5.3).
 
-    While a child is copied, each element switches to the other parent at rate ``crossover`` and is replaced
-    by a random one at rate ``mutation``.
+    While a child is copied, each element switches to the other parent at rate ``crossover`` and is replaced by a random
+    element at rate ``mutation``.
     """
 
     layout: Layout
@@ -135,14 +138,14 @@ class SequenceBreeding:
     threads: int = 1
 
     def initial(self, population: int, rng: np.random.Generator) -> Sequences:
-        """Uniform genes; own constants standard normal."""
+        """Return uniform random genes with standard normal own constants."""
         genes = rng.integers(0, 256, (population, self.length), dtype=np.uint8)
         return Sequences(genes, rng.normal(size=(population, self.layout.own_constants)))
 
     def offspring(
         self, parents: Population, mothers: NDArray[np.intp], fathers: NDArray[np.intp], rng: np.random.Generator
     ) -> Sequences:
-        """One child a pair of parents, each from a random stream of its own."""
+        """Return one child per pair of parents, each with its own random stream."""
         assert isinstance(parents, Sequences), "sequences are bred from sequences"
         from gpmodel.evolution.kernels.breeding import breed_sequences
 
@@ -161,7 +164,7 @@ class SequenceBreeding:
 
 
 def instructions(genes: NDArray[np.uint8], layout: Layout) -> list[tuple[int, int | None]]:
-    """Op-codes with their operand genes, as in Fig 5.4: ``[0 0 2 6 16]`` gives (0, 0), (2, 6), (16, None)."""
+    """Return op-codes with their operand genes, as in Fig 5.4: ``[0 0 2 6 16]`` gives (0, 0), (2, 6), (16, None)."""
     found: list[tuple[int, int | None]] = []
     pending = iter(int(gene) for gene in genes)
     for gene in pending:
@@ -174,10 +177,8 @@ def instructions(genes: NDArray[np.uint8], layout: Layout) -> list[tuple[int, in
 
 
 def program_of(genes: NDArray[np.uint8], constants: Array, layout: Layout) -> Program:
-    """The effective code of one sequence as a Program with ``layout.outputs`` outputs.
-
-    Values carry their kind with them; an operator that may not be applied is replaced or left out.
-    """
+    """Return the effective code of one sequence as a Program with ``layout.outputs`` outputs.
+    An operator that is not allowed on the kinds of its arguments is replaced or left out."""
     builder = Builder()
 
     def row(index: int) -> int:

@@ -1,7 +1,7 @@
-"""Links: functions of a response that make it a sum, whose coefficients are solved (McCullagh, Nelder 1989).
+"""Link functions that turn a response into a sum, whose coefficients are solved (McCullagh, Nelder 1989).
 
-A formula ``y = inverse(c1 phi1 + c2 phi2 + ...)`` is searched as ``forward(y) = c1 phi1 + c2 phi2 + ...``, each point
-weighted by what an error of the link does to the response.
+A formula ``y = inverse(c1 phi1 + c2 phi2 + ...)`` is searched as ``forward(y) = c1 phi1 + c2 phi2 + ...``. Each point
+is weighted by the ratio of an error of the response to an error of the link.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,16 +22,18 @@ from gpmodel.formula.program import Builder, Program
 PRICE = 3.0
 """Nats of a node or a constant: one of some twenty operators and inputs."""
 LARGEST_POWER = 8
-"""Whole powers up to this one are written as products."""
+"""Largest integer power that is written as a product."""
 
 
 @dataclass(frozen=True)
 class Link:
-    """The operator of a response that makes it a sum, and the one that makes the sum a response again; "" for none.
+    """A link function of a response.
 
-    with_inputs: whether the inputs under the same operator are terms of every sum: powers under the logarithm, squares
-    under the square. quotient: whether terms of a denominator are offered too, which multiply the response:
-    y (1 - sum b (phi - mean phi)) = sum c phi.
+    operator, inverse: name of the link and of its inverse; "" for the identity.
+    with_inputs: every sum has the inputs under the same operator as terms: powers for the logarithm, squares for the
+    square.
+    quotient: terms of a denominator are offered too, multiplied by the response: y (1 - sum b (phi - mean phi)) = sum c
+    phi.
     """
 
     operator: str = ""
@@ -40,25 +42,26 @@ class Link:
     quotient: bool = False
 
     def forward(self, response: Array) -> Array:
-        """The response (N,) as the sum that it is."""
+        """Return the response (N,) under the link."""
         with np.errstate(all="ignore"):
             return BY_NAME[self.operator].function(response) if self.operator else response
 
     def applies(self, response: Array) -> bool:
-        """Return whether the response can be recovered from its link."""
+        """Return whether the response can be recovered from its value under the link."""
         there = self.forward(response)
         one_sign = bool(np.all(response > 0) or np.all(response < 0))
         return bool(np.isfinite(there).all() and np.ptp(there) > 0 and (one_sign or self.operator != "square"))
 
     def root_weights(self, response: Array) -> Array:
-        """Roots of the weights (N,), the largest 1: an error e of the response is g'(y) e under the link g."""
+        """Return the square roots (N,) of the weights, the largest 1: an error e of the link g(y) is an error e / g'(y)
+        of y."""
         if not self.operator:
             return np.ones_like(response)
         root = 1.0 / np.abs(BY_NAME[self.operator].derivatives(response)[0])
         return np.asarray(root / root.max())
 
     def always(self, inputs: Mapping[str, Array]) -> list[Program]:
-        """Terms of every sum: one, and where it is said so each input under the operator."""
+        """Return the terms of every sum: a constant, and with ``with_inputs`` each input under the operator."""
         terms = [parse("1")]
         for name, column in inputs.items():
             if self.with_inputs and np.all(np.isfinite(self.forward(column))):
@@ -66,7 +69,7 @@ class Link:
         return terms
 
     def targets(self, inputs: Mapping[str, Array], response: Array) -> Targets:
-        """The linked response without the terms of every sum, as a site."""
+        """Return the response under the link, with the terms of every sum projected out, as a site."""
         root = self.root_weights(response)
         table = np.stack([root * term.evaluate(inputs)[0] for term in self.always(inputs)], axis=1)
         orthonormal, triangle = np.linalg.qr(table / np.abs(table).max(axis=0))
@@ -82,11 +85,11 @@ class Link:
     def formula(
         self, terms: Sequence[Program], inputs: Mapping[str, Array], response: Array, below: Sequence[Program] = ()
     ) -> Program | None:
-        """The formula of the terms of every sum and more, and those below the bar, the coefficients by least squares.
+        """Return the formula with these terms above and ``below`` the fraction bar, with coefficients by least squares.
 
-        Terms that save less than their price are left out, and an exponent becomes the nearest multiple of a half where
-        that costs less than to write another: only so has the power of a negative number its sign. None where no term
-        remains or the columns are no numbers.
+        Terms that save less than their price are left out. An exponent becomes the nearest multiple of 1/2 if the price
+        of a free exponent exceeds the loss; only then does the power of a negative number have a sign. Return None if
+        no term remains or a column is not finite.
         """
         every = [*self.always(inputs), *terms]
         root, under = self.root_weights(response), [term.evaluate(inputs)[0] for term in below]
@@ -125,18 +128,18 @@ LINKS = (
 
 
 def below_the_bar(values: Array, response: Array) -> Array:
-    """Columns (..., N) of terms of a denominator, centred: a denominator of mean 1 is not small everywhere."""
+    """Return the columns (..., N) of terms of a denominator, centred so that the mean of the denominator is 1."""
     with np.errstate(all="ignore"):
         return np.asarray((values - values.mean(axis=-1, keepdims=True)) * response) if values.size else values
 
 
 def summed(terms: Sequence[tuple[Program, float]]) -> Program:
-    """Add programs, each times its coefficient."""
+    """Return the sum of programs, each times its coefficient."""
     return reduce(lambda one, other: joined("add", one, other), (_scaled(*term) for term in terms))
 
 
 def _solved(table: Array, there: Array, exponents: Sequence[bool]) -> dict[int, float]:
-    """Coefficients by number of columns (N, k), as few of them free as the price of a term allows."""
+    """Return coefficients by column of ``table`` (N, k). A coefficient is free if it gains more than its price."""
     scale = np.abs(table).max(axis=0)
     free = np.flatnonzero(scale > 0).tolist()
     held: dict[int, float] = {}
@@ -169,7 +172,7 @@ def _simple(coefficient: float, exponent: bool) -> float:
 
 
 def _scaled(program: Program, coefficient: float) -> Program:
-    """A term times its coefficient; a program that reads no input stands for 1."""
+    """Return a term times its coefficient; a program without inputs counts as 1."""
     number = exactly(coefficient)
     if not program.inputs:
         return number
@@ -177,7 +180,7 @@ def _scaled(program: Program, coefficient: float) -> Program:
 
 
 def _product(terms: Sequence[tuple[Program, float]]) -> Program:
-    """exp of a sum, its logarithms written as powers where the exponent is a multiple of a half."""
+    """Return exp of a sum of terms; logarithms with multiples of 1/2 as coefficients become powers."""
     factors, level = [], 0.0
     for program, coefficient in terms:
         half, last = round(2.0 * coefficient), program.nodes[program.outputs[0]]
@@ -192,7 +195,7 @@ def _product(terms: Sequence[tuple[Program, float]]) -> Program:
 
 
 def _power(base: Program, half: int) -> Program:
-    """A program to the power of half of a whole number."""
+    """Return a program to the power half / 2."""
     builder = Builder()
     node = builder.copy(base)[base.outputs[0]]
     node = raise_to(builder, node if half % 2 == 0 else builder.apply("sqrt", node), abs(half) // (2 - half % 2))
@@ -200,7 +203,7 @@ def _power(base: Program, half: int) -> Program:
 
 
 def exactly(value: float) -> Program:
-    """A program that is a number, without the rounding that solving leaves of a whole one."""
+    """Return a program that is a constant; a value within rounding of an integer becomes the integer."""
     whole = round(value) if abs(value) < 1e9 else 0
     builder = Builder()
     return builder.program([builder.constant(float(whole) if whole and abs(value / whole - 1.0) < 1e-9 else value)])

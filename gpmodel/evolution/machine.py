@@ -17,13 +17,14 @@ ACCUMULATOR = np.uint32(1 << 31)
 
 @dataclass(frozen=True)
 class Layout:
-    """The element array of Table 5.1 (inputs, then fixed constants), and the machine around it.
+    """The element array of Table 5.1 (inputs, then fixed constants), and the accumulator machine.
 
-    ``own_constants`` more constants belong to each program. ``start`` names what each register holds before
-    the first operator (an input's name, or None for 0); the first ``outputs`` registers are offered at the
-    end. ``direct`` lets binary operators name an element as well as a register (half of the operand codes).
-    ``kinds`` of the inputs, where given, rule what may be done with what.
-    Raises InputError where sizes exceed what a gene or an output mask can address.
+    own_constants: number of further constants of each program.
+    start: initial value of each register: the name of an input, or None for 0.
+    outputs: the first so many registers are the outputs.
+    direct: binary operators take an element for half of the operand codes, a register for the other half.
+    kinds: of the inputs; they restrict the operations. Empty: no restriction.
+    Raises InputError if a size exceeds what a gene or an output mask can address.
     """
 
     inputs: tuple[str, ...]
@@ -49,12 +50,12 @@ class Layout:
 
     @property
     def elements(self) -> int:
-        """Inputs, fixed and own constants."""
+        """Number of inputs, fixed and own constants."""
         return len(self.inputs) + len(self.constants) + self.own_constants
 
     @property
     def zero_row(self) -> int:
-        """Number of the row that is zero: behind the inputs and constants."""
+        """Index of the row of zeros, after the inputs and constants."""
         return len(self.inputs) + len(self.constants)
 
     @property
@@ -63,32 +64,33 @@ class Layout:
         return self.zero_row + 1
 
     def fixed_rows(self, values: Array) -> Array:
-        """Rows (base, N) from the input values (inputs, N)."""
+        """Return the fixed rows (base, N) for input values (inputs, N)."""
         constants = np.broadcast_to(
             np.array([*self.constants, 0.0])[:, None], (len(self.constants) + 1, values.shape[1])
         )
         return np.ascontiguousarray(np.vstack([values, constants]))
 
     def element_row(self, element: int) -> int:
-        """Row of an element of the input array; own constants follow the fixed rows."""
+        """Return the row of an element of the input array; own constants follow the fixed rows."""
         return element if element < self.zero_row else element + 1
 
     @cached_property
     def start_rows(self) -> NDArray[np.uint16]:
-        """Rows that the registers start from."""
+        """Rows with which the registers start."""
         rows = [self.zero_row if name is None else self.inputs.index(name) for name in self.start]
         return np.array(rows, dtype=np.uint16)
 
     @cached_property
     def operator_of(self) -> NDArray[np.uint8]:
-        """Op-code of each gene: a code on offer is itself, any other gene stands for one in turn."""
+        """Op-code of each gene: a gene that is an offered op-code is that operator, other genes map to the offered ones
+        in turn."""
         offered = [INPUT, LOAD, STORE, *(operator.code for operator in self.operators)]
         table = [gene if gene in offered else offered[gene % len(offered)] for gene in range(256)]
         return np.array(table, dtype=np.uint8)
 
     @cached_property
     def begun_by(self) -> NDArray[np.uint16]:
-        """The instruction that each gene begins: 256 times its op-code, plus 255 where that takes an operand."""
+        """Instruction that each gene begins: 256 times its op-code, plus 255 if it takes an operand."""
         alone = [code for code, operator in BY_CODE.items() if operator.arity == 1]
         takes = ~np.isin(self.operator_of, alone)
         return self.operator_of.astype(np.uint16) * np.uint16(256) + takes * np.uint16(255)
@@ -96,7 +98,7 @@ class Layout:
     def operand(self, code: int, gene: int) -> tuple[str, int]:
         """Return the operand of an op-code: ("register", number) or ("row", number).
 
-        ``input`` names an element, ``load`` and ``store`` a register, a binary operator a register or, with
+        ``input`` takes an element, ``load`` and ``store`` a register. A binary operator takes a register or, with
         ``direct`` and an odd gene, an element.
         """
         registers = len(self.start)
@@ -109,10 +111,8 @@ class Layout:
 
     @cached_property
     def cell_of(self) -> NDArray[np.uint16]:
-        """``operand`` as a table over ``256 op-code + gene``: a register, or the registers plus a row.
-
-        Row 0 where an op-code takes no operand.
-        """
+        """Table of ``operand`` over ``256 op-code + gene``: the register, or the number of registers plus the row.
+        Row 0 if an op-code takes no operand."""
         registers = len(self.start)
         table = np.full((max(BY_CODE) + 1, 256), registers, dtype=np.uint16)
         for code in [INPUT, LOAD, STORE, *(code for code, operator in BY_CODE.items() if operator.arity == 2)]:
@@ -136,7 +136,7 @@ class Layout:
 
     @cached_property
     def typing(self) -> Typing:
-        """The rules of kinds over its rows."""
+        """Rules for the kinds of the inputs."""
         return Typing(self.kinds)
 
     @cached_property

@@ -1,12 +1,10 @@
-"""Formulas at one site bred from founders: crossover, composition and single edits, their constants solved.
+"""Breeding of formulas at one site: crossover, composition and single edits, with constants fitted.
 
-An individual is an expression of one output. Its coefficient is solved by projection and its constants by variable
-projection (``constants.polish``). Offspring are compared by the nats that they save from where they start, all at
-once; the constants of the best are fitted. Selection is by description length:
-
-    components / 2 * ln(1 - gain) + parsimony * (size + 1)
-
-Two individuals whose columns, projected out of the model and normalised, agree to four digits are one.
+An individual is an expression with one output. Its coefficient is solved by projection and its constants are fitted by
+variable projection (``constants.polish``). Offspring are compared by the nats that they save with their initial
+constants; the constants of the best are fitted. Selection is by description length:
+components / 2 * ln(1 - gain) + parsimony * (size + 1)
+Two individuals are equal if their columns, projected out of the model and normalised, agree to four digits.
 Source: Moscato (1989), memetic algorithms; Golub and Pereyra (1973), variable projection.
 """
 
@@ -27,24 +25,23 @@ from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Builder, Node, Program, description_size
 
 LONGEST = 30
-"""Nodes that a formula may have."""
+"""Largest number of nodes of a formula."""
 PARENTS, OFFSPRING, GENERATIONS = 6, 20, 3
-"""Formulas that are bred from, the shortest descriptions; offspring whose constants are fitted; generations at most."""
+"""Number of parents, the shortest descriptions; of offspring whose constants are fitted;
+largest number of generations."""
 SHORTENED = 2
 """Formulas whose shorter forms are fitted at a time."""
 FIRST_STEPS = 4
-"""Steps in which constants are fitted before the better half goes on."""
+"""Steps in which constants are fitted before the better half is continued."""
 IMPROVED = 1.0
-"""Nats that a generation has to save for the next one."""
+"""Nats that a generation has to save for another one to follow."""
 DIGITS = 1e-4
-"""Difference of normalised projected columns below which two formulas are one."""
+"""Difference of normalised projected columns below which two formulas are equal."""
 
 
 class Formulas:
-    """Formulas of one output at the first site of a problem, each different one fitted once.
-
-    allows: whether a program may be one of them.
-    """
+    """Formulas with one output at the first site of a problem, each different formula fitted once.
+    allows: whether a program is allowed as a formula."""
 
     def __init__(self, problem: SlotProblem, allows: Callable[[Program], bool] = lambda _: True) -> None:
         self.problem, self.allows = problem, allows
@@ -57,7 +54,7 @@ class Formulas:
         self.holds_constants = not targets.gains(np.ones((1, targets.poses)))[0, 0] > 0.0
 
     def add(self, programs: Iterable[Program]) -> None:
-        """Fit the constants of programs that are not met yet: some steps of all, then the better half to the end."""
+        """Fit the constants of new programs: some steps for all, then the better half to convergence."""
         fresh = list[Program]()
         for one in map(_centred, programs) if self.holds_constants else programs:
             if one.inputs and one.complexity <= LONGEST and self.allows(one):
@@ -76,7 +73,7 @@ class Formulas:
             self.take(program)
 
     def take(self, program: Program) -> None:
-        """Take in a program with its constants as they are, the shortest of an equal column."""
+        """Add a program with its constants unchanged; of programs with equal columns the shortest is kept."""
         values = program.evaluate(self.columns)
         column = self._column(values[0])
         place = self._places.setdefault(column, len(self.found))
@@ -88,7 +85,7 @@ class Formulas:
         self.found[place : place + 1] = [one]
 
     def best(self, count: int) -> list[Solution]:
-        """The shortest descriptions, one of those that differ in constants alone."""
+        """Return the ``count`` shortest descriptions; of formulas that differ in constants alone only the best."""
         of_form: dict[tuple[Node, ...], Solution] = {}
         for one in sorted(self.found, key=lambda solution: description_length(solution, self.problem)):
             form = (node._replace(value=None) if node.operator == "constant" else node for node in one.program.nodes)
@@ -96,11 +93,11 @@ class Formulas:
         return list(of_form.values())[:count]
 
     def nats(self) -> float:
-        """Description length that the best formula saves."""
+        """Return the description length, nats, that the best formula saves."""
         return max((-description_length(one, self.problem) for one in self.found), default=0.0)
 
     def _column(self, values: Array) -> bytes:
-        """The projected, normalised column of values (N,) to four digits, empty where it is none."""
+        """Return the projected, normalised column of values (N,) to four digits; empty if it is zero or not finite."""
         targets = self.problem.targets
         with np.errstate(all="ignore"):
             values = values / np.abs(values).max()
@@ -114,7 +111,7 @@ class Formulas:
 
 
 def _centred(program: Program) -> Program:
-    """The formula with tanh(c/2 x) in the place of logistic(c x), whose constant the geometry would have to hold."""
+    """Replace logistic(c x) by tanh(c/2 x). They differ by a constant, which the geometric constants contain."""
     root = program.outputs[0]
     if program.nodes[root].operator != "logistic":
         return program
@@ -135,7 +132,7 @@ def _centred(program: Program) -> Program:
 
 
 def bred(population: Formulas, names: Sequence[str], generations: int = GENERATIONS) -> None:
-    """Breed a population for as long as a generation improves it; inputs of these names join its formulas."""
+    """Breed a population until a generation no longer improves it. names: inputs that may join its formulas."""
     before = population.nats()
     for population.generation in range(1, generations + 1):
         parents = [one.program for one in population.best(PARENTS)]
@@ -147,7 +144,7 @@ def bred(population: Formulas, names: Sequence[str], generations: int = GENERATI
 
 
 def shortened(population: Formulas) -> None:
-    """Add the shorter forms of the best formulas for as long as they save more."""
+    """Add the shorter forms of the best formulas until they save no more."""
     before = -np.inf
     while population.nats() > before:
         before = population.nats()
@@ -156,14 +153,15 @@ def shortened(population: Formulas) -> None:
 
 @dataclass(frozen=True)
 class _Trial:
-    """Offspring before its constants are fitted: description length that it saves about, and its program."""
+    """Offspring before its constants are fitted.
+    nats: approximate description length saved. build: makes the program."""
 
     nats: float
     build: Callable[[], Program]
 
 
 def _offspring(population: Formulas, parents: Sequence[Program], names: Sequence[str]) -> list[Program]:
-    """The most promising of all offspring."""
+    """Return the most promising offspring."""
     trials: list[_Trial] = []
     for program in parents:
         values = program.evaluate(population.columns)[0]
@@ -176,7 +174,7 @@ def _offspring(population: Formulas, parents: Sequence[Program], names: Sequence
 
 
 def _of_each_text(nats: Array, build: Callable[[int], Program]) -> Iterator[_Trial]:
-    """The best element of each text, from nats (E,)."""
+    """Yield the best element of each text, from nats (E,)."""
     for text in range(len(ELEMENTS.texts)):
         numbers = ELEMENTS.of_text(text)
         best = numbers.start + int(np.argmax(nats[numbers]))
@@ -184,7 +182,7 @@ def _of_each_text(nats: Array, build: Callable[[int], Program]) -> Iterator[_Tri
 
 
 def _composed(population: Formulas, program: Program, values: Array) -> Iterator[_Trial]:
-    """Elements of a formula, of none whose spread has no square."""
+    """Yield elements of a formula; nothing if the range of the formula's values is too small or too large to square."""
     problem, low, width = population.problem, float(values.min()), float(np.ptp(values))
     if not 1.0 / LARGEST < width < LARGEST:
         return
@@ -195,7 +193,7 @@ def _composed(population: Formulas, program: Program, values: Array) -> Iterator
 
 
 def _joined(population: Formulas, program: Program, values: Array, name: str) -> Iterator[_Trial]:
-    """Products and sums of a formula and an element of an input."""
+    """Yield products and sums of a formula and an element of an input."""
     problem, column = population.problem, population.columns[name]
     plain, low, width = parse(repr(name)), float(column.min()), float(np.ptp(column))
     if not width > 0:
@@ -218,7 +216,7 @@ def _joined(population: Formulas, program: Program, values: Array, name: str) ->
 
 
 def _tilted(population: Formulas, program: Program, names: Sequence[str]) -> Iterator[_Trial]:
-    """An input or a constant with a multiple of another input added, by the slope of the formula."""
+    """Yield formulas in which a multiple of an input is added to a leaf, sized by the derivative of the formula."""
     problem, columns = population.problem, population.columns
     values = program.evaluate(columns)[0]
     for index, node in enumerate(program.nodes):
@@ -243,7 +241,7 @@ def _tilted(population: Formulas, program: Program, names: Sequence[str]) -> Ite
 
 
 def _slope(moved: Program, columns: dict[str, Array]) -> Array | None:
-    """Derivative (N,) of a program by its input z, at 0."""
+    """Return the derivative (N,) of a program by its input z, at z = 0; None if it is zero or not finite."""
     step = 1e-6
     ends = [
         moved.evaluate(columns | {"z": np.full_like(next(iter(columns.values())), end)})[0] for end in (step, -step)
@@ -259,7 +257,7 @@ def _with_added(index: int, term: Program, builder: Builder, node: Node, copies:
 
 
 def _crossed(parents: Sequence[Program]) -> Iterator[Program]:
-    """Products and sums with a part in the place of one, of every two formulas."""
+    """Yield products and sums of one formula with a factor or term replaced by one of another formula."""
     for one, other in itertools.permutations(parents[:4], 2):
         operator, parts = _parts(one)
         for k, part in itertools.product(range(len(parts)), _parts(other)[1]):
@@ -272,7 +270,7 @@ def _crossed(parents: Sequence[Program]) -> Iterator[Program]:
 
 
 def _parts(program: Program) -> tuple[str, list[Program]]:
-    """The factors or summands of a program."""
+    """Return the operator and the factors or terms of a program."""
     operator = program.nodes[program.outputs[0]].operator
     if operator not in ("multiply", "add"):
         return "multiply", [program]
@@ -288,4 +286,4 @@ def _parts(program: Program) -> tuple[str, list[Program]]:
 
 
 SIZES = np.array([element.size for element in ELEMENTS.every], dtype=float)
-"""Nodes that each element adds (E,)."""
+"""Number of nodes (E,) that each element adds."""

@@ -1,4 +1,4 @@
-"""The best program seen at every complexity, over a whole run: the Pareto front."""
+"""The Pareto front of a run: the best program at every complexity."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -18,10 +18,11 @@ from gpmodel.formula.program import Program
 
 @dataclass(frozen=True)
 class Solution:
-    """A program, where it acts, and what it explains.
+    """A program, its site, and its gain.
 
-    ``gain`` is the share of residual energy (slot) or of the norm (compensator) it removes, ``coefficients``
-    multiply its outputs (ones for a compensator). ``generation`` is that in which a formula was bred, 0 of a founder.
+    gain: share of the residual sum of squares (slot) or of the norm (compensator) that it removes.
+    coefficients: factors of its outputs (ones for a compensator).
+    generation: generation in which a formula was bred, 0 for a founder.
     """
 
     program: Program
@@ -35,7 +36,8 @@ class Solution:
 
 @dataclass(frozen=True)
 class Elite:
-    """A program as a population of one, its gain, and the outputs (a bit set) and the site that give it."""
+    """A program as a population of one.
+    gain: largest gain, reached with the outputs in bit set ``chosen`` at ``site``."""
 
     population: Population
     gain: float
@@ -44,14 +46,15 @@ class Elite:
 
 
 class Archive:
-    """Keeps, at each complexity, the genome with the largest gain."""
+    """Keeps the genome with the largest gain at each complexity."""
 
     def __init__(self) -> None:
         self.best_gain = 0.0
         self.kept: dict[int, Elite] = {}
 
     def add(self, population: Population, scores: Scores) -> set[int]:
-        """Take in the programs that beat what is known at their complexity; these."""
+        """Add the programs with a larger gain than the known ones of their complexity; return the improved
+        complexities."""
         largest, improved = int(scores.complexity.max(initial=0)), set()
         known = np.array([self.kept[k].gain if k in self.kept else 0.0 for k in range(largest + 1)])
         nats = gain_nats(scores.gain)
@@ -65,7 +68,7 @@ class Archive:
         return improved
 
     def front(self, problem: Problem, layout: Layout) -> tuple[Solution, ...]:
-        """Solutions that no simpler one equals in gain, simplest first."""
+        """Return the solutions with a larger gain than all simpler ones, simplest first."""
         kept = (self.kept[size] for size in sorted(self.kept))
         found = [scored(program_at(one.population, 0, one.chosen, layout), problem, one.site) for one in kept]
         nothing = "x, y, z" if isinstance(problem, CartesianProblem) else "0"
@@ -73,7 +76,7 @@ class Archive:
 
 
 def best_of(front: tuple[Solution, ...], problem: Problem) -> Solution:
-    """The solution of least description length (slot) or of largest gain (compensator)."""
+    """Return the solution with the least description length (slot) or the largest gain (compensator)."""
     if isinstance(problem, CartesianProblem):
         return max(front, key=lambda solution: solution.gain)
     return min(front, key=lambda solution: description_length(solution, problem))
@@ -82,8 +85,8 @@ def best_of(front: tuple[Solution, ...], problem: Problem) -> Solution:
 def pareto(
     solutions: Iterable[Solution], sizes: Callable[[Solution], tuple[int, ...]] = lambda one: (one.complexity,)
 ) -> tuple[Solution, ...]:
-    """Pareto front: solutions that no simpler one equals in gain, simplest first. sizes: what is small of a simple one,
-    in every respect."""
+    """Return the solutions with a larger gain than all simpler ones, simplest first.
+    sizes: measures of complexity; a solution is simpler if none of its measures is larger."""
     measured = ((sizes(one), float(gain_nats(one.gain)), one) for one in solutions)
     found: list[tuple[tuple[int, ...], float, Solution]] = []
     for size, nats, solution in sorted(measured, key=lambda one: (one[0], -one[1])):
@@ -93,20 +96,20 @@ def pareto(
 
 
 def description_length(solution: Solution, problem: SlotProblem) -> float:
-    """Nats of a solution of a slot, less being better; its nodes and its coefficients are paid for."""
+    """Return the description length of a solution at a slot, nats, with the price of its nodes and coefficients."""
     return -float(problem.nats(solution.gain, solution.complexity + len(solution.coefficients)))
 
 
 def program_at(population: Population, row: int, chosen: int, layout: Layout) -> Program:
-    """One member of a population as a program of the outputs in the bit set ``chosen``."""
+    """Return one program of a population with the outputs in the bit set ``chosen``."""
     return population.program(row, layout).select(k for k in range(layout.outputs) if chosen >> k & 1)
 
 
 def scored(program: Program, problem: Problem, site: int = 0) -> Solution:
-    """A program as a solution of a problem at a site: its gain and coefficients.
+    """Return a program as a solution of a problem at a site, with its gain and coefficients.
 
-    Slot: all outputs are solved together (``Targets.set_gain``). Compensator: the norm of the outputs' distances,
-    coefficients of one. Raises InputError where the program reads an input that is not there.
+    Slot: all outputs are solved together (``Targets.set_gain``). Compensator: the norm of the distances of the outputs,
+    with coefficients of one. Raises InputError if the program uses an unknown input.
     """
     values = program.evaluate(problem.inputs.mapping())
     if isinstance(problem, CartesianProblem):

@@ -1,4 +1,4 @@
-"""Problems of a search: a compensator in Cartesian space, or the shape (and site) of an effect at a slot."""
+"""Problems of a search: a compensator in Cartesian space, or the basis function (and site) of an effect."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,11 +19,11 @@ COORDINATES = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class Inputs:
-    """Named columns a program may read: values (inputs, poses), scaled to order one by the caller.
+    """Named columns that a program may use: values (inputs, poses), scaled to order one by the caller.
 
-    ``kinds`` says what each is a measure of (``gpmodel.evolution.kinds``), so that only programs that make sense are
-    searched; without, any program may be. Raises InputError where a name repeats, shapes disagree or a column holds a
-    number that is not finite.
+    kinds: kind of quantity of each column (``gpmodel.evolution.kinds``), so that only meaningful programs are searched;
+    without kinds any program is allowed. Raises InputError if a name repeats, shapes disagree or a number is not
+    finite.
     """
 
     names: tuple[str, ...]
@@ -49,11 +49,11 @@ class Inputs:
         return np.asarray(self.values[self.names.index(name)])
 
     def mapping(self) -> dict[str, Array]:
-        """Name to column, as ``Program.evaluate`` takes it."""
+        """Return name -> column, as ``Program.evaluate`` expects it."""
         return dict(zip(self.names, self.values, strict=True))
 
     def select(self, names: Sequence[str]) -> "Inputs":
-        """Some of the inputs. Raises InputError for a name that is not there."""
+        """Return some of the inputs. Raises InputError for an unknown name."""
         unknown = [name for name in names if name not in self.names]
         if unknown:
             raise InputError(f"inputs: unknown {unknown[0]!r}, available: {choices(unknown[0], self.names)}")
@@ -63,11 +63,12 @@ class Inputs:
 
 @dataclass(frozen=True)
 class CartesianProblem:
-    """A compensator of thesis Fig 5.2: outputs r0, r1, r2 against measured (3, N) points.
+    """A compensator as in thesis Fig 5.2: its outputs r0, r1, r2 approximate measured points (3, N).
 
-    ``norm`` is "max" (Fig 5.5) or "rms" of the distances over the poses. Inputs x, y, z hold the model's
-    points in the unit of ``measured``; the registers start from them. The gain is the share of that norm
-    removed; ``parsimony`` is the cost of a node in that unit. Raises InputError where they are missing or measured
+    norm: "max" (Fig 5.5) or "rms" of the distances over the poses.
+    inputs: x, y, z are the points of the model in the unit of ``measured``; the registers start with them.
+    parsimony: price of a node in the unit of ``measured``.
+    The gain is the share of the norm that the program removes. Raises InputError if x, y or z is missing or measured
     points are not finite.
     """
 
@@ -89,16 +90,16 @@ class CartesianProblem:
 
     @property
     def sites(self) -> tuple[str, ...]:
-        """Names of the places where a program may act."""
+        """Names of the sites at which a program may act."""
         return ("tip",)
 
     @property
     def can_drop_the_hopeless(self) -> bool:
-        """True if scoring may stop once a limit is passed: a maximum over many poses."""
+        """Whether the scoring of a program may stop at a limit: for the maximum over many poses."""
         return self.norm == "max" and not self.parsimony and self.measured.shape[1] > BLOCK
 
     def initial_norm(self) -> float:
-        """The norm before any compensation."""
+        """Return the norm without compensation."""
         return self._initial
 
     @cached_property
@@ -106,25 +107,21 @@ class CartesianProblem:
         return self.norm_of(self.inputs.select(COORDINATES).values)
 
     def norm_of(self, points: Array) -> float:
-        """Norm of the distances d of points (3, N) to the measured ones: max d, or the root of the mean of d².
-
-        In the unit of ``measured``; infinite or NaN where a point is.
-        """
+        """Return the norm of the distances d of points (3, N) from the measured points: max d, or √ mean d².
+        In the unit of ``measured``; infinite or NaN if a point is."""
         with np.errstate(all="ignore"):
             squares = np.square(points - self.measured).sum(axis=0)
         return float(np.sqrt(squares.max() if self.norm == "max" else squares.mean()))
 
     def shuffled(self, rng: np.random.Generator) -> "CartesianProblem":
-        """The problem with the errors, measured less model, permuted over the poses."""
+        """Return the problem with the errors, measured minus model, permuted over the poses."""
         model = self.inputs.select(COORDINATES).values
         error = (self.measured - model)[:, rng.permutation(self.measured.shape[1])]
         return replace(self, measured=model + error)
 
     def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
-        """Fitness of P decoded programs: their norm plus parsimony times their nodes; gain 1 - norm / initial norm.
-
-        fixed (base, N): rows of inputs and constants. Those above ``hopeless`` may come back infinite.
-        """
+        """Return the scores of P decoded programs: norm plus parsimony times nodes, and gain 1 - norm / initial norm.
+        fixed: rows (base, N) of inputs and constants. Scores above ``hopeless`` may be infinite."""
         fitness = compensator_fitness(code, fixed, self.measured, self.norm == "max", hopeless)
         whole = np.zeros(len(fitness), np.int64)
         with np.errstate(invalid="ignore"):
@@ -134,10 +131,8 @@ class CartesianProblem:
 
 @dataclass(frozen=True)
 class SlotProblem:
-    """The shape of an effect and the site where it acts; coefficients are solved by projection.
-
-    parsimony: cost of a node or a coefficient, nats.
-    """
+    """The basis function of an effect and the site where it acts; coefficients are solved by projection.
+    parsimony: price of a node or a coefficient, nats."""
 
     inputs: Inputs
     targets: Targets
@@ -152,27 +147,27 @@ class SlotProblem:
 
     @property
     def sites(self) -> tuple[str, ...]:
-        """Names of the places where a program may act."""
+        """Names of the sites at which a program may act."""
         return self.targets.names
 
     def only(self, site: int, names: Sequence[str]) -> "SlotProblem":
-        """The problem at one site with some of the inputs."""
+        """Return the problem at one site with some of the inputs."""
         return SlotProblem(self.inputs.select(names), self.targets.only(site), self.parsimony)
 
     def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
-        """Description length and gain of decoded programs at their best site."""
+        """Return the description length and gain of decoded programs at their best site."""
         return slot_scores(code, fixed, self.targets, self.parsimony)
 
     def set_gain(self, values: Array, site: int) -> float:
-        """Gain of a program's outputs (m, N) at a site, solved together."""
+        """Return the gain of a program's outputs (m, N) at a site, with their coefficients solved together."""
         return self.targets.set_gain(values, site)[0]
 
     def nats(self, gain: Array | float, size: Array | float) -> Array:
-        """Description length saved: -components/2 · ln(1 - gain) - parsimony · size."""
+        """Return the description length that is saved, nats: -components/2 · ln(1 - gain) - parsimony · size."""
         return ranked(fit_nats(gain, self.targets.components) - self.parsimony * np.asarray(size))
 
     def shuffled(self, rng: np.random.Generator) -> "SlotProblem":
-        """The problem with the residual permuted over the poses."""
+        """Return the problem with the residual permuted over the poses."""
         return replace(self, targets=self.targets.shuffled(rng))
 
 
@@ -181,22 +176,23 @@ class Scored(Protocol):
 
     @property
     def inputs(self) -> Inputs:
-        """The columns that a program may read."""
+        """Columns that a program may use."""
 
     @property
     def start(self) -> tuple[str, ...]:
-        """Inputs that the registers start from, where it matters."""
+        """Inputs with which the registers start."""
 
     @property
     def slice(self) -> int:
-        """Programs that are scored at a time."""
+        """Number of programs that are scored together."""
 
     @property
     def can_drop_the_hopeless(self) -> bool:
-        """True if scoring may stop once a limit is passed."""
+        """Whether the scoring of a program may stop at a limit."""
 
     def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
-        """Scores of decoded programs on rows ``fixed`` (base, N); those above ``hopeless`` may be infinite."""
+        """Return the scores of decoded programs on rows ``fixed`` (base, N); scores above
+        ``hopeless`` may be infinite."""
 
 
 Problem = CartesianProblem | SlotProblem

@@ -1,12 +1,10 @@
-"""Scoring a shape by projection: its coefficient is solved, never evolved.
+"""Gain of a basis function by projection: its coefficient is solved, not evolved.
 
-A basis phi (N,) at site s adds the column ``sensitivity_s * phi`` to a weighted least-squares problem whose
-enabled columns Q are orthonormal and whose residual is r. With
-
+A basis function phi (N,) at site s adds the column ``sensitivity_s * phi`` to a weighted least-squares problem with the
+orthonormal columns Q of the model and the residual r. With
     D = squared sensitivity per pose,  B = sensitivity . Q,  g = sensitivity . r,  G = diag(D) - B^T B
-
-the share of the residual energy that the column removes is ``(phi.g)^2 / (phi^T G phi) / r.r``; a set Phi is
-solved together, ``(Phi g)^T (Phi G Phi^T)^-1 (Phi g) / r.r``.
+the column removes the share ``(phi.g)^2 / (phi^T G phi) / r.r`` of the residual sum of squares. A set Phi is solved
+together, ``(Phi g)^T (Phi G Phi^T)^-1 (Phi g) / r.r``.
 """
 
 from collections.abc import Sequence
@@ -20,23 +18,27 @@ from gpmodel.errors import InputError
 from gpmodel.evolution.rows import independent, row_products, unit_rows
 
 UNIQUE_SHARE = 1e-4
-"""A column of which less than this share lies outside the enabled columns scores nothing (default)."""
+"""Least share of a column outside the model's columns for a gain above zero (default)."""
 
 SMALLEST = 1e-150
-"""Values of a basis that are all smaller than this are none: their squares are no numbers."""
+"""Largest magnitude below which a basis function counts as zero: its squares underflow."""
 
 ROUNDING_SHARE = 1e-8
-"""Limit for noise-free regression, where only rounding makes columns alike."""
+"""``UNIQUE_SHARE`` of noise-free regression, where only rounding makes columns alike."""
 
 
 @dataclass(frozen=True)
 class Targets:
-    """The sites (S of them) a basis is scored against, on N poses with K enabled columns.
+    """Statistics of the residual at S sites and N poses, from which gains are computed; the model has K columns.
 
-    ``weight`` (S, N) is D, ``cross`` (S, K, N) is B, ``pull`` (S, N) is g, ``energy`` is r.r and ``names`` has
-    one text a site. ``samples`` is the number of measured components behind the poses (N where it is 0).
-    Arrays are kept in rows, as copies in other processes are, so that sums round alike there. Raises InputError where
-    shapes disagree or a number is not finite.
+    weight: D (S, N).
+    cross: B (S, K, N).
+    pull: g (S, N).
+    energy: r.r, the residual sum of squares.
+    names: of the sites.
+    samples: number of measured values, N if 0.
+    Arrays are stored row by row, so that sums round alike in every process. Raises InputError if shapes disagree or a
+    number is not finite.
     """
 
     weight: Array
@@ -71,36 +73,37 @@ class Targets:
 
     @cached_property
     def is_plain(self) -> bool:
-        """True for plain regression: one site, and every pose weighs 1."""
+        """Whether this is plain regression: one site, and weight 1 at every pose."""
         return self.sites == 1 and bool(np.all(self.weight == 1.0))
 
     @cached_property
     def by_column(self) -> Array:
-        """``cross`` as (K, S, N): sums over the columns then run over all sites at once."""
+        """``cross`` as (K, S, N), so that sums over the columns run over all sites at once."""
         return np.ascontiguousarray(self.cross.swapaxes(0, 1))
 
     @cached_property
     def begins(self) -> IntArray:
-        """First number (K,) of each row of ``cross`` at the first site that is not zero: many after a QR."""
+        """Index (K,) of the first number other than zero in each row of ``cross`` at the first site. After a QR many
+        are zero."""
         return np.asarray(np.argmax(self.cross[0] != 0.0, axis=1), dtype=np.int64)
 
     @cached_property
     def components(self) -> int:
-        """Measured components: ``samples``, or one a pose."""
+        """Number of measured values: ``samples``, or one per pose."""
         return self.samples or self.poses
 
     def only(self, site: int) -> "Targets":
-        """The problem at one site."""
+        """Return the targets of one site."""
         rows = slice(site, site + 1)
         return replace(
             self, weight=self.weight[rows], cross=self.cross[rows], pull=self.pull[rows], names=self.names[rows]
         )
 
     def gains(self, values: Array) -> Array:
-        """Share of the residual energy that each single basis removes at each site.
+        """Return the gain (P, S) of each single basis function (P, N) at each site: the share of r.r that it removes.
 
-        ``values`` is (P, N), the result (P, S). A basis that is not finite, is zero, or lies inside the span
-        of the enabled columns (unique share below ``unique_share``) scores 0.
+        The gain is 0 if a basis function is not finite, is zero, or lies in the span of the model's columns (unique
+        share below ``unique_share``).
         """
         scaled = unit_rows(values)
         pull = scaled @ self.pull.T
@@ -114,10 +117,10 @@ class Targets:
         return gain / self.energy if self.energy > 0 else np.zeros_like(gain)
 
     def set_gain(self, values: Array, site: int) -> tuple[float, Array]:
-        """Gain of a set of bases (m, N) solved together at one site, and their coefficients (m,).
+        """Return the gain of basis functions (m, N) solved together at one site, and their coefficients (m,).
 
-        Directions whose share outside the enabled columns and outside each other is below the rank limit get
-        coefficient 0 (pivoted forward selection, no ridge).
+        A direction gets coefficient 0 if its share outside the columns of the model and the other basis functions is
+        below ``unique_share`` (pivoted forward selection, no ridge).
         """
         if len(values) == 1:
             return self._gain_of_one(values[0], site)
@@ -154,10 +157,11 @@ class Targets:
         return pull * pull / unique / self.energy, np.array([pull / unique / largest])
 
     def set_gains(self, values: Sequence[Array], site: int) -> Array:
-        """Gains (P,) of many sets of bases, each set solved together at one site, as ``set_gain`` does.
+        """Return the gains (P,) of many sets of basis functions at one site, each set solved together.
 
-        values: the m bases of every set (P, N), or (1, N) where all sets share one. In the order of the set rather than
-        by forward selection: where rows of a set are nearly alike the two differ a little.
+        values: m arrays (P, N), one basis function of every set each, or (1, N) if all sets share it. Solved in the
+        given order, not by forward selection as in ``set_gain``; the two differ slightly if rows of a set are nearly
+        alike.
         """
         programs, count = max(map(len, values)), len(values)
         scaled = [unit_rows(rows) for rows in values]
@@ -187,10 +191,8 @@ class Targets:
         return gains / self.energy
 
     def gain_of(self, values: Array, coefficients: Array, site: int) -> float:
-        """Share of the residual energy removed by fixed coefficients, for instance on other poses.
-
-        Negative where they make the residual larger.
-        """
+        """Return the gain with given coefficients, for instance on other poses; negative if the residual becomes
+        larger."""
         used = coefficients != 0.0
         shape = coefficients[used] @ values[used]
         if not np.all(np.isfinite(shape)) or self.energy <= 0:
@@ -199,11 +201,11 @@ class Targets:
         return float((2.0 * (shape @ self.pull[site]) - column) / self.energy)
 
     def shuffled(self, rng: np.random.Generator) -> "Targets":
-        """The sites with the residual permuted over the poses: the null of the search.
+        """Return the targets with the residual permuted over the poses: the null of the search.
 
-        White noise projected out of the enabled columns gives a pull of covariance G at a site, not D. So each
-        pull is whitened by G, permuted (all sites alike), and coloured by G again: no part of it lies where
-        the enabled columns leave nothing.
+        White noise, projected out of the columns of the model, has a pull of covariance G at a site, not D. Each pull
+        is therefore whitened by G, permuted (all sites alike), and coloured by G again, so that it has no part in the
+        span of the columns.
         """
         order = rng.permutation(self.poses)
         pull = np.empty_like(self.pull)
@@ -218,10 +220,8 @@ class Targets:
 
 
 def regression(response: Array, name: str = "response") -> Targets:
-    """Plain symbolic regression of ``response`` (N,) as one site: unit sensitivity, an intercept enabled.
-
-    Raises InputError where the response is not finite or constant.
-    """
+    """Return plain symbolic regression of ``response`` (N,) as one site with unit sensitivity and an intercept.
+    Raises InputError if the response is not finite or constant."""
     response = np.asarray(response, dtype=float)
     if response.ndim != 1 or len(response) < 3 or not np.all(np.isfinite(response)):
         raise InputError(f"{name}: expected at least 3 finite numbers")

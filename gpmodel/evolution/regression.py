@@ -1,8 +1,8 @@
-"""Formulas of any table: programs bred under links of the response, and the best of them as founders.
+"""Symbolic regression of any table: programs are bred under links of the response, and the best are bred further.
 
-Under every link (``gpmodel.evolution.links``) a population of linear sequences is bred, four outputs of each solved
-together. The formulas that the links make of the best are founders of one population of formulas of the response
-itself (``gpmodel.evolution.memetic``).
+Under every link (``gpmodel.evolution.links``) a population of linear sequences is bred, with the coefficients of four
+outputs solved together. The formulas of the best are founders of one population of formulas of the response itself
+(``gpmodel.evolution.memetic``).
 """
 
 import time
@@ -32,15 +32,16 @@ from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Program
 
 EXACT = 1e-20
-"""Share of the response's variance below which a formula is taken for exact: rounding leaves about 1e-28."""
+"""Share of the response's variance below which a residual is a rounding error, which is about 1e-28."""
 PROMISING = 1.0 - 1e-7
-"""Gain of a program whose formula is looked at once it is found."""
+"""Gain above which the formula of a program is tested at once."""
 FINISHING, FOUNDERS = 0.15, 12
-"""Share of the time that is kept to breed the best formulas; so many of them."""
+"""Share of the time in which the best formulas are bred; number of founders."""
 PASSES = 2
-"""Solutions of a quotient, each weighted by the denominator before."""
+"""Number of solutions of a quotient, each weighted by the denominator of the one before."""
 MOST_INPUTS = 2
-"""Inputs up to which formulas of one term are searched from short forms at the end, under the best link."""
+"""Largest number of inputs with which formulas of one term are searched from short forms at the end, under the best
+link."""
 SEQUENCES = Linear(operators="physics", constants=(1.0, 2.0, np.pi), own_constants=1, outputs=4, registers=6)
 BUDGET = Budget(population=512, restart_after=40, polish_every=0, threads=1)
 """Budget of one population under a link."""
@@ -48,7 +49,7 @@ BUDGET = Budget(population=512, restart_after=40, polish_every=0, threads=1)
 
 @dataclass(frozen=True)
 class Law:
-    """A one-output program for a response, the share of the variance that it leaves, and its description length."""
+    """A formula of a response. left: share of the response's variance in the residual. nats: description length."""
 
     program: Program
     left: float
@@ -56,7 +57,7 @@ class Law:
 
     @property
     def length(self) -> int:
-        """Nodes and constants, what a law's text costs."""
+        """Number of nodes and constants."""
         return self.program.complexity + len(self.program.constants)
 
 
@@ -67,12 +68,11 @@ def regression_front(
     seconds: float = 5.0,
     clock: Callable[[], float] = time.perf_counter,
 ) -> tuple[Law, ...]:
-    """Laws of a response (N,) that no shorter one fits as well, shortest first; ends with the first exact one, or after
-    ``seconds``.
+    """Return formulas of a response (N,) that fit better than all shorter ones, shortest first.
 
-    Description length: N / 2 ln(share of the variance left) + PRICE (nodes + constants). Every link has a generation in
-    turn; a population that is stuck gives way to a fresh one. Raises InputError where the response is constant or holds
-    a number that is not finite.
+    The search ends with the first exact formula, or after ``seconds``. Description length: N / 2 ln(residual share of
+    the variance) + PRICE (nodes + constants). Links take turns of one generation; a population without progress is
+    replaced by a random one. Raises InputError if the response is constant or not finite.
     """
     regression(response)
     began, columns = clock(), inputs.mapping()
@@ -107,12 +107,13 @@ def _exact(laws: Iterable[Law]) -> bool:
 
 @dataclass(frozen=True)
 class QuotientProblem(SlotProblem):
-    """A response whose programs stand above and below the bar of a quotient."""
+    """A response whose programs are terms of the numerator and the denominator of a quotient."""
 
     response: Array = field(default_factory=lambda: np.zeros(0))
 
     def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
-        """Description length and gain of decoded programs, each output offered above the bar and below it."""
+        """Return description length and gain of decoded programs; each output is offered in
+        numerator and denominator."""
         outputs = values(code, fixed).copy()
         under = below_the_bar(outputs, self.response)
         offered = np.concatenate([outputs, under], axis=1)
@@ -127,10 +128,10 @@ class QuotientProblem(SlotProblem):
         return scores
 
     def _share_left(self, offered: Array, chosen: Mask) -> Array:
-        """Share (P,) of the variance of the response that quotients of chosen columns (P, 2 m, N) leave.
+        """Return the share (P,) of the response's variance in the residual of quotients of chosen columns (P, 2 m, N).
 
-        Solved with each point's error divided by the denominator found before (Sanathanan and Koerner 1963): a
-        denominator shrinks any error of the linear problem.
+        The error of each point is divided by the denominator found before (Sanathanan and Koerner 1963), since the
+        denominator scales the errors of the linear problem.
         """
         programs, columns, points = offered.shape
         table = np.concatenate([np.ones((programs, 1, points)), np.where(chosen[:, :, None], offered, 0.0)], axis=1)
@@ -159,7 +160,7 @@ class QuotientProblem(SlotProblem):
 
 
 class _Island:
-    """A population under one link, and the best program of each size that it has seen."""
+    """A population under one link, and the best program of each size so far."""
 
     def __init__(self, inputs: Inputs, response: Array, link: Link, rng: np.random.Generator) -> None:
         self.link, self.columns, self.response = link, inputs.mapping(), response
@@ -173,17 +174,17 @@ class _Island:
 
     @property
     def is_stuck(self) -> bool:
-        """True if nothing has improved for so long that the next population is a fresh one."""
+        """Whether the score has not improved for so long that the population is replaced by a random one."""
         return self.idle >= BUDGET.restart_after
 
     def best(self) -> list[Population]:
-        """The program of least description length."""
+        """Return the program with the least description length."""
         kept = self.archive.kept
         nats = {k: float(self.problem.nats(one.gain, k + one.chosen.bit_count())) for k, one in kept.items()}
         return [kept[max(nats, key=nats.__getitem__)].population] if kept else []
 
     def step(self, guests: Iterable[Population]) -> Iterator[Program]:
-        """Breed one generation, or begin anew with guests from other links; formulas that may be exact."""
+        """Breed one generation, or restart with guests from other links; return formulas that may be exact."""
         if self.is_stuck:
             self.idle, self.record = 0, np.inf
             self.population, self.scores = self.run.start()
@@ -198,13 +199,13 @@ class _Island:
         return self._of_sizes(size for size in improved if self.archive.kept[size].gain > PROMISING)
 
     def short(self) -> Iterator[Program]:
-        """Formulas of one term beside those of every sum."""
+        """Return formulas of one term, added to the terms of every sum."""
         if self.link.quotient:
             return self.formulas([])
         return self.formulas([one.program] for one in formulas_at(self.problem, 0, self.problem.inputs.names))
 
     def every(self) -> Iterator[Program]:
-        """Formulas of all programs kept."""
+        """Return the formulas of all programs that were kept."""
         return self._of_sizes(self.archive.kept)
 
     def _of_sizes(self, sizes: Iterable[int]) -> Iterator[Program]:
@@ -215,7 +216,7 @@ class _Island:
             yield from self.formulas([above], below)
 
     def formulas(self, sets: Iterable[list[Program]], below: list[Program] | None = None) -> Iterator[Program]:
-        """The formula of each set of terms, where there is one."""
+        """Yield the formula of each set of terms, if there is one."""
         for terms in sets:
             formula = self.link.formula(terms, self.columns, self.response, below or [])
             if formula is not None:
@@ -223,7 +224,7 @@ class _Island:
 
 
 def _finished(laws: Iterable[Law], inputs: Inputs, response: Array) -> Iterator[Program]:
-    """Formulas bred from the shortest descriptions, their constants fitted to the response itself."""
+    """Return formulas bred from the shortest descriptions, with constants fitted to the response itself."""
     ones, nothing = np.ones((1, len(response))), np.zeros((1, 1, len(response)))
     energy = float(response @ response)
     plain = Targets(ones, nothing, response[None], energy, ("response",), len(response), ROUNDING_SHARE)
@@ -234,7 +235,8 @@ def _finished(laws: Iterable[Law], inputs: Inputs, response: Array) -> Iterator[
 
 
 def _judged(programs: Iterable[Program], columns: dict[str, Array], response: Array) -> Iterator[Law]:
-    """Programs as laws, times the factor that fits best, with what they leave of the response; the finite ones."""
+    """Yield programs with finite values as formulas, times the best factor, with their
+    residual and description length."""
     variance = float(np.sum(np.square(response - response.mean())))
     for program in programs:
         fit = program.evaluate(columns)[0]
@@ -249,7 +251,7 @@ def _judged(programs: Iterable[Program], columns: dict[str, Array], response: Ar
 
 
 def _scaled(program: Program, factor: float) -> Program:
-    """The program times a factor, which takes up one that is there; left out where it is 1."""
+    """Return the program times a factor, which is merged with an existing factor and omitted if it is 1."""
     root = program.nodes[program.outputs[0]]
     if root.operator == "multiply" and program.nodes[root.arguments[0]].operator == "constant":
         factor *= float(program.nodes[root.arguments[0]].value or 0.0)

@@ -1,4 +1,4 @@
-"""Interface of a representation: encoding, initialisation and variation of programs."""
+"""Interfaces of a representation: encoding, initialisation and variation of programs."""
 
 from collections.abc import Callable
 from typing import Protocol, Self, runtime_checkable
@@ -17,62 +17,62 @@ Rows = NDArray[np.intp]
 
 
 class Population(Protocol):
-    """Programs in one representation; rows are their numbers."""
+    """Programs in one representation, numbered by row."""
 
     def __len__(self) -> int: ...
 
     def take(self, rows: Rows) -> Self:
-        """The programs at some rows."""
+        """Return the programs at some rows."""
 
     def join(self, other: Self) -> Self:
-        """These programs followed by others."""
+        """Return these programs followed by the programs of ``other``."""
 
     def decoder(self, layout: Layout) -> Callable[[slice], Code]:
-        """A function from a slice of rows to their effective code; threads call it side by side."""
+        """Return a function from a slice of rows to their effective code; threads call it concurrently."""
 
     def program(self, row: int, layout: Layout) -> Program:
-        """One of them as a program of ``layout.outputs`` outputs."""
+        """Return one program with ``layout.outputs`` outputs."""
 
     def constants_of(self, row: int) -> Array:
-        """Own constants of one program."""
+        """Return the own constants of one program."""
 
     def with_constants(self, row: int, values: Array) -> Self:
-        """The one program at ``row`` with other own constants."""
+        """Return a population of the program at ``row`` alone, with other own constants."""
 
 
 class Breeding(Protocol):
-    """A representation made ready for one problem: how its programs start and vary."""
+    """A representation prepared for one problem: creates and varies its programs."""
 
     @property
     def layout(self) -> Layout:
-        """Registers and instructions that the kernels decode its programs by."""
+        """Registers and instructions from which the kernels decode its programs."""
 
     def initial(self, population: int, rng: np.random.Generator) -> Population:
-        """A random population."""
+        """Return a random population."""
 
     def offspring(self, parents: Population, mothers: Rows, fathers: Rows, rng: np.random.Generator) -> Population:
-        """One child a pair of rows of ``parents``, which are of its own representation."""
+        """Return one child per pair of rows of ``parents``, which have the same representation."""
 
 
 @runtime_checkable
 class Representation(Protocol):
-    """The choices of a representation, ``Linear`` and ``Tree`` among them."""
+    """Settings of a representation, such as ``Linear`` and ``Tree``."""
 
     @property
     def constants(self) -> tuple[float, ...]:
-        """Constants that every program may read and that are never fitted."""
+        """Constants that every program may use and that are never fitted."""
 
     def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> Breeding:
-        """Ready for these inputs; ``start`` are those that outputs begin from (a compensator's x, y, z)."""
+        """Prepare the breeding over these inputs. start: inputs with which outputs start (x, y, z of a compensator)."""
 
 
 def label(representation: Representation) -> str:
-    """The name that runs, histograms and files use: that of its class, in small letters."""
+    """Return the name of a representation in runs, histograms and files: its class name in lower case."""
     return type(representation).__name__.lower()
 
 
 def check_ranges(choices: object, **limits: tuple[float, float]) -> None:
-    """Raises InputError for a choice out of its range, ends included."""
+    """Raise InputError for a setting outside its range (least, most), ends included."""
     for name, (least, most) in limits.items():
         value = getattr(choices, name)
         if not isinstance(value, int | float) or not least <= value <= most:

@@ -1,4 +1,4 @@
-"""Rows of values of many bases: scaled, multiplied, and which of them are independent."""
+"""Rows of values of many basis functions: scaling, products, and linear independence."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,7 +7,7 @@ from gpmodel.arrays import Array
 
 
 def unit_rows(values: Array) -> Array:
-    """Rows divided by their largest magnitude; rows with a number that is not finite become zero."""
+    """Return rows divided by their largest magnitude; a row with a number that is not finite becomes zero."""
     with np.errstate(invalid="ignore"):
         scale = np.maximum(values.max(axis=1, initial=0.0), -values.min(axis=1, initial=0.0))
     usable = np.isfinite(scale) & (scale > 0)
@@ -17,16 +17,16 @@ def unit_rows(values: Array) -> Array:
 
 
 def row_products(first: Array, second: Array) -> Array:
-    """Products (P,) of the rows (P, K) of two tables, of which one may have a single row for all."""
+    """Return the products (P,) of the rows (P, K) of two tables; one table may have a single row for all."""
     few, many = (first, second) if len(first) == 1 else (second, first)
     return np.asarray(many @ few[0] if len(few) == 1 else np.einsum("pk,pk->p", first, second))
 
 
 def independent(gram: Array, total: Array, limit: float) -> NDArray[np.intp]:
-    """Rows of a Gram matrix that are independent, by pivoted Cholesky.
+    """Return the indices of independent rows of a Gram matrix, by pivoted Cholesky.
 
-    ``total`` holds the squared norms before anything was projected out; a row is left out where the part of
-    it that is new is below ``limit`` of that.
+    total: squared norms before any projection. A row is left out if its part orthogonal to the selected rows is below
+    ``limit`` of its squared norm.
     """
     remaining = gram.astype(float).copy()
     chosen: list[int] = []

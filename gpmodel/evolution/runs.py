@@ -1,4 +1,4 @@
-"""Many runs of the search side by side, each kept as it finishes; the same again on shuffled residuals."""
+"""Parallel runs of the search, each stored as it finishes, and as many runs on permuted residuals."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -20,23 +20,24 @@ from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Program
 
 Number = tuple[int, int]
-"""Number of a run: its round, or the place of its representation, and which of the runs there it is."""
+"""Number of a run: its round, or the index of its representation, and its index there."""
 
 
 class KeptRuns:
-    """Where finished runs go at once, so that an interrupted search repeats only what was under way; here nowhere."""
+    """Storage of finished runs, so that an interrupted search repeats only unfinished runs.
+    This class stores nothing."""
 
     def run(self, number: Number) -> Evolution | None:
-        """The run of that number, None where it has yet to be done."""
+        """Return the run with this number, or None if it has not finished."""
         return None
 
     def keep_run(self, number: Number, found: Evolution) -> None:
-        """Keep it. Raises WriteError where it cannot be written."""
+        """Store a run. Raises WriteError if it cannot be written."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """One run: all that a worker needs. shuffled: on the residual permuted over the poses."""
+    """One run: everything that a worker process needs. shuffled: permute the residual over the poses."""
 
     problem: Problem
     settings: Settings
@@ -45,17 +46,18 @@ class Task:
 
 
 def run_task(task: Task) -> Evolution:
-    """Run it; the same numbers wherever it runs."""
+    """Run a task; the result does not depend on the process."""
     problem = task.problem.shuffled(task.rng) if task.shuffled else task.problem
     return evolve(problem, task.settings, task.rng)
 
 
 _loaded: set[str] = set()
-"""Representations whose compiled loops this process has."""
+"""Representations whose compiled loops this process has loaded."""
 
 
 def load_loops(task: Task) -> None:
-    """Load the compiled loops that a task runs, once a process: copies of it need not then. A thousandth of a run."""
+    """Load the compiled loops of a task, once per process; forked processes need not load them again.
+    It takes a thousandth of the time of a run."""
     kind = label(task.settings.representation)
     if kind not in _loaded:
         _loaded.add(kind)
@@ -67,10 +69,8 @@ def load_loops(task: Task) -> None:
 def run_all(
     tasks: Mapping[Number, Task], workers: Workers, kept: KeptRuns, said: Callable[[int], None]
 ) -> Iterator[tuple[Number, Evolution]]:
-    """Every run with its number, those kept before first, then the others as they finish, each kept at once.
-
-    said: called with how many are done, at first and after each is kept; what it raises ends the search.
-    """
+    """Yield every run with its number: stored runs first, then the others as they finish and are stored.
+    said: called with the number of finished runs, first at the start; an exception from it ends the search."""
     found = {number: run for number in tasks if (run := kept.run(number)) is not None}
     left = [number for number in tasks if number not in found]
     said(len(found))
@@ -92,10 +92,9 @@ class Plan:
     seed: int
 
     def tasks(self, problem: Problem) -> dict[Number, Task]:
-        """Every run by the place of its setting and twice its own number, one more where its residual is shuffled.
-
-        Each has a random stream of its own, by the seed, the name and the number.
-        """
+        """Return the task of every run, by index of its setting and twice its own number, plus one if the residual is
+        permuted.
+        Each task has a random stream of its own, from the seed, the name and the number."""
         tasks = {}
         for place, (name, settings) in enumerate(self.settings.items()):
             for number in range(self.runs):
@@ -107,7 +106,7 @@ class Plan:
     def run(
         self, number: Number, found: Evolution, problem: Problem, heldout: Callable[[Program], float] | None
     ) -> "Run":
-        """A finished run of the plan in words; heldout: gain of a program on poses that no run sees."""
+        """Return the text record of a finished run. heldout: returns the gain of a program on held-out poses."""
         best, shuffled = found.best, bool(number[1] % 2)
         return Run(
             tuple(self.settings)[number[0]], number[1] // 2, shuffled, str(best.program), best.site_name, best.gain,
@@ -120,8 +119,11 @@ class Plan:
 
 @dataclass(frozen=True)
 class Run:
-    """One finished run, as text and numbers. ``heldout`` is the gain on poses it never saw, None without; ``front`` the
-    complexity, gain and text of each program that no other beats in both, simplest first."""
+    """One finished run, as text and numbers.
+
+    heldout: gain on held-out poses, None without.
+    front: complexity, gain and text of the programs with a larger gain than all simpler ones, simplest first.
+    """
 
     representation: str
     number: Count
@@ -138,19 +140,18 @@ class Run:
     front: tuple[tuple[Count, float, str], ...] = ()
 
     def record(self) -> RunRecord:
-        """Record for the histogram of referenced inputs."""
+        """Return the record for the histogram of referenced inputs."""
         return RunRecord(self.representation, self.shuffled, parse(self.program), self.strength)
 
 
 def known(value: float | None) -> float | None:
-    """Replace a number that is not finite by None."""
+    """Return a number, or None if it is not finite."""
     return value if value is not None and np.isfinite(value) else None
 
 
 def strength_of(evolution: Evolution, problem: Problem) -> float:
-    """Return the strength of the best program, comparable between runs: nats for a slot, -log(1 - gain) for a
-    compensator.
-    """
+    """Return the strength of the best program, comparable between runs.
+    Nats of description length saved for a slot, -log(1 - gain) for a compensator."""
     best = evolution.best
     if isinstance(problem, CartesianProblem):
         return float(gain_nats(best.gain))

@@ -1,4 +1,4 @@
-"""From decoded programs to scores: a compensator's distance, or a slot's description length."""
+"""Scores of decoded programs: the distance of a compensator, or the description length at a slot."""
 
 from dataclasses import dataclass
 
@@ -13,9 +13,14 @@ from gpmodel.evolution.projection import Targets
 
 @dataclass(frozen=True)
 class Scores:
-    """One row a program: the score selection minimises, the gain, and where and how it is reached.
+    """Scores of programs, one row per program.
 
-    ``chosen`` is the bit set of outputs in use and ``complexity`` their size; ``site`` indexes the targets.
+    score: minimised by selection.
+    gain: share of the residual that is removed.
+    complexity: nodes of the outputs in use.
+    site: index of the site.
+    chosen: bit set of the outputs in use.
+    hashes: of the effective code.
     """
 
     score: Array
@@ -27,7 +32,7 @@ class Scores:
 
     @staticmethod
     def empty(count: int) -> "Scores":
-        """Room for `count` scores, not yet set."""
+        """Allocate `count` scores."""
         complexity, site, chosen = (np.zeros(count, np.int64) for _ in range(3))
         return Scores(np.empty(count), np.empty(count), complexity, site, chosen, np.empty(count, np.uint64))
 
@@ -36,33 +41,32 @@ class Scores:
             getattr(self, name)[part] = getattr(other, name)
 
     def take(self, rows: NDArray[np.intp]) -> "Scores":
-        """The scores at some rows."""
+        """Return the scores at some rows."""
         return Scores(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
     def join(self, other: "Scores") -> "Scores":
-        """These scores followed by others."""
+        """Return these scores followed by the scores of ``other``."""
         pairs = ((getattr(self, name), getattr(other, name)) for name in self.__dataclass_fields__)
         return Scores(*(np.concatenate(pair) for pair in pairs))
 
 
 def slot_scores(code: Code, fixed: Array, targets: Targets, parsimony: float) -> Scores:
-    """Every program against every site: the best site and the few outputs worth their size.
+    """Score every program at every site, with the best set of its outputs.
 
-    Of the outputs Phi (m, N) of a program (rows divided by their largest magnitude) a set is chosen at a site by
-    forward selection; it leaves ``1 - gain`` of the residual energy with coefficients solved together (see
-    ``gpmodel.evolution.projection``), and the least description length of all sets and sites is its score, in nats:
-
+    Outputs Phi (m, N) of a program (rows divided by their largest magnitude) are added at a site by forward selection,
+    with coefficients solved together (see ``gpmodel.evolution.projection``). The score is the least description length
+    of all sets and sites, in nats:
         components / 2 * ln(1 - gain) + parsimony * (nodes of the set + number of outputs in it)
-
-    code: P programs; fixed (base, N): rows of inputs and constants. A program with nothing to offer scores 0.
+    code: P programs. fixed: rows (base, N) of inputs and constants. A program without gain scores 0.
     """
     return projected_scores(values(code, fixed), code, len(fixed), targets, parsimony)
 
 
 def projected_scores(scaled: Array, code: Code, base: int, targets: Targets, parsimony: float) -> Scores:
-    """Scores from the values (P, k m, N) of columns, scaled in place: the m outputs, then what was made of each.
+    """Return scores from the values (P, k m, N) of columns, which are scaled in place.
 
-    A column counts the nodes of the output that it was made of; ``base`` rows of the code are fixed.
+    The columns are the m outputs, followed by columns derived from each output; each counts the nodes of its output.
+    base: number of fixed rows.
     """
     from gpmodel.evolution.kernels.selection import choose_outputs, scale_and_multiply
 
@@ -95,7 +99,7 @@ def projected_scores(scaled: Array, code: Code, base: int, targets: Targets, par
 
 
 def distinct_rows(rows: Array) -> tuple[Array, NDArray[np.intp]]:
-    """The different ones (U, N) among rows (R, N), and which of them (R,) each row is: relatives share most outputs."""
+    """Return the different rows (U, N) of rows (R, N), and the index (R,) of each row among them."""
     whole = rows.view(np.dtype((np.void, rows.shape[1] * rows.itemsize)))[:, 0]
     _, first, number = np.unique(whole, return_index=True, return_inverse=True)
     return rows[first], number

@@ -22,11 +22,12 @@ from gpmodel.formula.program import Program
 class Evolution:
     """Result of a run.
 
-    ``front`` holds the programs that no other beats in both gain and complexity, simplest first; ``history``
-    one array a quantity (generation, best, median, gain, distinct, evaluations_per_second, seconds); best and median
-    are scores of finite programs, less being better.
-    ``histogram`` counts the inputs that the effective code of the best program references, ``operators`` its
-    operators. ``evaluations`` is the number of programs scored.
+    front: programs with a larger gain than all simpler ones, simplest first.
+    history: one array per quantity (generation, best, median, gain, distinct, evaluations_per_second, seconds). best
+    and median are scores of finite programs, less being better.
+    histogram: number of references to each input in the effective code of the best program; operators: of each
+    operator.
+    evaluations: number of programs scored.
     """
 
     front: tuple[Solution, ...]
@@ -40,11 +41,10 @@ class Evolution:
 
 
 def evolve(problem: Problem, settings: Settings, rng: np.random.Generator) -> Evolution:
-    """Search until the generations or the seconds of the budget are over.
+    """Search until the generations or the seconds of the budget are used up.
 
-    The result depends on the problem, the settings and the generator only, whatever the number of threads
-    (where generations end the run; time ends it where it ends). Raises InputError where no program of the
-    first population has a finite score.
+    If the number of generations ends the run, the result depends on the problem, the settings and the generator only,
+    not on the number of threads. Raises InputError if no program of the first population has a finite score.
     """
     from threadpoolctl import threadpool_limits
 
@@ -102,7 +102,8 @@ def _search(problem: Problem, run: Generations, settings: Settings) -> Evolution
 
 
 def _finished(front: tuple[Solution, ...], problem: SlotProblem, layout: Layout, count: int) -> tuple[Solution, ...]:
-    """The front with the formulas that are bred at the sites of its best programs, of its own operators and kinds."""
+    """Return the front, extended by formulas that are bred at the sites of its best programs with its operators and
+    kinds."""
     names, typing = problem.inputs.names, Typing(problem.inputs.kinds)
     offered = {operator.name for operator in layout.operators}
 

@@ -1,4 +1,4 @@
-"""Choices of one run: who breeds and lives on, and what it may take."""
+"""Settings of one run: selection of parents and survivors, and budget."""
 
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
@@ -19,16 +19,15 @@ class SelectionScheme(Protocol):
     """Selection of parents and of survivors; scores are minimised."""
 
     def eligible(self, population: int) -> int:
-        """Return the number of best programs that can have children or survive; the rest need no score.
-
-        Raises InputError where the population is too small.
-        """
+        """Return the number of best programs that can have children or survive; the other programs need no score.
+        Raises InputError if the population is too small."""
 
     def parents(self, scores: Scores, rng: np.random.Generator) -> NDArray[np.intp]:
-        """Rows (2, population) of the mothers and fathers of the next generation."""
+        """Return the rows (2, population) of the mothers and fathers of the next generation."""
 
     def survivors(self, scores: Scores, population: int) -> Rows | None:
-        """Rows that live on, of parents followed by children; None where the children replace their parents."""
+        """Return the rows of the survivors among parents and children, or None if the children
+        replace their parents."""
 
 
 @dataclass(frozen=True)
@@ -60,10 +59,8 @@ class Truncation:
 
 @dataclass(frozen=True)
 class Tournament:
-    """Each parent is the best of ``size`` drawn at random; the best of parents and children live on.
-
-    keep_distinct: those of a score not seen before come first.
-    """
+    """Each parent is the best of ``size`` programs drawn at random; the best of parents and children survive.
+    keep_distinct: programs with a score that no better-ranked program has survive first."""
 
     size: int = 4
     keep_distinct: bool = True
@@ -93,11 +90,14 @@ class Tournament:
 class Budget:
     """Budget of one run, and its steps besides breeding.
 
-    population; generations and seconds: whichever ends first. target: stop once a program reaches this gain.
-    polish_every: own constants of the best are fitted every so many generations (0: never). restart_after:
-    generations without progress before a fresh population (0: never). climb: formulas are bred from
-    so many of the best programs of a slot search at its end (0: none). threads: 0 for all cores, with one result.
-    Raises InputError for a choice out of range.
+    population: number of programs.
+    generations, seconds: whichever ends first.
+    target: gain of a program that ends the run.
+    polish_every: generations between fits of the own constants of the best programs (0: never).
+    restart_after: generations without progress before a new random population (0: never).
+    climb: number of best programs from which formulas are bred at the end of a slot search (0: none).
+    threads: 0 for all cores; the result does not depend on it.
+    Raises InputError for a value out of range.
     """
 
     population: int = 1024
@@ -115,7 +115,8 @@ class Budget:
 
 @dataclass(frozen=True)
 class Settings:
-    """One run; the defaults search a slot's shape. Raises InputError for a population too small to select from."""
+    """Settings of one run; the defaults search a basis function at a slot.
+    Raises InputError if the population is too small for the selection."""
 
     representation: Representation = field(default_factory=Linear)
     selection: SelectionScheme = field(default_factory=Tournament)
@@ -126,6 +127,7 @@ class Settings:
 
 
 def thesis_settings(representation: Representation, population: int = 65536, generations: int = 100) -> Settings:
-    """Section 5.2.2: the best 5 % have children, nothing is fitted or restarted."""
+    """Return the settings of section 5.2.2: the best 5 % have children, constants are not
+    fitted, there is no restart."""
     budget = Budget(population, generations, seconds=1e9, polish_every=0, restart_after=0)
     return Settings(representation, Truncation(0.05), budget)

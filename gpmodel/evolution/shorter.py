@@ -1,11 +1,9 @@
-"""Shorter forms of a program: one node less, or a constant at the value that needs no writing.
+"""Shorter forms of a program: one node less, or a constant at a value that needs no node.
 
-A constant of 0, 1 or -1 in a sum or product, of ±π/2 in a sine, of ±1 beside tanh, an exponent of 2, and a constant
-equal to another, whose terms then are one, go:
-
+Such constants are 0, 1 or -1 in a sum or product, ±π/2 in a sine, ±1 added to tanh, an exponent of 2, and a constant
+equal to another one, whose terms can be merged:
     x + 0 = x,  1 x = x,  y + (-1) x = y - x,  sin(x + π/2) = cos(x),  1 + tanh(x) = 2 logistic(2 x),  |x|^2 = x²
-
-The constants need not be near those values: each form is fitted again and judged by its description length.
+The constants need not be near these values: each form is fitted again and selected by its description length.
 """
 
 from collections.abc import Iterator
@@ -20,8 +18,9 @@ MINUS = {"add": "subtract", "subtract": "add"}
 
 
 def shorter_forms(program: Program) -> Iterator[Program]:
-    """Programs of fewer nodes that read an input: every node given way to each of its arguments, every constant at the
-    value that removes it, and two constants as one."""
+    """Yield programs with fewer nodes that still depend on an input.
+    Every node is replaced by each of its arguments, every constant takes the value that removes it, and constants are
+    tied."""
     for index, node in enumerate(program.nodes):
         for argument in node.arguments:
             shorter = program.rebuilt(partial(_given_way, index, argument))
@@ -42,7 +41,8 @@ def _given_way(index: int, argument: int, builder: Builder, node: Node, copies: 
 
 
 def _with_other_wave(program: Program, index: int, argument: int) -> Iterator[Program]:
-    """A sum of a term and a constant gives way to the term, and the sine around it to the cosine."""
+    """Yield the program with a sum of a term and a constant replaced by the term, and the sine
+    around it by the cosine."""
     (other,) = set(program.nodes[index].arguments) - {argument} or {argument}
     if program.nodes[other].operator != "constant":
         return
@@ -62,7 +62,7 @@ def _with_other_wave(program: Program, index: int, argument: int) -> Iterator[Pr
 
 
 def _without_constant(program: Program, index: int, node: Node) -> Iterator[Program]:
-    """The program with a sum, difference or power written without its constant."""
+    """Yield the program with a sum, difference or power written without its constant."""
     nodes = program.nodes
     for place, argument in enumerate(node.arguments):
         inner, other = nodes[argument], node.arguments[-1 - place]
@@ -78,7 +78,7 @@ def _without_constant(program: Program, index: int, node: Node) -> Iterator[Prog
 
 
 def _rebuilt(program: Program, index: int, operator: str, *arguments: int) -> Program:
-    """The program with an operator of other nodes in the place of a node."""
+    """Return the program with a node replaced by an operator of other nodes."""
 
     def build(builder: Builder, node: Node, copies: list[int]) -> int:
         if len(copies) == index:
@@ -89,7 +89,7 @@ def _rebuilt(program: Program, index: int, operator: str, *arguments: int) -> Pr
 
 
 def _logistic(program: Program, index: int, inside: Node, falls: bool) -> Iterator[Program]:
-    """The program with logistic(±2 k x) in the place of tanh(k x) and a constant; inside: the node k x."""
+    """Yield the program with tanh(k x) and a constant replaced by logistic(±2 k x). inside: the node k x."""
     for factor, scaled in (inside.arguments, inside.arguments[::-1]) if inside.operator == "multiply" else ():
         scale = program.nodes[factor]
         if scale.operator == "constant":

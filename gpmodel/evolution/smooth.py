@@ -1,12 +1,11 @@
-"""Smooth functions at a place without a shape: of one input, of several as factors, and of two as summands, of a
-product and a summand, of their weighted sum and of a distance.
+"""Smooth functions at a site, before a formula is known: of one input, or of several inputs.
 
-A function φ is a sum of ``Sines`` of the most likely variance. With D, B, g of
-``projection.Targets`` at their first site, Φ (N, m) the sines, σ² the noise:
-
+Functions of several inputs are products, sums, a product plus a summand, a function of a weighted sum, or of a
+distance. A function φ is a sum of ``Sines`` with the prior variance τ of highest evidence. With D, B, g of
+``projection.Targets`` at their first site, sines Φ (N, m) and noise variance σ²:
     a = (Φᵀ(D - BᵀB)Φ + σ²/τ I)⁻¹ Φᵀg,    φ = Φa
-
-Source: Breiman and Friedman (1985) for factors in turn; Friedman and Stuetzle (1981) for functions of weighted sums.
+Source: Breiman and Friedman (1985) for alternating factors; Friedman and Stuetzle (1981) for functions of weighted
+sums.
 """
 
 import itertools
@@ -23,7 +22,12 @@ from gpmodel.evolution.variances import best
 
 @dataclass(frozen=True)
 class Sines:
-    """The sines of one input. values: (N, m) times their deviations. rates: rad per unit; start: where they are 0."""
+    """The sines of one input.
+
+    values: sines (N, m) times their relative prior standard deviations `spreads` (m,).
+    rates: (m,) rad per unit of the input.
+    start: value of the input where all sines are 0.
+    """
 
     name: str
     values: Array
@@ -33,7 +37,7 @@ class Sines:
 
     @staticmethod
     def of(name: str, column: Array, length: float) -> "Sines":
-        """The sines of a column (N,) for a correlation length over half its range."""
+        """Return the sines of a column (N,). length: correlation length relative to half the range of the column."""
         half, reach = 0.5 * float(np.ptp(column)), max(1.5, 3.2 * length)
         omega = np.pi * np.arange(1, math.ceil(1.75 * reach / length) + 1) / (2.0 * reach)
         start = float(column.min()) - (reach - 1.0) * half
@@ -43,28 +47,30 @@ class Sines:
         return Sines(name, np.sin(np.outer(column - start, rates)) * spreads, rates, start, spreads)
 
     def text(self, k: int) -> str:
-        """Sine k as an expression."""
+        """Return sine k as the text of an expression."""
         return f"sin({float(self.rates[k])!r}*({self.name} - ({self.start!r})))"
 
 
 LENGTH = 0.35
-"""Correlation length over half the range of an input: of a bump of a fifth of the range."""
+"""Correlation length over half the range of an input: that of a bump of a fifth of the range."""
 BEYOND = 100.0
-"""Largest prior variance that is tried, over the one at which a function would be the whole residual."""
+"""Largest prior variance that is tried, relative to the variance at which a function equals the whole residual."""
 SETTLED = 1e-4
-"""Relative change of the noise below which turns end."""
+"""Relative change of the noise variance below which iterations end."""
 TURNS, KEPT = (3, 15), 4
-"""Turns of each factor from every first guess, and from the best ones, so many."""
+"""Iterations over the factors from every start, and from the best starts; number of best starts."""
 STARTS = {1: 1, 2: 8, 3: 5, 4: 3}
-"""First guesses at each factor but the first, its slowest sines, by the number of factors: of two, all of them."""
+"""Starts of each factor but the first, its slowest sines, by the number of factors."""
 PARTS_IN_TURN = 3
-"""Turns of a product and a summand; a fourth moves neither by a tenth of the noise."""
+"""Iterations over a product and a summand. A fourth changes neither by a tenth of the noise."""
 DIRECTIONS, MOST = {2: 13, 3: 7, 4: 4}, 2.0
-"""Weights from -1 to 1 of each input of a sum but one that are tried, by the number of inputs; the largest weight."""
+"""Number of weights from -1 to 1 that are tried for each input of a sum but one, by the number of inputs; largest
+weight."""
 FINE = {"xatol": 0.01, "fatol": 0.01, "maxfev": 120}
 """Tolerances of the best weights."""
 POINTS, NEAREST = (-1.2, -0.6, 0.0, 0.6, 1.2), 3
-"""Where a distance is first counted from, in standard deviations of each input about its mean; the best, so many."""
+"""Coordinates of the first points of a distance, in standard deviations of each input about its mean; number of best
+points that are refined."""
 NEAR = ((-3.0, 3.0), (-3.0, 3.0), (-1.5, 1.5))
 """Bounds of the point, and of the logarithm of the ratio of the inputs' scales."""
 LEAST = float(np.finfo(float).tiny)
@@ -72,7 +78,7 @@ LEAST = float(np.finfo(float).tiny)
 
 @dataclass(frozen=True)
 class Smooth:
-    """A function at a place: coefficients (m,) of its sines, nats that it saves, the noise variance that it leaves."""
+    """A smooth function. coefficients: (m,) of its sines. nats: gain. noise: residual variance."""
 
     coefficients: Array
     nats: float
@@ -80,8 +86,8 @@ class Smooth:
 
 
 def smooth(targets: Targets, basis: Array, noise: float, turns: int = 1) -> Smooth:
-    """The most likely function in the span of a basis (N, m) at a variance of the noise, which of several turns each
-    takes over from the one before."""
+    """Fit the function of highest evidence in the span of a basis (N, m), given a noise variance.
+    turns: largest number of iterations, each with the residual variance of the one before as noise variance."""
     axes = _axes(targets, basis[None])
     for _ in range(turns):
         found = _most_likely(targets, axes, np.array([noise]))
@@ -92,19 +98,20 @@ def smooth(targets: Targets, basis: Array, noise: float, turns: int = 1) -> Smoo
 
 
 _Axes = tuple[Array, Array, Array]
-"""Eigenvalues (S, m) and eigenvectors (S, m, m) of Φᵀ(D - BᵀB)Φ of several bases, and Φᵀg (S, m) along these."""
+"""Eigenvalues (S, m) and eigenvectors (S, m, m) of Φᵀ(D - BᵀB)Φ of several bases, and Φᵀg (S, m) along the
+eigenvectors."""
 
 
 def _axes(targets: Targets, basis: Array) -> _Axes:
-    """Diagonalise the products of bases (S, N, m)."""
+    """Diagonalise Φᵀ(D - BᵀB)Φ of bases Φ (S, N, m)."""
     weighted, seen = basis * targets.weight[0][:, None], targets.cross[0] @ basis
     sizes, turn = np.linalg.eigh(np.swapaxes(basis, 1, 2) @ weighted - np.swapaxes(seen, 1, 2) @ seen)
     return np.maximum(sizes, 0.0), turn, np.matmul((targets.pull[0] @ basis)[:, None, :], turn)[:, 0]
 
 
 def _most_likely(targets: Targets, axes: _Axes, noise: Array) -> tuple[Array, Array, Array]:
-    """Coefficients (S, m) of the most likely function in the span of each basis at a variance of the noise (S,), the
-    nats (S,) that it saves, and the noise (S,) that it leaves."""
+    """Fit the function of highest evidence in the span of each basis, given noise variances (S,).
+    Return coefficients (S, m), gains (S,) in nats, and residual variances (S,)."""
     sizes, turn, along = axes
     s, q = sizes / noise[:, None], along / noise[:, None]
     total = np.maximum(sizes.sum(axis=1), LEAST)
@@ -117,8 +124,10 @@ def _most_likely(targets: Targets, axes: _Axes, noise: Array) -> tuple[Array, Ar
 
 
 def factors(targets: Targets, columns: Array) -> tuple[float, Array]:
-    """The noise variance that a product leaves, and its factors: functions (K, N) of each of K columns (K, N), of mean
-    square 1, whose product leaves least noise, by turns from many first guesses at all but the first."""
+    """Fit a product of functions of each of K columns (K, N); return its residual variance and the factors (K, N).
+
+    Factors have mean square 1. They are fitted in turn, from many starts of all factors but the first.
+    """
     bases = np.array([Sines.of("", column, LENGTH).values for column in columns])
     slowest = STARTS[min(len(columns), max(STARTS))]
     starts = np.array(list(itertools.product(range(slowest), repeat=len(columns) - 1)), dtype=np.int64)
@@ -132,8 +141,8 @@ def factors(targets: Targets, columns: Array) -> tuple[float, Array]:
 
 
 def _in_turn(targets: Targets, bases: Array, values: Array, turns: int) -> Array:
-    """Improve products (S, K, N) of functions of bases (K, N, m), one factor after the other, in place; the noise (S,)
-    that they leave."""
+    """Improve products (S, K, N) of functions of bases (K, N, m) in place, one factor after the other.
+    Return the residual variances (S,)."""
     noise = np.full(len(values), targets.energy / targets.components)
     for _ in range(turns):
         before = noise
@@ -150,17 +159,17 @@ def _in_turn(targets: Targets, bases: Array, values: Array, turns: int) -> Array
 
 
 def others(values: Array, k: int) -> Array:
-    """The product (N,) of factors (K, N) but number k."""
+    """Return the product (N,) of all factors (K, N) but factor k."""
     return np.asarray(np.prod(np.delete(values, k, axis=0), axis=0))
 
 
 def through(targets: Targets, factor: Array) -> Targets:
-    """The targets of what a factor (N,) is multiplied with: what one pose says of it grows with this one."""
+    """Return the targets of a function that is multiplied by a given factor (N,)."""
     return replace(targets, weight=targets.weight * factor**2, cross=targets.cross * factor, pull=targets.pull * factor)
 
 
 def summands(targets: Targets, columns: Array) -> tuple[Array, Array]:
-    """Functions (N,) of each of two columns (2, N) whose sum is most likely."""
+    """Return functions (N,) of each of two columns (2, N) whose sum has the highest evidence."""
     first, second = (Sines.of("", column, LENGTH).values for column in columns)
     found = _settled(targets, np.hstack([first, second]))
     one, other = np.split(found.coefficients, [first.shape[1]])
@@ -168,8 +177,11 @@ def summands(targets: Targets, columns: Array) -> tuple[Array, Array]:
 
 
 def product_and_summand(targets: Targets, columns: Array) -> tuple[float, Array, Array]:
-    """The noise variance that a sum leaves, and its parts (N,): a product of functions of each of K columns (K, N) but
-    the last, and a function of the last, each in turn with the other taken off the residual."""
+    """Fit the sum of a function of the last column and a product of functions of the other columns (K, N).
+
+    Each part is fitted in turn with the other part subtracted. Return the residual variance, the product (N,) and the
+    summand (N,).
+    """
     basis = Sines.of("", columns[-1], LENGTH).values
     summand = basis @ _settled(targets, basis).coefficients
     for _ in range(PARTS_IN_TURN):
@@ -182,17 +194,17 @@ def product_and_summand(targets: Targets, columns: Array) -> tuple[float, Array,
 
 
 def _settled(targets: Targets, basis: Array) -> Smooth:
-    """The most likely function in the span of a basis (N, m), of the noise that it leaves itself."""
+    """Fit the function of highest evidence in the span of a basis (N, m), with its own residual variance as noise."""
     return smooth(targets, basis, targets.energy / targets.components, TURNS[1])
 
 
 def noise_left(targets: Targets, column: Array) -> float:
-    """The noise variance that the most likely function of a column (N,) leaves at a place."""
+    """Return the residual variance of the best smooth function of a column (N,) at a site."""
     return _settled(targets, Sines.of("", column, LENGTH).values).noise
 
 
 def without(targets: Targets, values: Array) -> Targets:
-    """The targets once a function (N,) at their first site is taken off the residual."""
+    """Return the targets with a function (N,) at their first site subtracted from the residual."""
     seen = targets.cross[0] @ values
     column = targets.weight[0] * values - seen @ targets.cross[0]
     left = targets.energy - 2.0 * float(targets.pull[0] @ values) + float(column @ values)
@@ -200,8 +212,8 @@ def without(targets: Targets, values: Array) -> Targets:
 
 
 def weighted_sum(targets: Targets, columns: Array) -> Array:
-    """Weights (K,) of columns (K, N), two or more, in the sum of which a function saves most, the largest column's
-    standard deviation counting 1."""
+    """Return the weights (K,) of two or more columns (K, N) in the sum of which a smooth function has the largest gain.
+    They are scaled so that one weight times the standard deviation of its column is 1."""
     spread, noise = columns.std(axis=1), targets.energy / targets.components
     scaled = columns / spread[:, None]
 
@@ -224,10 +236,8 @@ def weighted_sum(targets: Targets, columns: Array) -> Array:
 
 
 def distance(targets: Targets, columns: Array) -> tuple[float, float, float]:
-    """A point in the plane of two columns (2, N), the distance from which says most, and how often the second counts.
-
-    (a, b, w) of √((x - a)² + w² (y - b)²).
-    """
+    """Return (a, b, w) of the distance √((x - a)² + w² (y - b)²) of which a smooth function has the largest gain.
+    x and y are the columns (2, N)."""
     middle, spread = columns.mean(axis=1), columns.std(axis=1)
     scaled, noise = (columns - middle[:, None]) / spread[:, None], targets.energy / targets.components
 

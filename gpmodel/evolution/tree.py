@@ -1,4 +1,4 @@
-"""Binary trees (thesis section 5.2.2): what may be chosen about them."""
+"""Settings of binary trees (thesis section 5.2.2)."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -13,16 +13,19 @@ if TYPE_CHECKING:
     from gpmodel.evolution.tree_breeding import TreeBreeding
 
 SHALLOW, DEEPEST_START = 1, 4
-"""Ramped half-and-half starts between these depths (Koza 1992: 2 to 6, of larger populations)."""
+"""Depths between which trees of ramped half-and-half start (Koza 1992: 2 to 6, for larger populations)."""
 
 
 @dataclass(frozen=True)
 class Tree:
-    """Programs as ``outputs`` trees no deeper than ``depth``; the defaults search a slot's shape.
+    """Settings of programs as ``outputs`` trees no deeper than ``depth``; the defaults search a basis function at a
+    slot.
 
-    operators, constants, own_constants: as for ``Linear``. style: "koza" (subtree exchange, grown subtrees, node
-    replacement) or "thesis" (the depth-first crossover and the two mutations of section 5.2.2). crossover: share
-    of children that it makes, the others being mutated. Raises InputError for a choice out of range.
+    operators, constants, own_constants: as for ``Linear``.
+    style: "koza" (subtree exchange, grown subtrees, node replacement) or "thesis" (the depth-first crossover and the
+    two mutations of section 5.2.2).
+    crossover: share of children by crossover; the others are mutated.
+    Raises InputError for a value out of range.
     """
 
     depth: int = 5
@@ -41,11 +44,11 @@ class Tree:
 
     @staticmethod
     def thesis() -> "Tree":
-        """Section 5.2.2: depth 10 to 15, the operators and constants of Table 5.1."""
+        """Return the settings of section 5.2.2: depth 10 to 15, the operators and constants of Table 5.1."""
         return Tree(12, 3, "thesis", TABLE_CONSTANTS, own_constants=0, style="thesis", crossover=0.8)
 
     def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> "TreeBreeding":
-        """The primitives over these inputs, and their breeding."""
+        """Return the breeding of trees over these inputs."""
         from gpmodel.evolution.tree_breeding import TreeBreeding
 
         layout = Layout(

@@ -1,10 +1,8 @@
 """Creation and variation of trees (thesis section 5.2.2, Fig 5.6), by DEAP.
 
-DEAP draws from Python's generator, and so may any other thread: every call here puts one of its own in the place where
-DEAP looks for it, seeded from the NumPy generator it is given.
-
-Kinds rule trees where they rule sequences, when a program is decoded: DEAP's typed sets want one kind of result for
-every operator and a leaf of every kind, and no leaf is a squared angle.
+DEAP uses Python's global random generator, which other threads may use too. Every call here replaces it by a generator
+of its own, seeded from the given NumPy generator. Kinds are enforced when a program is decoded, as for sequences:
+DEAP's typed sets need one kind of result for every operator and a leaf of every kind, and no leaf is a squared angle.
 """
 
 import random
@@ -25,7 +23,7 @@ from gpmodel.evolution.representation import Population
 from gpmodel.evolution.tree_population import ConstantNode, ElementNode, Individual, OperatorNode, Trees
 
 _ONE_AT_A_TIME = threading.Lock()
-"""DEAP looks in one place for all threads."""
+"""All threads share the generator of DEAP."""
 
 
 @contextmanager
@@ -43,9 +41,9 @@ def _deap_random(rng: np.random.Generator) -> Iterator[None]:
 class TreeBreeding:
     """Creation and variation of trees.
 
-    ``style`` is "koza" (subtree exchange, grown subtrees, node replacement) or "thesis" (the depth-first
-    crossover and the two mutations of section 5.2.2, completed so that a tree is always whole). Starts are
-    ramped half-and-half between ``shallow`` and ``start_depth``; no tree grows deeper than ``depth``.
+    style: as for ``Tree``; the operators of "thesis" are completed so that every tree is valid.
+    shallow, start_depth: depths between which trees start, by ramped half-and-half.
+    depth: largest depth of a tree.
     """
 
     layout: Layout
@@ -57,7 +55,8 @@ class TreeBreeding:
 
     @cached_property
     def primitives(self) -> gp.PrimitiveSet:
-        """Operators and leaves as deap has them. Raises InputError for more leaves than a byte can name."""
+        """Operators and leaves as DEAP primitives.
+        Raises InputError if there are more leaves than one byte can number."""
         layout = self.layout
         primitives = gp.PrimitiveSet("program", 0)
         for operator in layout.operators:
@@ -76,7 +75,7 @@ class TreeBreeding:
 
     @cached_property
     def toolbox(self) -> base.Toolbox:
-        """The variation operators as deap has them."""
+        """Variation operators as a DEAP toolbox."""
         toolbox = base.Toolbox()
         toolbox.register("start", gp.genHalfAndHalf, pset=self.primitives, min_=self.shallow, max_=self.start_depth)
         toolbox.register("grown", gp.genFull, min_=0, max_=2)
@@ -90,7 +89,7 @@ class TreeBreeding:
         return toolbox
 
     def initial(self, population: int, rng: np.random.Generator) -> Trees:
-        """A random population."""
+        """Return a random population."""
         with _deap_random(rng):
             return Trees(
                 tuple(
@@ -102,7 +101,7 @@ class TreeBreeding:
     def offspring(
         self, parents: Population, mothers: NDArray[np.intp], fathers: NDArray[np.intp], rng: np.random.Generator
     ) -> Trees:
-        """One child a pair of parents, by crossover or one of the mutations."""
+        """Return one child per pair of parents, by crossover or a mutation."""
         assert isinstance(parents, Trees), "trees are bred from trees"
         children = []
         with _deap_random(rng):
@@ -133,7 +132,8 @@ class TreeBreeding:
 def _complete(
     prefix: Sequence[gp.Primitive], supply: Iterator[gp.Primitive], primitives: gp.PrimitiveSet
 ) -> gp.PrimitiveTree:
-    """``prefix``, then nodes of ``supply`` until the tree is whole; random leaves where the supply ends."""
+    """Return the tree of ``prefix``, then nodes of ``supply`` until it is complete; random
+    leaves if the supply ends."""
     nodes = []
     missing = 1
     for node in prefix:
@@ -152,10 +152,10 @@ def _complete(
 def depth_first_crossover(
     mother: gp.PrimitiveTree, father: gp.PrimitiveTree, primitives: gp.PrimitiveSet
 ) -> tuple[gp.PrimitiveTree]:
-    """Fig 5.6: the mother's nodes up to a point, then the father's after it, in depth-first order.
+    """Return the mother's nodes up to a random point, then the father's after it, in depth-first order (Fig 5.6).
 
-    The father's nodes are used until the child is whole; where they run out, or he is shorter than the
-    point, the open places become random leaves.
+    The father's nodes are used until the child is complete. If they run out, or the father is shorter than the point,
+    open arguments become random leaves.
     """
     point = gp.random.randrange(len(mother))
     return (_complete(mother[: point + 1], iter(father[point + 1 :]), primitives),)
@@ -164,7 +164,7 @@ def depth_first_crossover(
 def structure_mutation(
     mother: gp.PrimitiveTree, father: gp.PrimitiveTree, primitives: gp.PrimitiveSet
 ) -> tuple[gp.PrimitiveTree]:
-    """Breeding with a crossover point of its own in the father, so that sequences are reused elsewhere."""
+    """Cross two trees with a separate crossover point in the father, so that sequences are reused elsewhere."""
     point = gp.random.randrange(len(mother))
     other = gp.random.randrange(len(father))
     return (_complete(mother[: point + 1], iter(father[other:]), primitives),)

@@ -1,4 +1,4 @@
-"""Trees as DEAP holds them, with the codes that the kernels read; never compiled by DEAP."""
+"""Trees as DEAP objects with codes for the kernels; DEAP never compiles them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from gpmodel.formula.program import Builder, Program
 
 
 class OperatorNode(gp.Primitive):
-    """An operator in a tree, with the number the kernels know it by."""
+    """An operator in a tree, with its op-code for the kernels."""
 
     __slots__ = ("code",)
 
@@ -28,7 +28,7 @@ class OperatorNode(gp.Primitive):
 
 
 class ElementNode(gp.Terminal):
-    """A leaf of a tree, with the number the kernels know it by."""
+    """A leaf of a tree, with its number for the kernels."""
 
     __slots__ = ("code",)
 
@@ -47,17 +47,16 @@ ConstantNode.code = OWN_BYTE
 
 @dataclass(slots=True)
 class Individual:
-    """Several trees bred together; ``codes`` are their prefix codes, a node a byte.
+    """Several trees that are bred together. codes: their prefix codes, one byte per node.
 
-    They are empty where a tree has not been packed yet. A tree is never changed after it was packed: who varies it,
-    varies a copy.
+    A code is empty if its tree has not been packed yet. A packed tree is never changed; variation works on a copy.
     """
 
     trees: tuple[gp.PrimitiveTree, ...]
     codes: tuple[bytes, ...] = field(default=(), compare=False)
 
     def replaced(self, place: int, tree: gp.PrimitiveTree) -> "Individual":
-        """With another tree in one place; the codes of the others are kept."""
+        """Return the individual with another tree at index ``place``; the codes of the other trees are kept."""
         trees, codes = [*self.trees], [*self.codes] or [b""] * len(self.trees)
         trees[place], codes[place] = tree, b""
         return Individual(tuple(trees), tuple(codes))
@@ -70,7 +69,7 @@ class Individual:
 
 @dataclass(frozen=True)
 class Trees:
-    """A population of individuals; ``forest`` is what the kernels read."""
+    """A population of individuals. forest: its codes for the kernels."""
 
     individuals: tuple[Individual, ...]
 
@@ -79,10 +78,8 @@ class Trees:
 
     @cached_property
     def forest(self) -> Forest:
-        """All trees one after another, the own constants of each individual numbered in turn.
-
-        Only trees that no population before has packed are; the codes of the others are copied.
-        """
+        """Codes of all trees one after another, with the own constants of each individual numbered in turn.
+        Only new trees are packed; codes of trees from earlier populations are copied."""
         self._pack()
         parts = list(chain.from_iterable(individual.codes for individual in self.individuals))
         packed = np.frombuffer(b"".join(parts), np.uint8)
@@ -102,7 +99,7 @@ class Trees:
         return Forest(codes, bounds.astype(np.int32), constants)
 
     def _pack(self) -> None:
-        """The codes of all trees that have none, in one go."""
+        """Compute the codes of all trees that have none, in one pass."""
         bare = [one for one in self.individuals if not one.codes]
         some = [one for one in self.individuals if b"" in one.codes]
         holed = [(one, k) for one in some for k, code in enumerate(one.codes) if not code]
@@ -117,27 +114,28 @@ class Trees:
             one.codes = (*one.codes[:k], code, *one.codes[k + 1 :])
 
     def take(self, rows: NDArray[np.intp]) -> "Trees":
-        """The trees at some rows."""
+        """Return the trees at some rows."""
         return Trees(tuple(self.individuals[row] for row in rows))
 
     def join(self, other: "Trees") -> "Trees":
-        """These trees followed by others."""
+        """Return these trees followed by the trees of ``other``."""
         return Trees(self.individuals + other.individuals)
 
     def decoder(self, layout: Layout) -> Callable[[slice], Code]:
-        """Effective code of a slice, by the kernels; the prefix codes are laid out first, once."""
+        """Return a function from a slice of individuals to their effective code; prefix codes
+        are computed first, once."""
         return partial(self.forest.decoded, layout)
 
     def program(self, row: int, layout: Layout) -> Program:
-        """One individual as a program."""
+        """Return one individual as a program."""
         return program_of(self.individuals[row], layout)
 
     def constants_of(self, row: int) -> Array:
-        """Own constants of one individual."""
+        """Return the own constants of one individual."""
         return np.array(self.individuals[row].constants)
 
     def with_constants(self, row: int, values: Array) -> "Trees":
-        """The one individual at ``row`` with other own constants."""
+        """Return a population of the individual at ``row`` alone, with other own constants."""
         remaining = iter(values.tolist())
         trees = []
         for tree in self.individuals[row].trees:
@@ -152,10 +150,8 @@ class Trees:
 
 
 def program_of(individual: Individual, layout: Layout) -> Program:
-    """The trees of an individual as one Program, one output a tree.
-
-    Values carry their kind with them; an operator that may not be applied is replaced, or is its first argument.
-    """
+    """Return the trees of an individual as one Program with one output per tree.
+    An operator that is not allowed on the kinds of its arguments is replaced, or becomes its first argument."""
     builder = Builder()
 
     def leaf(node: gp.Terminal) -> tuple[int, int]:

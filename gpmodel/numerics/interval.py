@@ -135,8 +135,8 @@ def freedom_of_sum(deviations: Array, freedoms: Array) -> Array:
 
 
 SIGNIFICANCE = 0.01
-"""Significance level of a test, after correction for the number of tests. The acceptance rule of findings uses it too.
-"""
+"""Significance level of a test, after correction for the number of tests. The acceptance rule
+of findings uses it too."""
 
 
 def holm(chances: Array) -> Array:
@@ -164,7 +164,8 @@ def chance_of_ratio(ratio: float, numbers: float, freedom: float) -> float:
 
 
 def chance_of_less(ratio: float, numbers: float, freedom: float) -> float:
-    """Return the probability that a mean square is at most `ratio` times an estimated variance; see `chance_of_ratio`."""
+    """Return the probability that a mean square is at most `ratio` times an estimated
+    variance; see `chance_of_ratio`."""
     if np.isinf(freedom):
         return float(special.chdtr(numbers, ratio * numbers))
     return float(special.fdtr(numbers, freedom, ratio))

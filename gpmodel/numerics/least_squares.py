@@ -193,7 +193,8 @@ class Omitted:
         return cls(rows, there, factored(np.eye(len(square)) - square))
 
     def freed(self, values: Array) -> Array:
-        """Return A⁻¹ times values (T, R): residuals of the omitted rows, from their residuals in the fit to all rows."""
+        """Return A⁻¹ times values (T, R): residuals of the omitted rows, from their residuals
+        in the fit to all rows."""
         if len(self.rows) <= self.there.shape[1]:
             return np.asarray(linalg.cho_solve(self.factor, values, check_finite=False))
         inside = linalg.cho_solve(self.factor, self.there.T @ values, check_finite=False)

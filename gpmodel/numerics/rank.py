@@ -16,7 +16,8 @@ changes."""
 
 
 def orthonormal(columns: Array) -> Array:
-    """Return an orthonormal basis (M, k) of the span of columns (M, K), scaled to unit norm before the rank is decided."""
+    """Return an orthonormal basis (M, k) of the span of columns (M, K), scaled to unit norm
+    before the rank is decided."""
     norms = np.linalg.norm(columns, axis=0)
     scaled = columns[:, norms > NEGLIGIBLE] / norms[norms > NEGLIGIBLE]
     if scaled.shape[1] == 0:

@@ -72,7 +72,8 @@ def coordinates(mechanism: Mechanism, q: Array) -> Array:
 
 
 def pool_of(mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Reach | None = None) -> Array:
-    """Draw the joint values (P, n) of a pool from which `count` poses are selected. Raises InputError as `candidates`."""
+    """Draw the joint values (P, n) of a pool from which `count` poses are selected.
+    Raises InputError as `candidates`."""
     return candidates(mechanism, max(min(POOL * count, LARGEST_POOL), 2 * count, SMALLEST_POOL), rng, reach)
 
 

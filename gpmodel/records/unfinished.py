@@ -52,7 +52,8 @@ def encode(value: Any) -> Any:
 
 
 def decode(value: Any) -> Any:
-    """Convert JSON content of `encode` back to the value. Raises KeyError, TypeError or ValueError for other content."""
+    """Convert JSON content of `encode` back to the value.
+    Raises KeyError, TypeError or ValueError for other content."""
     if not isinstance(value, dict):
         return value
     if "type" in value:

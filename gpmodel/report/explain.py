@@ -180,8 +180,7 @@ MEASURES = {
 
 def kinds_of(name: str, unit: str, joints: Set[str]) -> tuple[str, ...]:
     """Return the kinds of a column: clock, temperature, payload, load, approach, delay, speed; none for an angle or
-    an unknown.
-    """
+    an unknown."""
     derived = constant_of(name)
     if derived is not None:
         what, source, _ = derived

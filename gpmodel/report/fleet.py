@@ -80,8 +80,7 @@ def in_words(part: SharedPart, value: float, deviation: float) -> tuple[float, f
 
 def _shown(fleet: FleetPart) -> list[SharedPart]:
     """Select the shown parameters: effects beyond geometry, parameters with outliers, then geometry with the
-    farthest machines.
-    """
+    farthest machines."""
     first = [p for p in fleet.parameters if not p.constant or p.outliers]
     rest = sorted((p for p in fleet.parameters if p not in first), key=lambda p: -np.abs(p.z).max())
     return (sorted(first, key=lambda p: not p.outliers) + rest)[:PANELS]

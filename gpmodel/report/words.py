@@ -34,8 +34,7 @@ _CAUSES = {
 
 def instrument(report: Report) -> str:
     """State the noise expected from the instrument's specification and the noise found; empty without a
-    specification.
-    """
+    specification."""
     stated = report.instrument
     if stated is None:
         return ""

@@ -73,7 +73,8 @@ def replicates(dataset: Dataset, whatever: bool = False) -> IntArray:
 
 
 def _of_one_pose(dataset: Dataset, whatever: bool = False) -> IntArray:
-    """Return a number (N,) per row, equal for one label or one pose; `whatever` gives copies the number of their pose."""
+    """Return a number (N,) per row, equal for one label or one pose; `whatever` gives copies
+    the number of their pose."""
     labels = dataset.label("repeat")
     same = np.arange(len(dataset)) if dataset.joints_approximate else _same_joints(dataset.q)
     if not whatever:

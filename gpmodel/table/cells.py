@@ -238,7 +238,8 @@ def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
 
 
 def _header_line(text: str) -> str:
-    """Return what the first line should be, and the number of the line with names and units if one is found below it."""
+    """Return what the first line should be, and the number of the line with names and units if
+    one is found below it."""
     first = (i for i, line in enumerate(text.splitlines()[:MOST_ABOVE], 1) if len(_UNIT.findall(line)) >= FEWEST_UNITS)
     line = next(first, 0)
     return f"{NAMES}; line {line} has them, delete those above it" if line > 1 else NAMES
@@ -265,7 +266,8 @@ def _check_names(header: list[str], path: Path) -> None:
 
 
 def numbers(column: pd.Series, where: str) -> Array:
-    """Return the cells of a column as numbers (N,), NaN where empty. Raises InputError naming `where` for other cells."""
+    """Return the cells of a column as numbers (N,), NaN where empty.
+    Raises InputError naming `where` for other cells."""
     text = column.astype("string")
     values = pd.to_numeric(text, errors="coerce")
     unread = np.flatnonzero((values.isna() & text.notna()).to_numpy())

@@ -52,7 +52,8 @@ class Specification:
 
 
 def specification(text: str) -> Specification:
-    """Parse a specification such as `15um + 6um/m`, `±0.02 mm`, `10 µm + 5 ppm`. Raises InputError naming `instrument`."""
+    """Parse a specification such as `15um + 6um/m`, `±0.02 mm`, `10 µm + 5 ppm`.
+    Raises InputError naming `instrument`."""
     offset, slope = 0.0, 0.0
     try:
         for part in re.split(r"(?<=[^eE+])\+", text.strip().strip("±()")):

@@ -36,7 +36,8 @@ class Imported:
 
 
 def left_out(what: str, names: Iterable[str]) -> tuple[str, ...]:
-    """List parts of a file that are not imported in one phrase, as "no joint of arm.urdf: l6_x"; empty without names."""
+    """List parts of a file that are not imported in one phrase, as "no joint of arm.urdf:
+    l6_x"; empty without names."""
     named = ", ".join(names)
     return (f"{what}: {named}",) if named else ()
 

@@ -68,8 +68,8 @@ PAYLOAD = 10.0
 DOWN = (0.0, 0.0, -1.0)
 """Direction of gravity in the root frame, unless stated."""
 ERROR, STEP = 1e-3, 1e-5
-"""Errors of a check, m and rad, larger than a machine's; step of central differences, whose third-order error is 1e-10.
-"""
+"""Errors of a check, m and rad, larger than a machine's; step of central differences, whose
+third-order error is 1e-10."""
 
 GRAVITY = (9.7, 9.9)
 """Range of gravity on Earth, m/s²: 9.780 at the equator, 9.832 at the poles, and a margin."""

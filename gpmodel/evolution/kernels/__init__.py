@@ -1,4 +1,4 @@
-"""The compiled inner loops; the only modules that import numba. NumPy twins in the tests are their oracle."""
+"""Compiled inner loops: the only modules that import numba. The tests compare them with NumPy versions."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -6,9 +6,7 @@ from pathlib import Path
 
 def drop_stale_cache() -> None:
     """Remove compiled code older than any kernel source.
-
-    The compiler's cache looks at the file of the outermost function only, not at those it calls.
-    """
+    The compiler's cache checks the file of the outermost function only, not the files of the functions it calls."""
     here = Path(__file__).parent
     newest = max(source.stat().st_mtime for source in here.glob("*.py"))
     for index in (here / "__pycache__").glob("*.nbi"):

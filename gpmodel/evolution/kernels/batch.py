@@ -1,4 +1,4 @@
-"""Whole slices of a population through decoding and execution, one thread each."""
+"""Decoding and execution of slices of a population, each in one thread."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ def decode_sequences(
     nodes: IntArray,
     hashes: NDArray[np.uint64],
 ) -> None:
-    """Effective code of each sequence of genes (P, L): words (P, longest) of which ``count``, outputs (P, m)."""
+    """Decode sequences of genes (P, L) into effective code; see ``engine.Code`` for the arrays that are filled."""
     own = constant_bits.shape[1]
     cells = np.empty(len(start) + base + own + 1, np.uint16)
     pairs = np.empty(words.shape[1], np.uint16)
@@ -67,7 +67,7 @@ def decode_forest(
     nodes: IntArray,
     hashes: NDArray[np.uint64],
 ) -> None:
-    """Effective code of programs of several trees; bounds (P, roots + 1) index the flat prefix codes."""
+    """Decode programs of several trees into effective code; bounds (P, roots + 1) index the flat prefix codes."""
     longest = words.shape[1]
     stack = np.empty(longest + 1, np.int64)
     kinds = np.empty(longest + 1, np.int64)
@@ -83,7 +83,7 @@ def decode_forest(
 
 @compiled
 def sizes_by_outputs(words: IntArray, count: IntArray, base: int, outputs: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """Nodes (P, 2^m) of each program that reach exactly the outputs of a set of bits."""
+    """Return the number (P, 2^m) of nodes of each program that reach exactly the outputs in each bit set."""
     sizes = np.zeros((len(words), 1 << outputs.shape[1]), np.uint16)
     reach = np.empty(base + words.shape[1], np.uint8)
     for p in range(len(words)):
@@ -101,7 +101,8 @@ def output_values(
     rows: Array,
     values: Array,
 ) -> None:
-    """values (P, outputs, N) of decoded programs; fixed (base, N) are inputs and constants; rows is scratch."""
+    """Fill the outputs ``values`` (P, outputs, N) of decoded programs.
+    fixed: inputs and constants (base, N). rows: scratch space for the registers."""
     base, poses = fixed.shape
     block = rows.shape[1]
     for begin in range(0, poses, block):
@@ -136,7 +137,7 @@ def _sum(row: Array, width: int) -> float:
 
 @inlined
 def squared_distance(dx: float, dy: float, dz: float) -> float:
-    """The square of a distance, infinite where it is not a number."""
+    """Return the square of a distance, infinite if it is not a number."""
     square = dx * dx + dy * dy + dz * dz
     return square if square < np.inf else np.inf
 
@@ -154,10 +155,10 @@ def compensator_fitness(
     hopeless: float,
     fitness: Array,
 ) -> None:
-    """Largest (or sum of) squared distance between three outputs and measured (3, N) over the poses.
+    """Fill ``fitness`` (P,) with the largest (or sum of) squared distance of three outputs from measured points (3, N).
 
-    A program whose running value passes ``hopeless`` after a block of poses is dropped with an infinity; one
-    with an output that is not finite is infinite. The last of ``rows`` is scratch for the squares.
+    A program is dropped with an infinite fitness once its value exceeds ``hopeless`` after a block of poses, or if an
+    output is not finite. The last of ``rows`` is scratch space for the squares.
     """
     base, poses = fixed.shape
     block = rows.shape[1]

@@ -1,4 +1,4 @@
-"""Crossover and mutation of linear sequences (thesis Fig 5.3), one random stream an offspring."""
+"""Crossover and mutation of linear sequences (thesis Fig 5.3), with one random stream per child."""
 
 import math
 
@@ -11,7 +11,7 @@ from gpmodel.evolution.kernels.compiler import compiled
 
 @compiled
 def _next(state: np.uint64) -> tuple[np.uint64, np.uint64]:
-    """SplitMix64 (Steele, Lea, Flood 2014): the next state and 64 random bits."""
+    """Return the next state and 64 random bits of SplitMix64 (Steele, Lea, Flood 2014)."""
     state = np.uint64(state + np.uint64(0x9E3779B97F4A7C15))
     z = state
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -26,7 +26,7 @@ def _uniform(bits: np.uint64) -> float:
 
 @compiled
 def _gap(bits: np.uint64, log_keep: float, length: int) -> int:
-    """Elements until the next event of a per-element rate: geometric."""
+    """Return the number of elements until the next event of a rate per element: geometrically distributed."""
     if log_keep == 0.0:
         return length
     gap = math.log(_uniform(bits)) / log_keep
@@ -52,11 +52,11 @@ def breed_sequences(
     child_genes: NDArray[np.uint8],
     child_constants: Array,
 ) -> None:
-    """Children of pairs of parents, number ``begin`` and on.
+    """Fill the genes and constants of the children of pairs of parents; the first child has number ``begin``.
 
-    Copying an element switches to the other parent with rate ``crossover`` and is replaced by a random one
-    with rate ``mutation``. Own constants come from the parent in use at the end; at the same rate as a
-    mutated gene in 20, one is multiplied by exp(N(0, 0.5)) or drawn anew.
+    At each element copying switches to the other parent at rate ``crossover``, and the element is replaced by a random
+    one at rate ``mutation``. Own constants come from the parent in use at the end. At a rate of one per four mutated
+    genes, at most 0.5 per child, one of them is multiplied by exp(N(0, 0.5)) or drawn again.
     """
     length = genes.shape[1]
     log_cross = math.log1p(-crossover)

@@ -1,4 +1,4 @@
-"""Constants of a program of one output by least squares, seen from one place: ``gpmodel.evolution.constants``."""
+"""Least-squares fit of the constants of a program of one output at one site, for ``gpmodel.evolution.constants``."""
 
 import numpy as np
 
@@ -8,15 +8,13 @@ from gpmodel.evolution.kernels.differentiation import carry_tangents
 
 _ROUNDING = 1e-13
 TRIALS = 4
-"""Dampings tried a step, each ten times the one before."""
+"""Dampings that are tried per step, each ten times the one before."""
 
 
 @compiled
 def solve(normal: Array, sizes: Array, count: int) -> bool:
-    """Gauss-Jordan of symmetric normal equations, the right side in the column ``count``; False where singular.
-
-    sizes: room for the diagonal before anything was eliminated.
-    """
+    """Solve symmetric normal equations by Gauss-Jordan in place; return False if they are singular.
+    The right side is column ``count``. sizes: scratch space for the original diagonal."""
     for k in range(count):
         sizes[k] = normal[k, k]
     for k in range(count):
@@ -51,7 +49,7 @@ def _weighted(weight: Array, one: Array, other: Array) -> float:
 
 @compiled
 def _limited(row: Array, count: int, limit: float) -> bool:
-    """Return whether the first values of a row are numbers below a limit."""
+    """Return whether the first ``count`` values of a row are finite and below a limit."""
     within = 0
     for j in range(count):
         within += abs(row[j]) < limit
@@ -63,7 +61,7 @@ def explained(
     row: Array, weight: Array, cross: Array, begins: IntArray, pull: Array, energy: float, unique_share: float,
     smallest: float,
 ) -> tuple[float, float]:  # fmt: skip
-    """Gain of one basis (N,) and its coefficient, as ``Targets.set_gain`` has them of one."""
+    """Return the gain of one basis function (N,) and its coefficient, as ``Targets.set_gain`` does."""
     if not _limited(row, len(row), np.inf) or energy <= 0.0:
         return 0.0, 0.0
     largest = 0.0
@@ -95,8 +93,8 @@ def _normal_equations(
     idle: float,
     normal: Array,
 ) -> bool:
-    """Fill those (m, m + 1) of one Gauss-Newton step, the first of the columns (m, N) being the basis, the right side
-    the last; whether they are usable."""
+    """Fill the normal equations (m, m + 1) of one Gauss-Newton step; return whether they are usable.
+    The first of the columns (m, N) is the basis function; the last column is the right side."""
     size = len(columns)
     seen, stays = np.empty((size, len(cross))), np.zeros(size, np.bool_)
     for i in range(size):
@@ -122,8 +120,9 @@ def _normal_equations(
 
 @compiled
 def _moved(constants: Array, free: Mask, solved: Array, trial: Array) -> bool:
-    """Fill constants (C,), the free ones moved by the last column of solved equations, the first row not counted;
-    whether all are numbers and different: equal ones would be one node."""
+    """Fill ``trial`` with the constants (C,), the free ones moved by the solution; return whether the result is usable.
+    Constants have to be finite and different, since equal constants would be one node. Row 0 of the
+    solution is unused."""
     k, last = 0, solved.shape[1] - 1
     for i in range(len(constants)):
         k += free[i]
@@ -151,11 +150,13 @@ def fit_constants(
     limits: tuple[float, float, float],
     steps: int,
 ) -> float:
-    """Move the free ones of the constants (C,) to where the last node of a program explains most; its gain there.
+    """Fit the free constants (C,) of a program in place to the largest gain of its last node; return the gain.
 
-    nodes: as ``carry_tangents`` has them. weight, pull (N,), cross (K, N): of one place. begins (K,): the first number
-    of each row of cross that is not zero. limits: what a basis has to exceed, what a column may not, and the share of
-    it that has to lie outside the enabled columns.
+    nodes: as in ``carry_tangents``.
+    weight, pull (N,), cross (K, N): ``Targets`` of one site.
+    begins: index (K,) of the first number other than zero in each row of cross.
+    limits: least magnitude of a basis function, largest magnitude of a column, and least share of a column outside the
+    columns of the model.
     """
     poses, last = inputs.shape[1], nodes.shape[1] - 1
     smallest, largest, idle = limits

@@ -1,4 +1,4 @@
-"""Every operator with its derivatives, one number at a time, and programs of them with tangents carried forward."""
+"""Operators with their derivatives, for single numbers, and forward differentiation of programs."""
 
 import math
 
@@ -12,8 +12,8 @@ from gpmodel.formula.operators import INPUT
 
 @compiled
 def differentiated(code: int, a: float, b: float) -> tuple[float, float, float]:
-    """The value of an operator and its derivatives by its first and second argument: ``formula.operators``, which has
-    the op-codes."""
+    """Return the value of an operator and its derivatives by its first and second argument.
+    Op-codes are those of ``formula.operators``."""
     if code == 3:
         return a + b, 1.0, 1.0
     if code == 4:
@@ -78,10 +78,10 @@ def differentiated(code: int, a: float, b: float) -> tuple[float, float, float]:
 
 @compiled
 def carry_tangents(nodes: IntArray, inputs: Array, constants: Array, values: Array, tangents: Array) -> None:
-    """Fill values (nodes, N) of a program and their derivatives (constants, nodes, N) by its constants.
+    """Fill the values (nodes, N) of a program and their derivatives (constants, nodes, N) by its constants.
 
-    nodes (3, nodes): op-code and two arguments, earlier nodes; of an input and a constant the first is its number. A
-    derivative is carried along where a constant reaches a node.
+    nodes: op-code and two arguments (3, nodes), which are earlier nodes; the first argument of an input or a constant
+    is its number. Derivatives are computed only for constants on which a node depends.
     """
     own, size, poses = len(constants), nodes.shape[1], inputs.shape[1]
     reached = np.zeros((own, size), np.bool_)

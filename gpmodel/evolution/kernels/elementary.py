@@ -1,8 +1,8 @@
 """Elementary functions without branches, so that the compiler vectorises loops over poses.
 
-Polynomials are near minimax (interpolated at Chebyshev points, 40 digits), their error below a tenth of the rounding.
-Sine, cosine and tangent reduce the angle by multiples of pi, held in two parts of which the first has room for the
-product, and hold to a few ulp of 1 up to ``ANGLE_LIMIT``; beyond it callers use the library's functions.
+Polynomials are near minimax (interpolated at Chebyshev points, 40 digits), with an error below a tenth of the rounding
+error. Sine, cosine and tangent reduce the angle by multiples of pi in two parts, the first short enough for an exact
+product. They are accurate to a few ulp of 1 up to ``ANGLE_LIMIT``; beyond it callers use the library's functions.
 """
 
 import math
@@ -14,7 +14,7 @@ from gpmodel.evolution.kernels.compiler import of_a_number
 ANGLE_LIMIT = 1e5
 
 _NEAREST = 6755399441055744.0
-"""1.5 * 2^52: adding it rounds to the nearest whole number, which the lowest bits then hold."""
+"""1.5 * 2^52: adding it rounds to the nearest integer, which is then in the lowest bits."""
 
 _INVERSE_PI = 1.0 / math.pi
 _PI_HIGH = 3.1415926534682512
@@ -54,7 +54,7 @@ def _number(bits: int) -> float:
 
 @of_a_number
 def _polynomial(coefficients: tuple[float, ...], x: float) -> float:
-    """Σ c_k x^k by Horner's rule."""
+    """Return Σ c_k x^k by Horner's rule."""
     value = coefficients[len(coefficients) - 1]
     for k in range(len(coefficients) - 2, -1, -1):
         value = value * x + coefficients[k]
@@ -63,7 +63,7 @@ def _polynomial(coefficients: tuple[float, ...], x: float) -> float:
 
 @of_a_number
 def _sine_of_reduced(r: float, turns: int) -> float:
-    """sin(r) for abs(r) up to pi / 2, with the other sign where ``turns`` is odd."""
+    """Return sin(r) for abs(r) up to pi / 2, with the opposite sign if ``turns`` is odd."""
     s = r * r
     p = _polynomial(_S, s)
     return _number(_bits(r + r * (s * p)) ^ (turns << 63))
@@ -71,7 +71,7 @@ def _sine_of_reduced(r: float, turns: int) -> float:
 
 @of_a_number
 def sine(x: float) -> float:
-    """sin(x) for abs(x) up to ANGLE_LIMIT."""
+    """Return sin(x) for abs(x) up to ANGLE_LIMIT."""
     t = x * _INVERSE_PI + _NEAREST
     k = t - _NEAREST
     return _sine_of_reduced((x - k * _PI_HIGH) - k * _PI_LOW, _bits(t))
@@ -79,7 +79,7 @@ def sine(x: float) -> float:
 
 @of_a_number
 def cosine(x: float) -> float:
-    """cos(x) for abs(x) up to ANGLE_LIMIT: the sine, from the nearest odd multiple of pi / 2."""
+    """Return cos(x) for abs(x) up to ANGLE_LIMIT, as a sine from the nearest odd multiple of pi / 2."""
     t = (x * _INVERSE_PI - 0.5) + _NEAREST
     k = (t - _NEAREST) + 0.5
     return _sine_of_reduced((x - k * _PI_HIGH) - k * _PI_LOW, ~_bits(t))
@@ -87,7 +87,8 @@ def cosine(x: float) -> float:
 
 @of_a_number
 def tangent(x: float) -> float:
-    """tan(x) for abs(x) up to ANGLE_LIMIT, after Cephes (S. L. Moshier): a rational function, upside down if odd."""
+    """Return tan(x) for abs(x) up to ANGLE_LIMIT, by a rational function, inverted if the multiple of pi / 2 is odd.
+    After Cephes (S. L. Moshier)."""
     t = x * (2.0 * _INVERSE_PI) + _NEAREST
     k = t - _NEAREST
     r = (x - k * (0.5 * _PI_HIGH)) - k * (0.5 * _PI_LOW)
@@ -101,7 +102,8 @@ def tangent(x: float) -> float:
 
 @of_a_number
 def arctangent(x: float) -> float:
-    """atan(x): reduced to abs(r) up to tan(pi / 8) by atan(t) = pi/4 + atan((t - 1)/(t + 1)) = pi/2 - atan(1/t)."""
+    """Return atan(x).
+    The argument is reduced to tan(pi / 8) by atan(t) = pi/4 + atan((t - 1)/(t + 1)) = pi/2 - atan(1/t)."""
     t = abs(x)
     big = t > _TAN_3PI_8
     middle = (t > _TAN_PI_8) & (not big)
@@ -116,7 +118,7 @@ def arctangent(x: float) -> float:
 
 @of_a_number
 def exponential(x: float) -> float:
-    """exp(x): 2^n in two halves, times a polynomial of the remainder."""
+    """Return exp(x) as 2^n in two halves, times a polynomial of the remainder."""
     t = -750.0 if x < -750.0 else (710.0 if x > 710.0 else x)
     w = t * _LOG2_E + _NEAREST
     n = w - _NEAREST
@@ -129,7 +131,7 @@ def exponential(x: float) -> float:
 
 @of_a_number
 def logarithm(x: float) -> float:
-    """log(abs(x)), after FreeBSD's msun: x = 2^e m with m from sqrt(1/2) to sqrt(2), s = (m - 1)/(m + 1)."""
+    """Return log(abs(x)), after FreeBSD's msun: x = 2^e m with m from sqrt(1/2) to sqrt(2), s = (m - 1)/(m + 1)."""
     t = abs(x)
     tiny = t < _NORMAL
     bits = _bits(t * 2.0**54 if tiny else t)
@@ -146,7 +148,7 @@ def logarithm(x: float) -> float:
 
 @of_a_number
 def hyperbolic_tangent(x: float) -> float:
-    """tanh(x), after Cephes: a rational function near 0, the exponential elsewhere."""
+    """Return tanh(x), after Cephes: a rational function near 0, the exponential elsewhere."""
     t = abs(x)
     z = x * x
     p = (_T[0] * z + _T[1]) * z + _T[2]

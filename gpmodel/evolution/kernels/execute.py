@@ -1,4 +1,4 @@
-"""Running straight-line code with poses as the vector axis."""
+"""Execution of straight-line code on rows of values, one value per pose."""
 
 import math
 

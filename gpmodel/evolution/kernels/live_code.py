@@ -13,10 +13,8 @@ def keep_live(
     words: IntArray, count: int, base: int, outputs: NDArray[np.uint16],
     live: NDArray[np.uint8], place: NDArray[np.uint16],
 ) -> int:  # fmt: skip
-    """Move the instructions that reach an output to the front of ``words``, rows renamed; returns their number.
-
-    The last two are scratch, one element a row; up to ``base`` place is the row itself.
-    """
+    """Move the instructions that reach an output to the front of ``words`` and renumber rows; return their number.
+    live, place: scratch space, one element per row. Below ``base``, place has to hold the row itself."""
     live[: base + count] = 0
     for k in range(len(outputs)):
         live[outputs[k]] = 1
@@ -43,7 +41,8 @@ def keep_live(
 
 @inlined
 def _leaves(words: IntArray, count: int, base: int) -> int:
-    """Rows below this are leaves: the fixed ones and the own constants that come before all operators."""
+    """Return the number of leaves: the fixed rows and the own constants before the first operator.
+    Leaves come first."""
     leaves = base
     while leaves < base + count and words[leaves - base] & ROW == CONSTANT:
         leaves += 1
@@ -60,9 +59,10 @@ def _mixed(value: np.uint64, place: int) -> np.uint64:
 def nodes_and_hash(
     words: IntArray, count: int, base: int, outputs: NDArray[np.uint16], constant_bits: NDArray[np.uint64]
 ) -> tuple[int, np.uint64]:
-    """Operators plus references to leaves of live code, and its hash: a sum of instructions mixed with their places.
+    """Return the number of nodes of live code, operators plus references to leaves, and its hash.
 
-    Own constants that come after an operator have one reference each, as in trees, and count for it.
+    The hash is a sum of instructions mixed with their positions. An own constant after an operator has one reference,
+    as in trees, and counts as one node.
     """
     leaves = _leaves(words, count, base)
     nodes = base - leaves
@@ -93,9 +93,8 @@ def count_by_outputs(
     sizes: NDArray[np.uint16],
     reach: NDArray[np.uint8],
 ) -> None:
-    """Count the nodes of live code by the outputs that they reach, a set of bits; ``reach`` is scratch for every
-    row.
-    """
+    """Count the nodes of live code by the bit set of outputs that they reach.
+    reach: scratch space, one element per row."""
     reach[: base + count] = 0
     leaves = _leaves(words, count, base)
     for k in range(len(outputs)):

@@ -1,8 +1,8 @@
-"""From genes or tree codes to short straight-line code on rows of values.
+"""Decoding of genes and tree codes into straight-line code on rows of values.
 
-Rows of registers: inputs, fixed constants (the last is 0), then the result of each instruction. An instruction
-is one word, ``op-code + 2^16 first row + 2^32 second row`` (second 0 for one argument). Moves between
-accumulator and registers are renamed away, and only instructions that reach an output are kept.
+Rows of registers: inputs, fixed constants (the last is 0), then the result of each instruction. An instruction is one
+word, ``op-code + 2^16 first row + 2^32 second row`` (second 0 for one argument). Moves between accumulator and
+registers become renamed rows, and only instructions that reach an output are kept.
 """
 
 import numpy as np
@@ -12,22 +12,22 @@ from gpmodel.arrays import IntArray
 from gpmodel.evolution.kernels.compiler import compiled, inlined
 
 CONSTANT = 1
-"""Pseudo op-code: fill the row with the program's own constant number ``first``."""
+"""Pseudo op-code that fills the row with the program's own constant number ``first``."""
 
 LAST_BINARY = 9
-"""Op-codes up to this take two arguments or an operand."""
+"""Largest op-code that takes two arguments or an operand."""
 
 ROW = 0xFFFF
-"""The bits of a word that number a row."""
+"""Bits of a word that hold a row number."""
 
 
 @inlined
 def split_instructions(genes: NDArray[np.uint8], begun_by: NDArray[np.uint16], pairs: NDArray[np.uint16]) -> int:
-    """Each instruction of a sequence as ``256 op-code + operand gene`` (0 without operand); returns how many.
+    """Split a sequence into instructions ``256 op-code + operand gene`` (0 without operand); return their number.
 
-    ``begun_by[gene]`` is 256 times the op-code, plus 255 where it takes an operand. An element begins an instruction
-    unless the one before it does and takes an operand; an op-code whose operand is beyond the end is dropped. No
-    branches on the op-code, which no processor could predict.
+    ``begun_by[gene]`` is 256 times the op-code, plus 255 if it takes an operand. An element begins an instruction
+    unless it is the operand of the element before it. An op-code whose operand is beyond the end is dropped. There are
+    no branches on the op-code, which a processor could not predict.
     """
     found = 0
     is_operand = 0
@@ -50,10 +50,10 @@ def allowed_instructions(
     done_for: NDArray[np.uint16],
     kinds: NDArray[np.uint8],
 ) -> int:
-    """Replace or leave out, in ``pairs``, operators that may not be applied; returns how many instructions stay.
+    """Replace or drop, in ``pairs``, operators that are not allowed; return the number of instructions that remain.
 
-    ``done_for[op-code, kind, kind]`` is ``256 op-code + kind`` of what is done instead, 0 for nothing; ``kinds`` (a
-    number a cell, overwritten) are those of the registers at the start, then of the rows.
+    ``done_for[op-code, kind, kind]`` is ``256 op-code + kind`` of the replacement, 0 for none. kinds: kind of every
+    register at the start, then of every row; overwritten.
     """
     accumulator = np.int64(kinds[0])
     kept = 0
@@ -81,11 +81,11 @@ def allowed_instructions(
 def reaching_instructions(
     pairs: NDArray[np.uint16], count: int, read_of: NDArray[np.uint32], written_of: NDArray[np.uint32], outputs: int
 ) -> int:
-    """Where, in ``pairs``, the instructions begin that can reach the first ``outputs`` registers.
+    """Move the instructions that reach the first ``outputs`` registers to the end of ``pairs``; return where they
+    begin.
 
-    Goes backwards with the bit set of registers that are still to be read (the highest bit is the
-    accumulator) and moves what is kept to the end of the first ``count``. What comes after the last store to an output
-    is passed over first.
+    Instructions are visited backwards, with the bit set of registers that are still needed (the highest bit is the
+    accumulator). Instructions after the last store to an output are skipped first.
     """
     needed = (np.uint32(1) << np.uint32(outputs)) - np.uint32(1)
     end = count
@@ -116,11 +116,11 @@ def decode_sequence(
     outputs: NDArray[np.uint16],
     cells: NDArray[np.uint16],
 ) -> int:
-    """Words of the instructions ``pairs[begin:end]`` of an accumulator machine; returns their number.
+    """Fill the words of the instructions ``pairs[begin:end]`` of an accumulator machine; return their number.
 
-    ``cell_of[pair]`` is the cell that the operand names: a register, or one that holds a row's number. The last
-    ``constants`` rows are the program's own constants; those that are read become the first words. ``cells`` is
-    scratch, with the row numbers behind the registers and one cell more.
+    ``cell_of[pair]`` is the cell of the operand: a register, or a cell that holds the number of a row. The last
+    ``constants`` rows are the program's own constants; those in use become the first words. cells: scratch space, with
+    the row numbers after the registers and one further cell.
     """
     count = 0
     own = len(start) + base
@@ -166,11 +166,11 @@ def decode_trees(
     stack: IntArray,
     kinds: IntArray,
 ) -> int:
-    """Instructions of the trees ``codes[bounds[k]:bounds[k + 1]]``, each in depth-first (prefix) order.
+    """Fill the instructions of the trees ``codes[bounds[k]:bounds[k + 1]]`` in prefix order; return their number.
 
-    A code below 32 is an operator, below 16384 a row plus 32, beyond that a constant of the program plus
-    16384. Where ``done_for`` is given (see ``allowed_instructions``), an operator that may not be applied is replaced,
-    or stands for its first argument. Returns the number of instructions; ``stack`` and ``kinds`` are scratch.
+    A code below 32 is an operator, below 16384 a row plus 32, otherwise an own constant plus 16384. With ``done_for``
+    (see ``allowed_instructions``) an operator that is not allowed is replaced, or becomes its first argument. stack,
+    kinds: scratch space.
     """
     typed = done_for.size > 0
     count = 0

@@ -1,4 +1,4 @@
-"""Choosing, for each program, the site and the few outputs that explain most for their size."""
+"""Selection of the best site of each program, and of the outputs with the best gain for their size."""
 
 import math
 
@@ -11,12 +11,12 @@ from gpmodel.evolution.kernels.compiler import compiled, reduction
 
 _ROUNDING = 4e-15
 _MORE = 1.0 + 1e-9
-"""An output adds more than one before it where it adds so many times as much: less is rounding."""
+"""Factor by which an output has to gain more than an earlier one to replace it; smaller differences are rounding."""
 
 
 @reduction
 def largest_magnitude(row: Array) -> float:
-    """Largest absolute value of a finite row."""
+    """Return the largest absolute value of a finite row."""
     value = 0.0
     for j in range(len(row)):
         value = abs(row[j]) if abs(row[j]) > value else value
@@ -25,11 +25,8 @@ def largest_magnitude(row: Array) -> float:
 
 @compiled
 def scale_and_multiply(values: Array, usable: Mask, products: Array) -> None:
-    """Divide each row of values (P, m, N) by its largest magnitude; products (P, pairs, N) of rows i <= j.
-
-    A row that is zero or not finite is set to zero and marked as not usable. Without room for products (N of 0) there
-    are none.
-    """
+    """Divide each row of values (P, m, N) by its largest magnitude; fill the products (P, pairs, N) of rows i <= j.
+    A row that is zero or not finite becomes zero and is not usable. With products of size 0 none are computed."""
     programs, outputs, poses = values.shape
     for p in range(programs):
         for i in range(outputs):
@@ -68,17 +65,17 @@ def choose_outputs(
     site: IntArray,
     chosen: IntArray,
 ) -> None:
-    """Forward selection of outputs at each site by description length.
+    """Select the outputs of each program at each site by forward selection, and the set with the least description
+    length.
 
-    products (P, pairs, S) holds Phi_i Phi_j . D for i <= j, seen (U, K, S) holds Phi B^T of the distinct outputs,
-    number (P, m) which of these each output is, pull (P, m, S) holds Phi g. Outputs join in the order of the gain
-    they add; the step with the least
-
+    products: (P, pairs, S), Phi_i Phi_j . D for i <= j.
+    seen: (U, K, S), Phi B^T of the distinct outputs; number: (P, m), index of each output among them.
+    pull: (P, m, S), Phi g.
+    sizes: (P, 2^roots), nodes by set of outputs; column i belongs to output i modulo the number of outputs.
+    Outputs are added in the order of the gain they add; the step with the least
         score = half_components * log(1 - gain) + parsimony * (size of the chosen outputs + their number)
-
-    wins, of equal ones the first. The energy left is never taken for less than what rounding leaves of the least
-    independent output (so exact fits are told from near singular ones). A program with nothing to offer scores 0, with
-    gain 0. Column i is made of the output i modulo their number, by which ``sizes`` (P, 2^roots) counts nodes.
+    is selected, the first of equal ones. 1 - gain is at least the rounding error of the least independent output, to
+    tell exact fits from nearly singular ones. A program without gain has score 0 and gain 0.
     """
     programs, outputs, sites = pull.shape
     columns = seen.shape[1]

@@ -1,4 +1,4 @@
-"""Variances of groups where their marginal likelihood is largest, one group after the other."""
+"""Prior variances of groups with the largest marginal likelihood, one group after the other."""
 
 import math
 
@@ -7,7 +7,7 @@ from gpmodel.evolution.kernels.compiler import compiled, inlined
 
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _LARGE = 1e100
-"""A product of this size gives way to its logarithm: one logarithm stands for those of many factors."""
+"""Size of a product of factors at which its logarithm is taken, so that one logarithm serves many factors."""
 
 
 @inlined
@@ -28,8 +28,9 @@ def _gain(log_variance: float, s: Array, q: Array) -> float:
 def largest_gains(
     s: Array, q: Array, top: Array, step: float, places: int, refinements: int, gains: Array, where: Array
 ) -> None:
-    """Largest gain (G,) of groups, s and q (G, K), over log variances up to top (G,), and where: the best of so many
-    places a step apart, then a golden section between its neighbours."""
+    """Fill the largest gain (G,) of groups with s and q (G, K), and the variance where it is reached.
+    Log variances up to ``top`` (G,) are tried at ``places`` points a ``step`` apart, then refined
+    by a golden section."""
     for g in range(len(s)):
         own_s, own_q = s[g], q[g]
         at, most = 0, _gain(top[g] - step * (places - 1), own_s, own_q)
