@@ -1,6 +1,6 @@
 """Random effects: mean and spread of a parameter between machines, and a test for outlying machines.
 
-    y_i = μ + δ_i + ε_i,   δ_i ~ N(0, τ²),   ε_i ~ N(0, v_i)          y_i: estimate of machine i, v_i its variance
+y_i = μ + δ_i + ε_i,   δ_i ~ N(0, τ²),   ε_i ~ N(0, v_i)          y_i: estimate of machine i, v_i its variance
 """
 
 from collections.abc import Callable, Sequence
