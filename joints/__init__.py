@@ -1,4 +1,5 @@
-"""Precision spherical joints: the joint and machines of twelve as mechanisms, and the models it is designed with."""
+"""Precision spherical joints: the joint and machines with twelve of them as mechanisms, and the
+models for its design."""
 
 from __future__ import annotations
 
@@ -18,12 +19,12 @@ SPHERICAL_JOINT, HEXAPOD, TAU = "spherical-joint", "hexapod", "tau"
 
 
 def mechanism_names() -> tuple[str, ...]:
-    """Names that load_mechanism knows."""
+    """Return the names that load_mechanism accepts without a file."""
     return (SPHERICAL_JOINT, HEXAPOD, TAU)
 
 
 def spherical_joint() -> PassiveJoint:
-    """The thesis' joint on its test rig."""
+    """Return the joint of the thesis on its test rig."""
     from joints.passive_joint import spherical_joint as described
 
     return described()
@@ -32,10 +33,12 @@ def spherical_joint() -> PassiveJoint:
 def load_mechanism(
     name: str, *, frame: str | None = None, payload_com: Sequence[float] | None = None
 ) -> PassiveJoint | Hexapod | Tau | None:
-    """The joint, hexapod or Tau robot `name`, or that of a TOML file which says its kind; None where it is neither.
+    """Load the joint, hexapod or Tau robot `name`, or of the `kind` in a TOML file; return None for any other name.
 
-    frame: only `TCP`, the measured point. payload_com: (3,) m from there, in the frame after the last rotation or of
-    the platform. Raises InputError for another frame or a bad file.
+    frame: only `TCP`, the measured point.
+    payload_com: (3,) m, centre of mass from the measured point, in the frame after the last rotation or of the
+    platform.
+    Raises InputError for another frame or an invalid file.
     """
     from joints.passive_joint import vector
 

@@ -1,7 +1,7 @@
-"""Monte Carlo error budget: what the tooling ball's position error will be, and whose fault it is.
+"""Monte Carlo error budget: the distribution of the tooling ball's position error, and the share of each error source.
 
-For every pose the parameters are drawn anew and the exact extended kinematics give |X(θ, ε) - X(θ, 0)|; the share of
-a parameter is its part of the mean squared error, Σ |c|² var over the poses, with c its column.
+For every pose the parameters ε are drawn, and the exact extended kinematics X give the error |X(θ, ε) - X(θ, 0)|. The
+share of a parameter is its part of the mean squared error, Σ |c|² var over the poses, c the derivative of X by it.
 Source: Robertson (2003), 3.3.2, Figures 3.18 and 3.19.
 """
 
@@ -29,26 +29,25 @@ from joints.passive_joint import (
 from joints.settings import Settings, load_settings, not_negative
 
 STEPS, SETTLED = 50, 1e-10
-"""Largest number of Gauss-Newton steps, and the change of every angle that ends them, rad: picometres at a lever."""
+"""Largest number of Gauss-Newton steps; largest change of an angle that ends them, rad: picometres at the lever."""
 DIFFERENCE = 1e-5
-"""Step of central differences, rad; their error is ten digits below the lever."""
+"""Step of central differences, rad; the error is ten digits below the lever."""
 IDLE = 1e-3
-"""Least motion of the ball per radian over the lever for an angle that is adjusted. A turn about the lever moves the
-ball by nothing."""
+"""Least motion of the ball per radian, relative to the lever, for an angle to be adjusted. A rotation about the lever
+does not move the ball."""
 
 
 def realigned(q: Array, parameters: Array, tooling_ball: Array, held: Array, reach: float, stiffness: Array) -> Array:
-    """Angles (..., 3), rad, of least strain energy within `reach` [rad] of q (..., 3).
+    """Return the angles (..., 3), rad, of least strain energy within `reach` [rad] of q (..., 3).
 
-    parameters: (..., 30) m and rad. tooling_ball: (3,) m. held: (..., 3) m. stiffness: K (3, 3), any unit, symmetric.
-    With K of largest eigenvalue 1, what is minimised is 2 E + (IDLE |tooling_ball|)² |turn|², by Gauss-Newton steps of
-    the angles that no bound holds. Raises InputError for a negative reach or stiffness.
-
-        E = ½ (X(q, ε) - p)ᵀ K (X(q, ε) - p),   q within a range about the angles that the joint would have without
-        errors
-
-    X: the extended kinematics with the errors ε; p: where the ball is held; K: how stiffly. Free angles leave what
-    changes the ball's distance from the centre alone; of stiffness along one line, as of a link, the part along it.
+    parameters: (..., 30) m and rad. tooling_ball: (3,) m. held: (..., 3) m, where the ball is held.
+    stiffness: K (3, 3) of the holder, any unit, symmetric.
+        E = ½ (X(q, ε) - p)ᵀ K (X(q, ε) - p)
+    X: extended kinematics with errors ε; p: where the ball is held. The angles may differ by `reach` from the joint's
+    angles without errors. With K scaled to a largest eigenvalue of 1, 2 E + (IDLE |tooling_ball|)² |turn|² is minimised
+    by Gauss-Newton steps over the angles that are not at a bound. Free angles leave only the change of the ball's
+    distance from the centre; with stiffness along one line, as of a link, only its part along the line. Raises
+    InputError for a negative reach or stiffness.
     """
     limit = float(not_negative("range of realignment", reach, "rad"))
     sizes, axes = np.linalg.eigh(stiffness)
@@ -75,7 +74,8 @@ def realigned(q: Array, parameters: Array, tooling_ball: Array, held: Array, rea
 
 
 def thesis_columns(joint: PassiveJoint, q: Array, *, angles_known: bool = True) -> Array:
-    """Columns (M, 30) of the position at q (N, 3), m a unit; three rows a pose, fewer with free angles."""
+    """Return the derivatives (M, 30) of the position, m per unit, by the thesis parameters, at q (N, 3).
+    Three rows per pose; fewer if the angles are free, since these are eliminated."""
     data = unmeasured(JOINTS, q)
     effects = tuple(p.effect for p in THESIS_PARAMETERS)
     model, poses = ErrorModel(joint, effects), prepare(joint, data)
@@ -94,7 +94,13 @@ DISTRIBUTIONS = ("uniform", "normal")
 
 @dataclass(frozen=True)
 class ErrorSource:
-    """One entry of a budget: thesis index, half range (m or rad), kind, distribution, and where it comes from."""
+    """One entry of a budget.
+
+    index: of the parameter in the thesis.
+    half_range: m or rad.
+    kind: systematic or stochastic.
+    source: where the value comes from.
+    """
 
     index: int
     half_range: float
@@ -118,7 +124,7 @@ class ErrorSource:
         return self.half_range / (np.sqrt(3.0) if self.distribution == "uniform" else 3.0)
 
     def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
-        """Values (shape), m or rad."""
+        """Draw random values of the given shape, m or rad."""
         if self.distribution == "uniform":
             return rng.uniform(-self.half_range, self.half_range, shape)
         return self.sigma * rng.standard_normal(shape)
@@ -126,17 +132,16 @@ class ErrorSource:
 
 @dataclass(frozen=True)
 class Drawn:
-    """Joints at poses: q (poses, 1, 3) rad, parameters (poses, draws, 30), m and rad, tooling_ball (3,) m."""
+    """Joints with random errors. q: (poses, 1, 3) rad. parameters: (poses, draws, 30), m and rad.
+    tooling_ball: (3,) m."""
 
     q: Array
     parameters: Array
     tooling_ball: Array
 
     def distances(self, reach: float = 0.0) -> Array:
-        """Return the distance of the ball from its nominal place (poses, draws), m.
-
-        reach: angle by which each angle may turn to realign, rad.
-        """
+        """Return the distance (poses, draws), m, of the ball from its nominal position.
+        reach: largest change of each angle by which the joint realigns, rad."""
         place, angles = tooling_ball_position(self.q, np.zeros(PARAMETERS), self.tooling_ball), self.q
         if reach:
             angles = realigned(angles, self.parameters, self.tooling_ball, place, reach, np.eye(3))
@@ -146,7 +151,12 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Budget:
-    """distances: (poses, draws) m. shares: one a source, adding to 1, in their order. joints: that were drawn."""
+    """Result of an error budget.
+
+    distances: position errors (poses, draws), m.
+    shares: share of the mean square of each source, adding up to 1.
+    joints: the random joints.
+    """
 
     kind: str
     distances: Array
@@ -155,8 +165,8 @@ class Budget:
     joints: Drawn
 
     def realigned(self, reach: float, every: int = 1) -> "Budget":
-        """Return the remaining budget if the ball is held and each angle turns by up to `reach`, rad; uses every
-        `every`-th draw."""
+        """Return the budget if the ball is held and each angle realigns by up to `reach`, rad; uses every `every`-th
+        draw."""
         fewer = replace(self.joints, parameters=self.joints.parameters[:, ::every])
         return replace(self, distances=fewer.distances(reach), joints=fewer)
 
@@ -167,23 +177,25 @@ class Budget:
 
     @property
     def worst_case(self) -> float:
-        """Mean plus three standard deviations, m, as in the thesis."""
+        """Mean plus three standard deviations of the distance, m, as in the thesis."""
         return float(self.distances.mean() + 3.0 * self.distances.std())
 
     def histogram(self, bins: int = 40) -> tuple[Array, Array]:
-        """Share of the draws in each bin, and the bins' edges, m."""
+        """Return the share of draws in each bin, and the edges of the bins, m."""
         counts, edges = np.histogram(self.distances, bins=bins)
         return counts / self.distances.size, edges
 
 
 def read_budget(path: Path | None = None) -> tuple[tuple[ErrorSource, ...], Settings]:
-    """Sources and settings of the TOML table at `path` laid over the default one. Raises InputError, one line."""
+    """Read error sources and settings from the TOML table at `path`, with defaults for missing
+    keys. Raises InputError."""
     s = load_settings("budget", path)
     return sources_of(s), s
 
 
 def sources_of(s: Settings) -> tuple[ErrorSource, ...]:
-    """The sources that settings list. Raises InputError for an index that is no translation, or no rotation."""
+    """Return the error sources in settings.
+    Raises InputError for an index that is not a translation, or not a rotation."""
     entries = [(e, want) for want in ("translation", "rotation") for e in s[want]]
     for e, want in entries:
         if 1 <= e["index"] <= PARAMETERS and parameter(e["index"]).axis.startswith("R") != (want == "rotation"):
@@ -197,7 +209,7 @@ def error_budget(
 ) -> Budget:  # fmt: skip
     """Compute the error budget of one kind over poses spread by the equal distribution criterion.
 
-    Raises InputError where no source is of that kind, and for no poses or draws or too many.
+    Raises InputError if no source is of that kind, or the number of poses or draws is zero or too large.
     """
     chosen = tuple(s for s in sources if s.kind == kind)
     if not chosen or poses < 1 or draws < 1 or poses * draws > MOST_DRAWS:
@@ -216,5 +228,5 @@ def error_budget(
 
 
 def budget_joint(joint: PassiveJoint, settings: Settings) -> PassiveJoint:
-    """The joint with the tooling ball of a budget's table."""
+    """Return the joint with the tooling ball of a budget's settings."""
     return replace(joint, tooling_ball=vector(settings["tooling_ball"]))

@@ -1,4 +1,4 @@
-"""`gpmodel joint`: the spherical joint's engineering models from the command line."""
+"""`gpmodel joint`: engineering models of the spherical joint on the command line."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def _mechanism(toml: Path | None, defaults: bool) -> None:
 
 
 def study_files(name: str, study: Study, seed: int, json_file: Path | None, out: Path | None) -> dict[Path, bytes]:
-    """Every file a command writes, complete in memory: the numbers as JSON and the figures as PNG."""
+    """Return every file of a command with its content: the numbers as JSON and the figures as PNG."""
     from gpmodel.files import plain
     from joints.studies.study import png
 
@@ -120,8 +120,9 @@ def show(study: Study, files: list[str]) -> None:
 
 
 def lines_of(table: Table, width: int) -> Iterator[str]:
-    """The table in blocks of whole columns within `width` characters, each led by the first column; numbers stay whole,
-    texts break between words."""
+    """Yield the lines of a table in blocks of whole columns within `width` characters, each starting with the first
+    column.
+    Numbers are not broken; texts break between words."""
     columns = [[head, *(_cell(row[k]) for row in table.rows)] for k, head in enumerate(table.columns)]
     least = [max(len(word) for cell in column for word in (cell.split() or [""])) for column in columns]
     blocks: list[list[int]] = [[0]]

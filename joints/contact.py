@@ -1,8 +1,8 @@
-"""Hertz contact of two curved elastic bodies (thesis section 3.5), exact and as the thesis computed it.
+"""Hertz contact of two curved elastic bodies (thesis section 3.5), exact and as computed in the thesis.
 
-Exact: K. L. Johnson, Contact Mechanics (1985), section 4.2, with the elliptic integrals in Carlson's form so that
-circles and long ellipses are equally accurate. Published: A. Slocum, Precision Machine Design (1992), exponential
-fits, of which the thesis prints lambda (Fig 3.23) and uses alpha and beta in Table 3.3.
+Exact: K. L. Johnson, Contact Mechanics (1985), section 4.2, with the elliptic integrals in Carlson's form, so that
+circles and long ellipses are equally accurate. Published: A. Slocum, Precision Machine Design (1992), exponential fits.
+The thesis prints lambda (Fig 3.23) and uses alpha and beta in Table 3.3.
 """
 
 from collections.abc import Sequence
@@ -19,8 +19,11 @@ from joints.settings import not_negative, positive, require
 
 @dataclass(frozen=True)
 class LoopPart:
-    """One part of the loop from the measuring base to the tool: `length` [m] along the axis, negative where it
-    leads back; `expansion` coefficient [1/K]."""
+    """One part of the thermal loop from the measuring base to the tool.
+
+    length: m along the axis, negative if the part leads back.
+    expansion: coefficient of thermal expansion, 1/K.
+    """
 
     name: str
     length: float
@@ -28,18 +31,19 @@ class LoopPart:
 
     @property
     def growth_per_kelvin(self) -> float:
-        """alpha_T L [m/K]."""
+        """Growth alpha_T L, m/K."""
         return self.expansion * self.length
 
 
 def growth(length: ArrayLike, expansion: ArrayLike, temperature_change: ArrayLike) -> Array:
-    """alpha_T L dT [m]: 1.17 um/K for the 50.8 mm aluminium socket (the thesis prints "approximately 1")."""
+    """Return the thermal growth alpha_T L dT [m]: 1.17 um/K for the 50.8 mm aluminium socket (the thesis prints "about
+    1")."""
     warmer = np.asarray(temperature_change, np.float64)
     return np.asarray(expansion, np.float64) * np.asarray(length, np.float64) * warmer
 
 
 def loop_growth(parts: Sequence[LoopPart], temperature_change: ArrayLike) -> Array:
-    """Growth [m] of the chain of `parts` when all warm by `temperature_change` [K]."""
+    """Return the growth [m] of a chain of parts that all warm by `temperature_change` [K]."""
     total = sum(part.growth_per_kelvin for part in parts)
     return total * np.asarray(temperature_change, float)
 
@@ -52,14 +56,15 @@ def gap_growth(
     socket_expansion: float,
     temperature_change: ArrayLike,
 ) -> Array:
-    """Growth [m] of the radial gap: the socket bore (radius r + t) and the layer t on it, less the ball."""
+    """Return the growth [m] of the radial gap: the socket bore (radius r + t) minus its layer t and the ball."""
     bore = socket_expansion * (positive("ball radius", ball_radius, "m") + not_negative("layer", layer, "m"))
     per_kelvin = bore - layer_expansion * layer - ball_expansion * ball_radius
     return per_kelvin * np.asarray(temperature_change, np.float64)
 
 
 def allowed_temperature_change(tolerance: ArrayLike, growth_per_kelvin: ArrayLike) -> Array:
-    """Temperature change [K] that uses up `tolerance` [m]; inf for a loop that does not grow."""
+    """Return the temperature change [K] at which the growth equals `tolerance` [m]; inf for a
+    loop that does not grow."""
     rate: Array = np.abs(np.asarray(growth_per_kelvin, float))
     with np.errstate(divide="ignore"):
         return positive("tolerance", tolerance, "m") / rate
@@ -67,7 +72,12 @@ def allowed_temperature_change(tolerance: ArrayLike, growth_per_kelvin: ArrayLik
 
 @dataclass(frozen=True)
 class Body:
-    """Principal radii [m] at the contact (negative concave, inf flat), elastic modulus [Pa], Poisson's ratio."""
+    """An elastic body at a contact.
+
+    major_radius, minor_radius: principal radii, m, negative if concave, inf if flat.
+    elastic_modulus: Pa.
+    poisson: Poisson's ratio.
+    """
 
     major_radius: float
     minor_radius: float
@@ -83,7 +93,8 @@ class Body:
 
 @dataclass(frozen=True)
 class HertzContact:
-    """Semi-axes [m] of the contact ellipse, peak pressure [Pa], approach [m], stiffness dF/d(approach) [N/m]."""
+    """A Hertz contact: semi-axes of the ellipse [m], peak pressure [Pa], approach [m], stiffness
+    dF/d(approach) [N/m]."""
 
     semi_major: Array
     semi_minor: Array
@@ -93,14 +104,15 @@ class HertzContact:
 
 
 def contact_modulus(one: Body, two: Body) -> float:
-    """E* = 1 / ((1 - nu1^2)/E1 + (1 - nu2^2)/E2) [Pa]."""
+    """Return the contact modulus E* = 1 / ((1 - nu1^2)/E1 + (1 - nu2^2)/E2) [Pa]."""
     return 1 / sum((1 - body.poisson**2) / body.elastic_modulus for body in (one, two))
 
 
 def relative_curvatures(one: Body, two: Body, angle: float = 0.0) -> tuple[float, float]:
-    """A <= B [1/m] of the separation A x^2 + B y^2; `angle` [rad] lies between the planes of minor curvature.
+    """Return the relative curvatures A <= B [1/m] of the separation A x^2 + B y^2 of two bodies.
 
-    A + B = (k1 + k1' + k2 + k2')/2, B - A = sqrt(d1^2 + d2^2 + 2 d1 d2 cos 2 angle)/2, d = k_minor - k_major.
+    angle: between the planes of minor curvature, rad. A + B = (k1 + k1' + k2 + k2')/2, B - A = sqrt(d1^2 + d2^2 + 2 d1
+    d2 cos 2 angle)/2, d = k_minor - k_major.
     """
     total = sum(1 / body.major_radius + 1 / body.minor_radius for body in (one, two))
     first, second = (1 / body.minor_radius - 1 / body.major_radius for body in (one, two))
@@ -111,11 +123,11 @@ def relative_curvatures(one: Body, two: Body, angle: float = 0.0) -> tuple[float
 
 
 def hertz(force: ArrayLike, one: Body, two: Body, angle: float = 0.0) -> HertzContact:
-    """Contact under `force` [N]. Two balls of 25.4 and 6.3 mm, steel, 100 N: 4.5 um and 2.1 GPa.
+    """Return the Hertz contact of two bodies under `force` [N].
 
-    With p the peak pressure, k = b/a, R_D Carlson's integral and m = 1 - k^2:
-    A = p b R_D(0, k^2, 1) / (3 E* a^2), B = p b R_D(0, 1, k^2) / (3 E* a^2), approach = p b K(m) / E*,
-    F = 2 pi a b p / 3.
+    Two balls of 25.4 and 6.3 mm, steel, 100 N: 4.5 um and 2.1 GPa. With p the peak pressure, k = b/a, R_D Carlson's
+    integral and m = 1 - k^2: A = p b R_D(0, k^2, 1) / (3 E* a^2), B = p b R_D(0, 1, k^2) / (3 E* a^2), approach = p b
+    K(m) / E*, F = 2 pi a b p / 3.
     """
     load = positive("contact force", force, "N")
     small, large = relative_curvatures(one, two, angle)
@@ -129,9 +141,10 @@ def hertz(force: ArrayLike, one: Body, two: Body, angle: float = 0.0) -> HertzCo
 
 
 def first_yield_pressure(yield_stress: ArrayLike, poisson: float = 0.3) -> Array:
-    """Peak pressure [Pa] at which a circular contact first yields (Tresca, below the surface): 1.61 Y for nu = 0.3.
+    """Return the peak pressure [Pa] at which a circular contact first yields (Tresca, below the surface).
 
-    On the axis, s = z/a: |sigma_z - sigma_r| / p = |3/2/(1 + s^2) - (1 + nu)(1 - s atan(1/s))| (Johnson 3.45).
+    1.61 Y for nu = 0.3. On the axis, s = z/a: |sigma_z - sigma_r| / p = |3/2/(1 + s^2) - (1 + nu)(1 - s atan(1/s))|
+    (Johnson 3.45).
     """
 
     def shear(s: float) -> float:
@@ -143,7 +156,7 @@ def first_yield_pressure(yield_stress: ArrayLike, poisson: float = 0.3) -> Array
 
 @dataclass(frozen=True)
 class PublishedContact(HertzContact):
-    """The rows of Table 3.3: Slocum's coefficients and the numbers that follow from them, SI."""
+    """The rows of Table 3.3 in SI units: Slocum's coefficients and the contact computed from them."""
 
     equivalent_radius: float
     cos_theta: float
@@ -154,10 +167,12 @@ class PublishedContact(HertzContact):
 
 
 def published_hertz(force: ArrayLike, one: Body, two: Body, angle: float = 0.0) -> PublishedContact:
-    """Table 3.3's spreadsheet: c, d = (alpha, beta)(3 F Re/(2 E*))^(1/3), delta = lambda (2 F^2/(3 Re E*^2))^(1/3).
+    """Return the contact of Table 3.3's spreadsheet, with F the force, Re the equivalent radius and E* the contact
+    modulus.
 
-    The thesis enters R_maj = 1e6 m for both balls, which makes them two parallel cylinders (0.50 um). With
-    R_maj = R_min the same formulas give 4.5 um, as `hertz` does. `stiffness` is F/delta.
+    c, d = (alpha, beta)(3 F Re/(2 E*))^(1/3), delta = lambda (2 F^2/(3 Re E*^2))^(1/3). The thesis enters R_maj = 1e6 m
+    for both balls, which makes them two parallel cylinders (0.50 um). With R_maj = R_min the formulas give 4.5 um, as
+    `hertz` does. `stiffness` is F/delta.
     """
     load = positive("contact force", force, "N")
     small, large = relative_curvatures(one, two, angle)
@@ -176,7 +191,7 @@ def published_hertz(force: ArrayLike, one: Body, two: Body, angle: float = 0.0) 
 
 
 def _axis_ratio(curvature_ratio: float) -> float:
-    """k = b/a in (0, 1] with R_D(0, 1, k^2)/R_D(0, k^2, 1) = B/A."""
+    """Return k = b/a in (0, 1] with R_D(0, 1, k^2)/R_D(0, k^2, 1) = B/A."""
 
     def excess(log_k: float) -> float:
         k2 = np.exp(2 * log_k)

@@ -1,4 +1,4 @@
-"""A whole joint against its requirements: preload, contact, growth, film, stiffness, budget; which one governs."""
+"""A whole joint compared with its requirements: preload, contact, growth, film, stiffness, budget."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -34,7 +34,7 @@ BUDGET_POSES, BUDGET_DRAWS = 40, 200
 
 @dataclass(frozen=True)
 class Limit:
-    """A limit of the joint: used and available amount in one unit."""
+    """A limit of the joint. used, there: used and available amount, in `unit`."""
 
     topic: str
     quantity: str
@@ -44,7 +44,7 @@ class Limit:
 
     @property
     def share(self) -> float:
-        """Used over what is there; above 1 it fails."""
+        """Used over available amount; above 1 the limit is exceeded."""
         return self.used / self.there
 
 
@@ -58,12 +58,12 @@ class JointDesign:
 
     @property
     def governing(self) -> Limit:
-        """The limit of which the largest share is used."""
+        """The limit with the largest used share."""
         return max(self.limits, key=lambda limit: limit.share)
 
     @property
     def verdict(self) -> str:
-        """One sentence."""
+        """One sentence with the governing limit and the exceeded limits."""
         g = self.governing
         there = f"{g.there:.3g} {g.unit}".rstrip()
         said = f"{g.topic} governs: {g.quantity}, {g.used:.3g} of {there}, {100 * g.share:.0f} %"
@@ -72,10 +72,10 @@ class JointDesign:
 
 
 def read_design(path: Path | None = None) -> tuple[PassiveJoint, dict[str, Settings]]:
-    """The joint of a TOML file and the settings of its sections laid over the thesis' joint.
+    """Read a joint and the settings of its sections from a TOML file, with the thesis' joint as default.
 
-    A [ball] gives its radius to the sections that do not state one. Raises InputError in one line for a bad file, an
-    unknown section or key, or a contact that is none of the four.
+    A [ball] gives its radius to sections without one. Raises InputError for an invalid file, an unknown section or key,
+    or an unknown contact.
     """
     given = read_toml(path) if path else {}
     file = path.name if path else "design.toml"
@@ -103,7 +103,7 @@ def read_design(path: Path | None = None) -> tuple[PassiveJoint, dict[str, Setti
 
 
 def joint_design(path: Path | None = None, seed: int = 0) -> JointDesign:
-    """Every limit of the joint of a TOML file, the thesis' without one. seed: of the error budget."""
+    """Compute every limit of the joint in a TOML file, by default of the thesis' joint. seed: of the error budget."""
     joint, s = read_design(path)
     demand = s["demand"]
     bare = demand["contact"] in ("point", "rolling")
@@ -128,12 +128,13 @@ def joint_design(path: Path | None = None, seed: int = 0) -> JointDesign:
 
 
 def _length(topic: str, quantity: str, used: float, there: float) -> Limit:
-    """Limit of a length: given in m, stated in um."""
+    """Return the limit of a length: arguments in m, result in um."""
     return Limit(topic, quantity, 1e6 * used, 1e6 * there, "um")
 
 
 def _supports(s: dict[str, Settings]) -> Iterator[Limit]:
-    """Three supports: when the first one unloads, and the pressure under the most loaded one."""
+    """Yield the limits of three supports: pull at which the first one unloads, and pressure under
+    the most loaded one."""
     pull, preload, angle = s["demand"]["pull"], _preload(s), s["preload"]["contact_angle"]
     tilt, turn = np.radians(np.linspace(0, 90, 91))[:, None], np.radians(np.arange(0, 360, 3.0))
     least = float(three_contact_limit(preload, tilt, turn, angle).min())
@@ -148,7 +149,7 @@ def _supports(s: dict[str, Settings]) -> Iterator[Limit]:
 
 
 def _surface(s: dict[str, Settings]) -> Iterator[Limit]:
-    """A whole socket: when the ball leaves it, and what the replicated layer bears."""
+    """Yield the limits of a whole socket: pull at which the ball leaves it, and pressure on the replicated layer."""
     pull, preload, own = s["demand"]["pull"], _preload(s), s["preload"]
     least = float(socket_fixed_limit(preload, np.radians(np.linspace(0, 90, 181)), own["reaction_angle"]).min())
     yield Limit("preload", "pull before the ball leaves the socket", pull, least, "N")
@@ -159,7 +160,8 @@ def _surface(s: dict[str, Settings]) -> Iterator[Limit]:
 
 
 def _film(s: dict[str, Settings]) -> Iterator[Limit]:
-    """The air that the lift takes, whether it hammers, and what growth leaves of the gap."""
+    """Yield the limits of the air film: inlet pressure for the lift, pneumatic hammer, and change
+    of the gap by growth."""
     demand, geometry = s["demand"], film_geometry(s["film"])
     guide = design_film(geometry, _preload(s), orifice_law(s["film"]["orifice"]), demand["lift"])
     inlet, supply = float(guide.inlet_pressure) / ATMOSPHERE, demand["supply"] / ATMOSPHERE
@@ -173,7 +175,7 @@ def _film(s: dict[str, Settings]) -> Iterator[Limit]:
 
 
 def moving_film(s: dict[str, Settings]) -> tuple[FedFilm, float, float]:
-    """The film of a design in motion, the mass on it, kg, and the magnets' stiffness, N/m."""
+    """Return the film of a design in motion, the mass on it, kg, and the stiffness of the magnets, N/m."""
     film, preload = s["film"], _preload(s)
     moved = fed_film(film_geometry(film), preload, orifice_law(film["orifice"]), s["demand"]["lift"])
     mass = ball_mass(film["ball_radius"], s["dynamics"]["ball_density"]) + s["dynamics"]["added_mass"]
@@ -181,14 +183,14 @@ def moving_film(s: dict[str, Settings]) -> tuple[FedFilm, float, float]:
 
 
 def _workspace(joint: PassiveJoint, demand: Settings) -> Limit:
-    """The smaller travel of the two rotations that tilt the shaft."""
+    """Return the limit of the tilt: the smaller range of the two rotations that tilt the shaft."""
     there = min(r.upper - r.lower for r in joint.rotations if r.axis != "z")
     asked = float(np.degrees(demand["workspace"]))
     return Limit("workspace", "tilt that is asked for", asked, float(np.degrees(there)), "deg")
 
 
 def _stiffness(s: dict[str, Settings]) -> float:
-    """Along the axis at rest, N/m: film and magnets, replicated layer, or three Hertz contacts."""
+    """Return the stiffness along the axis at rest, N/m: film and magnets, replicated layer, or three Hertz contacts."""
     demand, preload = s["demand"], _preload(s)
     if demand["contact"] == "fluid":
         film = spherical_film(film_geometry(s["film"]), preload, orifice_law(s["film"]["orifice"]), demand["lift"])
@@ -206,7 +208,7 @@ def _preload(s: dict[str, Settings]) -> float:
 
 
 def _budget(joint: PassiveJoint, settings: Settings, kind: str, seed: int) -> float:
-    """Mean plus three standard deviations of one kind of error, m; 0 without a source of it."""
+    """Return mean plus three standard deviations of one kind of error, m; 0 without a source of this kind."""
     sources = sources_of(settings)
     if not any(source.kind == kind for source in sources):
         return 0.0

@@ -1,4 +1,4 @@
-"""The ball on its air film: frequency response, its peak and bandwidth, and its identification (thesis chapter 6)."""
+"""The ball on its air film: frequency response, resonance, bandwidth and identification (thesis chapter 6)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,16 +15,18 @@ from joints.film import FilmGeometry
 from joints.settings import not_negative, positive, require
 
 SPAN = (0.01, 20.0)
-"""Range of frequencies searched for peak and bandwidth, over sqrt(k/m) / 2 pi."""
+"""Range of frequencies searched for peak and bandwidth, relative to sqrt(k/m) / 2 pi."""
 STEPS = 400
-"""Frequencies over that span, 2 % apart; the best is refined."""
+"""Number of frequencies in this range, 2 % apart; the best is refined."""
 
 
 @dataclass(frozen=True)
 class BallOnFilm:
-    """m x'' + k x + Z(w) x = F: a film of static `stiffness` [N/m] and air that is squeezed as it moves.
+    """A ball on an air film: m x'' + k x + Z(w) x = F.
 
-    air: Z [N/m], the complex stiffness in addition to the static one at frequencies [Hz]. mass: kg.
+    mass: kg.
+    stiffness: k of the static film, N/m.
+    air: Z, N/m, complex stiffness of the squeezed air in addition to k, at frequencies in Hz.
     """
 
     mass: float
@@ -36,7 +38,7 @@ class BallOnFilm:
         positive("stiffness", self.stiffness, "N/m")
 
     def dynamic_stiffness(self, frequency: ArrayLike) -> NDArray[np.complex128]:
-        """k - m w^2 + Z(w) [N/m] at `frequency` [Hz], above 0."""
+        """Return the dynamic stiffness k - m w^2 + Z(w) [N/m] at `frequency` [Hz], above 0."""
         f = positive("frequency", frequency, "Hz")
         return self.stiffness - self.mass * (2 * np.pi * f) ** 2 + self.air(f)
 
@@ -44,34 +46,36 @@ class BallOnFilm:
 def ball_on_constant_feed(
     mass: float, stiffness: float, geometry: FilmGeometry, displacement: float, share: float = 1.0
 ) -> BallOnFilm:
-    """A film whose feed stays constant while the air in its gap is squeezed, `share` times as computed."""
+    """Return a ball on a film with constant feed, in which air is squeezed. share: factor of the computed squeeze
+    stiffness."""
     factor = float(not_negative("share of the squeezed air", share, ""))
     return BallOnFilm(mass, stiffness, lambda f: factor * squeeze_impedance(geometry, displacement, f))
 
 
 def ball_on_fed_film(mass: float, film: FedFilm, pocket: float = 0.0) -> BallOnFilm:
-    """A film whose feed answers to its pressure, with air pockets [m^3] behind its orifices."""
+    """Return a ball on a film whose feed depends on its pressure, with air pockets [m^3] behind its orifices."""
     static = float(film.impedance(0.0).real)
     return BallOnFilm(mass, static, lambda f: film.impedance(f, pocket) - static)
 
 
 def slow_damping(system: BallOnFilm, frequency: float = 0.1) -> float:
-    """Im Z / w [N s/m] of slow motion, at `frequency` [Hz]."""
+    """Return the damping Im Z / w [N s/m] of slow motion, at `frequency` [Hz]."""
     return float(system.air(np.asarray(frequency)).imag / (2 * np.pi * frequency))
 
 
 def receptance(system: BallOnFilm, frequency: ArrayLike) -> NDArray[np.complex128]:
-    """x/F [m/N] at `frequency` [Hz]."""
+    """Return the receptance x/F [m/N] at `frequency` [Hz]."""
     return 1 / system.dynamic_stiffness(frequency)
 
 
 def natural_frequency(system: BallOnFilm) -> float:
-    """sqrt(k/m) / 2 pi [Hz], of the static stiffness."""
+    """Return the natural frequency sqrt(k/m) / 2 pi [Hz] with the static stiffness k."""
     return float(np.sqrt(system.stiffness / system.mass) / (2 * np.pi))
 
 
 def resonance(system: BallOnFilm) -> tuple[float, float]:
-    """Frequency [Hz] of the largest response and that over the static one; 0 and 1 where none is larger."""
+    """Return the frequency [Hz] of the largest response, and its ratio to the static one; 0 and 1
+    without a resonance."""
     f = natural_frequency(system) * np.geomspace(*SPAN, STEPS)
     size = _times_static(system, f)
     at = int(np.argmax(size))
@@ -84,7 +88,7 @@ def resonance(system: BallOnFilm) -> tuple[float, float]:
 
 
 def bandwidth(system: BallOnFilm) -> float:
-    """Frequency [Hz] above which the response stays below 1/sqrt(2) of the static one."""
+    """Return the frequency [Hz] above which the response stays below 1/sqrt(2) of the static response."""
     f = natural_frequency(system) * np.geomspace(*SPAN, STEPS)
     last = int(np.flatnonzero(_times_static(system, f) >= np.sqrt(0.5)).max(initial=0))
     return float(optimize.brentq(lambda x: float(_times_static(system, x)) - np.sqrt(0.5), f[last], f[last + 1]))
@@ -95,13 +99,18 @@ def _times_static(system: BallOnFilm, frequency: ArrayLike) -> Array:
 
 
 def ball_mass(radius: float, density: float) -> float:
-    """4/3 pi r^3 rho [kg]."""
+    """Return the mass 4/3 pi r^3 rho [kg] of a ball."""
     return float(4 / 3 * np.pi * positive("ball radius", radius, "m") ** 3 * positive("density", density, "kg/m^3"))
 
 
 @dataclass(frozen=True)
 class ResponseFit:
-    """Identified from a frequency response: kg, N/m, what resists in units of its impedance, and standard errors."""
+    """Result of `fit_response`.
+
+    mass: kg. stiffness: N/m.
+    resistance: factor s of the given impedance.
+    stderr: standard errors by name.
+    """
 
     mass: float
     stiffness: float
@@ -110,11 +119,11 @@ class ResponseFit:
 
 
 def fit_response(frequency: ArrayLike, measured: ArrayLike, impedance: ArrayLike) -> ResponseFit:
-    """Stiffness, mass and resistance s from a measured receptance (N,), complex [m/N].
+    """Fit stiffness k, mass m and resistance s to a measured receptance H (N,), complex [m/N].
 
-    1/H = k - m w^2 + s Z is linear in the three; rows are weighted by |H| so that the error is relative. impedance: Z
-    (N,) [N/m], i w of a plain damper, s then its N s/m. Raises InputError below 3 frequencies or where the fitted mass
-    or stiffness is not above 0.
+    1/H = k - m w^2 + s Z is linear in k, m and s; rows are weighted by |H|, so that errors are relative.
+    impedance: Z (N,) [N/m]. With i w for a plain damper, s is in N s/m.
+    Raises InputError below 3 frequencies, or if the fitted mass or stiffness is not above 0.
     """
     f = positive("frequency", frequency, "Hz").ravel()
     response, resists = np.asarray(measured, complex).ravel(), np.asarray(impedance, complex).ravel()
@@ -138,21 +147,21 @@ def fit_response(frequency: ArrayLike, measured: ArrayLike, impedance: ArrayLike
 
 
 INSTANTS, COARSE = 256, 64
-"""Instants of half a period, and of the coarse search for the frequency of the largest motion.
-
-Half as many odd harmonics are used. Amplitudes are accurate to 0.5 % at any frequency with 256 instants, to 1 % with
-128.
-"""
+"""Instants of half a period, and of the coarse search for the frequency of the largest motion. Half as many odd
+harmonics are used. Amplitudes are accurate to 0.5 % at any frequency with 256 instants, to 1 % with 128."""
 SETTLED, SWEEPS = 1e-5, 20_000
-"""Change of every instant that ends the iteration, over the friction; and the largest number of sweeps, of which a few
-hundred are needed."""
+"""Largest change of the friction at an instant, relative to the friction, that ends the iteration; largest number of
+sweeps, of which a few hundred are needed."""
 
 
 @dataclass(frozen=True)
 class Losses:
-    """friction: F_c, N, of the sliding contact. magnet_stiffness: k_m, N/m, at most 0. loss_factor: eta of the magnets.
+    """Losses of a joint.
 
-    The joint sticks under a force that never exceeds F_c. Raises InputError for negative friction or loss.
+    friction: F_c, N, of the sliding contact. The joint sticks under a force that never exceeds F_c.
+    magnet_stiffness: k_m, N/m, at most 0.
+    loss_factor: eta of the magnets.
+    Raises InputError for negative friction or loss.
     """
 
     friction: float
@@ -166,7 +175,7 @@ class Losses:
 
     @property
     def magnets(self) -> complex:
-        """k_m + i eta |k_m| [N/m]."""
+        """Complex stiffness k_m + i eta |k_m| of the magnets [N/m]."""
         return complex(self.magnet_stiffness, self.loss_factor * abs(self.magnet_stiffness))
 
 
@@ -174,7 +183,8 @@ class Losses:
 class SteadyState:
     """Periodic motion.
 
-    motion: (M,) x [m] over half a period. film, friction, magnets: J lost a cycle.
+    motion: (M,) x [m] over half a period.
+    film, friction, magnets: energy lost per cycle, J.
     """
 
     motion: Array
@@ -189,29 +199,27 @@ class SteadyState:
 
     @property
     def lost(self) -> float:
-        """Energy lost a cycle [J]."""
+        """Energy lost per cycle [J]."""
         return self.film + self.friction + self.magnets
 
 
 def magnet_stiffness(preload: float, stand_off: float) -> float:
-    """dF/dx = -2 P / s [N/m] at contact of a pull P (s / (s + x))^2."""
+    """Return the stiffness dF/dx = -2 P / s [N/m] at contact, of a magnetic pull P (s / (s + x))^2."""
     return float(-2 * positive("preload", preload, "N") / positive("stand-off", stand_off, "m"))
 
 
 def steady_state(
     system: BallOnFilm, losses: Losses, force: float, frequency: float, instants: int = INSTANTS
 ) -> SteadyState:
-    """Periodic motion under `force` [N] of `frequency` [Hz], at `instants` of half a period.
+    """Return the periodic motion under `force` [N] at `frequency` [Hz], at `instants` of half a period.
 
-        D x + f = F sin wt,   f in F_c sign(x'),   |f| <= F_c where x' = 0
+    D x + f = F sin wt,   f in F_c sign(x'),   |f| <= F_c if x' = 0
 
-    D(nw) = D_film(nw) + k_m + i eta |k_m| is the dynamic stiffness at each odd harmonic n: the magnets pull with
-    stiffness k_m (negative: they pull the less the farther away) and lose eta pi |k_m| X^2 a cycle, whatever the
-    frequency. f and x change sign over half a period. With the mobility Y = i n w / D the speed is v = Y (F - f): at
-    each instant of half a period either v = 0 and |f| < F_c or f = F_c sign(v). Re Y > 0 makes this a monotone
-    complementarity problem with one solution, whatever the frequency; where motion is slow it is the play X = (F - F_c)
-    / k.
-
+    D(nw) = D_film(nw) + k_m + i eta |k_m| is the dynamic stiffness at each odd harmonic n. The magnets have the
+    stiffness k_m, negative since their pull falls with distance, and lose eta pi |k_m| X^2 per cycle at any frequency.
+    f and x change sign over half a period. With the mobility Y = i n w / D the speed is v = Y (F - f): at each instant
+    either v = 0 and |f| < F_c, or f = F_c sign(v). Re Y > 0 makes this a monotone complementarity problem with one
+    solution; for slow motion it is X = (F - F_c) / k.
     Source: J. P. Den Hartog, Trans. ASME 53 (1931), for one mass and spring; P. L. Lions and B. Mercier, SIAM J. Numer.
     Anal. 16 (1979), for the splitting.
     """
@@ -234,10 +242,8 @@ def steady_state(
 
 
 def _friction(mobility: Array, pushed: Array, limit: float) -> Array:
-    """Friction force f (M,) at instants where the speed is mobility (M, M) (pushed - f), by Douglas-Rachford splitting.
-
-    Raises InputError where it does not settle.
-    """
+    """Return the friction force f (M,) at instants where the speed is mobility (M, M) (pushed - f).
+    Douglas-Rachford splitting. Raises InputError if it does not converge."""
     sizes = np.linalg.svd(mobility, compute_uv=False)
     scale = 1.0 / np.sqrt(sizes[0] * sizes[-1])
     inverse = np.linalg.inv(np.eye(len(pushed)) + scale * mobility)
@@ -252,7 +258,7 @@ def _friction(mobility: Array, pushed: Array, limit: float) -> Array:
 
 
 def largest_motion(system: BallOnFilm, losses: Losses, force: float, frequency: Array) -> float:
-    """Largest amplitude [m] over frequencies [Hz] from the lowest to the highest, refined between two of them."""
+    """Return the largest amplitude [m] over frequencies [Hz] in ascending order, refined between two of them."""
 
     def below(log_frequency: float) -> float:
         return -steady_state(system, losses, force, float(np.exp(log_frequency)), COARSE).amplitude

@@ -1,16 +1,17 @@
-"""The fed film in motion: compressible air in the gap and behind the orifices, linearised; does the joint hammer?
+"""Dynamics of a fed air film: compressible air in the gap and behind the orifices, linearised; pneumatic hammer.
 
 Isothermal air of absolute pressure P in the gap h(t) = h0 + (d - h0) cos t, flows as volumes at atmospheric pressure:
 
     2 pi r^2 sin t d(P h)/dtau / p_a + dQ/dt = feed at the orifices' ring,   Q = -(pi sin t h^3 / (12 mu p_a)) dP^2/dt
 
-About the steady film that carries the load, with p of n nodes, x of the ball along the axis and k of the magnets:
+Linearised about the steady film that carries the load, with pressures p of n nodes, x of the ball along the axis and
+stiffness k of the magnets:
 
     S dp/dtau = L p + g x - (P w / p_a) dx/dtau,    m d^2x/dtau^2 = w.p - k x
 
-S holds the air of the gap and of a pocket between orifices and film. Air that is trapped gives way late: its pressure
-follows the gap with a delay. Where that feeds more energy into the motion than the film takes out, an eigenvalue has a
-positive real part: pneumatic hammer. Source: Licht, Fuller and Sternlicht, Trans. ASME 80 (1958), for one pocket.
+S holds the air of the gap and of a pocket between orifices and film. The pressure of trapped air follows the gap with a
+delay. If this delay feeds more energy into the motion than the film dissipates, an eigenvalue has a positive real part:
+pneumatic hammer. Source: Licht, Fuller and Sternlicht, Trans. ASME 80 (1958), for one pocket.
 """
 
 from dataclasses import dataclass
@@ -27,19 +28,23 @@ from joints.reynolds import compressible_film
 from joints.settings import not_negative, positive
 
 NODES = 120
-"""Nodes of equal angle inside and outside the ring: eigenvalues to three digits."""
+"""Nodes of the polar angle, in equal steps inside and outside the ring of orifices: eigenvalues to three digits."""
 STEEPEST = 50.0
-"""Largest exponent of a vibration: beyond it the vibration is gone within a cycle, or unbounded."""
+"""Largest exponent of a vibration per cycle; beyond it the vibration decays within a cycle, or is unbounded."""
 POCKETS = np.geomspace(0.01, 100.0, 25)
-"""Pockets, in volumes of the gap, among which the smallest unstable one (pneumatic hammer) is sought."""
+"""Pocket volumes, relative to the gap, among which the smallest unstable one (pneumatic hammer) is searched."""
 
 
 @dataclass(frozen=True)
 class FedFilm:
-    """The linearised film.
+    """The linearised film, as matrices of the module docstring.
 
-    volume: (n,) m^3 of air at each node; pressure: (n,) P, Pa; conduct: (3, n) bands of L, m^3/(s Pa), the orifices
-    among them; gap: (n,) g, m^2/s; swept: (n,) w, m^2; ring: the node of the orifices.
+    volume: (n,) m^3 of air at each node.
+    pressure: (n,) P, Pa.
+    conduct: (3, n) bands of L with the orifices, m^3/(s Pa).
+    gap: (n,) g, m^2/s.
+    swept: (n,) w, m^2.
+    ring: index of the node of the orifices.
     """
 
     volume: Array
@@ -50,7 +55,8 @@ class FedFilm:
     ring: int
 
     def impedance(self, frequency: ArrayLike, pocket: float = 0.0) -> NDArray[np.complex128]:
-        """Complex stiffness -F/x [N/m] at `frequency` [Hz]; at 0 the static one. pocket: m^3 of all orifices."""
+        """Return the complex stiffness -F/x [N/m] at `frequency` [Hz], 0 for static. pocket: volume of all pockets,
+        m^3."""
         omega = 2 * np.pi * not_negative("frequency", frequency, "Hz")
         stored, result = self._stored(pocket), np.empty(omega.shape, complex)
         for at, rate in np.ndenumerate(omega):
@@ -60,10 +66,10 @@ class FedFilm:
         return result
 
     def least_damped(self, mass: float, stiffness: float = 0.0, pocket: float = 0.0) -> complex:
-        """The eigenvalue s [1/s] of the smallest damping ratio, -Re s / |s|, its imaginary part not negative.
+        """Return the eigenvalue s [1/s] with the smallest damping ratio -Re s / |s| and a non-negative imaginary part.
 
-        mass: kg. stiffness: of the magnets, N/m. Below 0 the ball hammers, where s is real it is sucked in or blown
-        out.
+        mass: kg. stiffness: of the magnets, N/m. With a negative ratio the ball hammers, or is sucked in or blown out
+        if s is real.
         """
         n, stored, m = len(self.volume), self._stored(pocket), positive("mass", mass, "kg")
         above, within, below = self.conduct
@@ -77,8 +83,8 @@ class FedFilm:
         return complex(least.real, abs(least.imag))
 
     def hammering_pocket(self, mass: float, stiffness: float = 0.0) -> float:
-        """Smallest total pocket volume [m^3] with pneumatic hammer; 0 if it occurs without a pocket
-        any, and the largest of POCKETS where it does with none."""
+        """Return the smallest total pocket volume [m^3] with pneumatic hammer.
+        0 if it occurs without a pocket, and the largest of POCKETS if no pocket causes it."""
 
         def grows(pocket: float) -> float:
             least = self.least_damped(mass, stiffness, pocket)
@@ -92,23 +98,24 @@ class FedFilm:
 
     @property
     def _pushed(self) -> Array:
-        """Flow displaced by the speed of the ball (n,), m^2 at atmospheric pressure."""
+        """Flow displaced per unit speed of the ball (n,), m^2 at atmospheric pressure."""
         return self.swept * self.pressure / ATMOSPHERE
 
     def _stored(self, pocket: float) -> Array:
-        """Diagonal of S (n,), m^3/Pa."""
+        """Return the diagonal of S (n,), m^3/Pa."""
         added: Array = not_negative("air pocket", pocket, "m^3") * (np.arange(len(self.volume)) == self.ring)
         return (self.volume + added) / ATMOSPHERE
 
 
 def left_a_cycle_later(root: complex) -> float:
-    """Share exp(2 pi Re s / Im s) of a vibration s [1/s] left a cycle later; bounded where nothing vibrates."""
+    """Return the ratio exp(2 pi Re s / Im s) of the amplitudes of a vibration s [1/s] after and before one cycle.
+    The exponent is bounded if s does not oscillate."""
     rate = 2 * np.pi * root.real / max(root.imag, abs(root) / STEEPEST)
     return float(np.exp(np.clip(rate, -STEEPEST, STEEPEST)))
 
 
 def fed_film(geometry: FilmGeometry, load: float, orifice: Orifice, displacement: float) -> FedFilm:
-    """The film that carries `load` [N] at `displacement` [m], its orifices at constant inlet pressure."""
+    """Return the film that carries `load` [N] at `displacement` [m], with its orifices at constant inlet pressure."""
     flow, socket = compressible_film(geometry, load, displacement)
     slope = orifice.flow_slope(orifice.inlet_pressure(flow, socket), socket)
     return linearised_film(geometry, displacement, geometry.orifices * flow, geometry.orifices * float(slope))
@@ -117,10 +124,10 @@ def fed_film(geometry: FilmGeometry, load: float, orifice: Orifice, displacement
 def linearised_film(
     geometry: FilmGeometry, displacement: float, flow: float = 0.0, slope: float = 0.0, nodes: int = NODES
 ) -> FedFilm:
-    """The film through which `flow` [m^3/s] runs from the ring to the edge; slope: d(flow)/dp [m^3/(s Pa)] there.
+    """Return the linearised film with a `flow` [m^3/s] from the ring of orifices to the edge.
 
-    Finite volumes between the nodes' midpoints: air pushed out and load are of the same areas, so that at rest nothing
-    is gained or lost.
+    slope: d(flow)/dp [m^3/(s Pa)] at the ring. Finite volumes between the midpoints of nodes use the same areas for
+    displaced air and load, so that no energy is gained or lost at rest.
     """
     phi, alpha, r = geometry.orifice_angle, geometry.socket_angle, geometry.ball_radius
     ring = max(round(nodes * phi / alpha), 1)
@@ -142,7 +149,8 @@ def linearised_film(
 
 
 def squeeze_number(geometry: FilmGeometry, displacement: ArrayLike, frequency: ArrayLike) -> Array:
-    """12 mu omega (r alpha)^2 / (p_a h^2), h at the socket's edge: air escapes well below 1, and is a spring above."""
+    """Return the squeeze number 12 mu omega (r alpha)^2 / (p_a h^2), with the gap h at the edge of the socket.
+    Well below 1 the air escapes, well above it acts as a spring."""
     gap = film_gap(geometry, displacement, geometry.socket_angle)
     omega = 2 * np.pi * not_negative("frequency", frequency, "Hz")
     length = geometry.ball_radius * geometry.socket_angle
@@ -152,8 +160,6 @@ def squeeze_number(geometry: FilmGeometry, displacement: ArrayLike, frequency: A
 def squeeze_impedance(
     geometry: FilmGeometry, displacement: float, frequency: ArrayLike, cells: int = 400
 ) -> NDArray[np.complex128]:
-    """Complex stiffness -F/x [N/m] of the unfed isothermal film at atmospheric mean pressure.
-
-    Im / omega is the film's damping where motion is slow; the real part is the trapped air's spring.
-    """
+    """Return the complex stiffness -F/x [N/m] of the unfed isothermal film at atmospheric mean pressure.
+    Im / omega is the damping of slow motion; the real part is the spring of the trapped air."""
     return linearised_film(geometry, displacement, nodes=cells).impedance(positive("frequency", frequency, "Hz"))

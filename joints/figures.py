@@ -27,7 +27,7 @@ def _axes(columns: int = 1, width: float = 6.0) -> tuple[Figure, list[Axes]]:
 
 
 def preload_sliding(angles: Array, preload: float, socket_fixed: Array) -> Figure:
-    """Limit over angle, ball fixed and socket fixed (Fig 3.9)."""
+    """Plot the largest pull against the joint angle, with ball fixed and with socket fixed (Fig 3.9)."""
     figure, (ax,) = _axes()
     degrees = np.degrees(angles)
     ax.plot(degrees, np.full_like(degrees, preload), label="ball fixed")
@@ -39,7 +39,8 @@ def preload_sliding(angles: Array, preload: float, socket_fixed: Array) -> Figur
 
 
 def preload_contacts(angles: Array, preload: float, limits: Array, towards: Array) -> Figure:
-    """Limit over angle for three supports: every azimuth, the best and the worst (Fig 3.11)."""
+    """Plot the largest pull against the joint angle for three supports: all azimuths, the best and the worst (Fig
+    3.11)."""
     figure, (ax,) = _axes()
     degrees = np.degrees(angles)
     top = np.minimum(limits.max(axis=1), 2 * preload)
@@ -54,7 +55,7 @@ def preload_contacts(angles: Array, preload: float, limits: Array, towards: Arra
 
 
 def preload_rings(magnets: Sequence[Magnet], seat: MagnetSeat, best: Sequence[PreloadDesign]) -> Figure:
-    """Preload of the fullest ring against its angle (Fig 3.10)."""
+    """Plot the preload of the fullest ring against its angle (Fig 3.10)."""
     figure, (ax,) = _axes()
     angles = np.radians(np.linspace(5, 85, 1601))
     for magnet, design in zip(magnets, best, strict=True):
@@ -76,7 +77,7 @@ def preload_rings(magnets: Sequence[Magnet], seat: MagnetSeat, best: Sequence[Pr
 
 
 def contact(force: Array, printed: PublishedContact, exact: HertzContact, first_yield: float) -> Figure:
-    """Approach and peak pressure against force, as printed and exact."""
+    """Plot approach and peak pressure against force, as printed and exact."""
     figure, (left, right) = _axes(2, 5.0)
     left.plot(force, exact.approach * 1e6, label="exact")
     left.plot(force, printed.approach * 1e6, "--", label="as printed (cylinders)")
@@ -91,7 +92,7 @@ def contact(force: Array, printed: PublishedContact, exact: HertzContact, first_
 
 
 def thermal(per_kelvin: Mapping[str, float], change: float, tolerance: float) -> Figure:
-    """Growth of every part over the temperature change, against the tolerance."""
+    """Plot the growth of every part over the temperature change, against the tolerance."""
     figure, (ax,) = _axes(1, 7.0)
     names = list(per_kelvin)
     ax.barh(names, [rate * change * 1e6 for rate in per_kelvin.values()])
@@ -104,7 +105,7 @@ def thermal(per_kelvin: Mapping[str, float], change: float, tolerance: float) ->
 
 
 def film_guide(flat: FilmDesign, sphere: SphericalFilm) -> Figure:
-    """Flow and stiffness against displacement, flat plate and sphere."""
+    """Plot flow and stiffness against displacement, for flat plate and sphere."""
     figure, (left, right) = _axes(2, 5.5)
     lift = flat.displacement * 1e6
     left.plot(lift, flat.flow / SCCM, label="flat plate (Table 4.2)")
@@ -123,7 +124,7 @@ def film_guide(flat: FilmDesign, sphere: SphericalFilm) -> Figure:
 
 
 def film_inlet(inlet: Array, lift: Array, gap: Array, sphere: SphericalFilm) -> Figure:
-    """Displacement and edge gap against inlet pressure (Figs 4.21 and 4.22)."""
+    """Plot displacement and edge gap against inlet pressure (Figs 4.21 and 4.22)."""
     figure, (ax,) = _axes()
     ax.plot(inlet / ATMOSPHERE, lift * 1e6, label="displacement, flat plate")
     ax.plot(inlet / ATMOSPHERE, gap * 1e6, "--", color="C0", label="edge gap, flat plate")
@@ -135,7 +136,7 @@ def film_inlet(inlet: Array, lift: Array, gap: Array, sphere: SphericalFilm) -> 
 
 
 def film_pressure(geometry: FilmGeometry, load: float, displacement: float) -> Figure:
-    """Pressure from the axis to the edge: flat plate, sphere, sphere with compressible air."""
+    """Plot the pressure from the axis to the edge: flat plate, sphere, sphere with compressible air."""
     figure, (ax,) = _axes()
     angle = np.linspace(1e-3, geometry.socket_angle, 300)
     degrees = np.degrees(angle)
@@ -154,7 +155,7 @@ def film_pressure(geometry: FilmGeometry, load: float, displacement: float) -> F
 
 
 def stiffness_predicted(displacement: Array, curves: Mapping[str, Array], rest: float) -> Figure:
-    """Tension against displacement, air on and off (Figs 4.14 and 4.28)."""
+    """Plot tension against displacement, with air on and off (Figs 4.14 and 4.28)."""
     figure, (ax,) = _axes()
     for name, force in curves.items():
         ax.plot(displacement * 1e6, force, label=name)
@@ -168,7 +169,7 @@ def stiffness_predicted(displacement: Array, curves: Mapping[str, Array], rest: 
 
 
 def stiffness_regimes(displacement: Array, force: Array, curve: RegimeCurve, source: str) -> Figure:
-    """Measured force and the four fitted regimes (Fig 4.15)."""
+    """Plot the measured force and the four fitted regimes (Fig 4.15)."""
     figure, (ax,) = _axes(1, 7.0)
     ax.plot(displacement * 1e6, force, ".", color="0.6", markersize=3, label=source)
     limits = (displacement.min(), curve.contact_end, curve.transition_end, curve.film_end, displacement.max())
@@ -182,7 +183,7 @@ def stiffness_regimes(displacement: Array, force: Array, curve: RegimeCurve, sou
 
 
 def design_lift(inlets: Array, lift: Array, supply: float, wanted: float) -> Figure:
-    """Lift over inlet pressure, with the air that is there and the lift that is wanted."""
+    """Plot lift against inlet pressure, with the available supply pressure and the required lift."""
     figure, (ax,) = _axes(1, 5.5)
     ax.plot(inlets / ATMOSPHERE, lift * 1e6, label="flat film")
     ax.axvline(supply / ATMOSPHERE, color="k", linestyle="--", linewidth=0.8, label="supply")
@@ -197,7 +198,7 @@ def dynamics(
     responses: Mapping[str, NDArray[np.complex128]],
     measured: tuple[Array, NDArray[np.complex128], str],
 ) -> Figure:
-    """Compliance and phase against frequency."""
+    """Plot compliance and phase against frequency."""
     figure, (left, right) = _axes(2, 5.5)
     points, response, source = measured
     left.loglog(points, np.abs(response) * 1e6, ".", color="0.7", label=source)
@@ -211,7 +212,7 @@ def dynamics(
 
 
 def pugh(chart: PughChart) -> Figure:
-    """Marks of every criterion, and the scores."""
+    """Plot the marks of every criterion, and the scores."""
     height = 1.6 + 0.27 * len(chart.criteria)
     figure = Figure(figsize=(2.6 + 1.0 * len(chart.concepts), height), layout="constrained")
     ax = figure.add_subplot()
@@ -228,7 +229,7 @@ def pugh(chart: PughChart) -> Figure:
 
 
 def drawn(width: float, chart: Callable[..., None], *content: object) -> Figure:
-    """A chart that is drawn on a given figure, so many inches wide."""
+    """Draw a chart on a new figure of `width` inches."""
     figure = Figure(figsize=(width, 4.0), layout="constrained")
     chart(figure, *content)
     return figure

@@ -18,8 +18,14 @@ from joints.settings import Settings, angle_within, not_negative, positive, requ
 
 @dataclass(frozen=True)
 class FilmGeometry:
-    """Ball radius r [m], socket edge alpha and orifices' phi [rad] from the axis, radial clearance h0 [m] of the
-    concentric ball, number of orifices, viscosity [Pa s]."""
+    """Geometry of an air film.
+
+    ball_radius: r, m.
+    socket_angle, orifice_angle: polar angles alpha of the socket's edge and phi of the orifices, rad.
+    clearance: radial clearance h0 of the concentric ball, m.
+    orifices: number of orifices.
+    viscosity: Pa s.
+    """
 
     ball_radius: float
     socket_angle: float
@@ -43,22 +49,24 @@ class FilmGeometry:
 
     @property
     def orifice_length(self) -> float:
-        """l_o = eta r phi [m], eta = sqrt(4 alpha / pi): 11.5 mm (Figs 4.10, 4.17)."""
+        """Inner radius l_o = eta r phi [m] of the equivalent flat pad, eta = sqrt(4 alpha / pi): 11.5 mm (Figs 4.10,
+        4.17)."""
         return self._arc_factor * self.ball_radius * self.orifice_angle
 
     @property
     def socket_length(self) -> float:
-        """l_s = eta r (alpha - phi) [m]: 32.2 mm; Fig 4.10 prints the bracket with its sign turned."""
+        """Width l_s = eta r (alpha - phi) [m] of the flat pad: 32.2 mm; Fig 4.10 prints the bracket with the opposite
+        sign."""
         return self._arc_factor * self.ball_radius * (self.socket_angle - self.orifice_angle)
 
     @property
     def outer_length(self) -> float:
-        """l_o + l_s [m], the outer radius of the equivalent flat pad."""
+        """Outer radius l_o + l_s [m] of the equivalent flat pad."""
         return self.orifice_length + self.socket_length
 
     @property
     def log_ratio(self) -> float:
-        """ln((l_o + l_s) / l_o)."""
+        """Logarithm ln((l_o + l_s) / l_o) of the radii of the flat pad."""
         return float(np.log(self.socket_angle / self.orifice_angle))
 
     @property
@@ -67,10 +75,11 @@ class FilmGeometry:
 
 
 def film_gap(geometry: FilmGeometry, displacement: ArrayLike, angle: ArrayLike) -> Array:
-    """h(t) = h0 + (d - h0) cos t [m] at polar angle t; d counts from the ball resting in the socket.
+    """Return the gap h(t) = h0 + (d - h0) cos t [m] at polar angle t, with d measured from the ball at rest in the
+    socket.
 
-    Figs 4.10 and 4.12 print h0 + d cos(alpha), which is the same with d counted from the concentric ball;
-    Table 4.2 and Fig 4.17 count from contact. Raises InputError where the ball would touch the socket.
+    Figs 4.10 and 4.12 print h0 + d cos(alpha), with d measured from the concentric ball; Table 4.2 and Fig 4.17 measure
+    d from contact. Raises InputError if the ball would touch the socket.
     """
     gap = gap_along(geometry, not_negative("displacement", displacement, "m"), np.cos(np.asarray(angle, float)))
     require(gap > 0, "film gap", gap, "above 0 m")
@@ -78,57 +87,59 @@ def film_gap(geometry: FilmGeometry, displacement: ArrayLike, angle: ArrayLike) 
 
 
 def gap_along(geometry: FilmGeometry, lift: Array, cosine: Array) -> Array:
-    """`film_gap` of displacements and cos t already checked."""
+    """Return `film_gap` for valid displacements and cos t."""
     return geometry.clearance + (lift - geometry.clearance) * cosine
 
 
 def edge_gap(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
-    """`film_gap` at the socket's edge, alpha."""
+    """Return `film_gap` at the edge of the socket, alpha."""
     return film_gap(geometry, displacement, geometry.socket_angle)
 
 
 def film_resistance(geometry: FilmGeometry, gap: ArrayLike) -> Array:
-    """R_s = 6 mu ln((l_o + l_s)/l_o) / (pi h^3) [Pa s/m^3], socket pressure over total flow (Fig 4.9)."""
+    """Return R_s = 6 mu ln((l_o + l_s)/l_o) / (pi h^3) [Pa s/m^3], socket pressure over total flow (Fig 4.9)."""
     return 6 * geometry.viscosity * geometry.log_ratio / (np.pi * positive("film gap", gap, "m") ** 3)
 
 
 def film_pressure(geometry: FilmGeometry, socket_pressure: ArrayLike, radius: ArrayLike) -> Array:
-    """P(l) = P_s ln((l_o + l_s)/l) / ln((l_o + l_s)/l_o) [Pa] at arc radius l of the flat pad, P_s inside l_o."""
+    """Return the pressure P(l) = P_s ln((l_o + l_s)/l) / ln((l_o + l_s)/l_o) [Pa] at radius l of the flat pad, P_s
+    inside l_o."""
     clipped = np.clip(np.asarray(radius, float), geometry.orifice_length, geometry.outer_length)
     share: Array = np.log(geometry.outer_length / clipped) / geometry.log_ratio
     return not_negative("socket pressure", socket_pressure, "Pa") * share
 
 
 def supporting_pressure(geometry: FilmGeometry, preload: ArrayLike) -> Array:
-    """P_s = F / (pi (r sin alpha)^2) [Pa], uniform over the projected socket (Fig 4.11)."""
+    """Return the pressure P_s = F / (pi (r sin alpha)^2) [Pa], uniform over the projected socket (Fig 4.11)."""
     return not_negative("preload", preload, "N") / geometry.area
 
 
 def pad_load(geometry: FilmGeometry, socket_pressure: ArrayLike) -> Array:
-    """pi P_s (R^2 - l_o^2) / (2 ln(R/l_o)) [N], R = l_o + l_s: the integral of `film_pressure`, the classical pad."""
+    """Return the load pi P_s (R^2 - l_o^2) / (2 ln(R/l_o)) [N] of the classical pad: the integral of `film_pressure`.
+    R = l_o + l_s."""
     ring = geometry.outer_length**2 - geometry.orifice_length**2
     return np.pi * not_negative("socket pressure", socket_pressure, "Pa") * ring / (2 * geometry.log_ratio)
 
 
 def published_load(geometry: FilmGeometry, socket_pressure: ArrayLike) -> Array:
-    """pi R^2 P_s (1 - 1/(2 ln(R/l_o))) [N] as printed in Fig 4.12, where the pressure grows outwards: 199 N for
-    Table 4.2, where the preload is 100.7 N and the classical pad carries 111 N."""
+    """Return the load pi R^2 P_s (1 - 1/(2 ln(R/l_o))) [N] as printed in Fig 4.12, with a pressure that grows outwards.
+    199 N for Table 4.2, where the preload is 100.7 N and the classical pad carries 111 N."""
     shape = 1 - 1 / (2 * geometry.log_ratio)
     return np.pi * geometry.outer_length**2 * not_negative("socket pressure", socket_pressure, "Pa") * shape
 
 
 def published_stiffness(geometry: FilmGeometry, socket_pressure: ArrayLike, gap: ArrayLike) -> Array:
-    """(3 pi/2) R^2 P_s cos(alpha) (2 - 1/ln(R/l_o)) / h [N/m] (Fig 4.12, Table 4.2; Fig 4.17 misprints 2 pi)."""
+    """Return (3 pi/2) R^2 P_s cos(alpha) (2 - 1/ln(R/l_o)) / h [N/m] (Fig 4.12, Table 4.2; Fig 4.17 misprints 2 pi)."""
     return 3 * published_load(geometry, socket_pressure) * float(np.cos(geometry.socket_angle)) / _gap(gap)
 
 
 def stiffness_constant_flow(geometry: FilmGeometry, load: ArrayLike, gap: ArrayLike) -> Array:
-    """-dF/dd = 3 F cos(alpha) / h [N/m] of the load F actually carried, the flow held constant."""
+    """Return the stiffness -dF/dd = 3 F cos(alpha) / h [N/m] at constant flow, with the load F actually carried."""
     return 3 * not_negative("load", load, "N") * float(np.cos(geometry.socket_angle)) / _gap(gap)
 
 
 def feed_factor(geometry: FilmGeometry, resistance: ArrayLike, flow_slope: ArrayLike) -> Array:
-    """1 / (1 - N R_s dq/dP_s): what remains of the constant-flow stiffness at constant inlet pressure."""
+    """Return 1 / (1 - N R_s dq/dP_s): stiffness at constant inlet pressure over stiffness at constant flow."""
     return 1 / (1 - geometry.orifices * np.asarray(resistance, np.float64) * np.asarray(flow_slope, np.float64))
 
 
@@ -137,8 +148,8 @@ def _gap(gap: ArrayLike) -> Array:
 
 
 def film_geometry(settings: Settings, ball_radius: float | None = None) -> FilmGeometry:
-    """The film's geometry from the keys of a TOML table, which are called as its fields. Raises InputError for numbers
-    that no film has, a clearance as large as the ball among them."""
+    """Return the geometry of the film from settings with the names of its fields.
+    Raises InputError for impossible numbers, such as a clearance as large as the ball."""
     given = settings if ball_radius is None else {**settings, "ball_radius": ball_radius}
     film = FilmGeometry(**{field.name: given[field.name] for field in fields(FilmGeometry)})
     require(film.clearance < film.ball_radius, "radial clearance", film.clearance, "less than the ball radius")
@@ -146,7 +157,7 @@ def film_geometry(settings: Settings, ball_radius: float | None = None) -> FilmG
 
 
 def orifice_law(settings: Settings) -> Orifice:
-    """The orifice an [orifice] table describes. Raises InputError for a number that either law cannot have."""
+    """Return the orifice that an [orifice] table describes. Raises InputError for an impossible number."""
     laws: dict[str, Orifice] = {
         "linear": LinearOrifice(settings["slope"], settings["offset"]),
         "nozzle": NozzleOrifice(settings["diameter"], settings["discharge"], settings["temperature"]),
@@ -158,8 +169,11 @@ def orifice_law(settings: Settings) -> Orifice:
 
 @dataclass(frozen=True)
 class FilmDesign:
-    """One row of the design guide for each displacement; `flow` is through one orifice, `resistance_ratio` is
-    orifice over socket resistance."""
+    """The design guide, one entry per displacement.
+
+    flow: through one orifice.
+    resistance_ratio: resistance of the orifice over that of the socket.
+    """
 
     displacement: Array
     gap: Array
@@ -174,7 +188,7 @@ class FilmDesign:
 
 
 def design_film(geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, displacement: ArrayLike) -> FilmDesign:
-    """The design flow chart of Fig 4.13: preload and displacement to flow, inlet pressure and stiffness."""
+    """Return the design guide of Fig 4.13: flow, inlet pressure and stiffness for preload and displacement."""
     lift, load = np.broadcast_arrays(np.asarray(displacement, float), np.asarray(preload, float))
     gap = edge_gap(geometry, lift)
     socket = supporting_pressure(geometry, load)
@@ -199,8 +213,9 @@ def design_film(geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, di
 
 
 def displacement_at_inlet(geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, inlet: ArrayLike) -> Array:
-    """Displacement [m] at which the film fed with `inlet` pressure carries `preload` (Fig 4.21), 0 if it cannot
-    lift the ball: the gap at which `film_resistance` takes the socket's pressure from the flow."""
+    """Return the displacement [m] at which a film with `inlet` pressure carries `preload` (Fig 4.21), 0 if it cannot
+    lift.
+    At this gap `film_resistance` times the flow is the socket pressure."""
     supply = not_negative("inlet pressure", inlet, "Pa")
     socket = positive("preload", preload, "N") / geometry.area
     flow = np.where(supply > socket, orifice.flow(np.maximum(supply, socket), socket), 0.0)

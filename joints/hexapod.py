@@ -1,7 +1,7 @@
 """Six measured legs between two rings of ball joints: a Gough platform as a Mechanism with closed loops.
 
-Only the centres of the balls and the lengths matter: 6 x 7 constants, of which the places of base and platform take 12.
-Source: Gough and Whitehall 1962.
+Only the centres of the balls and the lengths matter: 6 x 7 constants, of which 12 are equivalent to poses of base and
+platform. Source: Gough and Whitehall 1962.
 """
 
 from dataclasses import dataclass
@@ -22,10 +22,8 @@ from joints.settings import Settings, positive
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Hexapod(OnLegs):
-    """A platform on six legs with a ball joint at either end. A Mechanism; its loops close by Newton's method.
-
-    limits: m, shortest and longest leg.
-    """
+    """A platform on six legs with a ball joint at either end. A Mechanism with loops closed by Newton's method.
+    limits: shortest and longest leg, m."""
 
     axial: ClassVar[str] = "torque_L{i}"
     limits: tuple[float, float]
@@ -37,7 +35,7 @@ class Hexapod(OnLegs):
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
-        """L1 to L6: the lengths of the legs between the centres of their balls, measured."""
+        """L1 to L6: the measured lengths of the legs between the centres of their balls."""
         return tuple(
             Joint(f"L{i}", "prismatic", *self.limits, ((f"L{i}.moving", "Tz", 1.0),)) for i in range(1, LEGS + 1)
         )
@@ -54,7 +52,7 @@ class Hexapod(OnLegs):
 
     @property
     def home(self) -> Array:
-        """All legs (1, 6) at half stroke, m."""
+        """Lengths (1, 6) of all legs at half stroke, m."""
         return np.full((1, LEGS), np.mean(self.limits))
 
     def feet(self, frames: Array, own: Array, q: Array) -> tuple[Array, Array]:
@@ -65,7 +63,8 @@ class Hexapod(OnLegs):
         return q.T, np.broadcast_to(shift([0.0, 0.0, high]), (len(q), 4, 4))
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
-        """torque_L1 .. (N): the force of the weight on each length; force_base_x .. moment_base_z: on the base."""
+        """Return the loads of the weight: torque_L1 .. (N) on each length, force_base_x ..
+        moment_base_z on the base."""
         carried = np.asarray(payload, dtype=float)
         if not np.any(carried) and not self.mass:
             return {}
@@ -74,10 +73,10 @@ class Hexapod(OnLegs):
 
 
 def hexapod(path: Path | None = None) -> Hexapod:
-    """The hexapod of a TOML file, the built-in one without.
+    """Return the hexapod of a TOML file, the built-in one by default.
 
-    Raises InputError: an unknown key, a missing unit, a ring or range without size, legs that cannot meet or that leave
-    the platform loose.
+    Raises InputError for an unknown key, a missing unit, a ring or range without size, or legs that cannot meet or do
+    not hold the platform.
     """
     return described("hexapod", path, _built)
 
@@ -99,6 +98,6 @@ def _built(s: Settings, file: str) -> Hexapod:
 
 
 def _ring(radius: float, angles: list[float]) -> Array:
-    """Centres (6, 3) of three pairs of balls on a circle, m; angles: of the first pair, rad."""
+    """Return the centres (6, 3), m, of three pairs of balls on a circle. angles: of the first pair, rad."""
     at = np.concatenate([np.asarray(angles) + turn for turn in np.radians([0.0, 120.0, 240.0])])
     return radius * np.column_stack([np.cos(at), np.sin(at), np.zeros(len(at))])

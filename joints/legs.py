@@ -1,8 +1,8 @@
-"""A platform on six links with a ball joint at either end: what closes its loops, whatever moves the links.
+"""A platform on six links with a ball joint at either end: closure of its loops, for any drive of the links.
 
-    |p + R (b_i + δb_i) - (a_i + δa_i)| = l_i + δl_i,   i = 1..6
+|p + R (b_i + δb_i) - (a_i + δa_i)| = l_i + δl_i,   i = 1..6
 
-a, b: the balls where a link stands and on the platform, l: its length, δ: errors.
+a, b: balls at the foot of a link and on the platform, l: length of a link, δ: errors.
 """
 
 from abc import abstractmethod
@@ -23,18 +23,22 @@ from joints.settings import Settings, laid_over, read_toml
 
 LEGS = 6
 WEAKEST = 1e-3
-"""Least singular value of the legs' Jacobian at home, with lengths over the platform's radius. With a smaller one the
-legs do not hold the platform; two similar hexagons have zero."""
+"""Least singular value of the legs' Jacobian at home, with lengths relative to the platform's radius. With a smaller
+one the legs do not hold the platform; two similar hexagons have zero."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OnLegs:
-    """Machine with six links between a base and a platform. Slots: the base; the slots that move the links; for each
-    link its lower ball, the link and its upper ball; the measured frame on the platform.
+    """A machine with six links between a base and a platform.
 
-    first: index of the first slot of the links. axial: name of the load on link {i} along it, N.
-    base, platform: (6, 3) m, nominal centres of the balls where the links stand and on the platform. tool: (3,) m, the
-    measured point on the platform. mass: kg of the platform, in its origin. gravity: (3,) m/s² in the base's frame.
+    Slots are the base, the slots that move the links, the lower ball, link and upper ball of each link, and the
+    measured frame on the platform.
+    first: index of the first slot of the links.
+    axial: name of the load on link {i} along it, N.
+    base, platform: (6, 3) m, nominal centres of the balls at the feet of the links and on the platform.
+    tool: (3,) m, the measured point on the platform.
+    mass: kg of the platform, at its origin.
+    gravity: (3,) m/s² in the base frame.
     payload_com: (3,) m, centre of a payload in the measured frame.
     """
 
@@ -51,22 +55,23 @@ class OnLegs:
     @property
     @abstractmethod
     def joints(self) -> tuple[Joint, ...]:
-        """Its joints, measured."""
+        """Measured joints of the machine."""
 
     @property
     @abstractmethod
     def slots(self) -> tuple[str, ...]:
-        """The slots, in their order."""
+        """Slots in their order."""
 
     @abstractmethod
     def feet(self, frames: Array, own: Array, q: Array) -> tuple[Array, Array]:
-        """Fill in frames (S, N, 4, 4) up to the lower balls, own being each slot's error; the lengths (6, N), m, but
-        for theirs, and where the platform (N, 4, 4) is looked for first."""
+        """Fill frames (S, N, 4, 4) up to the lower balls; return link lengths (6, N), m, and a start (N, 4, 4) of the
+        platform.
+        own: error transform of each slot. The lengths do not include the errors of the links."""
 
     @property
     @abstractmethod
     def home(self) -> Array:
-        """Joint values (1, n) about which it works."""
+        """Joint values (1, n) in the middle of the workspace."""
 
     @cached_property
     def link_slots(self) -> tuple[str, ...]:
@@ -75,13 +80,14 @@ class OnLegs:
 
     @property
     def link_constants(self) -> tuple[tuple[str, str], ...]:
-        """The length of each link, then the centres of its balls, in the axes of what carries them."""
+        """The length of each link, then the centres of its balls, in the axes of the part that carries them."""
         legs = range(1, LEGS + 1)
         balls = ((f"L{i}.{ball}", axis) for i in legs for ball in ("fixed", "platform") for axis in AXES[:3])
         return (*((f"L{i}.moving", "Tz") for i in legs), *balls)
 
     def link_levers(self, lengths: Array) -> dict[str, Array]:
-        """Slot -> the vector (3,), m, that grows with temperature: the balls' places, and the links of some lengths."""
+        """Return slot -> vector (3,), m, that grows with temperature: positions of the balls, and links of the given
+        lengths."""
         out = {}
         for i, (base, platform, length) in enumerate(zip(self.base, self.platform, lengths, strict=True), 1):
             out[f"L{i}.fixed"], out[f"L{i}.platform"] = base, platform
@@ -90,7 +96,8 @@ class OnLegs:
 
     @cached_property
     def balls(self) -> tuple[Ball, ...]:
-        """The twelve, named by their slots; angles of the thesis' joint, with its axis along the link at home."""
+        """The twelve balls, named by their slots, with angles as in the thesis' joint and its axis along the link at
+        home."""
         out = []
         for i in range(1, LEGS + 1):
             for end in ("fixed", "platform"):
@@ -101,7 +108,8 @@ class OnLegs:
         return tuple(out)
 
     def turned(self, q: Array) -> dict[str, Array]:
-        """Roll and pitch (N,) of every ball, rad: the link is along Rx(roll) Ry(pitch) z in the axes of its socket."""
+        """Return roll and pitch (N,) of every ball, rad: the link is along Rx(roll) Ry(pitch) z in the axes of its
+        socket."""
         there, home = self._along(self.assembled(q, {})), self._along(self.assembled(self.home, {}))
         u = np.einsum("enij,enj->eni", np.swapaxes(axes_along(home), 2, 3) + np.zeros((1, len(q), 1, 1)), there)
         angles = np.stack([np.arctan2(-u[..., 1], u[..., 2]), np.arcsin(np.clip(u[..., 0], -1.0, 1.0))])
@@ -109,21 +117,22 @@ class OnLegs:
         return {str(names[k, a]): angles[a, k] for k in range(len(names)) for a in range(2)}
 
     def _along(self, frames: Array) -> Array:
-        """Directions (12, N, 3) of the links in the axes of both of their sockets, ball by ball."""
+        """Return the directions (12, N, 3) of the links in the axes of both of their sockets, ball by ball."""
         lower, upper = frames[self.first : -1 : 3], frames[self.first + 2 : -1 : 3]
         along = unit(upper[..., :3, 3] - lower[..., :3, 3])
         seen = [np.einsum("knji,knj->kni", frame[..., :3, :3], along) for frame in (lower, upper)]
         return np.stack(seen, axis=1).reshape(2 * LEGS, -1, 3)
 
     def transforms(self, q: Array) -> Array:
-        """Nominal transforms (S, N, 4, 4) between successive slots, m. Raises InputError where loops do not close."""
+        """Return nominal transforms (S, N, 4, 4) between successive slots, m. Raises InputError
+        if loops do not close."""
         frames = self.assembled(q, {})
         out = np.linalg.inv(np.concatenate([np.eye(4) + np.zeros_like(frames[:1]), frames[:-1]])) @ frames
         out[..., 3, :] = (0.0, 0.0, 0.0, 1.0)
         return out
 
     def assembled(self, q: Array, twists: Mapping[int, Array]) -> Array:
-        """Frames (S, N, 4, 4) of the slots, m, each after its error twist (N, 6), with all loops closed."""
+        """Return the frames (S, N, 4, 4) of the slots, m, each after its error twist (N, 6), with all loops closed."""
         frames, lengths, miss = self._solved(q, twists)
         wrong = int(np.argmax(miss))
         if not miss[wrong] < CLOSED:
@@ -132,12 +141,12 @@ class OnLegs:
         return frames
 
     def closes(self, q: Array, twists: Mapping[int, Array] | None = None) -> Mask:
-        """Return whether the links meet in one platform (N,) at joint values (N, n), with error twists (N, 6) of
-        slots."""
+        """Return whether the links meet in one platform (N,), at joint values (N, n) with error
+        twists (N, 6) by slot."""
         return self._solved(q, twists or {})[2] < CLOSED
 
     def _solved(self, q: Array, twists: Mapping[int, Array]) -> tuple[Array, Array, Array]:
-        """Frames (S, N, 4, 4), lengths (6, N) and by how much (N,) the worst link of each pose misses, m."""
+        """Return frames (S, N, 4, 4), lengths (6, N), m, and the largest gap (N,) of a link at each pose, m."""
         q, at = self.values(q), self.first
         own = np.broadcast_to(np.eye(4), (len(self.slots), len(q), 4, 4)).copy()
         for slot, twist in twists.items():
@@ -156,8 +165,9 @@ class OnLegs:
         return frames, lengths, miss
 
     def carried(self, frames: Array, slot: int) -> Array:
-        """Twist of the tool per unit twist at a slot, (N, 6, 6): with J ζ the change of the lengths by a twist ζ of the
-        tool, c of them by the slot alone, J ζ + c = 0."""
+        """Return the twist of the tool per unit twist at a slot, (N, 6, 6).
+        It solves J ζ + c = 0, where J ζ is the change of the lengths by a twist ζ of the tool, and c their change by
+        the slot."""
         tool = frames[-1]
         if slot == len(frames) - 1:
             return np.broadcast_to(np.eye(6), (len(tool), 6, 6))
@@ -176,21 +186,22 @@ class OnLegs:
         return np.linalg.inv(self.jacobian(frames)) @ changed
 
     def links_behind(self, slot: int) -> list[int]:
-        """Numbers of the links that a slot before them moves."""
+        """Return the indices of the links that a slot before the links moves."""
         return []
 
     def jacobian(self, frames: Array) -> Array:
-        """Change (N, 6, 6) of the lengths by a twist of the tool in its own frame."""
+        """Return the derivatives (N, 6, 6) of the lengths by a twist of the tool in its own frame."""
         return jacobian_of(frames[-1], frames[self.first : -1 : 3, :, :3, 3], frames[self.first + 2 : -1 : 3, :, :3, 3])
 
     def weakest(self, q: Array) -> Array:
-        """Smallest singular value (N,) of the Jacobian, rotations times the platform's radius; zero: singular."""
+        """Return the smallest singular value (N,) of the Jacobian, rotations times the platform's radius; zero if
+        singular."""
         jacobian = self.jacobian(self.assembled(q, {}))
         jacobian[:, :, 3:] /= np.linalg.norm(self.platform, axis=1).mean()
         return np.asarray(np.linalg.svd(jacobian, compute_uv=False)[:, -1])
 
     def weight(self, frames: Array, payload: Array) -> tuple[Array, dict[str, Array]]:
-        """The force (N, 6), N, of the weight on each length; force_base_x .. moment_base_z: on the base."""
+        """Return the force (N, 6), N, of the weight on each length, and force_base_x .. moment_base_z on the base."""
         tool, down = frames[-1], np.asarray(self.gravity)
         turn = tool[:, :3, :3]
         arms = np.stack([turn @ np.asarray(self.payload_com), -turn @ np.asarray(self.tool)])
@@ -204,7 +215,7 @@ class OnLegs:
         return legs, out
 
     def values(self, q: Array) -> Array:
-        """Joint values (N, n). Raises InputError for another shape."""
+        """Return the joint values (N, n). Raises InputError for another shape."""
         q = np.asarray(q, dtype=float)
         if q.ndim != 2 or q.shape[1] != len(self.joints):
             names = f"{self.joints[0].name} to {self.joints[-1].name}"
@@ -220,7 +231,7 @@ Machine = TypeVar("Machine", bound=OnLegs)
 def described(kind: str, path: Path | None, build: Callable[[Settings, str], Machine]) -> Machine:
     """Build a machine from the settings of a TOML file, or the built-in machine without a file.
 
-    A machine without a name is called as its file. build: also takes the name of the file, for messages.
+    A machine without a name gets the name of its file. build: also takes the name of the file, for messages.
     """
     given, file = (read_toml(path), path.name) if path else ({}, f"{kind}.toml")
     machine = build(laid_over(kind, given, file), file)
@@ -230,7 +241,7 @@ def described(kind: str, path: Path | None, build: Callable[[Settings, str], Mac
 def held(machine: Machine, file: str) -> Machine:
     """Return the machine if it is rigid at home.
 
-    Raises InputError if the links do not meet at home, or if they hold the platform no better than WEAKEST.
+    Raises InputError if the links do not meet at home, or hold the platform no better than WEAKEST.
     """
     try:
         weakest = float(machine.weakest(machine.home)[0])

@@ -1,5 +1,8 @@
-"""Number of magnets on a ring, the ring and socket of largest preload (thesis Tables 3.1 and 4.1), and predicted and
-measured preloads (Figures 3.25, 3.30, 4.31)."""
+"""Magnet rings and sockets of largest preload, and published preloads.
+
+Thesis Tables 3.1 and 4.1 (number of magnets on a ring, ring and socket); Figures 3.25, 3.30, 4.31 (predicted and
+measured preloads).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +17,7 @@ from joints.settings import DATA, angle_within, not_negative, positive, quantity
 
 @dataclass(frozen=True)
 class Magnet:
-    """A magnet that can be bought: `diameter` and `thickness` [m], measured pull `force` [N], `cost` [$]."""
+    """A commercial magnet: `diameter` and `thickness` [m], measured pull `force` [N], `cost` [$]."""
 
     diameter: float
     thickness: float
@@ -31,8 +34,8 @@ class Magnet:
 def stack_factor(diameter: float, thickness: float, layers: int, gap: float) -> float:
     """Return the pull of a stack of `layers` magnets relative to one magnet, over `gap` [m] to the ball.
 
-    The pull goes with the square of the field on the axis of a cylinder, B(z) ~ (L + z) / sqrt(R^2 + (L + z)^2) -
-    z / sqrt(R^2 + z^2) at a distance z from a face (Furlani 2001, section 4.2), without steel behind it.
+    The pull is proportional to the square of the field on the axis of a cylinder, B(z) ~ (L + z) / sqrt(R^2 + (L +
+    z)^2) - z / sqrt(R^2 + z^2) at a distance z from a face (Furlani 2001, section 4.2), without steel behind it.
     """
     radius = float(positive("magnet diameter", diameter, "m")) / 2
     z = float(not_negative("gap", gap, "m"))
@@ -45,8 +48,12 @@ def stack_factor(diameter: float, thickness: float, layers: int, gap: float) -> 
 
 @dataclass(frozen=True)
 class MagnetSeat:
-    """Where magnets sit: the `radius` [m] of their faces, the wall `clearance` [m] between two of them, and
-    whether poles alternate around the ring (`paired`: an even number, thesis 3.2.1)."""
+    """Seats of the magnets in the socket.
+
+    radius: of their faces, m.
+    clearance: wall between two magnets, m.
+    paired: poles alternate around the ring, so that the number is even (thesis 3.2.1).
+    """
 
     radius: float
     clearance: float
@@ -57,13 +64,14 @@ class MagnetSeat:
         not_negative("magnet clearance", self.clearance, "m")
 
     def half_width(self, diameter: float) -> float:
-        """Angle [rad] from a magnet's axis to its rim, seen from the ball's centre."""
+        """Return the angle [rad] from a magnet's axis to its rim, seen from the centre of the ball."""
         if diameter >= 2 * self.radius:
             raise InputError(f"magnet diameter = {diameter:.6g} m, expected below {2 * self.radius:.6g} m")
         return float(np.arcsin(diameter / (2 * self.radius)))
 
     def fitting_count(self, diameter: float, angle: float) -> int:
-        """Largest n with 2 r sin(gamma) sin(pi/n) >= diameter + clearance; 1 or 2 never touch the far side."""
+        """Return the largest n with 2 r sin(gamma) sin(pi/n) >= diameter + clearance; 1 or 2
+        never touch the far side."""
         chord = (diameter + self.clearance) / (2 * self.radius * np.sin(angle))
         if chord > 1:
             return 0 if self.paired else 1
@@ -71,12 +79,13 @@ class MagnetSeat:
         return count - count % 2 if self.paired else count
 
     def smallest_angle(self, diameter: float, count: int) -> float:
-        """Smallest ring angle [rad] at which `count` >= 2 magnets fit; nan where no ring up to 90 deg holds."""
+        """Return the smallest ring angle [rad] at which `count` >= 2 magnets fit; nan if none up
+        to 90 deg is enough."""
         sine = (diameter + self.clearance) / (2 * self.radius * np.sin(np.pi / count))
         return float(np.arcsin(sine)) if sine <= 1 else float("nan")
 
     def check(self, rings: Sequence[MagnetRing], socket_angle: float) -> None:
-        """Raise InputError for a ring that is too crowded, leaves the socket or runs into its neighbour."""
+        """Raise InputError for a ring that is too crowded, extends beyond the socket or overlaps its neighbour."""
         angle_within("socket angle", socket_angle, np.pi / 2)
         for number, ring in enumerate(rings, 1):
             fits = MagnetSeat(self.radius, self.clearance, paired=False).fitting_count(ring.diameter, ring.angle)
@@ -103,7 +112,7 @@ class MagnetSeat:
 
 @dataclass(frozen=True)
 class PreloadDesign:
-    """One candidate: a socket, a ring, and what they give. Angles rad, area ratios 1, pressures Pa."""
+    """One candidate: a socket, a ring, and their preload and cost. Angles rad, area ratios 1, pressures Pa."""
 
     socket_angle: float
     ring: MagnetRing
@@ -117,7 +126,7 @@ class PreloadDesign:
 
 
 def preload_design(socket_angle: float, angle: float, magnet: Magnet, seat: MagnetSeat) -> PreloadDesign | None:
-    """The fullest ring of `magnet` at `angle` in a socket of `socket_angle`; None where it does not fit."""
+    """Return the fullest ring of `magnet` at `angle` in a socket of `socket_angle`; None if it does not fit."""
     count = seat.fitting_count(magnet.diameter, angle)
     if count < 2 or angle + seat.half_width(magnet.diameter) > socket_angle + 1e-12:
         return None
@@ -140,9 +149,9 @@ def preload_design(socket_angle: float, angle: float, magnet: Magnet, seat: Magn
 def rank_designs(
     socket_angles: Sequence[float], ring_angles: Sequence[float], magnets: Sequence[Magnet], seat: MagnetSeat
 ) -> list[PreloadDesign]:
-    """Every design of the grid that fits, best first: most preload, then highest socket pressure.
+    """Return every design of the grid that fits, best first: largest preload, then highest socket pressure.
 
-    The six best of 12.7 mm magnets on a grid of 9 deg up to a socket of 72 deg are Table 3.1, row for row.
+    The six best of 12.7 mm magnets, on a grid of 9 deg up to a socket of 72 deg, are the rows of Table 3.1.
     """
     candidates = [
         preload_design(alpha, gamma, magnet, seat)
@@ -157,8 +166,9 @@ def rank_designs(
 
 
 def continuous_optimum(magnet: Magnet, seat: MagnetSeat, largest_socket: float) -> PreloadDesign:
-    """The most preload over every ring angle: each count n sits at the smallest angle that holds it, since
-    n F cos(gamma) falls with the angle, in the smallest socket that holds the ring."""
+    """Return the design of largest preload over all ring angles.
+    For each count n the ring is at the smallest angle that holds it, since n F cos(gamma) falls with the angle, in the
+    smallest socket that holds the ring."""
     half = seat.half_width(magnet.diameter)
     designs = []
     for count in range(2, 200, 2 if seat.paired else 1):
@@ -173,12 +183,17 @@ def continuous_optimum(magnet: Magnet, seat: MagnetSeat, largest_socket: float) 
 
 
 THICKNESS, SPACER = 6e-3, 1.5875e-3
-"""m: Table 3.1; the 1/16 in between magnet and ball when the pull of one magnet was measured (section 3.6)."""
+"""Thickness of a magnet in Table 3.1, m; the 1/16 in spacer between magnet and ball in the measurement of one magnet's
+pull (section 3.6), m."""
 
 
 @dataclass(frozen=True)
 class PublishedPreload:
-    """predicted, measured: N, None where only a picture shows it. layers: of magnets on top of one another."""
+    """A published preload.
+
+    predicted, measured: N; measured is None if only a figure shows it.
+    layers: of magnets on top of one another.
+    """
 
     name: str
     predicted: float
@@ -189,12 +204,12 @@ class PublishedPreload:
 
     @property
     def stacked(self) -> float:
-        """Predicted pull relative to one layer, from a cylinder's field at the spacer's distance."""
+        """Predicted pull relative to one layer, from the field of a cylinder at the distance of the spacer."""
         return stack_factor(self.diameter, THICKNESS, self.layers, SPACER)
 
 
 def published_preloads() -> tuple[PublishedPreload, ...]:
-    """Every preload that the text states a figure of."""
+    """Return every preload of which the text states a number."""
     file = DATA / "preload_published.toml"
     return tuple(
         PublishedPreload(

@@ -17,21 +17,21 @@ SCCM = 1e-6 / 60
 
 
 class Orifice(Protocol):
-    """The law of one orifice between `inlet` and `socket` pressure [Pa, gauge]."""
+    """Flow through one orifice between `inlet` and `socket` pressure [Pa, gauge]."""
 
     def flow(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
-        """Flow [m^3/s at atmospheric pressure]."""
+        """Return the flow [m^3/s at atmospheric pressure]."""
 
     def inlet_pressure(self, flow: ArrayLike, socket: ArrayLike) -> Array:
-        """Inlet pressure [Pa] that drives `flow`: the inverse of `flow`."""
+        """Return the inlet pressure [Pa] that drives `flow`: the inverse of `flow`."""
 
     def flow_slope(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
-        """d(flow)/d(socket pressure) [m^3/(s Pa)] at constant inlet pressure, never positive."""
+        """Return d(flow)/d(socket pressure) [m^3/(s Pa)] at constant inlet pressure, never positive."""
 
 
 @dataclass(frozen=True)
 class LinearOrifice:
-    """P_o = max(0, `slope` Q - `offset`): slope [Pa s/m^3], offset [Pa].
+    """An orifice with the pressure drop P_o = max(0, `slope` Q - `offset`): slope [Pa s/m^3], offset [Pa].
 
     The defaults reproduce the orifice and inlet columns of Table 4.2: P_o[atm] = 0.03445 Q[sccm] - 0.638.
     """
@@ -44,25 +44,25 @@ class LinearOrifice:
         not_negative("orifice offset", self.offset, "Pa")
 
     def flow(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
-        """(P_i - P_s + offset) / slope."""
+        """Return (P_i - P_s + offset) / slope [m^3/s]."""
         return (_drop(inlet, socket) + self.offset) / self.slope
 
     def inlet_pressure(self, flow: ArrayLike, socket: ArrayLike) -> Array:
-        """P_s + max(0, slope Q - offset)."""
+        """Return P_s + max(0, slope Q - offset) [Pa]."""
         drop = np.maximum(self.slope * not_negative("flow", flow, "m^3/s") - self.offset, 0.0)
         return not_negative("socket pressure", socket, "Pa") + drop
 
     def flow_slope(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
-        """-1 / slope."""
+        """Return -1 / slope [m^3/(s Pa)]."""
         return np.full_like(_drop(inlet, socket), -1 / self.slope)
 
 
 @dataclass(frozen=True)
 class NozzleOrifice:
-    """Isentropic nozzle of `diameter` [m] and `discharge` coefficient, air at `temperature` [K] (ISO 6358's form).
+    """Isentropic nozzle of `diameter` [m] and `discharge` coefficient, air at `temperature` [K] (form of ISO 6358).
 
-    Q = C_d A (p_u / p_a) sqrt(R T) psi(p_d / p_u), absolute pressures up- and downstream, psi constant (0.685)
-    below the critical ratio 0.528: a choked orifice feeds a constant flow whatever the film does.
+    Q = C_d A (p_u / p_a) sqrt(R T) psi(p_d / p_u), absolute pressures up- and downstream. psi is constant (0.685) below
+    the critical ratio 0.528: the flow of a choked orifice does not depend on the film.
     """
 
     diameter: float
@@ -75,14 +75,15 @@ class NozzleOrifice:
         positive("air temperature", self.temperature, "K")
 
     def flow(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
-        """C_d A (p_u / p_a) sqrt(R T) psi(p_d / p_u)."""
+        """Return C_d A (p_u / p_a) sqrt(R T) psi(p_d / p_u) [m^3/s]."""
         _drop(inlet, socket)
         upstream = np.asarray(inlet, float) + ATMOSPHERE
         ratio = (np.asarray(socket, float) + ATMOSPHERE) / upstream
         return self._capacity * upstream / ATMOSPHERE * _discharge_function(ratio)
 
     def inlet_pressure(self, flow: ArrayLike, socket: ArrayLike) -> Array:
-        """By bisection between no flow and the choked inlet pressure; `flow` grows with the inlet pressure."""
+        """Return the inlet pressure [Pa] by bisection between zero flow and choked flow; `flow` grows with inlet
+        pressure."""
         target, socket_pressure = np.broadcast_arrays(
             not_negative("flow", flow, "m^3/s"), not_negative("socket pressure", socket, "Pa")
         )
@@ -96,7 +97,7 @@ class NozzleOrifice:
         return (low + high) / 2
 
     def flow_slope(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
-        """Analytic: C_d A sqrt(R T) psi'(p_d / p_u) / p_a, zero when choked."""
+        """Return C_d A sqrt(R T) psi'(p_d / p_u) / p_a, zero when choked."""
         _drop(inlet, socket)
         ratio = (np.asarray(socket, float) + ATMOSPHERE) / (np.asarray(inlet, float) + ATMOSPHERE)
         return self._capacity / ATMOSPHERE * _discharge_slope(ratio)
@@ -112,7 +113,7 @@ _CRITICAL = (2 / (_HEAT_RATIO + 1)) ** (_HEAT_RATIO / (_HEAT_RATIO - 1))
 
 
 def _discharge_function(ratio: Array) -> Array:
-    """psi(x) = sqrt(2 k/(k-1) (x^(2/k) - x^((k+1)/k)))."""
+    """Return psi(x) = sqrt(2 k/(k-1) (x^(2/k) - x^((k+1)/k)))."""
     x = np.clip(ratio, _CRITICAL, 1.0)
     k = _HEAT_RATIO
     return np.sqrt(2 * k / (k - 1) * (x ** (2 / k) - x ** ((k + 1) / k)))

@@ -1,4 +1,4 @@
-"""A passive joint as the Mechanism the engine reads: rotations about axes through one centre, and a lever."""
+"""A passive joint as a Mechanism: rotations about axes through one centre, and a lever."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +19,8 @@ from joints.settings import Settings, laid_over, load_settings, positive, read_t
 
 @dataclass(frozen=True)
 class Rotation:
-    """One angle of a joint: its name, the axis x, y or z it turns about, limits, rad, and whether a sensor reads it."""
+    """One rotation of a joint about its axis x, y or z. lower, upper: limits, rad. measured:
+    whether it has a sensor."""
 
     name: str
     axis: str
@@ -29,7 +30,7 @@ class Rotation:
 
     @property
     def index(self) -> int:
-        """Number of its axis: 0 for x."""
+        """Index of the axis: 0 for x."""
         return "xyz".index(self.axis)
 
 
@@ -38,10 +39,12 @@ class PassiveJoint:
     """A spherical or universal joint: two or three rotations about axes that meet in one centre. A Mechanism.
 
     tooling_ball: (x, y, z) m, the nominal lever: the measured centre in the frame after the last rotation.
-    gravity: (3,) m/s² in the socket's frame. payload_com: (3,) m, centre of a payload in the tooling ball's frame.
-    reached: (3,) m, where a first fit found the tooling ball in its own nominal frame; what grows reaches there.
-    Raises InputError for a tooling ball in the joint's centre, or rotations that are not two or three, of different
-    names and each about another axis than the one before.
+    gravity: (3,) m/s² in the socket's frame.
+    payload_com: (3,) m, centre of a payload in the tooling ball's frame.
+    reached: (3,) m, the tooling ball's position in its nominal frame by a first fit; thermal growth of the lever
+    includes it.
+    Raises InputError for a tooling ball in the joint's centre, or rotations that are not two or three with different
+    names and changing axes.
     """
 
     tooling_ball: tuple[float, float, float]
@@ -72,12 +75,13 @@ class PassiveJoint:
 
     @cached_property
     def levers(self) -> dict[str, Array]:
-        """Lever that grows with temperature, as far as it is known, (3,) m, in the frame of its slot."""
+        """Slot -> best known lever (3,), m, that grows with temperature, in the frame of the slot."""
         return {"tool": np.add(self.tooling_ball, self.reached)}
 
     @property
     def balls(self) -> tuple[Ball, ...]:
-        """Its ball, where no sensor reads how it turns: its centre shifts along the axes of the base, or the lever."""
+        """The ball of the joint if some rotation has no sensor. Its centre shifts along the axes of the base, or along
+        the lever."""
         angles = tuple(r.name for r in self.rotations if not r.measured)
         lever = self.levers["tool"] / np.linalg.norm(self.levers["tool"])
         shifts: dict[str, Shift] = {f"along {a}": (("base", f"T{a}", 1.0),) for a in "zxy"}
@@ -85,7 +89,7 @@ class PassiveJoint:
         return (Ball("", angles, shifts),) if angles else ()
 
     def turned(self, q: Array) -> dict[str, Array]:
-        """None: the angles of its ball are its joint coordinates."""
+        """Return no angles: the angles of the ball are joint coordinates."""
         return {}
 
     @cached_property
@@ -100,7 +104,7 @@ class PassiveJoint:
         )
 
     def transforms(self, q: Array) -> Array:
-        """Nominal transforms (S, N, 4, 4) between successive slots: the rotations and the shaft, in metres."""
+        """Return nominal transforms (S, N, 4, 4), m, between successive slots: the rotations and the shaft."""
         q = np.asarray(q, dtype=float)
         if q.ndim != 2 or q.shape[1] != len(self.rotations):
             names = ", ".join(r.name for r in self.rotations)
@@ -114,7 +118,8 @@ class PassiveJoint:
         return out
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
-        """Gravity loads of a payload on the shaft, by the names of the Mechanism protocol; empty without one."""
+        """Return gravity loads of a payload on the shaft, named as in the Mechanism protocol;
+        empty without a payload."""
         if not np.any(payload):
             return {}
         frames = se3.chain(self.transforms(q))
@@ -132,7 +137,7 @@ class PassiveJoint:
 
 
 def turn(points: Array, axis: int, angle: Array) -> Array:
-    """Points (..., 3) rotated about a coordinate axis by angles (...), rad."""
+    """Rotate points (..., 3) about a coordinate axis by angles (...), rad."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     c, s = np.cos(angle), np.sin(angle)
     out = points.copy()
@@ -142,7 +147,7 @@ def turn(points: Array, axis: int, angle: Array) -> Array:
 
 
 def vector(values: Sequence[float]) -> tuple[float, float, float]:
-    """Three numbers, as a tuple. Raises InputError for any other count."""
+    """Return three numbers as a tuple. Raises InputError for any other count."""
     if len(values) != 3:
         raise InputError(f"{tuple(values)}: expected three lengths, x, y and z")
     x, y, z = (float(v) for v in values)
@@ -156,7 +161,7 @@ PARAMETERS = len(FRAMES) * len(AXES)
 
 @dataclass(frozen=True)
 class Parameter:
-    """One of the thirty error parameters: its thesis index (from 1), frame and axis, and the slot it acts at."""
+    """One of the thirty error parameters: its thesis index (from 1), frame and axis, and the slot at which it acts."""
 
     index: int
     frame: str
@@ -165,17 +170,18 @@ class Parameter:
 
     @property
     def name(self) -> str:
-        """Number, axis and frame of the parameter."""
+        """Index, axis and frame of the parameter."""
         return f"{self.index} {self.axis} {self.frame}"
 
     @property
     def effect(self) -> Effect:
-        """The parameter to first order, as the engine's constant twist."""
+        """The parameter to first order, as a constant twist."""
         return effect_at(self.name, self.slot, self.axis, family="geometric")
 
 
 def _slot(frame: int, axis: int) -> str:
-    """Where a twist acts like this entry of a frame at rest: before the frame's own rotation, or after it."""
+    """Return the slot at which a constant twist equals this entry of a frame at rest: before or after the frame's
+    rotation."""
     if frame == 0:
         return "base"
     if frame == 4:
@@ -189,12 +195,12 @@ THESIS_PARAMETERS = tuple(
 
 
 def parameter(index: int) -> Parameter:
-    """The parameter with a thesis index, 1 to 30."""
+    """Return the parameter with a thesis index, 1 to 30."""
     return THESIS_PARAMETERS[index - 1]
 
 
 def tooling_ball_position(q: Array, parameters: Array, tooling_ball: Array) -> Array:
-    """Extended forward kinematics: positions (..., 3), m, in the measurement system.
+    """Return positions (..., 3), m, in the measurement system by the extended forward kinematics.
 
     q: (..., 3) rad. parameters: (..., 30) m and rad, thesis order; all zero gives the nominal kinematics.
     tooling_ball: (3,) m, its centre in the frame after the yaw rotation. Leading shapes broadcast.
@@ -202,7 +208,7 @@ def tooling_ball_position(q: Array, parameters: Array, tooling_ball: Array) -> A
         T = Tm_Ts · Ts_Tbr(q1) · Tbr_Tbp(q2) · Tbp_Tby(q3) · Tby_TCP
         T_k = Trans(Tx, Ty, Tz) · Rx(Rx + q1) · Ry(Ry + q2) · Rz(Rz + q3)
 
-    each joint angle in its own frame only. Source: Robertson (2003), Figures 3.13 to 3.15 and Table 3.2.
+    Each joint angle enters its own frame only. Source: Robertson (2003), Figures 3.13 to 3.15 and Table 3.2.
     """
     shape = np.broadcast_shapes(q.shape[:-1], parameters.shape[:-1])
     point = np.broadcast_to(tooling_ball, (*shape, 3)) + parameters[..., 24:27]
@@ -216,10 +222,10 @@ def tooling_ball_position(q: Array, parameters: Array, tooling_ball: Array) -> A
 
 
 KINDS = ("spherical", "universal")
-"""Kinds of a single joint; `hexapod` and `tau` are machines of twelve (joints.hexapod, joints.tau)."""
+"""Kinds of a single joint; `hexapod` and `tau` are machines with twelve joints (joints.hexapod, joints.tau)."""
 
 SECTIONS = ("preload", "contact", "thermal", "film", "stiffness", "dynamics", "budget", "demand")
-"""Sections of the file that `gpmodel joint design` reads."""
+"""Sections of a TOML file for `gpmodel joint design`."""
 
 
 def kind_of(path: Path) -> Any:
@@ -228,24 +234,23 @@ def kind_of(path: Path) -> Any:
 
 
 def spherical_joint() -> PassiveJoint:
-    """The thesis' joint on its test rig."""
+    """Return the joint of the thesis on its test rig."""
     return _built(load_settings("spherical_joint"), "spherical_joint.toml")
 
 
 def read_joint(path: Path) -> PassiveJoint:
-    """The joint of a TOML file.
+    """Read a joint from a TOML file.
 
-    Raises InputError: no such kind, an unknown key, a missing unit, no lever, a ball that falls through its socket's
-    opening, a tooling ball inside the ball, rotations that are not two or three about different axes.
-
-        kind = "spherical"             # or "universal"; what is left out is as joints/data/<kind>_joint.toml has it
+        kind = "spherical"             # or "universal"; defaults are in joints/data/<kind>_joint.toml
         name = "leg 3, upper joint"
 
         [tooling_ball]
         centre = ["0 mm", "0 mm", "60 mm"]
 
-    `gpmodel joint mechanism --defaults` prints a whole one. Sections of the design studies (`[preload]`, `[film]`, ...)
-    may stand in the same file; they are `gpmodel joint design`'s.
+    `gpmodel joint mechanism --defaults` prints a complete file. It may contain sections of the design studies
+    (`[preload]`, `[film]`, ...), which `gpmodel joint design` reads.
+    Raises InputError for an unknown kind or key, a missing unit, no lever, a ball smaller than its socket's opening, a
+    tooling ball inside the ball, or other than two or three rotations about different axes.
     """
     given = read_toml(path)
     kind = given.get("kind")

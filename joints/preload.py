@@ -1,7 +1,7 @@
-"""Magnetic preload of a ball and socket, and the largest force it can resist (thesis section 3.2).
+"""Magnetic preload of a ball and socket, and the largest pull that it resists (thesis section 3.2).
 
-Frame: origin at the ball's centre, z along the socket's axis, out of the socket. The magnets pull the ball
-along -z. Angles are measured from z; forces in N, lengths in m, angles in rad.
+Frame: origin at the ball's centre, z along the socket's axis, out of the socket. The magnets pull the ball along -z.
+Angles are measured from z; forces in N, lengths in m, angles in rad.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from joints.settings import angle_within, not_negative, positive, require
 
 @dataclass(frozen=True)
 class MagnetRing:
-    """`count` magnets of pull `force` [N] and `diameter` [m], each at polar `angle` [rad] from the axis."""
+    """A ring of `count` magnets of pull `force` [N] and `diameter` [m], each at polar `angle` [rad] from the axis."""
 
     count: int
     force: float
@@ -31,30 +31,31 @@ class MagnetRing:
 
     @property
     def axial_force(self) -> float:
-        """n F cos(gamma) [N]: lateral components cancel around the ring."""
+        """Axial force n F cos(gamma) [N]; lateral components cancel around the ring."""
         return self.count * self.force * float(np.cos(self.angle))
 
     @property
     def face_area(self) -> float:
-        """Total magnet face area [m^2]."""
+        """Total area of the magnet faces [m^2]."""
         return self.count * np.pi * self.diameter**2 / 4
 
 
 def total_preload(rings: Sequence[MagnetRing]) -> float:
-    """Preload [N] of several rings, the sum of n F cos(gamma)."""
+    """Return the preload [N] of several rings, the sum of n F cos(gamma)."""
     return sum(ring.axial_force for ring in rings)
 
 
 def ball_fixed_limit(preload: ArrayLike, angle: ArrayLike) -> Array:
-    """Largest pull [N] with the ball fixed to the robot: the preload at every joint angle (Fig 3.8)."""
+    """Return the largest pull [N] with the ball fixed to the robot: the preload at every joint angle (Fig 3.8)."""
     return not_negative("preload", preload, "N") * np.ones_like(_pull_angle(angle))
 
 
 def socket_fixed_limit(preload: ArrayLike, angle: ArrayLike, reaction_angle: float) -> Array:
-    """Largest pull [N] at `angle` from the axis with the socket fixed: P / (cos t + sin t cot phi) (Fig 3.7).
+    """Return the largest pull [N] at `angle` from the axis with the socket fixed: P / (cos t + sin t cot phi) (Fig
+    3.7).
 
-    `reaction_angle` phi is where the resultant of the socket's reaction acts. Over all angles the limit falls
-    to P sin(phi), at t = 90 deg - phi: by half for phi = 30 deg, the fall Fig 3.9 reports.
+    `reaction_angle` phi is where the resultant of the socket's reaction acts. Over all angles the limit falls to P
+    sin(phi), at t = 90 deg - phi: by half for phi = 30 deg, as in Fig 3.9.
     """
     phi = angle_within("reaction angle", reaction_angle, np.pi / 2)
     theta = _pull_angle(angle)
@@ -62,7 +63,7 @@ def socket_fixed_limit(preload: ArrayLike, angle: ArrayLike, reaction_angle: flo
 
 
 def contact_directions(contact_angle: float) -> Array:
-    """(3, 3) unit vectors, one a row, from the ball's centre to its three supports, 120 deg apart."""
+    """Return unit vectors (3, 3), one per row, from the ball's centre to its three supports, 120 deg apart."""
     angle_within("contact angle", contact_angle, np.pi / 2)
     psi, sine = 2 * np.pi / 3 * np.arange(3), np.sin(contact_angle)
     return np.column_stack([sine * np.cos(psi), sine * np.sin(psi), np.full(3, -np.cos(contact_angle))])
@@ -71,17 +72,18 @@ def contact_directions(contact_angle: float) -> Array:
 def contact_forces(
     preload: float, pull: ArrayLike, angle: ArrayLike, azimuth: ArrayLike, directions: ArrayLike
 ) -> Array:
-    """Normal forces (..., 3) [N] of three supports: sum N_i c_i = F u - P z; a negative one has separated."""
+    """Return the normal forces (..., 3) [N] of three supports, from sum N_i c_i = F u - P z; a negative force is a
+    separation."""
     at_rest, per_newton = _support_responses(angle, azimuth, directions)
     return preload * at_rest + np.asarray(pull, float)[..., None] * per_newton
 
 
 def three_contact_limit(preload: ArrayLike, angle: ArrayLike, azimuth: ArrayLike, contact_angle: float) -> Array:
-    """Largest pull [N] at (`angle`, `azimuth`) before the first of three supports unloads; inf if none does.
+    """Return the largest pull [N] at (`angle`, `azimuth`) before the first of three supports unloads; inf if none does.
 
-    For supports 120 deg apart: min over i of P / (cos t - 2 cot(phi) sin t cos(psi - psi_i)).
-    Towards a support it falls to P sin(phi) (0.79 P for phi = 52.5 deg, the 20 % of Fig 3.11); away from one, to
-    P / sqrt(1 + 4 cot^2 phi) = 0.546 P, which the thesis leaves out.
+    For supports 120 deg apart: min over i of P / (cos t - 2 cot(phi) sin t cos(psi - psi_i)). Towards a support it
+    falls to P sin(phi) (0.79 P for phi = 52.5 deg, the 20 % of Fig 3.11); away from a support to P / sqrt(1 + 4 cot^2
+    phi) = 0.546 P, which the thesis omits.
     """
     at_rest, per_newton = _support_responses(angle, azimuth, contact_directions(contact_angle))
     unloading = per_newton < 0
@@ -90,20 +92,20 @@ def three_contact_limit(preload: ArrayLike, angle: ArrayLike, azimuth: ArrayLike
 
 
 def published_socket_area(radius: ArrayLike, socket_angle: ArrayLike) -> Array:
-    """4 alpha r^2 [m^2], the thesis' socket area (Tables 3.1, 4.1); exact only for a hemisphere."""
+    """Return 4 alpha r^2 [m^2], the thesis' area of the socket (Tables 3.1, 4.1); exact only for a hemisphere."""
     alpha = angle_within("socket angle", socket_angle, np.pi / 2)
     return 4 * alpha * positive("socket radius", radius, "m") ** 2
 
 
 def cap_area(radius: ArrayLike, socket_angle: ArrayLike) -> Array:
-    """2 pi r^2 (1 - cos alpha) [m^2], the area of the spherical cap."""
+    """Return 2 pi r^2 (1 - cos alpha) [m^2], the area of the spherical cap."""
     alpha = angle_within("socket angle", socket_angle, np.pi / 2)
     area: Array = 2 * np.pi * positive("socket radius", radius, "m") ** 2 * (1 - np.cos(alpha))
     return area
 
 
 def projected_area(radius: ArrayLike, socket_angle: ArrayLike) -> Array:
-    """pi (r sin alpha)^2 [m^2], the cap seen along its axis, on which a uniform pressure lifts (Fig 4.11)."""
+    """Return pi (r sin alpha)^2 [m^2], the projected area of the cap, on which a uniform pressure lifts (Fig 4.11)."""
     alpha = angle_within("socket angle", socket_angle, np.pi / 2)
     return np.pi * (positive("socket radius", radius, "m") * np.sin(alpha)) ** 2
 

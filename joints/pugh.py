@@ -1,4 +1,4 @@
-"""Pugh charts: concepts scored against a baseline by counting plus and minus marks (thesis Tables 2.6 and 2.12)."""
+"""Pugh charts: concepts scored against a baseline by plus and minus marks (thesis Tables 2.6 and 2.12)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from gpmodel.errors import InputError
 
 @dataclass(frozen=True)
 class PughChart:
-    """`marks` (criteria, concepts) of integers, plus counted positive; `weights` (criteria,)."""
+    """A Pugh chart. marks: (criteria, concepts) integers, plus marks positive. weights: (criteria,)."""
 
     title: str
     concepts: tuple[str, ...]
@@ -21,12 +21,12 @@ class PughChart:
 
     @property
     def scores(self) -> Array:
-        """Weighted plus marks less minus marks, one a concept."""
+        """Weighted sum of plus marks minus minus marks of each concept."""
         return self.weights @ self.marks
 
     @property
     def pluses(self) -> IntArray:
-        """Number of plus marks of each concept, "++" counting two."""
+        """Number of plus marks of each concept; "++" counts as two."""
         return np.asarray(np.maximum(self.marks, 0).sum(axis=0))
 
     @property
@@ -36,12 +36,12 @@ class PughChart:
 
     @property
     def ranking(self) -> tuple[str, ...]:
-        """Concepts from best to worst; equal scores keep the chart's order."""
+        """Concepts from best to worst; equal scores keep the order of the chart."""
         return tuple(self.concepts[i] for i in np.argsort(-self.scores, kind="stable"))
 
 
 def read_mark(text: str, where: str) -> int:
-    """ "0" is 0, "+" 1, "++" 2, "-" -1 and so on."""
+    """Return the value of a mark: "0" is 0, "+" 1, "++" 2, "-" -1 and so on."""
     mark = text.strip()
     if mark == "0":
         return 0
@@ -56,9 +56,9 @@ def pugh_chart(
     marks: Mapping[str, Sequence[str | int]],
     weights: Mapping[str, float] | None = None,
 ) -> PughChart:
-    """A chart from rows of marks {criterion: [one mark a concept]}; a criterion's weight is 1 unless given.
+    """Build a chart from marks {criterion: [one mark per concept]}; the weight of a criterion is 1 unless given.
 
-    Raises InputError for a row of the wrong length, a mark that is none, or a weight of an unknown criterion.
+    Raises InputError for a row of wrong length, an invalid mark, or a weight of an unknown criterion.
     """
     if not concepts or not marks:
         raise InputError(f"Pugh chart '{title}': no concepts or no criteria, expected at least one of each")

@@ -1,8 +1,8 @@
-"""The spherical air film: Reynolds' equation over the real gap, the improvement thesis section 4.4.1 suggests.
+"""The spherical air film: Reynolds' equation over the real gap, an improvement suggested in thesis section 4.4.1.
 
-Between two eccentric spheres the gap at polar angle t is h(t) = h0 + (d - h0) cos t, d the ball's axial
-displacement from contact. Flow across the ring at t: Q = -(pi sin t h^3 / (6 mu)) dp/dt. The orifices are spread
-over their ring at phi; below it the film holds the socket pressure. Units as in `joints.film`.
+Between two eccentric spheres the gap at polar angle t is h(t) = h0 + (d - h0) cos t, d the ball's axial displacement
+from contact. The flow across the ring at t is Q = -(pi sin t h^3 / (6 mu)) dp/dt. The orifices are spread over their
+ring at phi; below it the film has the socket pressure. Units as in `joints.film`.
 """
 
 from collections.abc import Iterator
@@ -34,7 +34,7 @@ class SphericalFilm:
 
 
 def spherical_resistance(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
-    """R_s = (6 mu / pi) integral from phi to alpha of dt / (sin t h^3) [Pa s/m^3], incompressible.
+    """Return R_s = (6 mu / pi) integral from phi to alpha of dt / (sin t h^3) [Pa s/m^3], incompressible.
 
     Gauss-Legendre quadrature with 24 nodes agrees with adaptive quadrature to 1e-9.
     """
@@ -42,11 +42,11 @@ def spherical_resistance(geometry: FilmGeometry, displacement: ArrayLike) -> Arr
 
 
 def orifice_spreading_resistance(geometry: FilmGeometry, displacement: ArrayLike, orifice_diameter: ArrayLike) -> Array:
-    """(6 mu / (pi h^3)) ln(r sin(phi) / (N a)) [Pa s/m^3] at the gap over the orifices, a their radius.
+    """Return (6 mu / (pi h^3)) ln(r sin(phi) / (N a)) [Pa s/m^3] at the gap over the orifices, a their radius.
 
-    What N holes add, per unit of their own flow, to the source spread evenly over their ring (log potentials of N
-    equal sources on a circle). It comes off the inlet pressure. The load stays: in a gap that does not change around
-    the axis, the mean pressure around the axis is that of the evenly spread source.
+    N holes add this resistance, per unit of the flow of one hole, to the source spread evenly over their ring (log
+    potentials of N equal sources on a circle). It reduces the inlet pressure. The load is unchanged: if the gap does
+    not vary around the axis, the mean pressure around the axis is that of the evenly spread source.
     """
     gap = film_gap(geometry, displacement, geometry.orifice_angle)
     ring = geometry.ball_radius * np.sin(geometry.orifice_angle)
@@ -57,16 +57,16 @@ def orifice_spreading_resistance(geometry: FilmGeometry, displacement: ArrayLike
 
 
 def spherical_area(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
-    """Load over socket pressure [m^2]: pi r^2 (integral sin t / h^3 dt) / (integral dt / (sin t h^3))."""
+    """Return load over socket pressure [m^2]: pi r^2 (integral sin t / h^3 dt) / (integral dt / (sin t h^3))."""
     load_integral = _load_integral(geometry, displacement)
     return np.pi * geometry.ball_radius**2 * load_integral / _log_integral(geometry, displacement)
 
 
 def spherical_film(geometry: FilmGeometry, load: ArrayLike, orifice: Orifice, displacement: ArrayLike) -> SphericalFilm:
-    """Flow, pressures and stiffnesses of the incompressible spherical film that carries `load` [N].
+    """Return flow, pressures and stiffnesses of the incompressible spherical film that carries `load` [N].
 
-    W = 6 mu Q r^2 J with J = integral of sin t / h^3, in closed form; both derivatives follow from
-    dh/dd = cos t. At constant inlet pressure the orifices' law weakens the stiffness as in the flat film.
+    W = 6 mu Q r^2 J with J = integral of sin t / h^3, in closed form; both derivatives follow from dh/dd = cos t. At
+    constant inlet pressure the orifices reduce the stiffness as in the flat film.
     """
     lift = positive("displacement", displacement, "m")
     weight = not_negative("load", load, "N")
@@ -85,8 +85,11 @@ def spherical_film(geometry: FilmGeometry, load: ArrayLike, orifice: Orifice, di
 def spherical_pressure(
     geometry: FilmGeometry, displacement: float, socket_pressure: float, angle: ArrayLike, compressible: bool = True
 ) -> Array:
-    """Gauge pressure [Pa] at polar angles `angle`: linear in G = integral from t to alpha of dt/(sin t h^3),
-    or, for isothermal air, the absolute pressure squared is."""
+    """Return the gauge pressure [Pa] at polar angles `angle`.
+
+    Incompressible pressure is linear in G = integral from t to alpha of dt/(sin t h^3); for isothermal air the square
+    of the absolute pressure is.
+    """
     share = _share(geometry, displacement, angle)
     socket = not_negative("socket pressure", socket_pressure, "Pa")
     if not compressible:
@@ -95,7 +98,7 @@ def spherical_pressure(
 
 
 def compressible_film(geometry: FilmGeometry, load: float, displacement: float) -> tuple[float, float]:
-    """(flow through one orifice, socket pressure) of isothermal compressible air carrying `load`.
+    """Return flow through one orifice and socket pressure of isothermal compressible air that carries `load`.
 
     Flow at atmospheric pressure: pi (p_s^2 - p_a^2) / (12 mu p_a G N), p absolute, G as in `spherical_resistance`.
     """
@@ -113,19 +116,19 @@ def compressible_film(geometry: FilmGeometry, load: float, displacement: float) 
 
 
 def _isothermal(socket: Array | float, share: Array) -> Array:
-    """Gauge pressure [Pa] of compressible air where the incompressible one would be that share of the socket's."""
+    """Return the gauge pressure [Pa] of compressible air. share: incompressible pressure over socket pressure."""
     squared = ATMOSPHERE**2 + ((socket + ATMOSPHERE) ** 2 - ATMOSPHERE**2) * share
     return np.asarray(np.sqrt(squared) - ATMOSPHERE)
 
 
 def _share(geometry: FilmGeometry, displacement: float, angle: ArrayLike) -> Array:
-    """G(t) / G(phi), held at 1 below the orifices and 0 beyond the edge."""
+    """Return G(t) / G(phi), 1 below the orifices and 0 beyond the edge."""
     clipped = np.clip(np.asarray(angle, float), geometry.orifice_angle, geometry.socket_angle)
     return _log_integral(geometry, displacement, clipped) / _log_integral(geometry, displacement)
 
 
 def _log_integral(geometry: FilmGeometry, displacement: ArrayLike, lower: ArrayLike | None = None) -> Array:
-    """G: integral from `lower`, or the orifices, to alpha of dt / (sin t h^3)."""
+    """Return G: integral from `lower`, by default the orifices, to alpha of dt / (sin t h^3)."""
     lift = np.asarray(displacement, float)
     total: Array | float = 0.0
     for cosine, weight in _rule(geometry, lower):
@@ -135,7 +138,7 @@ def _log_integral(geometry: FilmGeometry, displacement: ArrayLike, lower: ArrayL
 
 
 def _log_integral_and_slope(geometry: FilmGeometry, displacement: ArrayLike) -> tuple[Array, Array]:
-    """G and dG/dd = -3 integral of cos t / h^4 dt / sin t."""
+    """Return G and dG/dd = -3 integral of cos t / h^4 dt / sin t."""
     lift = np.asarray(displacement, float)
     total, slope = np.zeros_like(lift), np.zeros_like(lift)
     for cosine, weight in _rule(geometry, None):
@@ -147,7 +150,8 @@ def _log_integral_and_slope(geometry: FilmGeometry, displacement: ArrayLike) -> 
 
 
 def _rule(geometry: FilmGeometry, lower: ArrayLike | None) -> Iterator[tuple[Array, Array]]:
-    """(cos t, weight) of Gauss-Legendre quadrature in s = ln tan(t/2) from `lower` to alpha; there dt/sin t = ds."""
+    """Yield (cos t, weight) of Gauss-Legendre quadrature in s = ln tan(t/2) from `lower` to
+    alpha, with dt/sin t = ds."""
     start = np.log(np.tan(np.asarray(geometry.orifice_angle if lower is None else lower, float) / 2))
     half = (np.log(np.tan(geometry.socket_angle / 2)) - start) / 2
     for node, weight in zip(_NODES, _WEIGHTS, strict=True):
@@ -155,7 +159,7 @@ def _rule(geometry: FilmGeometry, lower: ArrayLike | None) -> Iterator[tuple[Arr
 
 
 def _load_integral(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
-    """Integral of sin t / h^3 = (cos phi - cos alpha)(h_phi + h_alpha) / (2 h_phi^2 h_alpha^2)."""
+    """Return the integral of sin t / h^3 = (cos phi - cos alpha)(h_phi + h_alpha) / (2 h_phi^2 h_alpha^2)."""
     inner = film_gap(geometry, displacement, geometry.orifice_angle)
     outer = film_gap(geometry, displacement, geometry.socket_angle)
     cosines = float(np.cos(geometry.orifice_angle) - np.cos(geometry.socket_angle))
@@ -163,7 +167,7 @@ def _load_integral(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
 
 
 def _load_integral_slope(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
-    """d/dd of `_load_integral`."""
+    """Return d/dd of `_load_integral`."""
     inner = film_gap(geometry, displacement, geometry.orifice_angle)
     outer = film_gap(geometry, displacement, geometry.socket_angle)
     cos_inner, cos_outer = np.cos(geometry.orifice_angle), np.cos(geometry.socket_angle)
@@ -178,19 +182,19 @@ CELLS = 800
 def lateral_stiffness(
     geometry: FilmGeometry, film: SphericalFilm, orifice: Orifice | None = None, cells: int = CELLS
 ) -> Array:
-    """-dF/dx [N/m] across the axis at each displacement of a film, pi r² of the integral of p1 sin² t.
+    """Return the stiffness -dF/dx [N/m] across the axis at each displacement of a film, pi r² of the integral of p1
+    sin² t.
 
-    At constant inlet pressure with the orifices' law, at constant flow of each azimuth without one.
-
-    A ball moved by x across the axis changes the gap h(t) by -x sin t cos f at azimuth f, and by the first order of x
-    its pressure p(t) by x p1(t) cos f. Of Reynolds' equation (incompressible, `joints.reynolds`) that leaves
+    With an orifice the inlet pressure is constant, without one the flow at each azimuth. A ball moved by x across the
+    axis changes the gap h(t) by -x sin t cos f at azimuth f, and the pressure p(t) by x p1(t) cos f to first order.
+    Reynolds' equation (incompressible) becomes
 
         d/dt [ sin t (h³ p1' - 3 h² sin t p') ] - h³ p1 / sin t = -(6 mu / pi) N (dq/dp) p1  at the ring of the
         orifices,
 
-    p1 = 0 at the pole and at the edge; q: what one orifice lets through. Turning the ball about its own centre changes
-    no gap: the film has no stiffness of tilt, and about a point at a distance L from the centre it has L² times this
-    one.
+    p1 = 0 at the pole and at the edge; q: flow through one orifice. A rotation of the ball about its centre changes no
+    gap, so that the film has no tilt stiffness; about a point at distance L from the centre it has L² times this
+    stiffness.
     """
     pressures = film.inlet_pressure, film.socket_pressure
     slopes = np.zeros_like(film.flow) if orifice is None else orifice.flow_slope(*pressures)
@@ -200,7 +204,8 @@ def lateral_stiffness(
 
 
 def _lateral(geometry: FilmGeometry, lift: float, socket: float, flow_slope: float, cells: int) -> float:
-    """By finite volumes around nodes, one of them at the ring of the orifices."""
+    """Return the lateral stiffness at one displacement, by finite volumes around nodes; one node is at the ring of
+    orifices."""
     ring, edge = geometry.orifice_angle, geometry.socket_angle
     inner = max(round(cells * ring / edge), 4)
     node = np.concatenate([np.linspace(0.0, ring, inner + 1), np.linspace(ring, edge, cells - inner + 1)[1:]])

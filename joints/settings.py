@@ -1,4 +1,4 @@
-"""Settings of the joint's studies: a TOML table laid over the thesis' joint, every quantity written with its unit."""
+"""Settings of the joint's studies: a TOML table over defaults of the thesis' joint; every quantity has its unit."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -23,21 +23,21 @@ def require(valid: ArrayLike, name: str, value: ArrayLike, expected: str) -> Non
 
 
 def positive(name: str, value: ArrayLike, unit: str) -> Array:
-    """`value` as a float array, every entry finite and above zero."""
+    """Return `value` as a float array. Raises InputError unless every entry is finite and above zero."""
     array = np.asarray(value, float)
     require(np.isfinite(array) & (array > 0), name, array, f"above 0 {unit}".rstrip())
     return array
 
 
 def not_negative(name: str, value: ArrayLike, unit: str) -> Array:
-    """`value` as a float array, every entry finite and at least zero."""
+    """Return `value` as a float array. Raises InputError unless every entry is finite and at least zero."""
     array = np.asarray(value, float)
     require(np.isfinite(array) & (array >= 0), name, array, f"at least 0 {unit}".rstrip())
     return array
 
 
 def angle_within(name: str, value: ArrayLike, upper: float) -> Array:
-    """`value` [rad] as a float array within 0 < value <= upper; the message speaks degrees."""
+    """Return `value` [rad] as a float array. Raises InputError, in degrees, unless 0 < value <= upper."""
     array = np.asarray(value, float)
     valid = np.isfinite(array) & (array > 0) & (array <= upper * (1 + 1e-12))
     bounds = f"above 0 and at most {np.degrees(upper):.6g} deg"
@@ -46,8 +46,8 @@ def angle_within(name: str, value: ArrayLike, upper: float) -> Array:
 
 
 LONGEST, MOST = 100.0, 1e15
-"""Largest length of a joint, m, but for the radius of a nearly flat surface; and the largest other number in SI.
-Elastic moduli and orifice resistances are some 1e11."""
+"""Largest length of a joint, m, except for the radius of a nearly flat surface; largest other number in SI. Elastic
+moduli and orifice resistances are some 1e11."""
 
 DATA = Path(__file__).parent / "data"
 
@@ -58,7 +58,7 @@ _EXPECTED = {
 
 
 def quantity(text: Any, like: str, where: str) -> float:
-    """The SI value of `text`, a number and a unit such as "25.4 mm", of the same dimension as the example `like`.
+    """Return the SI value of `text`, a number and a unit such as "25.4 mm", of the dimension of the example `like`.
 
     Raises InputError naming `where`.
     """
@@ -74,21 +74,22 @@ def quantity(text: Any, like: str, where: str) -> float:
 
 
 def load_settings(study: str, path: Path | None = None) -> Settings:
-    """The defaults of `study` (joints/data/<study>.toml) with the table at `path` laid over them, in SI.
+    """Return the settings of `study` in SI: the table at `path` over the defaults in joints/data/<study>.toml.
 
-    A list of tables in `path` replaces the default list. Raises InputError for a file that cannot be read, an unknown
-    key, a missing unit, another dimension or another type than the default's.
+    A list of tables in `path` replaces the default list. Raises InputError for an unreadable file, an unknown key, a
+    missing unit, or a dimension or type other than the default's.
     """
     return laid_over(study, read_toml(path) if path else {}, path.name if path else f"{study}.toml")
 
 
 def laid_over(study: str, given: Settings, file: str) -> Settings:
-    """The defaults of `study` with the keys `given` laid over them, in SI. `file`: in messages. As load_settings."""
+    """Return the settings of `study` in SI: the keys `given` over the defaults; see load_settings. file: named in
+    messages."""
     return _overlay(read_toml(DATA / f"{study}.toml"), given, file, "")
 
 
 def read_toml(path: Path) -> Settings:
-    """The TOML table at `path`; InputError in one line if there is none."""
+    """Return the TOML table at `path`. Raises InputError if there is none."""
     return read_table(path, "a TOML file")
 
 
@@ -121,7 +122,7 @@ def _value(default: Any, given: Any, file: str, place: str) -> Any:
 
 
 def _entry(default: Any, given: Any, file: str, place: str) -> Any:
-    """One entry of a list; a table must name all of its keys, since there is no default entry to lend them."""
+    """Return one entry of a list; a table has to contain all keys, since a list has no default entry."""
     if isinstance(default, dict) and isinstance(given, dict):
         missing = [key for key in default if key not in given]
         if missing:
@@ -130,14 +131,15 @@ def _entry(default: Any, given: Any, file: str, place: str) -> Any:
 
 
 def curve_of(settings: Settings, path: Path | None, columns: Mapping[str, str]) -> dict[str, Array] | None:
-    """The curve whose `file` a table [measured] names, beside the TOML file at `path`; None where it names none."""
+    """Return the curve of the `file` in a table [measured], relative to the TOML file at `path`;
+    None without a file."""
     return None if settings["file"] == "none" else read_curve((path or Path()).parent / settings["file"], columns)
 
 
 def read_curve(path: Path, columns: Mapping[str, str]) -> dict[str, Array]:
-    """Columns {name: example unit} of the table at `path`, such as `displacement [um],force [N]`, in SI.
+    """Return columns {name: example unit} of the table at `path`, such as `displacement [um],force [N]`, in SI.
 
-    Raises InputError that names the column and the row for a missing column, unit or number.
+    Raises InputError naming column and row for a missing column, unit or number.
     """
     frame, curve = read_frame(path)[0], dict[str, Array]()
     heads = {str(head): split_header(str(head)) for head in frame.columns}

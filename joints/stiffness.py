@@ -1,4 +1,4 @@
-"""One force-displacement curve of magnet, film, transition and contact (thesis 4.2.3, Figs 4.14-4.19).
+"""Force-displacement curve of magnet, film, transition and contact (thesis 4.2.3, Figs 4.14-4.19).
 
 The tester pulls the ball out of the socket along x [m]; tension is positive [N], stiffnesses are dF/dx [N/m].
 """
@@ -21,22 +21,25 @@ HIGHEST = 1e-3
 
 
 def layer_stiffness(elastic_modulus: ArrayLike, radius: ArrayLike, thickness: ArrayLike) -> Array:
-    """E pi r^2 / t [N/m]: replica layer 2702 N/um (Fig 4.18 prints 2700), brass tube 138 (Fig 4.19 prints 140)."""
+    """Return E pi r^2 / t [N/m]: replica layer 2702 N/um (Fig 4.18 prints 2700), brass tube 138
+    (Fig 4.19 prints 140)."""
     area = np.pi * positive("radius", radius, "m") ** 2
     return positive("elastic modulus", elastic_modulus, "Pa") * area / positive("thickness", thickness, "m")
 
 
 def magnet_force(separation: ArrayLike, preload: float, stand_off: float) -> Array:
-    """F = P (s / (s + x))^2 [N], the K_m/x^2 of Fig 4.16 with the distance counted from `stand_off` s below contact.
+    """Return the pull F = P (s / (s + x))^2 [N] of the magnets at separation x.
 
-    The magnets stand 1/32 in behind the replica (thesis 2.2.4), so the pull P at contact is finite and K_m = P s^2.
+    It is the K_m/x^2 of Fig 4.16 with the distance measured from `stand_off` s below contact. The magnets are 1/32 in
+    behind the replica (thesis 2.2.4), so that the pull P at contact is finite and K_m = P s^2.
     """
     gap = not_negative("separation", separation, "m")
     return positive("preload", preload, "N") * (positive("stand-off", stand_off, "m") / (stand_off + gap)) ** 2
 
 
 def film_force(geometry: FilmGeometry, orifice: Orifice, inlet: float, displacement: ArrayLike) -> Array:
-    """Lift [N] of the flat film at constant inlet pressure, P_s A with P_s/R_s = N q(P_i, P_s) by bisection."""
+    """Return the lift [N] of the flat film at constant inlet pressure, P_s A with P_s/R_s = N
+    q(P_i, P_s) by bisection."""
     supply = float(not_negative("inlet pressure", inlet, "Pa"))
     resistance = film_resistance(geometry, edge_gap(geometry, displacement)) * geometry.orifices
     low, high = np.zeros_like(resistance), np.full_like(resistance, supply)
@@ -49,8 +52,11 @@ def film_force(geometry: FilmGeometry, orifice: Orifice, inlet: float, displacem
 
 @dataclass(frozen=True)
 class RegimeCurve:
-    """The four regimes of Fig 4.15, continuous: contact below `contact_end`, transition to `transition_end`, film to
-    `film_end` where the tension peaks at `peak_force`, then F = peak (s / (s + x - film_end))^2, s `stand_off`."""
+    """The four regimes of Fig 4.15 as one continuous curve of tension F.
+
+    Contact is below `contact_end`, transition up to `transition_end`, film up to `film_end`, where F peaks at
+    `peak_force`. Beyond, F = peak (s / (s + x - film_end))^2 with the `stand_off` s.
+    """
 
     contact_stiffness: float
     transition_stiffness: float
@@ -67,7 +73,7 @@ class RegimeCurve:
         positive("stand-off", self.stand_off, "m")
 
     def force(self, displacement: ArrayLike) -> Array:
-        """Measured tension [N] at `displacement` [m]."""
+        """Return the tension [N] at `displacement` [m]."""
         basis = regime_basis(displacement, self.contact_end, self.transition_end, self.film_end, self.stand_off)
         return basis @ [self.peak_force, self.film_stiffness, self.transition_stiffness, self.contact_stiffness]
 
@@ -80,7 +86,8 @@ class RegimeCurve:
 def regime_basis(
     displacement: ArrayLike, contact_end: float, transition_end: float, film_end: float, stand_off: float
 ) -> Array:
-    """(N, 4) columns of peak force, film, transition and contact stiffness: the curve is linear in these four."""
+    """Return columns (N, 4) of peak force and of film, transition and contact stiffness, in which
+    the curve is linear."""
     x = np.asarray(displacement, float)
     beyond = np.maximum(x - film_end, 0.0)
     return np.stack(
@@ -97,22 +104,22 @@ def regime_basis(
 def lifted_tension(
     geometry: FilmGeometry, orifice: Orifice, inlet: float, preload: float, stand_off: float, lift: ArrayLike
 ) -> Array:
-    """Predicted tension [N] of magnet less film over the seat, lift [m] ≥ 0 (Fig 4.14)."""
+    """Return the predicted tension [N] of magnet minus film, at a lift [m] ≥ 0 above the seat (Fig 4.14)."""
     height = np.asarray(lift, float)
     return magnet_force(height, preload, stand_off) - film_force(geometry, orifice, inlet, height)
 
 
 def contact_tension(stiffness: float, displacement: ArrayLike) -> Array:
-    """Predicted tension [N] of the linear contact, displacement [m] below 0; none above."""
+    """Return the predicted tension [N] of the linear contact at displacements [m] below 0; zero above."""
     return positive("contact stiffness", stiffness, "N/m") * np.minimum(np.asarray(displacement, np.float64), 0.0)
 
 
 def rest_displacement(
     geometry: FilmGeometry, orifice: Orifice, inlet: float, preload: float, stand_off: float
 ) -> float:
-    """Displacement [m] where film and magnets balance; 0 if the film cannot lift the ball off its seat.
+    """Return the displacement [m] where film and magnets balance; 0 if the film cannot lift the ball off its seat.
 
-    The magnets pull less as the ball rises: 89 N of 100.7 at 50 um, near the 90 N the thesis measured.
+    The magnets pull less as the ball rises: 89 N of 100.7 at 50 um, near the measured 90 N of the thesis.
     """
 
     def tension(lift: float) -> float:
@@ -131,8 +138,13 @@ _GRID = 14
 
 @dataclass(frozen=True)
 class RegimeFit:
-    """The fitted curve, standard errors of its numbers and of the magnets' coefficient, rms residual [N], and what
-    limits trust."""
+    """Result of `fit_regimes`.
+
+    curve: the fitted curve.
+    stderr: standard errors of its numbers and of the magnets' coefficient.
+    rms: residual, N.
+    status: "ok", or why the result is doubtful.
+    """
 
     curve: RegimeCurve
     stderr: dict[str, float]
@@ -141,10 +153,11 @@ class RegimeFit:
 
 
 def fit_regimes(displacement: ArrayLike, force: ArrayLike) -> RegimeFit:
-    """Least squares of `RegimeCurve` to (N,) displacements [m] and tensions [N].
+    """Fit a `RegimeCurve` to displacements [m] and tensions [N] (N,) by least squares.
 
-    The four stiffness-like numbers are solved linearly for every trial of the three regime limits and the magnets'
-    stand-off, which are searched on a grid of the data's own range and then polished. Raises InputError below 12 rows.
+    Peak force and stiffnesses are solved linearly for every trial of the three regime limits and the magnets'
+    stand-off. These are searched on a grid over the range of the data and then refined. Raises InputError below 12
+    rows.
     """
     x, f = _sorted(displacement, force)
     limits = np.linspace(x[0], x[-1], _GRID + 2)[1:-1]
@@ -197,7 +210,8 @@ def _residual(breaks: Array, x: Array, f: Array) -> Array:
 
 
 def _standard_errors(curve: RegimeCurve, x: Array, residual: Array) -> tuple[dict[str, float], str]:
-    """Gauss-Newton errors of all eight numbers, by central differences of the curve; of K_m = peak s^2 from them."""
+    """Return Gauss-Newton standard errors of the eight numbers, by central differences, and of K_m = peak s^2; and a
+    status."""
     names = [field.name for field in fields(RegimeCurve)]
     values = np.array([getattr(curve, name) for name in names])
     span = np.ptp(x)
@@ -218,6 +232,6 @@ def _standard_errors(curve: RegimeCurve, x: Array, residual: Array) -> tuple[dic
 
 
 def _force(values: Array, x: Array) -> Array:
-    """`RegimeCurve.force` without its order check, for steps across a limit."""
+    """Return `RegimeCurve.force` without the check of the order, for steps across a limit."""
     contact, transition, film, peak, *breaks = values
     return np.asarray(regime_basis(x, *breaks) @ np.array([peak, film, transition, contact]))

@@ -1,4 +1,4 @@
-"""A Tau robot: three arms, turned or pushed, that carry three, two and one links to a platform; a ball at every end.
+"""A Tau robot: three arms, rotated or pushed, carry three, two and one links to a platform, with a ball at every end.
 
 Sources: Robertson 2003, 1.2; Brogårdh 2002, PKM research: important issues, as seen from a product development
 perspective at ABB Robotics.
@@ -29,7 +29,7 @@ class Actuator:
     """Actuator of a cluster of links.
 
     kind: revolute or prismatic, about or along z of its frame.
-    frame: (4, 4) in the frame of the base, m.
+    frame: (4, 4) in the base frame, m.
     lower, upper: limits of its coordinate, rad or m, zero at home.
     """
 
@@ -39,7 +39,7 @@ class Actuator:
     upper: float
 
     def moved(self, q: Array) -> Array:
-        """Transforms (N, 4, 4) of its coordinate (N,)."""
+        """Return the transforms (N, 4, 4) of coordinates (N,), rad or m."""
         return along(5 if self.kind == "revolute" else 2, q)
 
 
@@ -47,8 +47,8 @@ class Actuator:
 class Tau(OnLegs):
     """A platform on six links of fixed length, in clusters of 3, 2 and 1 on three actuators. A Mechanism.
 
-    actuators: A1 to A3; `base` is in their frames, after their motion. start: (3,) m, the platform's origin with all
-    actuators at home, which makes the links as long as they are.
+    actuators: A1 to A3; `base` is in their frames, after their motion.
+    start: (3,) m, origin of the platform with all actuators at home, which defines the lengths of the links.
     """
 
     first: ClassVar[int] = 7
@@ -57,7 +57,7 @@ class Tau(OnLegs):
 
     @cached_property
     def slots(self) -> tuple[str, ...]:
-        """The base; of every actuator both sides of its motion; of every link its balls and itself; the tool."""
+        """The base; both sides of the motion of every actuator; the balls and the body of every link; the tool."""
         arms = (f"A{a}.{side}" for a in range(1, 4) for side in ("fixed", "moving"))
         return ("base", *arms, *self.link_slots, "tool")
 
@@ -71,7 +71,7 @@ class Tau(OnLegs):
 
     @property
     def constants(self) -> tuple[tuple[str, str], ...]:
-        """Zero and place of every actuator's axis, the lengths of the links, the centres of their balls."""
+        """Zero and axis of every actuator, lengths of the links, centres of their balls."""
         axes = (
             (f"A{a}.{side}", axis)
             for a, m in enumerate(self.actuators, 1)
@@ -84,13 +84,13 @@ class Tau(OnLegs):
 
     @property
     def levers(self) -> dict[str, Array]:
-        """Levers as in OnLegs.link_levers, and the places of the axes."""
+        """Levers as in OnLegs.link_levers, and the positions of the axes."""
         axes = {f"A{a}.fixed": m.frame[:3, 3] for a, m in enumerate(self.actuators, 1)}
         return axes | self.link_levers(self.lengths)
 
     @property
     def home(self) -> Array:
-        """Every coordinate (1, 3) zero."""
+        """All coordinates (1, 3) zero."""
         return np.zeros((1, len(self.actuators)))
 
     @cached_property
@@ -101,7 +101,7 @@ class Tau(OnLegs):
         return np.asarray(np.linalg.norm(self.platform + np.array(self.start) - lower, axis=1))
 
     def links_behind(self, slot: int) -> list[int]:
-        """Numbers of the links on the arm of a slot."""
+        """Return the indices of the links on the arm of a slot."""
         return [k for k, arm in enumerate(ARMS) if arm == (slot - 1) // 2]
 
     def feet(self, frames: Array, own: Array, q: Array) -> tuple[Array, Array]:
@@ -114,8 +114,9 @@ class Tau(OnLegs):
         return np.broadcast_to(self.lengths[:, None], (len(ARMS), len(q))), start
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
-        """torque_A1 ..: of the weight on each coordinate; force_L1_z ..: along each link, N, positive where it pulls;
-        force_base_x .. moment_base_z: on the base."""
+        """Return the loads of the weight.
+        torque_A1 ..: on each coordinate. force_L1_z ..: along each link, N, positive for tension. force_base_x ..
+        moment_base_z: on the base."""
         carried = np.asarray(payload, dtype=float)
         if not np.any(carried) and not self.mass:
             return {}
@@ -129,17 +130,17 @@ class Tau(OnLegs):
 
 
 DRIVES = {"turned": ("revolute", "turn"), "pushed": ("prismatic", "travel")}
-"""Type of each drive in the joint table, and the key of its range."""
+"""Kind of each drive, and the key of its range."""
 
 FRAMES = {"x": np.eye(3)[:, [1, 2, 0]], "y": np.eye(3)[:, [2, 0, 1]], "z": np.eye(3)}
 """Frames whose z axis is the named axis of the base."""
 
 
 def tau(path: Path | None = None) -> Tau:
-    """The Tau robot of a TOML file, the built-in one without.
+    """Return the Tau robot of a TOML file, the built-in one by default.
 
-    Raises InputError: an unknown key, a missing unit, another number of actuators or links than three and six, a range
-    without zero inside, links that leave the platform loose.
+    Raises InputError for an unknown key, a missing unit, other than three actuators or six links, a range that does not
+    contain zero, or links that do not hold the platform.
     """
     return described("tau", path, _built)
 

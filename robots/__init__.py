@@ -1,4 +1,4 @@
-"""Robots: loaders that turn a description of an arm into a mechanism."""
+"""Robots: loaders that convert the description of an arm to a mechanism."""
 
 from robots.library import load_mechanism, mechanism_names
 

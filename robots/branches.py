@@ -1,4 +1,4 @@
-"""Arms on one torso: a tree of joints with a measured link on each arm, as a Mechanism and Branched."""
+"""Several arms on one torso: a tree of joints with a measured link on each arm, as a Mechanism and Branched."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from robots.urdf_export import write_arms_urdf
 
 @dataclass(frozen=True, eq=False)
 class Branches:
-    """Chains (A,) of one tree, which share the joints that carry several of them.
+    """Chains (A,) of one tree; chains share the joints that move several arms.
 
-    Slots are those of the first chain but its last, then what the others have in addition, FRAME.tool at the end of
-    each, and `tool`, the first one's.
+    Slots are the slots of the first chain without its last, then the further slots of the other chains with FRAME.tool
+    at the end of each, and `tool` of the first chain.
     """
 
     name: str
@@ -32,7 +32,7 @@ class Branches:
 
     @cached_property
     def _own(self) -> tuple[tuple[str, ...], ...]:
-        """Slots of each chain by their names here."""
+        """Slots of each chain, with their names in the tree."""
         ends = ("tool", *(f"{chain.tool_frame}.tool" for chain in self.chains[1:]))
         return tuple((*chain.slots[:-1], end) for chain, end in zip(self.chains, ends, strict=True))
 
@@ -50,7 +50,7 @@ class Branches:
         return {chain.tool_frame: own[-1] for chain, own in zip(self.chains, self._own, strict=True)}
 
     def alone(self, tip: str) -> SerialChain:
-        """The chain that ends at a measured link; see gpmodel.mechanism.branches.Branched."""
+        """Return the chain that ends at a measured link; see gpmodel.mechanism.branches.Branched."""
         return next(chain for chain in self.chains if chain.tool_frame == tip)
 
     @cached_property
@@ -59,7 +59,7 @@ class Branches:
 
     @cached_property
     def levers(self) -> dict[str, Array]:
-        """Slot -> the vector (3,), m, from the slot before on its chain, in its own frame."""
+        """Slot -> vector (3,) from the preceding slot of its chain, in its own frame, m."""
         pairs = zip(self.chains, self._own, strict=True)
         return {
             name: links(chain)[slot]
@@ -69,7 +69,7 @@ class Branches:
 
     @cached_property
     def link_slots(self) -> dict[str, str]:
-        """Link -> the slot of the last motion before it, empty where it stands still; the longest chain to it says."""
+        """Link -> slot of the last motion before it, "" if the link is fixed. The longest chain to the link is used."""
         return {
             link: max((chain.link_slots[link] for chain in self.chains), key=self._depth)
             for link in self.chains[0].link_slots
@@ -79,7 +79,7 @@ class Branches:
         return max((own.index(slot) for own in self._own if slot in own), default=-1)
 
     def transforms(self, q: Array) -> Array:
-        """Transforms (S, N, 4, 4) from each slot to the next in the list, m; q: (N, n), rad and m."""
+        """Return transforms (S, N, 4, 4), m, from each slot to the next in the list. q: (N, n), rad and m."""
         frames: dict[str, Array] = {}
         for chain, own in zip(self.chains, self._own, strict=True):
             frames.update(zip(own, se3.chain(chain.transforms(self._of(chain, q))), strict=True))
@@ -89,8 +89,8 @@ class Branches:
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
         """Return the gravity loads on every joint and on the base; see SerialChain.loads.
 
-        Each joint bears the weight of everything it carries; the tools carry no payload. A load is linear in the
-        masses: each link weighs in the first chain that contains it.
+        Each joint bears the weight of everything it carries; the tools carry no payload. Loads are linear in the
+        masses. The mass of a shared link counts in the first chain that contains it.
         """
         out = dict[str, Array]()
         for chain in self._weighed_once:
@@ -99,14 +99,15 @@ class Branches:
         return out
 
     def unit_loads(self, q: Array) -> dict[str, Array]:
-        """Likewise; a shared link weighs alike in every chain. See SerialChain.unit_loads."""
+        """Return the loads per unit moment and mass of each link; see SerialChain.unit_loads. A shared link is equal in
+        all chains."""
         out = dict[str, Array]()
         for chain in self.chains:
             out |= chain.unit_loads(self._of(chain, q))
         return out
 
     def write_urdf(self, path: Path, twists: Mapping[str, Array] | None = None) -> str:
-        """Writes the arms with constant error twists, by slot, as URDF; see robots.urdf_export."""
+        """Write the arms with constant error twists, by slot, as URDF; see robots.urdf_export."""
         arms, before, given = [], set[str](), twists or {}
         for chain, own in zip(self.chains, self._own, strict=True):
             shared = before if chain.source else set()
@@ -117,7 +118,7 @@ class Branches:
 
     @cached_property
     def _weighed_once(self) -> tuple[SerialChain, ...]:
-        """The chains, with masses of the links that no chain before has."""
+        """Chains in which a link has a mass only in the first chain that contains it."""
         counted, out = set[str](), []
         for chain in self.chains:
             links = (replace(link, mass=0.0) if link.name in counted else link for link in chain.links)
@@ -126,13 +127,13 @@ class Branches:
         return tuple(out)
 
     def _of(self, chain: SerialChain, q: Array) -> Array:
-        """Joint values (N, n) of a chain, of those of the tree."""
+        """Return the joint values (N, n) of a chain, from those of the tree."""
         names = [joint.name for joint in self.joints]
         return np.asarray(q)[:, [names.index(name) for name in chain.joint_names]]
 
 
 def check_arms(chains: tuple[SerialChain, ...], where: str) -> None:
-    """Raises InputError for arms without names of their own, or that do not share what has one name."""
+    """Raise InputError for arms without different names, or for joints that share a name but differ between arms."""
     names = [chain.tool_frame for chain in chains]
     if len(set(names)) < len(names) or "" in names:
         raise InputError(f"{where}: arms {', '.join(map(repr, names))}; expected different names")
@@ -150,7 +151,8 @@ def check_arms(chains: tuple[SerialChain, ...], where: str) -> None:
 
 
 def read_branches(path: Path, frames: list[str], *, name: str | None = None) -> Branches:
-    """The arms of a URDF file that end at links `frames`. Raises InputError as `read_urdf`, or for a link twice."""
+    """Read the arms of a URDF file that end at the links `frames`.
+    Raises InputError as `read_urdf`, or for a repeated link."""
     if len(set(frames)) < len(frames):
         raise InputError(f"{name or path}: frames {', '.join(frames)}; expected each link once")
     return Branches(name or path.stem, tuple(read_urdf(path, name=name, frame=frame, arms=frames) for frame in frames))

@@ -26,8 +26,11 @@ _COMPONENTS = ("force_{}_x", "force_{}_y", "force_{}_z", "moment_{}_x", "moment_
 
 
 def gravity_loads(chain: Chain, q: Array, payload: Array) -> dict[str, Array]:
-    """SerialChain.loads: force R' M g and moment R' (S - M p) x g of the mass M (N,) beyond a joint, kg, and its first
-    moment S (N, 3), kg m, about the root; R and p of the frame after the joint's motion. Root frame throughout."""
+    """Return SerialChain.loads: force R' M g and moment R' (S - M p) x g at every joint.
+
+    M (N,) is the mass beyond the joint, kg, and S (N, 3) its first moment about the root, kg m. R and p are of the
+    frame after the joint's motion, in the root frame.
+    """
     payload = np.asarray(payload, dtype=np.float64)
     if not any(link.mass for link in chain.links) and not np.any(payload):
         return {}
@@ -43,21 +46,22 @@ def gravity_loads(chain: Chain, q: Array, payload: Array) -> dict[str, Array]:
 
 
 def _points(frames: Array, point: Array) -> Array:
-    """A point (3,) of each frame (N, 4, 4), (N, 3) in the root frame, m."""
+    """Return a point (3,), fixed in frames (N, 4, 4), in the root frame (N, 3), m."""
     return frames[:, :3, :3] @ point + frames[:, :3, 3]
 
 
 def _weight(chain: Chain, frame: Array, mass: Array, first: Array) -> Array:
-    """Wrench (N, 6), N and N m, of a mass (N,) with a first moment (N, 3) at and in the frame (N, 4, 4)."""
+    """Return the wrench (N, 6), N and N m, of a mass (N,) with first moment (N, 3), at and in a frame (N, 4, 4)."""
     moment = np.cross(first - mass[:, None] * frame[:, :3, 3], chain.gravity)
     return np.concatenate([(v[:, None] @ frame[:, :3, :3])[:, 0] for v in (mass[:, None] * chain.gravity, moment)], 1)
 
 
 def unit_loads(chain: Chain, q: Array) -> dict[str, Array]:
-    """SerialChain.unit_loads.
+    """Return SerialChain.unit_loads.
 
-    A first moment e_a carried by link k weighs as the couple (R_k e_a) x g on every turning joint j <= k; a mass m at c
-    as the torque z_j . (c - p_j) x m g, and as the force z_j . m g on a sliding one. Root frame throughout.
+    A first moment e_a of link k exerts the couple (R_k e_a) x g on every revolute joint j <= k. A mass m at c exerts
+    the torque z_j . (c - p_j) x m g on a revolute joint, and the force z_j . m g on a prismatic joint. All in the root
+    frame.
     """
     frames = se3.chain(chain.transforms(q))[2:-1:2]
     axes = [frames[j][:, :3, AXES.index(link.axis) % 3] for j, link in enumerate(chain.links)]
@@ -76,13 +80,14 @@ def unit_loads(chain: Chain, q: Array) -> dict[str, Array]:
 
 
 def _on_motion(chain: Chain, axes: list[Array], j: int, couple: Array, weight: Array | float = 0.0) -> Array:
-    """Generalized force (N,) on motion j of a couple (N, 3) or, where it slides, of a weight (3,)."""
+    """Return the generalized force (N,) on motion j: of a couple (N, 3) if revolute, of a weight (3,) if prismatic."""
     acting = couple if chain.links[j].axis.startswith("R") else np.broadcast_to(weight, couple.shape)
     return np.asarray(np.einsum("ni,ni->n", axes[j], acting))
 
 
 def _on_joints(chain: Chain, on_motions: list[Array], part: str) -> dict[str, Array]:
-    """Generalized forces (N,) on the coordinates, of those on the first motions; the others bear none."""
+    """Return generalized forces (N,) on the joint coordinates, from forces on the first motions; on later motions they
+    are zero."""
     torques = np.stack(on_motions, axis=1) @ chain.coupling[: len(on_motions)]
     return {f"torque_{name}_of_{part}": torques[:, c] for c, name in enumerate(chain.joint_names)}
 
@@ -106,12 +111,12 @@ class SerialChain(Chain):
 
     @property
     def bodies(self) -> dict[str, tuple[float, Array]]:
-        """Slot -> mass, kg, and its centre (3,) in the frame of the slot, m."""
+        """Slot -> mass, kg, and centre of mass (3,) in the frame of the slot, m."""
         return {f"{link.name}.moving": (link.mass, link.com) for link in self.links if link.mass}
 
     @cached_property
     def link_slots(self) -> dict[str, str]:
-        """Link -> the slot of the last motion before it, empty where it stands still; none where it was read from no
+        """Link -> slot of the last motion before it, "" if the link is fixed; empty for a chain that is not from a
         URDF."""
         if self.source is None:
             return {}
@@ -134,19 +139,21 @@ class SerialChain(Chain):
         return Joint(self.joint_names[column], kind, lower, upper, drive)
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
-        """Return the gravity loads on the arm at rest, each (N,): the load itself, not the reaction that holds it.
+        """Return the gravity loads (N,) on the arm at rest: the loads themselves, not the reactions.
 
-        torque_J (Nm; N for a prismatic joint): generalized force of gravity on the coordinate J, positive
-        where gravity drives it upwards, so that `deflection = compliance * torque` has a positive compliance.
-        force_J_x .. moment_J_z (N, Nm): wrench that the weight of everything beyond J exerts at the origin of
-        J.moving, in its axes; force_base_x .. moment_base_z likewise for the whole arm in the root frame,
-        about its origin. payload: (N,) kg at `payload_com`. Empty where nothing weighs anything.
-        Source: sums of weights and lever arms; recursive Newton-Euler at rest (Featherstone 2008, ch. 5) agrees.
+        torque_J (Nm; N for a prismatic joint): generalized force of gravity on the coordinate J, positive if gravity
+        increases the coordinate, so that `deflection = compliance * torque` has a positive compliance.
+        force_J_x .. moment_J_z (N, Nm): wrench of the weight of everything beyond J, at the origin of J.moving, in its
+        axes.
+        force_base_x .. moment_base_z: wrench of the whole arm in the root frame, about its origin.
+        payload: (N,) kg at `payload_com`.
+        Empty if nothing has a mass. Source: sums of weights and lever arms; recursive Newton-Euler at rest
+        (Featherstone 2008, ch. 5) agrees.
         """
         return gravity_loads(self, q, payload)
 
     def unit_loads(self, q: Array) -> dict[str, Array]:
-        """Loads of each link's weight, of unit moments and of its own mass, as `Weighed` states them."""
+        """Return the loads of unit first moments and of the mass of each link, as defined by `Weighed`."""
         return unit_loads(self, q)
 
     @cached_property
@@ -160,17 +167,18 @@ class SerialChain(Chain):
 
     @property
     def has_shape(self) -> bool:
-        """True if the URDF has collision geometry whose meshes exist."""
+        """Whether the URDF has collision geometry with existing meshes."""
         return self._shape is not None
 
     def collides(self, q: Array) -> Mask:
-        """Return where the arm collides with itself (N,) at q (N, n); never without a shape."""
+        """Return whether the arm collides with itself (N,) at q (N, n); False without a shape."""
         return np.zeros(len(q), dtype=bool) if self._shape is None else self._shape.collides(q)
 
     def hides(self, q: Array, points: Array, instrument: Array) -> Mask:
-        """Return where the arm blocks the line (N,) from points (N, 3), m, in the root frame to the instrument (3,)."""
+        """Return whether the arm blocks the line (N,) from points (N, 3), m, to the instrument (3,), all in the root
+        frame."""
         return np.zeros(len(q), dtype=bool) if self._shape is None else self._shape.hides(q, points, instrument)
 
     def write_urdf(self, path: Path, twists: Mapping[str, Array] | None = None) -> str:
-        """Writes the chain with constant error twists, by slot, as URDF; see robots.urdf_export."""
+        """Write the chain with constant error twists, by slot, as URDF; see robots.urdf_export."""
         return write_calibrated_urdf(self, twists or {}, path)

@@ -1,4 +1,4 @@
-"""Where an arm meets itself, and what of it stands before an instrument, from the geometry of its URDF."""
+"""Collisions of an arm with itself and with the instrument's line of sight, from the geometry of its URDF."""
 
 from __future__ import annotations
 
@@ -20,8 +20,11 @@ from gpmodel.table.units import identifier
 
 
 def parse_model(path: Path) -> pin.Model:
-    """Pinocchio's model of the file, no mesh opened. Raises InputError with the parser's first complaint, also where it
-    would go on without the inertia that it complains of."""
+    """Return Pinocchio's model of a URDF file, without its meshes.
+
+    Raises InputError with the parser's first complaint. A complaint about an inertia is an error too, although the
+    parser would ignore that inertia.
+    """
     try:
         with _quiet() as said:
             model = pin.buildModelFromUrdf(str(path))
@@ -37,7 +40,7 @@ def parse_model(path: Path) -> pin.Model:
 
 @contextmanager
 def _quiet() -> Iterator[list[str]]:
-    """Keeps what C libraries print off the terminal; the lines are in the yielded list afterwards."""
+    """Keep the output of C libraries off the terminal; afterwards the yielded list has its lines."""
     lines: list[str] = []
     sys.stdout.flush()
     sys.stderr.flush()
@@ -56,21 +59,23 @@ def _quiet() -> Iterator[list[str]]:
 
 
 ALWAYS = 0.95
-"""Share of random poses from which two colliding parts count as built into one another, as in MoveIt's setup
-assistant."""
+"""Share of random poses from which two colliding parts count as permanently joined, as in MoveIt's setup assistant."""
 
 PROBES = 200
 CLEARANCE = 0.01
-"""Least distance between parts, m: reflector nest and cables are not in the description."""
+"""Least distance between parts, m: reflector nest and cables are not in the URDF."""
 
 BEAM = 0.02
-"""Radius of the beam with the reflector at its end, m: that of a 1.5 inch reflector."""
+"""Radius of the laser beam with the reflector at its end, m: that of a 1.5 inch reflector."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """The geometry of a URDF. joints: of the chain, by their names as the table has them; fixed: those off the chain
-    stay at neutral. pairs: that may meet."""
+    """The collision geometry of a URDF.
+
+    joints: names of the chain's joints in the table; other joints stay at neutral.
+    tip: index of the joint that carries the measured link.
+    """
 
     model: pin.Model
     geometry: pin.GeometryModel
@@ -79,7 +84,7 @@ class Shape:
 
     @classmethod
     def read(cls, path: Path, joints: Sequence[str], frame: str) -> Shape | None:
-        """The shape of a file with collision geometry, None where it has none or its meshes are not there."""
+        """Read the shape from a URDF file; None if it has no collision geometry or its meshes are missing."""
         model = parse_model(path)
         folders = [str(p) for p in path.resolve().parents]
         folders += [p for p in os.environ.get("ROS_PACKAGE_PATH", "").split(":") if p]
@@ -96,14 +101,12 @@ class Shape:
         return shape
 
     def collides(self, q: Array) -> Mask:
-        """Return where two parts come within CLEARANCE of each other (N,) at joint values (N, n)."""
+        """Return whether two parts are within CLEARANCE of each other (N,), at joint values (N, n)."""
         return np.asarray(self._meetings(q).any(axis=1))
 
     def hides(self, q: Array, points: Array, instrument: Array) -> Mask:
-        """Return where a part blocks the beam (N,) from points (N, 3) to (3,), m.
-
-        The part that carries the target is not counted.
-        """
+        """Return whether a part blocks the beam (N,) from points (N, 3) to the instrument (3,), m.
+        The part that carries the target is ignored."""
         data, geometry = self.model.createData(), pin.GeometryData(self.geometry)
         parts = [i for i, g in enumerate(self.geometry.geometryObjects) if g.parentJoint != self.tip]
         out = np.zeros(len(q), dtype=bool)
@@ -123,7 +126,7 @@ class Shape:
         return bool(coal.collide(body, where, capsule, placed, coal.CollisionRequest(), coal.CollisionResult()))
 
     def _meetings(self, q: Array) -> Mask:
-        """Return the colliding pairs (N, pairs)."""
+        """Return which pairs of parts collide (N, pairs), at joint values (N, n)."""
         data, geometry = self.model.createData(), pin.GeometryData(self.geometry)
         for request in geometry.collisionRequests:
             request.security_margin = CLEARANCE
@@ -134,7 +137,7 @@ class Shape:
         return out
 
     def _configurations(self, q: Array) -> Array:
-        """Pinocchio's configurations (N, nq) of the chain's joint values."""
+        """Return Pinocchio's configurations (N, nq) of joint values (N, n)."""
         rows = np.repeat(pin.neutral(self.model)[None], len(q), axis=0)
         names = {identifier(name): i for i, name in enumerate(self.model.names)}
         for column, name in enumerate(self.joints):
@@ -146,7 +149,7 @@ class Shape:
         return rows
 
     def _forget_neighbours(self) -> None:
-        """Leave out pairs of parts of one body, of a body and its parent, and pairs that always collide."""
+        """Remove pairs of parts of one body, of a body and its parent, and pairs that always collide."""
         parents = self.model.parents
         bodies = [g.parentJoint for g in self.geometry.geometryObjects]
         pairs = [(p.first, p.second) for p in self.geometry.collisionPairs]

@@ -58,7 +58,7 @@ from robots.links import DOWN, LONGEST_CHAIN, Link, along, placement
 
 
 def of_another_kind(path: Path) -> bool:
-    """Return whether a TOML file names a `kind`, which another provider describes; False if it cannot be read."""
+    """Return whether a TOML file has a `kind`, so that another loader reads it; False if it is unreadable."""
     try:
         return "kind" in read_toml(path, "a mechanism")
     except InputError:
@@ -66,11 +66,12 @@ def of_another_kind(path: Path) -> bool:
 
 
 def read_dh(path: Path) -> SerialChain | Branches:
-    """The chain, or the arms, of a TOML file of Denavit-Hartenberg rows, in the format of this module's documentation.
+    """Read a chain, or several arms, from a TOML file of Denavit-Hartenberg rows in the format of this module's
+    docstring.
 
-    The frame of NAME.moving is the row's own in the modified convention; in the standard one it is the one before
-    the row's a and alpha. The joint moves about or along its z axis either way.
-    Raises InputError where the file cannot be read, or a key is unknown, lacks a unit or has no sensible value.
+    The frame of NAME.moving is the row's own frame in the modified convention; in the standard convention it is the
+    frame before the row's a and alpha. Either way the joint moves about or along its z axis.
+    Raises InputError if the file is unreadable, or a key is unknown, has no unit or no valid value.
     """
     top = TomlTable(read_toml(path, "a TOML table of DH rows"), str(path))
     name = top.text("name", path.stem)
@@ -87,7 +88,7 @@ def read_dh(path: Path) -> SerialChain | Branches:
 
 @dataclass(frozen=True)
 class _Common:
-    """Fields shared by all arms of a file: name, convention of the rows, gravity (3,), m/s²."""
+    """Fields shared by all arms of a file. convention: of the rows. gravity: (3,), m/s²."""
 
     name: str
     convention: str
@@ -95,7 +96,7 @@ class _Common:
 
 
 def _chain(top: TomlTable, common: _Common, frame: str) -> SerialChain:
-    """The chain of one table, which has [base], [tool], [[joint]] and [[coupling]]."""
+    """Return the chain of one table with [base], [tool], [[joint]] and [[coupling]]."""
     before = _placement(top.table("base"))
     tool = _placement(top.table("tool"))
     rows = top.tables("joint")
@@ -134,7 +135,8 @@ def _chain(top: TomlTable, common: _Common, frame: str) -> SerialChain:
 
 
 def _coupled(top: TomlTable, names: tuple[str, ...], signs: Array) -> Array:
-    """Motions (n, n) by joint coordinates. Raises InputError for two couplings of one pair and for a circle of them."""
+    """Return the motions (n, n) per joint coordinate. Raises InputError for two couplings of one pair or a cycle of
+    couplings."""
     coupling, pairs = np.diag(signs), dict[tuple[str, str], str]()
     for table in top.tables("coupling"):
         pair = table.choice("joint", names), table.choice("follows", names)
@@ -158,7 +160,7 @@ def _coupled(top: TomlTable, names: tuple[str, ...], signs: Array) -> Array:
 
 
 def _link(row: TomlTable, number: int, convention: str, before: Array) -> tuple[Link, Array]:
-    """The row as a link, and the constant transform from its motion to its own frame."""
+    """Return the link of a row, and the constant transform from its motion to its own frame."""
     name = row.text("name", f"J{number}")
     if not name.isidentifier():
         raise InputError(f"{row.where}: name is {name!r}, expected letters, digits and underscores")

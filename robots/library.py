@@ -1,4 +1,4 @@
-"""Mechanisms by name or by file."""
+"""Loads mechanisms by name or from a file."""
 
 from __future__ import annotations
 
@@ -28,13 +28,12 @@ SURROGATE_MASSES = (262.6, 156.2, 149.3, 10.2, 17.7, 41.5)
 
 
 def irb6400r(name: str = "irb6400r") -> SerialChain:
-    """The arm `irb6400r` (2.5-150) or `irb6400r-2.8` (2.8-200), measured at its flange.
+    """Return the arm `irb6400r` (2.5-150) or `irb6400r-2.8` (2.8-200), measured at its flange.
 
-    All frames are parallel to the root frame at zero; axes Z Y Y X Y X. The table's J3 is the angle of the
-    upper arm to the ground, held by the parallel bar:  motion of link 3 = J3 - J2.
-
-    No masses of this arm are published. Those here are of an arm of the same size (FANUC R-2000iC), and each
-    centre of mass is put midway between its joint's origin and the next (the flange, for the last).
+    At zero all frames are parallel to the root frame; axes Z Y Y X Y X. J3 of the table is the angle of the upper arm
+    to the ground, kept by the parallel bar: motion of link 3 = J3 - J2.
+    The masses of this arm are not published. The masses here are of an arm of equal size (FANUC R-2000iC), and each
+    centre of mass is midway between its joint's origin and the next (the flange, for the last).
     """
     size = DIMENSIONS[name]
     origins = np.array(
@@ -87,21 +86,21 @@ EXAMPLE_ARMS = {
 
 
 def mechanism_names() -> tuple[str, ...]:
-    """Names that load_mechanism knows without a file."""
+    """Return the names that load_mechanism accepts without a file."""
     return (*DIMENSIONS, *EXAMPLE_ARMS)
 
 
 def load_mechanism(
     name: str, *, frame: str | None = None, payload_com: Sequence[float] | None = None
 ) -> SerialChain | Branches | None:
-    """The robot `name`: one of mechanism_names(), a path to a .urdf file, or one to a .toml file
-    of Denavit-Hartenberg rows (robots.dh).
+    """Load the robot `name`: one of mechanism_names(), a path to a .urdf file, or to a .toml file of DH rows
+    (robots.dh).
 
-    frame: link to measure at (default: the last link of the arm), or one of each arm of a URDF, with commas between
-    them; of a table with several arms all of these. payload_com: (3,) m, centre of mass of a
-    payload in the measured frame (default: its origin). None where the name is none of a robot, or a .toml file says
-    what other `kind` of mechanism it describes.
-    Raises InputError where the file is missing or bad, or the frame unknown.
+    frame: measured link (default: the last link of the arm); for several arms of a URDF one link of each, separated by
+    commas. A table with several arms has all of them by default.
+    payload_com: (3,) m, centre of mass of a payload in the measured frame (default: its origin).
+    Return None if no robot has the name, or a .toml file describes another `kind` of mechanism. Raises InputError if
+    the file is missing or invalid, or the frame unknown.
     """
     chain = _load(name, frame)
     if chain is None or payload_com is None:

@@ -1,4 +1,4 @@
-"""Parts of a serial chain, and the properties that statics and export read."""
+"""Parts of a serial chain, with the properties for statics and export."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from gpmodel.numerics import se3
 
 
 def along(axis: str, value: float) -> Array:
-    """Transform (4, 4) of one motion by value, rad about or m along the axis, one of AXES."""
+    """Return the transform (4, 4) of a motion by value, rad about or m along the axis, one of AXES."""
     return np.asarray(se3.along(AXES.index(axis), np.array([value]))[0])
 
 
 def placement(xyz: ArrayLike, rpy: ArrayLike) -> Array:
-    """Transform (4, 4) that turns by Rz(yaw) Ry(pitch) Rx(roll), rad, and moves by xyz (3,), m."""
+    """Return the transform (4, 4) with rotation Rz(yaw) Ry(pitch) Rx(roll), rad, and translation xyz (3,), m."""
     roll, pitch, yaw = np.asarray(rpy, dtype=np.float64)
     return se3.shift(xyz) @ along("Rz", yaw) @ along("Ry", pitch) @ along("Rx", roll)
 
@@ -33,13 +33,15 @@ DOWN = (0.0, 0.0, -GRAVITY)
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """One motion of the chain and the rigid part it carries.
+    """One motion of the chain and the rigid part that it carries.
 
-    name: the joint's. placement: (4, 4), the frame before this motion in the frame after the motion before
-    (in the root, for the first), m. axis: one of gpmodel.mechanism.protocol.AXES, the coordinate axis of that frame
-    the motion is about or along, in its positive sense. mass: kg. com: (3,) m, in the frame after the motion.
-    alignment: (4, 4), the frame after the motion in the frame the source description gives the same part.
-    offset: constant part of the motion already contained in placement, rad or m.
+    name: of the joint.
+    placement: (4, 4), m, the frame before this motion in the frame after the preceding motion (in the root, for the
+    first).
+    axis: coordinate axis of this frame about or along which the motion is, one of gpmodel.mechanism.protocol.AXES.
+    mass: kg. com: centre of mass (3,), m, in the frame after the motion.
+    alignment: (4, 4), the frame after the motion in the frame of the same part in the source description.
+    offset: constant part of the motion that is included in placement, rad or m.
     """
 
     name: str
@@ -53,15 +55,16 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """Links driven by table coordinates.
+    """Links driven by joint coordinates: motion of the links s = coupling @ q.
 
-        motion of the links  s = coupling @ q
-
-    coupling: (len(links), len(joints)); the identity for an arm with one motor per joint, with other entries
-    for a reversed axis, a parallel bar or a mimic joint. tool: (4, 4) from the frame after the last motion to
-    the measured frame `tool_frame`, m. gravity: (3,) m/s^2 in the root frame. payload_com: (3,) m, centre of
-    mass of the payload in the measured frame. source: the URDF file the chain was read from, if any.
-    limits: (len(joints), 2), rad or m, in table coordinates. not_read: what is left out of the file.
+    coupling: (len(links), len(joints)), the identity for an arm with one motor per joint. A reversed axis, a parallel
+    bar or a mimic joint has other entries.
+    tool: (4, 4) from the frame after the last motion to the measured frame `tool_frame`, m.
+    gravity: (3,) m/s^2 in the root frame.
+    payload_com: (3,) m, centre of mass of the payload in the measured frame.
+    source: URDF file of the chain, if any.
+    limits: (len(joints), 2), rad or m, of the joint coordinates.
+    not_read: parts of the file that are ignored.
     """
 
     name: str
@@ -83,7 +86,7 @@ class Chain:
         return ("base", *sides, "tool")
 
     def motions(self, q: Array) -> Array:
-        """Motions (N, len(links)) of the links, rad and m, at table coordinates q (N, n)."""
+        """Return the motions (N, len(links)) of the links, rad and m, at joint coordinates q (N, n)."""
         q = np.asarray(q, dtype=np.float64)
         if q.ndim != 2 or q.shape[1] != len(self.joint_names):
             raise InputError(
@@ -93,7 +96,7 @@ class Chain:
         return q @ self.coupling.T
 
     def transforms(self, q: Array) -> Array:
-        """Nominal transforms (S, N, 4, 4) between successive slots, as the Mechanism protocol states."""
+        """Return nominal transforms (S, N, 4, 4) between successive slots, as the Mechanism protocol defines them."""
         motions = self.motions(q)
         transforms = np.empty((len(self.slots), len(motions), 4, 4))
         transforms[0] = np.eye(4)

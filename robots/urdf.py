@@ -1,4 +1,4 @@
-"""Serial chains read from URDF files; meshes are never opened."""
+"""Reading of serial chains from URDF files, without their meshes."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from robots.urdf_tree import MOVING, UrdfJoint, UrdfTree, read_tree
 FINGER_DEPTH = 3
 ARM_DEPTH = 3
 MOST_TURN = 30.0
-"""Limit of a joint, rad, beyond which the description means degrees: cables allow at most five turns either way."""
+"""Limit of a joint, rad, beyond which it is probably in degrees: cables allow at most five turns either way."""
 
 
 def read_urdf(
     path: Path, *, name: str | None = None, frame: str | None = None, arms: Sequence[str] = ()
 ) -> SerialChain:
-    """The chain of a URDF file from its root link to `frame`, a link (default: `default_frame`).
+    """Read the chain of a URDF file from its root link to the link `frame` (default: `default_frame`).
 
-    It is called `name`, else as its <robot> is, else as the file. Revolute, continuous and prismatic joints on the
-    chain are its joints, except mimic joints, which follow theirs; all joints off the chain stay at neutral, and what
-    hangs there weighs on the chain, but for arms to the links `arms`, whose own chains weigh it. A joint whose axis is
-    no coordinate axis has the frames of its slots turned so that it is z.
-
-    Raises InputError where the file cannot be read as URDF, `frame` is no link beyond a moving joint, or a joint of the
+    name: of the chain; by default that of the <robot>, or of the file.
+    arms: measured links of other arms, the weight of which counts in their own chains.
+    Revolute, continuous and prismatic joints of the chain are its joints; mimic joints follow theirs. Joints off the
+    chain stay at neutral, and their links weigh on the chain. If a joint axis is not a coordinate axis, the frames of
+    its slots are rotated to make it z.
+    Raises InputError if the file is unreadable as URDF, `frame` is not a link beyond a moving joint, or a joint of the
     chain is floating or planar.
     """
     tree = read_tree(path)
@@ -58,11 +58,11 @@ def read_urdf(
 
 
 def default_frame(tree: UrdfTree) -> str:
-    """The link measured at when none is named: the last one of the arm with the most revolute joints.
+    """Return the link that is measured by default: the last link of the arm with the most revolute joints.
 
-    Fingers are not the arm: where a chain of at least ARM_DEPTH joints splits into equally long branches of
-    at most FINGER_DEPTH joints, it ends. Of several last links fixed to the same part, `tool0` goes before the first in
-    the file.
+    Fingers do not belong to the arm: it ends where a chain of at least ARM_DEPTH joints splits into equally long
+    branches of at most FINGER_DEPTH joints. Of several last links fixed to one part, `tool0` is preferred, then the
+    first in the file.
     """
 
     def most_turns(joint: UrdfJoint) -> int:
@@ -85,7 +85,8 @@ def default_frame(tree: UrdfTree) -> str:
 
 
 def _last_fixed(tree: UrdfTree, part: str) -> list[str]:
-    """The links at the ends of the longest rows of fixed joints beyond a link; the link where there is none."""
+    """Return the links at the ends of the longest sequences of fixed joints beyond a link; the link itself if there are
+    none."""
     links = [part]
     while beyond := [j.child for link in links for j in tree.below[link] if j.kind == "fixed"]:
         links = beyond
@@ -150,8 +151,8 @@ def _chain(tree: UrdfTree, chain: list[UrdfJoint], others: list[UrdfJoint], call
 
 
 def _carried(tree: UrdfTree, joint: UrdfJoint, chains: list[UrdfJoint]) -> tuple[float, Array]:
-    """Mass, kg, and its centre (3,), m, in the frame of the joint's child, of all that hangs there up to the next joint
-    of the chain or of another; other joints rest."""
+    """Return the mass, kg, and centre of mass (3,), m, of everything a joint carries up to the next joint of any chain.
+    Both are in the frame of the joint's child link, with joints off the chains at rest."""
     mass, moment, waiting = 0.0, np.zeros(3), [joint.child]
     inverse = np.linalg.inv(tree.frames[joint.child])
     while waiting:
@@ -179,7 +180,7 @@ def _limits(joint: UrdfJoint, path: Path) -> tuple[float, float]:
 
 
 def _aligned(joint: UrdfJoint) -> tuple[str, float, Array]:
-    """Axis name, sign, and the rotation (4, 4) of the joint frame that puts the motion on that axis."""
+    """Return axis name, sign, and the rotation (4, 4) of the joint frame that aligns the motion with this axis."""
     z, first = joint.axis, 0 if joint.kind == "prismatic" else 3
     largest = int(np.argmax(np.abs(z)))
     if np.isclose(abs(z[largest]), 1.0, rtol=0.0, atol=1e-12):

@@ -1,4 +1,4 @@
-"""Calibrated geometry written as URDF."""
+"""Export of calibrated geometry as URDF."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from robots.urdf_tree import origin_of, parse_xml
 
 
 def write_calibrated_urdf(mechanism: Chain, twists: Mapping[str, Array], path: Path) -> str:
-    """Writes the mechanism with a constant error twist at each slot as URDF; returns the link to measure at.
+    """Write a mechanism with a constant error twist at each slot as URDF; return the link to measure at.
 
-        root -> measured link  =  T_0 E_0 T_1(q) E_1 ... T_S(q) E_S,   E_s = exp(twists[s])
+    root -> measured link  =  T_0 E_0 T_1(q) E_1 ... T_S(q) E_S,   E_s = exp(twists[s])
 
-    twists: by slot, (6,) as (Tx, Ty, Tz, Rx, Ry, Rz) in the frame of the slot, m and rad; no entry, no error.
-    A mechanism read from URDF gives that file with the origins of its joints changed; all that hangs on a link
-    moves with it. Any other gives a new file in the coordinates of the measured table: a joint that others drive as
-    well, as by a parallel bar, is followed by a mimic joint NAME_with_OTHER about its axis for each of them. A twist
-    beyond the last joint of a chain measured at its very last link needs a link of its own, FRAME_calibrated.
-    Raises InputError for a slot the mechanism does not have, or a file that cannot be written.
+    twists: by slot, (6,) as (Tx, Ty, Tz, Rx, Ry, Rz) in the frame of the slot, m and rad; zero if missing.
+    A mechanism from a URDF gives this file with changed joint origins; everything attached to a link moves with it. Any
+    other mechanism gives a new file in the joint coordinates of the table. A link moved by a second coordinate, as by a
+    parallel bar, gets a mimic joint NAME_with_OTHER about its axis for each such coordinate. If the chain is measured
+    at its very last link, a twist beyond the last joint needs an additional link FRAME_calibrated.
+    Raises InputError for an unknown slot, or a file that cannot be written.
     """
     errors = _errors(mechanism, twists)
     if mechanism.source is None:
@@ -41,10 +41,9 @@ def write_calibrated_urdf(mechanism: Chain, twists: Mapping[str, Array], path: P
 
 
 def write_arms_urdf(arms: Sequence[tuple[Chain, Mapping[str, Array]]], path: Path) -> str:
-    """Write several arms of one tree, each with the twists of its own slots.
+    """Write several arms of one tree, each with the twists of its own slots; return the measured links, with commas.
 
-    Twists of shared slots are written with the first arm that has them, if the tree comes from a file. Returns the
-    measured links, separated by commas.
+    If the tree comes from a file, twists of shared slots are written with the first arm that has them.
     """
     robot, frames = None, []
     for mechanism, twists in arms:
@@ -64,7 +63,7 @@ def write_arms_urdf(arms: Sequence[tuple[Chain, Mapping[str, Array]]], path: Pat
 
 
 def _errors(mechanism: Chain, twists: Mapping[str, Array]) -> dict[str, Array]:
-    """Slot -> the motion (4, 4) of its twist. Raises InputError for a slot that the mechanism does not have."""
+    """Return slot -> transform (4, 4) of its twist. Raises InputError for an unknown slot."""
     for slot, twist in twists.items():
         if slot not in mechanism.slots or np.shape(twist) != (6,) or not np.all(np.isfinite(twist)):
             raise InputError(
@@ -130,8 +129,8 @@ def _generated(mechanism: Chain, errors: Mapping[str, Array]) -> ET.Element:
 
 
 def _add_motions(robot: ET.Element, mechanism: Chain, row: int, parent: str, origin: Array) -> ET.Element:
-    """Add the joint of a link, moved by its own coordinate, then a mimic joint about the same axis for every other
-    coordinate that moves it; returns the last <link>. Raises InputError where its own weight is not 1 or -1."""
+    """Add the joint of a link, then a mimic joint about the same axis for every further coordinate that moves the link.
+    Return the last <link>. Raises InputError if the weight of the link's own coordinate is not 1 or -1."""
     link, names, weights = mechanism.links[row], mechanism.joint_names, mechanism.coupling[row]
     own = names.index(link.name)
     if abs(weights[own]) != 1.0:
@@ -169,7 +168,8 @@ def _add_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str,
 
 
 def _seen_from(frame: Array, error: Array) -> Array:
-    """An error that acts in the frame, as it acts in the frame's own reference; none stays exactly none."""
+    """Return an error transform in `frame` as a transform in the parent of `frame`; no error remains exactly the
+    identity."""
     return error if np.array_equal(error, np.eye(4)) else frame @ error @ np.linalg.inv(frame)
 
 

@@ -1,4 +1,4 @@
-"""Links with masses and the joints between them, read from a URDF file. Meshes are never opened."""
+"""Links with masses and the joints between them, from a URDF file, without its meshes."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from gpmodel.texts import read_limited
 from robots.links import placement
 
 MOST_JOINTS = 300
-"""Largest number of joints of a chain; a humanoid with hands has 100."""
+"""Largest number of joints of a URDF; a humanoid with hands has 100."""
 
 ELEMENTS = ("link", "joint", "inertial", "mass", "origin", "parent", "child", "axis", "limit", "mimic", "calibration")
-"""Elements that are read; XML distinguishes capital letters."""
+"""Elements that are read; names are case sensitive in XML."""
 
 
 class _Plain(ET.TreeBuilder):
-    """Elements alone: a document type, which could define entities that grow without end, is refused."""
+    """Accepts elements only: a document type, which could define entities of unlimited size, is refused."""
 
     def doctype(self, name: str, public: str | None, system: str | None) -> None:
-        """Raises ValueError."""
+        """Raise ValueError."""
         raise ValueError(f"document type {name!r}")
 
 
 def parse_xml(path: Path) -> ET.Element:
-    """The <robot> element, comments kept. Raises InputError where the file cannot be a URDF."""
+    """Return the <robot> element of a file, with comments. Raises InputError if the file cannot be a URDF."""
     try:
         content = read_limited(path, LARGEST_FILE, "a URDF file")
         root = ET.fromstring(content, ET.XMLParser(target=_Plain(insert_comments=True)))
@@ -61,16 +61,16 @@ def has_geometry(path: Path) -> bool:
 
 
 MOVING = ("revolute", "continuous", "prismatic")
-"""Joints of one coordinate."""
+"""Kinds of joints with one coordinate."""
 KINDS = (*MOVING, "fixed", "floating", "planar")
 
 LONGEST_TITLE = 60
-"""Characters of the name of a robot."""
+"""Largest number of characters of the name of a robot."""
 
 
 @dataclass(frozen=True)
 class Mimic:
-    """A joint that moves with another: motion = multiplier * motion of the leader + offset (rad or m)."""
+    """A joint that follows another: motion = multiplier * motion of the leader + offset (rad or m)."""
 
     leader: str
     multiplier: float
@@ -81,8 +81,10 @@ class Mimic:
 class UrdfJoint:
     """A joint between two links.
 
-    origin: (4, 4), its frame at rest in the frame of its parent link, m. axis: (3,), a unit vector in its own frame,
-    or zero. limits: rad or m, infinite where it has none. not_read: what of its element is left out.
+    origin: (4, 4), its frame at rest in the frame of its parent link, m.
+    axis: (3,), a unit vector in its own frame, or zero.
+    limits: rad or m, infinite if not given.
+    not_read: parts of its element that are ignored.
     """
 
     name: str
@@ -98,8 +100,11 @@ class UrdfJoint:
 
 @dataclass(frozen=True, eq=False)
 class UrdfTree:
-    """Links and joints of a file, a tree. name: of the robot, empty where it has none. masses: link -> its mass, kg,
-    and centre of mass (3,) in its frame, m."""
+    """The tree of links and joints of a file.
+
+    name: of the robot, "" if not given.
+    masses: link -> mass, kg, and centre of mass (3,) in the link's frame, m.
+    """
 
     name: str
     root: str
@@ -108,12 +113,12 @@ class UrdfTree:
 
     @cached_property
     def above(self) -> dict[str, UrdfJoint]:
-        """Link -> the joint that it hangs on."""
+        """Link -> joint of which the link is the child."""
         return {joint.child: joint for joint in self.joints}
 
     @cached_property
     def below(self) -> dict[str, list[UrdfJoint]]:
-        """Link -> the joints that hang on it, by name."""
+        """Link -> joints of which the link is the parent, sorted by name."""
         found: dict[str, list[UrdfJoint]] = {link: [] for link in self.masses}
         for joint in sorted(self.joints, key=lambda joint: joint.name):
             found[joint.parent].append(joint)
@@ -121,7 +126,7 @@ class UrdfTree:
 
     @cached_property
     def frames(self) -> dict[str, Array]:
-        """Frame (4, 4) of every link in that of the root with all joints at zero, from the root outwards."""
+        """Link -> its frame (4, 4) in the root frame with all joints at zero, parents before children."""
         found: dict[str, Array] = {self.root: np.eye(4)}
         waiting = [*reversed(self.below[self.root])]
         while waiting:
@@ -131,7 +136,7 @@ class UrdfTree:
         return found
 
     def route(self, link: str) -> list[UrdfJoint]:
-        """The joints from the root to a link."""
+        """Return the joints from the root to a link."""
         found: list[UrdfJoint] = []
         while link in self.above:
             found.insert(0, self.above[link])
@@ -139,7 +144,7 @@ class UrdfTree:
         return found
 
     def moving_below(self, link: str) -> Iterator[UrdfJoint]:
-        """The next joints beyond a link that are not fixed."""
+        """Yield the next joints beyond a link that are not fixed."""
         for joint in self.below[link]:
             if joint.kind == "fixed":
                 yield from self.moving_below(joint.child)
@@ -148,7 +153,8 @@ class UrdfTree:
 
 
 def read_tree(path: Path) -> UrdfTree:
-    """The links and joints of a URDF file. Raises InputError where they are no tree or hold what is no number."""
+    """Read the links and joints of a URDF file.
+    Raises InputError if they do not form a tree, or a value is not a number."""
     robot = parse_xml(path)
     try:
         links = robot.findall("link")
@@ -183,7 +189,7 @@ def read_tree(path: Path) -> UrdfTree:
 
 
 def origin_of(element: ET.Element) -> Array:
-    """The transform (4, 4) of its <origin>. Raises ValueError."""
+    """Return the transform (4, 4) of an element's <origin>. Raises ValueError if it is invalid."""
     origin = element.find("origin")
     xyz, rpy = ("0 0 0", "0 0 0") if origin is None else (origin.get("xyz", "0 0 0"), origin.get("rpy", "0 0 0"))
     shift, turn = _vector(xyz, "xyz"), _vector(rpy, "rpy")
@@ -200,7 +206,7 @@ def _name(element: ET.Element) -> str:
 
 
 def _title(name: str) -> str:
-    """A name that titles a page; empty where it is longer, or holds what source and pages would have to escape."""
+    """Return a name suitable as the title of a page, "" if it is too long or has characters that need escaping."""
     return name if re.fullmatch(rf"[\w .,()+-]{{1,{LONGEST_TITLE}}}", name) else ""
 
 
@@ -247,7 +253,7 @@ def _joint(joint: ET.Element) -> UrdfJoint:
 
 
 def _not_read(joint: ET.Element, name: str, kind: str) -> tuple[str, ...]:
-    """List the ignored elements of a joint, and the missing ones that take URDF's default."""
+    """List the ignored elements of a joint, and missing elements for which URDF has a default."""
     said = [f"<calibration> of joint {name}" for _ in joint.findall("calibration")]
     if kind in MOVING and joint.find("axis") is None:
         said.append(f"the axis of joint {name}, which the file does not give; 1 0 0 is taken, as URDF says")
@@ -255,8 +261,8 @@ def _not_read(joint: ET.Element, name: str, kind: str) -> tuple[str, ...]:
 
 
 def _mimic(mimic: ET.Element, name: str, dimension: str) -> Mimic:
-    """Whom the joint of this name follows; moved by more than a machine's largest length or angle where the leader
-    moves by one, it would be no part of a machine."""
+    """Return the Mimic of a <mimic> element.
+    A multiplier beyond a machine's largest length or angle is refused: no machine has it."""
     multiplier, offset = (
         checked(_number(mimic.get(key, usual), what), dimension, what)
         for key, usual in (("multiplier", "1"), ("offset", "0"))

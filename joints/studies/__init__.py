@@ -1,4 +1,4 @@
-"""One study a model: settings in, tables, numbers and figures out. `gpmodel joint` runs them."""
+"""One study per model: settings in; tables, numbers and figures out. `gpmodel joint` runs them."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path

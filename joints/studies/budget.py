@@ -18,7 +18,7 @@ PUBLISHED = {"systematic": 10e-6, "stochastic": 0.1e-6}
 
 
 def budget_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Figures 3.18 and 3.19: distributions, mean plus three standard deviations, and every source's share."""
+    """Make Figures 3.18 and 3.19: distributions, mean plus three standard deviations, and the share of every source."""
     sources, settings = read_budget(path)
     joint = budget_joint(spherical_joint(), settings)
     kinds = [kind for kind in KINDS if any(s.kind == kind for s in sources)]
@@ -59,7 +59,7 @@ def budget_study(path: Path | None = None, seed: int = 0) -> Study:
 
 
 def budget_chart(figure: Figure, budget: Budget, published: float) -> None:
-    """Distribution of the position error and the share of every source (Figs 3.18, 3.19). published: m."""
+    """Plot the distribution of the position error and the share of every source (Figs 3.18, 3.19). published: m."""
     left, right = figure.subplots(1, 2)
     shares, edges = budget.histogram()
     left.stairs(100 * shares, MICRO * edges, fill=True, alpha=0.6)

@@ -1,4 +1,5 @@
-"""`gpmodel joint contact`: Hertz contact of the ball on a support, as published and right."""
+"""`gpmodel joint contact`, `thermal` and `contact_types`: Hertz contact of the ball on a support, as published and
+exact."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -30,7 +31,12 @@ LENGTHS = ("predicted_max", "sphere_fit_max", "calibrated_max")
 
 
 class ContactType(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """supports: discrete contacts, 0 for a surface. Maxima: m, None where none was published. figure: their source."""
+    """A contact type and its published accuracy.
+
+    supports: number of discrete contacts, 0 for a surface.
+    predicted_max, sphere_fit_max, calibrated_max: largest residuals, m, None if not published.
+    figure: their source.
+    """
 
     name: str
     contact: str
@@ -43,7 +49,7 @@ class ContactType(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def contact_types(path: Path | None = None) -> tuple[ContactType, ...]:
-    """The contact types of a TOML table ([[type]] entries), the thesis' four without one.
+    """Return the contact types of a TOML table ([[type]] entries), by default the four of the thesis.
 
     Raises InputError for a missing or unknown key, or a length without its unit.
     """
@@ -68,7 +74,7 @@ def _length(text: Any, where: str) -> float | None:
 
 
 def contact_types_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Figures 3.29 and 4.30: largest residuals before and after calibration, by contact type."""
+    """Make Figures 3.29 and 4.30: largest residuals before and after calibration, by contact type."""
     types = contact_types(path)
     largest = (["" if v is None else v * MICRO for v in (getattr(t, key) for key in LENGTHS)] for t in types)
     rows = [(t.name, t.contact, t.friction, *of, t.figure) for t, of in zip(types, largest, strict=True)]
@@ -81,7 +87,7 @@ def contact_types_study(path: Path | None = None, seed: int = 0) -> Study:
 
 
 def contact_chart(figure: Figure, types: Sequence[ContactType]) -> None:
-    """Largest residual of every prototype, predicted and before and after calibration (Figs 3.29, 4.30)."""
+    """Plot the largest residual of every prototype, predicted and before and after calibration (Figs 3.29, 4.30)."""
     ax = figure.subplots()
     at = np.arange(len(types))
     for k, (name, key) in enumerate(
@@ -99,7 +105,8 @@ def contact_chart(figure: Figure, types: Sequence[ContactType]) -> None:
 
 
 def thermal_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Growth per kelvin and at the given temperature change, and the change that uses up the tolerance."""
+    """Tabulate growth per kelvin and for the given temperature change, and the change at which growth equals the
+    tolerance."""
     s = load_settings("thermal", path)
     change, tolerance = s["temperature_change"], s["tolerance"]
     parts = [LoopPart(**part) for part in s["part"]]
@@ -142,7 +149,7 @@ _KEYS = (
 
 
 def contact_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Table 3.3 as printed (two cylinders), with its formulas on the true radii, and exact."""
+    """Tabulate Table 3.3 as printed (two cylinders), by its formulas with the true radii, and exact."""
     s = load_settings("contact", path)
     ball, support = Body(**s["ball"]), Body(**s["support"])
     flat = s["published_major_radius"]
@@ -190,7 +197,7 @@ def contact_study(path: Path | None = None, seed: int = 0) -> Study:
 
 
 def _numbers(case: HertzContact, force: float, allowed: float, onset: float) -> tuple[float, ...]:
-    """A row of the table: what _KEYS say."""
+    """Return a row of the table, in the order of _KEYS."""
     major, minor, peak, approach = map(float, (case.semi_major, case.semi_minor, case.pressure, case.approach))
     stiffness = (force / approach * N_PER_UM, 1.5 * force / approach * N_PER_UM)
     return major * MICRO, minor * MICRO, peak * 1e-9, approach * MICRO, *stiffness, peak / allowed, peak / onset

@@ -1,4 +1,4 @@
-"""`gpmodel joint design`: one page for a joint, with the limit that governs."""
+"""`gpmodel joint design`: one page for a joint, with the governing limit."""
 
 import base64
 import re
@@ -20,7 +20,7 @@ from joints.studies.study import MICRO, N_PER_UM, Study, Table, png
 
 
 def design_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Every limit of a joint, the one that governs, and where the numbers come from; as tables and as a page."""
+    """Make tables and a page of every limit of a joint, the governing limit, and the numbers behind them."""
     design = joint_design(path, seed)
     limits = Table(
         "What is used of what is there",
@@ -108,7 +108,7 @@ def _page(design: JointDesign, parts: tuple[Table, ...], drawn: dict[str, Figure
 
 
 def _micro(text: str) -> str:
-    """Write µm for the um of terminals and JSON keys."""
+    """Replace the um of terminals and JSON keys by µm."""
     return re.sub(r"\bum\b", "µm", text)
 
 

@@ -1,4 +1,4 @@
-"""`gpmodel joint dynamics`: frequency response of the ball on its film, and a fit to a measured one."""
+"""`gpmodel joint dynamics`: frequency response of the ball on its film, and a fit to a measured response."""
 
 from pathlib import Path
 
@@ -35,13 +35,13 @@ _HEADS = (
 )  # fmt: skip
 
 SOUGHT = 40
-"""Frequencies over the response among which the largest motion is sought before it is refined."""
+"""Number of frequencies at which the largest motion is computed before it is refined."""
 RATIO_DIGITS = 5
 """Digits of a damping ratio, which is zero up to rounding at the onset of hammer."""
 
 
 def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:
-    """The ball on a flat and a spherical film of compressible air, and the identification from a response."""
+    """Tabulate the ball on a flat and a spherical film of compressible air, and the fit to a measured response."""
     s = load_settings("dynamics", path)
     geometry = film_geometry(s["film"], s["ball_radius"])
     orifice, lift = orifice_law(s["orifice"]), positive("displacement", s["displacement"], "m")
@@ -95,7 +95,7 @@ def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:
 
 
 def _row(name: str, system: BallOnFilm) -> tuple[str | float, ...]:
-    """A line of the table of systems."""
+    """Return a row of the table of systems."""
     slow, natural = slow_damping(system), natural_frequency(system)
     return name, system.mass, system.stiffness * N_PER_UM, slow, natural, *resonance(system), bandwidth(system)
 
@@ -103,7 +103,7 @@ def _row(name: str, system: BallOnFilm) -> tuple[str | float, ...]:
 def _hammer(
     film: FedFilm, mass: float, magnets: float, pocket: float, orifices: int
 ) -> tuple[Table, dict[str, dict[str, float]]]:
-    """The least damped vibration of ball, magnets and fed film, as described and where it begins to grow."""
+    """Tabulate the least damped vibration of ball, magnets and fed film, as described and at the onset of hammer."""
     numbers = {}
     for name, air in (("as described", pocket), ("where hammer begins", film.hammering_pocket(mass, magnets))):
         least = film.least_damped(mass, magnets, air)
@@ -119,7 +119,7 @@ def _hammer(
 
 
 def _lossy(s: Settings, load: float, system: BallOnFilm, frequency: Array) -> tuple[Table, dict[str, dict[str, float]]]:
-    """Compute the effect of sliding friction and magnetic hysteresis at one amplitude of force."""
+    """Tabulate the effect of sliding friction and magnetic hysteresis at one amplitude of force."""
     pull, force = magnet_stiffness(load, s["stand_off"]), float(positive("losses.force", s["force"], "N"))
     grip = float(not_negative("losses.friction_coefficient", s["friction_coefficient"], "")) * load
     cases = {

@@ -1,4 +1,4 @@
-"""`gpmodel joint film`: the design guide of Table 4.2, beside the film over the real spherical gap."""
+"""`gpmodel joint film`: the design guide of Table 4.2, and the film over the real spherical gap."""
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
@@ -44,8 +44,14 @@ Film = FilmDesign | SphericalFilm
 
 @dataclass(frozen=True)
 class FilmFit:
-    """clearance: m. passed: how many times the flow of their law the orifices let through. stderr: of both, by name.
-    rms: of the inlet pressures, relative. status: ok, or why there is no stderr."""
+    """Result of `fit_film`.
+
+    clearance: m.
+    passed: flow through the orifices over the flow of their formula.
+    stderr: standard errors of clearance and passed, by name.
+    rms: relative residual of the inlet pressures.
+    status: "ok", or why there is no stderr.
+    """
 
     clearance: float
     passed: float
@@ -58,11 +64,12 @@ def fit_film(
     film: Callable[[FilmGeometry, ArrayLike, Orifice, ArrayLike], Film], geometry: FilmGeometry, orifice: Orifice,
     inlet: ArrayLike, lift: ArrayLike, load: ArrayLike,
 ) -> FilmFit:  # fmt: skip
-    """Least squares of the relative error of the inlet pressure (N,) [Pa] at displacements [m] and loads [N].
+    """Fit clearance and flow to inlet pressures (N,) [Pa] at displacements [m] and loads [N], by relative least
+    squares.
 
-    film: `design_film` or `spherical_film`; its flow q and socket pressure p_s are those that hold the load there, and
-    the orifices pass them at the inlet pressure of their law for q / passed. Raises InputError below 3 rows, or for a
-    row that no film has.
+    film: `design_film` or `spherical_film`, which gives the flow q and socket pressure p_s that carry the load. The
+    orifices pass q at the inlet pressure of their formula for q / passed. Raises InputError below 3 rows, or for an
+    impossible row.
     """
     given, at, held = np.broadcast_arrays(
         positive("inlet pressure", inlet, "Pa"), positive("lift", lift, "m"), positive("load", load, "N")
@@ -92,7 +99,7 @@ NO_TILT = "stiffness along the axis, and across it at constant inlet; a ball tha
 
 
 def film_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Flat plate and spherical film at every displacement, for one preload."""
+    """Tabulate flat plate and spherical film at every displacement, for one preload."""
     s = load_settings("film", path)
     geometry, orifice, preload = film_geometry(s), orifice_law(s["orifice"]), s["preload"]
     displacement = np.array(s["displacements"])
@@ -135,7 +142,7 @@ def film_study(path: Path | None = None, seed: int = 0) -> Study:
 
 
 def _fitted(s: Settings, path: Path | None, geometry: FilmGeometry, orifice: Orifice) -> dict[str, FilmFit]:
-    """Both films fitted to a measured table, none without one."""
+    """Fit both films to a measured table; empty without a table."""
     rows = curve_of(s, path, {"inlet": "atm", "lift": "um", "load": "N"})
     films: dict[str, Callable[..., Film]] = {"flat plate": design_film, "sphere": spherical_film}
     return {name: fit_film(film, geometry, orifice, **rows) for name, film in films.items()} if rows else {}
@@ -183,7 +190,7 @@ _UNITS = {"N_per_um": "N/um", "um": "um", "sccm": "sccm", "atm": "atm"}
 
 
 def _heads(columns: dict[str, np.ndarray]) -> list[str]:
-    """`stiffness_published_N_per_um` as `stiffness published [N/um]`."""
+    """Return column heads: `stiffness_published_N_per_um` becomes `stiffness published [N/um]`."""
     heads = []
     for name in columns:
         unit = next((unit for unit in _UNITS if name.endswith(f"_{unit}")), "")

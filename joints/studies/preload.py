@@ -1,4 +1,4 @@
-"""`gpmodel joint preload`: limits over the joint angle and the choice of socket, ring and magnet."""
+"""`gpmodel joint preload`: largest pull against the joint angle, and the choice of socket, ring and magnet."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -33,7 +33,7 @@ PSI = 6894.757293168
 
 
 def preload_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Preload, its limits at every angle and azimuth, and the designs of Tables 3.1 and 4.1."""
+    """Tabulate preload, largest pull at every angle and azimuth, and the designs of Tables 3.1 and 4.1."""
     s = load_settings("preload", path)
     seat = MagnetSeat(s["seat_radius"], s["magnet_clearance"], s["paired"])
     rings = [MagnetRing(**ring) for ring in s["ring"]]
@@ -96,7 +96,7 @@ _HEADS = (
 
 
 def _pulls(preload: float, sliding: tuple[float, float], support: float, rolling: tuple[float, float]) -> Table:
-    """Smallest limits of the sliding joint, ball and socket fixed, and of the rolling one, towards and anywhere."""
+    """Tabulate the smallest limits of the sliding joint (ball and socket fixed) and the rolling joint (by azimuth)."""
     (ball, socket), (towards, anywhere) = sliding, rolling
     fluid, point = "sliding, fluid", "point, rolling"
     return Table(

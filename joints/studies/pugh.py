@@ -1,4 +1,4 @@
-"""`gpmodel joint pugh`: concept charts from a TOML table of marks."""
+"""`gpmodel joint pugh`: Pugh charts from a TOML table of marks."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from joints.studies.study import Study, Table
 
 
 def pugh_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Every [[chart]] of the TOML, or the thesis' Tables 2.6 and 2.12, scored and ranked."""
+    """Score and rank every [[chart]] of the TOML file, by default Tables 2.6 and 2.12 of the thesis."""
     charts = _charts(path or DATA / "pugh.toml")
     return Study(
         [
@@ -43,7 +43,7 @@ def pugh_study(path: Path | None = None, seed: int = 0) -> Study:
 
 
 class _Chart(msgspec.Struct, forbid_unknown_fields=True):
-    """A [[chart]] of the TOML: marks by criterion, one a concept."""
+    """A [[chart]] of the TOML file. marks: criterion -> one mark per concept."""
 
     concepts: list[str]
     marks: dict[str, list[str | int]]

@@ -1,4 +1,4 @@
-"""`gpmodel joint stiffness`: predicted force-displacement curve, and the regimes of a measured one."""
+"""`gpmodel joint stiffness`: predicted force-displacement curve, and the regimes of a measured curve."""
 
 from pathlib import Path
 
@@ -36,7 +36,8 @@ _PREDICTED = (
 
 
 def stiffness_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Contact stiffnesses, the curve of Fig 4.14, and the four regimes fitted to measured or simulated data."""
+    """Tabulate contact stiffnesses, the curve of Fig 4.14, and the four regimes fitted to
+    measured or simulated data."""
     s = load_settings("stiffness", path)
     replica, tube = (float(layer_stiffness(**s[name])) for name in ("replica", "tube"))
     geometry, orifice = film_geometry(s["film"]), orifice_law(s["orifice"])

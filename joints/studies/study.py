@@ -13,7 +13,7 @@ N_PER_UM = 1e-6
 
 @dataclass(frozen=True)
 class Table:
-    """A printed table: units in the column heads, numbers as they are."""
+    """A printed table with units in the column heads."""
 
     title: str
     columns: Sequence[str]
@@ -32,7 +32,7 @@ class Study:
 
 
 def png(figure: Figure) -> bytes:
-    """A figure as a PNG file."""
+    """Return a figure as the bytes of a PNG file."""
     image = io.BytesIO()
     figure.savefig(image, format="png", dpi=DPI, metadata={"Software": None})
     return image.getvalue()
