@@ -275,7 +275,7 @@ def _reflectors(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: dict[in
 
 
 def _congruent(sheet: Sheet, one: Fit, other: Fit) -> bool:
-    """Return whether two sets of points are congruent: one set in two frames."""
+    """Return whether two sets of points are congruent: one set of points in two frames."""
     a, b = (
         np.column_stack([numbers_of(sheet, i) for i in f.points]) * si_of(f.unit, "prismatic") for f in (one, other)
     )

@@ -83,7 +83,7 @@ def _better(
     mechanism: Mechanism, q: Array, p: Array, now: float, sizes: tuple[float, float], hopeless: bool
 ) -> str | None:
     """Return a text on the interpretation that fits best, if it reduces the residual by FAR_BETTER, and on equally good
-    ones.
+    interpretations.
 
     now: residual without a change, m.
     sizes: spread of the points and of the flange, m.

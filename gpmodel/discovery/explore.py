@@ -50,7 +50,7 @@ class OutOfTime(Exception):
 
 @dataclass(frozen=True)
 class Exploration:
-    """Result of genetic programming on one residual: candidates, null of their description lengths, and histogram."""
+    """Result of evolution on one residual: candidates, null of their description lengths, and histogram of inputs."""
 
     candidates: tuple[Candidate, ...]
     null_nats: Array

@@ -166,7 +166,7 @@ def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
 def _likeliest(residual: Residual, curve: Candidate, own: Site) -> Site:
     """Return the site of largest gain for a curve, among axes of its kind, or its own site if no gain exceeds a tie.
 
-    Evolution limits large errors, and may select the other of two sites that move the tool nearly alike.
+    Evolution winsorises large errors, and may select the wrong one of two sites that move the tool nearly alike.
     """
     kind, mechanism = own.axis[0], residual.calibration.model.mechanism
     sites = [site for site in moving_sites(mechanism, residual.poses.dataset) if site.axis[0] == kind]

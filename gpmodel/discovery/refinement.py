@@ -26,10 +26,10 @@ from gpmodel.model.states import States
 from gpmodel.numerics import rank as ident
 
 LOOKS = 2
-"""Fits with moved constants; the second removes the dependence on the other candidates' constants."""
+"""Number of passes over the constants; the second removes the dependence on the other candidates' constants."""
 
 EVALUATIONS = 80
-"""Evaluations of the residual for each constant of a candidate; the simplex settles in half of them."""
+"""Largest number of residuals per constant of a candidate; the simplex needs half as many."""
 
 SETTLED = 1e-4
 """Difference of the cost between the corners of a simplex at which the fit ends, in variances of the noise."""
@@ -205,7 +205,7 @@ STEP = 1e-3
 """Step of the central difference, relative to the constant."""
 
 OWN = 0.05
-"""Least unique share of the column of a change, given the formula's columns; a scale repeats the coefficient."""
+"""Least unique share of the column of a constant's change; the column of a scale equals that of the coefficient."""
 
 MOST = 0.3
 """Prior standard deviation of a change: 30 % RMS of the formula. The linearisation is wrong for larger changes."""

@@ -143,7 +143,7 @@ def usable_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -
 
 
 def drop_duplicate_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> Division:
-    """Drop rows that copy another, which would count twice."""
+    """Drop rows that copy another row: a copy would count twice."""
     copied = copies(poses.dataset)
     if not copied.any():
         return poses, train, heldout

@@ -26,7 +26,7 @@ class Criteria:
         scored_share: least unique share of a column that is scored; with less the coefficient is rounding.
         largest_between: largest ratio of a basis between the measured poses to its size at them; more is a pole.
     Naming:
-        head_start: nats by which an unnamed expression has to beat a named effect, as formulas explain less.
+        head_start: nats by which an unnamed expression has to beat a named effect, as it states no cause.
         naming_margin: cost of a curve without a named part if formulas of it are offered, nats.
         tie: difference within which the shortest of equivalent expressions is used, nats.
     Selection of groups:

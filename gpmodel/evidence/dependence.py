@@ -75,7 +75,7 @@ def _among(residual: Residual, ratio: float, block: IntArray) -> float:
 
 
 def _when_independent(explained: Array, placed: Array, pose: IntArray, block: IntArray) -> float:
-    """Return the expected ratio (Σ_blocks (Σ s)²) / Σ s² for independent noise, if poses determine a body together.
+    """Return the expected ratio (Σ_blocks (Σ s)²) / Σ s² for independent noise, if several poses place one body.
 
     The fit of a body, such as a bar, removes the part along U: Σ_blocks (|e|² - |Uᵀe|²) over this sum over poses. The
     ends of a bar have equal residuals, half of the error of its length, so that the ratio is two. explained: e. placed:

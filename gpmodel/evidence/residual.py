@@ -73,7 +73,7 @@ STEPS, SETTLED = 30, 1.01
 class Residual:
     """Training residual of a calibration with the columns of its model projected out.
 
-    Effects with priors add rows θ σ / prior = 0 below the M measured ones.
+    The B effects with priors add rows θ σ / prior = 0 below the M measured rows.
     system: (M + B, K) columns of the model, of unit length.
     target: (M + B,) right side.
     span: orthonormal basis of the columns.
@@ -81,7 +81,7 @@ class Residual:
     names: effects of the columns after those of the placement.
     fold_of_row: (M,) fold of cross-validation.
     unit_of_pose: (N,) block of poses that counts as one observation.
-    gram: (K, K) products of the columns; empty if none has a prior.
+    gram: (K, K) products of the columns; empty if no effect has a prior.
     sizing: number of prior rows on lengths and tool, the only ones that fix the overall scale.
     noise: σ for which the priors are weighed, m.
     """
@@ -127,7 +127,7 @@ class Residual:
         return float(np.linalg.norm(self.values[: self.measured]) / np.sqrt(len(np.unique(self.problem.pose_of_row))))
 
     def columns(self, effects: Sequence[Effect]) -> Array:
-        """Weighted columns (M, E) of any effects at these poses."""
+        """Return the weighted columns (M, E) of any effects at these poses."""
         return self.problem.effect_rows(effects, self.calibration.model)
 
     def projected(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
@@ -226,7 +226,7 @@ class Residual:
 
     @cached_property
     def omitted(self) -> tuple[Omitted, ...]:
-        """Rows of each fold, with the system without them."""
+        """Rows of each fold, and the linear system without these rows."""
         folds = (np.flatnonzero(self.fold_of_row == fold) for fold in np.unique(self.fold_of_row))
         return tuple(Omitted.of(rows, self.span.basis) for rows in folds)
 

@@ -15,7 +15,7 @@ from gpmodel.numerics import rank as ident
 CHUNK = 256
 """Number of candidates projected at once; half or double changes no number, only memory."""
 NOISE_STEPS = 5
-"""Re-estimates of the noise under a prior; the third changes no digit that is printed."""
+"""Number of iterations to estimate the noise under a prior; the third changes no printed digit."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def own_share(residual: Residual, candidate: Candidate) -> float:
 def _gains(
     residual: Residual, candidate: Candidate, span: Array, trials: Array, noise_steps: int, inflation: float = 1.0
 ) -> tuple[Array, Array]:
-    """Compute gain and nats (T,) of a candidate on each trial (M + B, T)."""
+    """Compute the gain as a share of the squares, and in nats, (T,) of a candidate on each residual (M + B, T)."""
     energies = np.sum(trials**2, axis=0)
     if candidate.has_priors:
         u, s = directions(residual, candidate, span)

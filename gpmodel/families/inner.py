@@ -183,5 +183,5 @@ def _term(term: Term, symbols: Mapping[str, str]) -> Term:
 
 
 def _replaced(text: str, symbols: Mapping[str, str]) -> str:
-    """A text with whole words replaced."""
+    """Replace whole words of a text."""
     return re.sub(r"\w+", lambda match: symbols.get(match[0], match[0]), text)

@@ -44,7 +44,7 @@ NEAREST, STEEPEST = 1.0, float(np.radians(85.0))
 elevation, rad. A table in the frame of the robot has its origin inside the robot."""
 
 WAVES = 8
-"""Number of sine waves of a random walk along the rows. The eighth has 1/225 of the variance of the first."""
+"""Number of sine waves of a random walk along the rows. The eighth wave has 1/225 of the variance of the first."""
 
 FINE_WAVES = 32
 """Number of sine waves of a detailed random walk. Eight waves leave a fortieth of its variance, which a step could

@@ -171,9 +171,9 @@ def calibrate_fleet(
     in all its fits.
     effects: effects of the type. The prior of an effect holds for a machine alone and for the mean of the type.
 
-    An outlier in an effect or a block keeps its own values there and is not used to learn the type, unless fewer than
-    two machines remain. Source: Efron and Morris (1975), empirical Bayes. Raises InputError if a machine has too few
-    poses for the effects.
+    A machine that is an outlier in an effect or a block keeps its own value of that effect or block. The type is
+    learned without such machines, unless fewer than two remain. Source: Efron and Morris (1975), empirical Bayes.
+    Raises InputError if a machine has too few poses for the effects.
     """
     held = np.all([fit.kept[: len(effects)] for fit in alone], axis=0)
     common = tuple(effect for effect, k in zip(effects, held, strict=True) if k)

@@ -1,1 +1,1 @@
-"""Interface between the engine and a mechanism, and the providers of mechanisms."""
+"""Interfaces of a mechanism, and the providers that load one by name."""

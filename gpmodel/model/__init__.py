@@ -1,1 +1,1 @@
-"""States, effects, and the error model made of them."""
+"""States of the poses, effects, and the error model of a mechanism with its observations."""

@@ -54,7 +54,7 @@ class Inclination:
 
     @property
     def readings(self) -> Mask:
-        """Measured components (N, 2), True where finite."""
+        """Whether each component was measured (N, 2)."""
         return np.isfinite(self.values)
 
     def subset(self, rows: IntArray) -> "Inclination":

@@ -64,7 +64,7 @@ class Observation(Protocol):
 
     @property
     def own(self) -> Mapping[str, tuple[str, ...]]:
-        """Names of the components of a step of each unknown, by key, in the order of the columns of `by_own`."""
+        """Names of the numbers of each unknown, by key, in the order of the columns of `by_own`."""
 
     @property
     def kept(self) -> tuple[str, ...]:

@@ -62,7 +62,7 @@ class Derived:
     """Columns that one function computes for a whole table, on first use.
 
     made: function that returns the columns (N,) by name.
-    known: function that tells whether a name may be one of them.
+    known: function that returns whether a name may be one of these columns.
     unit: function from a name to its unit. All three functions are pickled for worker processes and must therefore
     belong to a module.
     """

@@ -70,7 +70,7 @@ class Artefact:
 
     @property
     def unknowns(self) -> tuple[str, ...]:
-        """Names of the components of a step of its unknowns."""
+        """Names of its unknowns: observable twists of its frame, and the radius if it is estimated."""
         return (*(AXES[axis] for axis in self.axes), *(("radius",) if self.sized else ()))
 
 

@@ -73,7 +73,7 @@ class Group(Candidate):
 
 
 def is_curve(candidate: Candidate) -> bool:
-    """Return whether a candidate describes an error without naming a part: a smooth term or one of a generic family."""
+    """Return whether a candidate describes an error without its cause: a smooth term or one of a generic family."""
     known = family(candidate.family)
     return candidate.found_by == SMOOTH_TERM or (known is not None and known.generic)
 

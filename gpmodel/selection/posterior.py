@@ -27,7 +27,7 @@ deleted."""
 
 @dataclass(frozen=True)
 class Active:
-    """Groups in the model by index, with their variances. chosen: the remaining effects of each group."""
+    """Groups in the model by index, with their prior variances. chosen: indices of each group's remaining effects."""
 
     pool: GroupPool
     variances: dict[int, float]
@@ -63,7 +63,7 @@ class Active:
 
     @cached_property
     def blocks(self) -> dict[int, slice]:
-        """Columns of each group."""
+        """Slice of the columns of each group."""
         out, at = {}, 0
         for g in self.variances:
             out[g] = slice(at, at + len(self.chosen[g]))
@@ -83,18 +83,18 @@ class Active:
 
     @cached_property
     def inner(self) -> Array:
-        """AᵀA (K, K)."""
+        """Products AᵀA (K, K) of the active columns, scaled by √a."""
         root = np.sqrt(np.repeat(list(self.variances.values()), [len(c) for c in self.chosen.values()]))
         return np.asarray(root[:, None] * self.pool.gram(self.chosen) * root)
 
     @cached_property
     def rhs(self) -> Array:
-        """Aᵀy (K,)."""
+        """Products Aᵀy (K,) of the active columns, scaled by √a, with the target y."""
         return self.scale * self.pool.rhs[self.index]
 
     @cached_property
     def lower(self) -> Array:
-        """L (K, K) with L Lᵀ = σ² I + AᵀA, the diagonal no smaller than the rounding of the products."""
+        """Cholesky factor L (K, K) of σ² I + AᵀA, with the rounding error of the products added to the diagonal."""
         count = len(self.rhs)
         rounding = count * np.finfo(float).eps * float(np.max(np.diag(self.inner), initial=0.0))
         regular = np.array(self.inner, order="F")
@@ -103,12 +103,12 @@ class Active:
 
     @cached_property
     def inverse(self) -> Array:
-        """L⁻¹ (K, K), zero above its diagonal."""
+        """Inverse L⁻¹ (K, K) of the Cholesky factor."""
         return np.asarray(linalg.lapack.dtrtri(self.lower, lower=1)[0])
 
     @cached_property
     def spanned(self) -> Array:
-        """A L⁻ᵀ (M, K). Its product with its transpose is the part of rows that the groups explain."""
+        """A L⁻ᵀ (M, K). Its product with its transpose projects rows onto the groups of the model."""
         columns = [np.sqrt(a) * self.pool.columns(g)[:, self.chosen[g]] for g, a in self.variances.items()]
         return np.hstack(columns) @ self.inverse.T
 
@@ -119,7 +119,7 @@ class Active:
 
     @cached_property
     def left(self) -> Array:
-        """Residual (M,), whitened."""
+        """Residual (M,) of the model, whitened."""
         left = self.pool.rows.target.copy()
         for g, at in self.blocks.items():
             left -= self.pool.columns(g)[:, self.chosen[g]] @ (np.sqrt(self.variances[g]) * self.mean[at])
@@ -143,7 +143,7 @@ class Active:
 
     @cached_property
     def mismatch(self) -> float:
-        """yᵀC⁻¹y of the target, with the placement projected out."""
+        """Sum of squares yᵀC⁻¹y of the target y, weighted by its marginal covariance C."""
         return (self.pool.square - float(np.sum((self.inverse @ self.rhs) ** 2))) / self.sigma2
 
     @cached_property
@@ -227,7 +227,7 @@ class Active:
 
     @property
     def utility(self) -> float:
-        """The objective minus the reading prices of curves that name no part, nats."""
+        """The objective minus the price (`Price.to_read`) of curves and formulas that are hard to read, nats."""
         return self.objective - self.pool.reading_held - float(sum(self.pool.reading[g] for g in self.found))
 
     def net_gain(self, g: int) -> float:

@@ -95,7 +95,7 @@ _OTHER = {"add": "subtract", "subtract": "add"}
 
 
 def with_plain_signs(program: Program) -> Program:
-    """Return the program, at equal size and values, with x - (-c) as x + c, -c + x as x - c, and c·y alike for c."""
+    """Return an equal program with x - (-c) as x + c and -c + x as x - c, for constants c and products c·y."""
     return program.rebuilt(_plain)
 
 

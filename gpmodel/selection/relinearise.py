@@ -89,7 +89,7 @@ UNKNOWN = 1e-6
 
 @dataclass(frozen=True)
 class Screening:
-    """Values of basis functions at the training poses, and prices of groups."""
+    """Values of basis functions at the training poses, and prices of groups, for all steps of a selection."""
 
     shapes: Shapes
     prices: Price
@@ -104,7 +104,7 @@ def relinearised(
 
 
 def with_only(screening: Screening, groups: Sequence[Group], state: Expansion) -> Active:
-    """Linearise at a state with the groups that are always included."""
+    """Linearise at a state and fit only the groups that are always included."""
     return reestimate(_started(screening, groups, state))
 
 

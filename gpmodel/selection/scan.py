@@ -1,4 +1,4 @@
-"""Score every group given a model, and hold some of its groups while others change."""
+"""Score every group given a model, and hold the variances of some groups while others change."""
 
 from collections.abc import Iterable
 from copy import copy

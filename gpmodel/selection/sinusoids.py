@@ -33,7 +33,7 @@ ROUNDING = 0.5
 """Largest loss of a constant rounded to fewer digits, nats: one standard deviation."""
 
 REFINEMENTS = 30
-"""Largest number of steps of the refinement of a frequency."""
+"""Largest number of iterations to find the frequency of largest gain."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Spectrum:
     sigma2: float
 
     def at(self, rates: Array) -> tuple[Array, Array]:
-        """Compute S (F, 2, 2) and XᵀC⁻¹y (F, 2, T) of the sine and cosine at some rates."""
+        """Compute S = XᵀC⁻¹X (F, 2, 2) and XᵀC⁻¹y (F, 2, T) of the columns X, sine and cosine, at F rates."""
         turn = rates[:, None] * self.angle
         waves = np.sin(turn), np.cos(turn)
         taken = [w @ self.sums for w in waves]
@@ -88,7 +88,7 @@ def _bound(inner: Array, rhs: Array) -> Array:
 
 
 def spectrum(active: Active, grid: FrequencyGrid, targets: Array) -> Spectrum:
-    """Form the products of a grid given a model; targets: (M, T), whitened, placement projected out."""
+    """Form the products of a frequency grid given a model. targets: (M, T), whitened, placement projected out."""
     rows = active.pool.rows
     reach = sum(w * rows.sensitivity((slot, axis)) for slot, axis, w in grid.joint.drive)
     if grid.load:
@@ -102,7 +102,7 @@ def spectrum(active: Active, grid: FrequencyGrid, targets: Array) -> Spectrum:
 
 
 def sinusoid_null(active: Active, grids: Sequence[FrequencyGrid], targets: Array) -> Array:
-    """Compute the largest gain (T,) less its description of any sinusoid on each target (M, T), nats."""
+    """Compute the largest gain (T,) minus description price of any sinusoid on each target (M, T), nats."""
     found = np.full(targets.shape[1], -np.inf)
     for grid in grids:
         there = spectrum(active, grid, targets)

@@ -198,7 +198,7 @@ class SiteProducts:
         return SiteProducts(rows.present[at], np.ascontiguousarray(inner), rhs)
 
     def products(self, values: Array, sigma2: float, some: slice = slice(None)) -> tuple[Array, Array]:
-        """Return S (S, m, m) and XᵀC⁻¹y (S, m) of functions with values (P, m) at some of the sites."""
+        """Return products XᵀC⁻¹X (S, m, m) and XᵀC⁻¹y (S, m) of functions with values (P, m) at some of the sites."""
         sites, poses, _ = self.inner[some].shape
         there = (self.inner[some].reshape(-1, poses) @ values).reshape(sites, poses, -1)
         return values.T @ there / sigma2, self.rhs[some] @ values / sigma2

@@ -5,9 +5,9 @@
 
 `grow` increases L by single groups. If two groups describe together what a third describes alone, no single step leads
 from one model to the other: `exchange` removes groups, forbids them, and grows again. Models are compared by their
-utility: L minus the reading prices of curves that name no part. A weak curve without a formula stays; a formula
-replaces a curve if it explains nearly as much. Sources: Tipping and Faul (2003), for groups of columns in place of
-single ones; MacKay (1992); tabu: Glover (1989).
+utility: L minus the prices of curves and formulas that are hard to read. A weak curve without a formula stays; a
+formula replaces a curve if it explains nearly as much. Sources: Tipping and Faul (2003), for groups of columns in place
+of single ones; MacKay (1992); tabu: Glover (1989).
 """
 
 from collections import defaultdict
