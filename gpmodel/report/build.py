@@ -1,4 +1,4 @@
-"""Builder of every report from a sequence of fits and the final model."""
+"""Builds every report from a sequence of fits and the final model."""
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -28,12 +28,12 @@ from gpmodel.report.schema_search import PlotRecord, ReadingRecord
 
 @dataclass(frozen=True)
 class Ladder:
-    """Fits to the rows `train` of `poses`, one after the other, and the model to ship.
+    """Fits to the rows `train` of `poses`, each with more effects than the one before, and the final model.
 
-    final: fitted to all poses, or to the rows `final_rows`.
-    named: requested effects in addition to the standard model; they are no parameters of it.
-    saved: what is written as model.json; none where nothing is. shipped: number of its step.
-    parts: fits of that step with the poses they have not seen; without them the step's own.
+    final: fit to all poses, or to the rows `final_rows`.
+    named: requested effects in addition to the standard model; they are not listed among its parameters.
+    saved: the content of model.json; None if no file is written. shipped: index of its step.
+    parts: fits of the shipped step, each with its held-out poses; None: the step's own fit.
     """
 
     poses: Poses
@@ -48,12 +48,12 @@ class Ladder:
 
     @property
     def of_final(self) -> Poses:
-        """The poses that `final` was fitted to."""
+        """Poses to which `final` was fitted."""
         return self.poses if self.final_rows is None else self.poses.subset(self.final_rows)
 
     @property
     def unseen(self) -> tuple[Unseen, ...]:
-        """Fits of the shipped step with the poses they have not seen."""
+        """Fits of the shipped step, each with its held-out poses."""
         held = np.setdiff1d(np.arange(len(self.poses)), self.train)
         if self.parts is not None or not len(held):
             return self.parts or ()
@@ -61,7 +61,7 @@ class Ladder:
         return (Unseen(fit, self.poses.subset(self.train), self.poses.subset(held)),)
 
     def as_predicted(self) -> "Ladder":
-        """The ladder whose shipped step has the held-out errors that `predict` makes."""
+        """Return the ladder with the held-out errors of `predict` in its shipped step."""
         parts = self.unseen
         if self.saved is None or not parts:
             return self
@@ -73,17 +73,17 @@ class Ladder:
 
     @property
     def outliers(self) -> IntArray:
-        """Indices (K,) of the poses left out as outliers of the final fit or of the last fit to training poses."""
+        """Indices (K,) of the outliers of the final fit or of the last fit to training poses."""
         of_final = self.final.outliers if self.final_rows is None else self.final_rows[self.final.outliers]
         return np.union1d(of_final, self.train[self.steps[-1].calibration.outliers])
 
     @property
     def counts(self) -> Mask:
-        """Poses (N,) that count in an error: all but the outliers."""
+        """Mask (N,) of the poses that count in an error: all but the outliers."""
         return np.isin(np.arange(len(self.poses)), self.outliers, invert=True)
 
     def records(self) -> Iterator[StepRecord]:
-        """Errors of each step, the outliers left out of all of them."""
+        """Yield the errors of each step, without the outliers."""
         counts = self.counts
         held = np.setdiff1d(np.arange(len(self.poses)), self.train)
         for step in self.steps:
@@ -99,7 +99,7 @@ class Ladder:
 
 
 def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
-    """The part of a Report that every call has, under the table's own names; each adds what is its own."""
+    """Build the part of a Report that all calls share, with the names of the table."""
     ladder = ladder.as_predicted()
     poses, steps, final = ladder.poses, ladder.steps, ladder.final
     data, names = poses.dataset, names_of(poses.dataset)
@@ -144,7 +144,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
 
 
 def _predicted(ladder: Ladder) -> PredictedRecord | None:
-    """Return the errors of `predict`, in both of its modes."""
+    """Return the errors of `predict` in both of its modes; None without a saved model."""
     saved, poses = ladder.saved, ladder.poses
     if saved is None:
         return None
@@ -154,24 +154,24 @@ def _predicted(ladder: Ladder) -> PredictedRecord | None:
 
 
 OWN_UNIT = {"m": ("mm", 1e3), "rad": ("deg", float(np.degrees(1.0))), "px": ("px", 1.0)}
-"""Unit in which readings are printed, and its number per SI unit."""
+"""Printed unit of a measurement by its SI unit, and the number of printed units in one SI unit."""
 
 
 Judged = tuple[Calibration, Poses]
-"""A fit, and the poses that its errors are looked at on."""
+"""A fit, and the poses at which its errors are computed."""
 
 
 def _judged(fit: Calibration, ladder: Ladder) -> Judged:
-    """On the poses held out, or on those fitted where there are none."""
+    """Return the fit with the held-out poses, or with the training poses if none were held out."""
     held = np.setdiff1d(np.arange(len(ladder.poses)), ladder.train)
     return fit, ladder.poses.subset(held if len(held) else ladder.train)
 
 
 def orientation_record(plots: PlotRecord, outliers: Collection[int]) -> tuple[ReadingRecord, ...]:
-    """RMS angle, mrad, between measured and modelled orientation, of registration and of the last step, over the
-    held-out poses, or all where there are none; nothing where no orientation was measured.
+    """Return the RMS angle, mrad, between measured and modelled orientation, of registration only and of the last step.
 
-    outliers: rows of the file.
+    Over the held-out poses, or all if none were held out; empty if no orientation was measured. outliers: rows of the
+    file.
     """
     if not plots.turn_mrad:
         return ()
@@ -180,10 +180,9 @@ def orientation_record(plots: PlotRecord, outliers: Collection[int]) -> tuple[Re
 
 
 def reading_records(poses: Poses, steps: Sequence[Sequence[Judged]]) -> tuple[ReadingRecord, ...]:
-    """Tabulate the residuals of the first and the last step by kind of reading; none for a table of points alone.
-
-    steps: of the two, the fits that were judged on some poses each.
-    """
+    """Return the residuals of the first and the last step for each kind of measurement; empty for a table of points
+    alone.
+    steps: for each of the two steps, fits and the poses at which their errors are computed."""
     if not poses.dataset.observations:
         return ()
     left, out = [_left(step) for step in steps], []
@@ -198,7 +197,7 @@ def reading_records(poses: Poses, steps: Sequence[Sequence[Judged]]) -> tuple[Re
 
 
 def _left(judged: Sequence[Judged]) -> dict[str, float]:
-    """RMS of a component by kind, in its own unit; readings that stand far out are left away, as in the fit."""
+    """Return the RMS residual of a component by kind of measurement, in SI units, without outliers."""
     left: dict[str, list[Array]] = {}
     for fit, poses in judged:
         error = errors_on(fit, poses)

@@ -1,4 +1,4 @@
-"""The certificate of a calibration: what machine, measured how, how accurate before and after."""
+"""The certificate of a calibration: machine, measurement, and accuracy before and after."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
 
 
 BINS, MOST_BINS = 12, 96
-"""Bars up to the largest error after calibration, and at most up to the largest of all errors. Half as many hide the
-shape."""
+"""Number of bars up to the largest error after calibration; largest number of bars up to the largest of all errors.
+Half as many hide the shape."""
 
 Heads = tuple[str, bool]
-"""Heading of the errors before, and whether those after are predicted."""
+"""Heading of the errors before, and whether the errors after are predicted."""
 
 
 def histogram(errors: Array, tolerance_mm: float | None, heads: Heads) -> Picture:
-    """Draw a histogram of errors (N, 2), mm, before and after, over common bins."""
+    """Return a picture with histograms of the errors (N, 2), mm, before and after, over common bins."""
     worst = errors.max(axis=0)
     return Picture(
         "errors", "Error before and after", 5.2, 1.9,
@@ -46,7 +46,8 @@ def histogram(errors: Array, tolerance_mm: float | None, heads: Heads) -> Pictur
 
 
 def bins_of(errors: Array, tolerance_mm: float | None) -> list[float]:
-    """Edges of the bars, mm: as wide as the errors after calibration need, up to the largest error or the tolerance."""
+    """Return the edges of the bars, mm, with a width for the errors after calibration, up to the largest error or
+    tolerance."""
     largest = max(float(errors.max()), tolerance_mm or 0.0, 1e-9) * 1.0001
     count = np.clip(np.ceil(BINS * largest / max(float(errors[:, 1].max()), 1e-9)), BINS, MOST_BINS)
     return [float(edge) for edge in np.linspace(0.0, largest, int(count) + 1)]
@@ -73,20 +74,19 @@ STATISTICS: tuple[tuple[str, Callable[[Array], float]], ...] = (
     ("largest", np.max),
     ("RMS", root_mean_square),
 )
-"""Statistics of the 3-D errors (N,) over two poses or more."""
+"""Statistics of the 3-D errors (N,) of two poses or more."""
 
 
 def statistics(errors: Array) -> tuple[tuple[str, str, str], ...]:
-    """Rows of the table of accuracy of errors (N, 2), mm: name, before, after."""
+    """Return the rows of the accuracy table of errors (N, 2), mm: name, before, after."""
     before, after = errors.T
     return tuple((name, millimetres(float(of(before))), millimetres(float(of(after)))) for name, of in STATISTICS)
 
 
 def errors_before_and_after(report: Report, every: bool = False) -> Array | None:
-    """Errors (N, 2), mm, at the held-out poses, or the fitted ones where none were held out; None with fewer than two.
-
-    every: outliers too. Before is registration and tool alone: what the machine does with its nominal geometry.
-    """
+    """Return the errors (N, 2), mm, at held-out poses, or at fitted poses if none were held out; None for less than
+    two.
+    Before: registration and tool with the nominal geometry. every: include outliers."""
     first = report.ladder[0].step if report.ladder else ""
     steps = (pose_errors(report, (first, report.shipped))) if first else ()
     seen = [p for p in steps if p.heldout or not report.held]
@@ -96,7 +96,7 @@ def errors_before_and_after(report: Report, every: bool = False) -> Array | None
 
 Line = tuple[str, str]
 Parameter = tuple[str, str, str, str]
-"""Name, value, σ and unit."""
+"""Name, value, σ and unit of a parameter."""
 SMALL_PRINT = (
     "Accuracy in the manner of ISO 9283 (1998): distance between measured and predicted position of the tool point, "
     "one measurement a pose, at the stated poses. Mean, mean + 3 s and maximum are statistics of these distances. "
@@ -110,10 +110,12 @@ SMALL_PRINT = (
 
 @dataclass(frozen=True)
 class Certificate:
-    """Everything the certificate prints, as text; lines without any are filled in by hand.
+    """Content of the certificate as text; empty lines are filled in by hand.
 
-    statistics: name, before, after. before: what the first of them is of. predicted: whether the second is.
-    errors: (N, 2), mm, before and after; without rows where they are unknown.
+    statistics: name, before, after.
+    before: heading of the errors before.
+    predicted: whether the errors after are predictions.
+    errors: (N, 2), mm, before and after; without rows if unknown.
     """
 
     title: str
@@ -134,7 +136,7 @@ class Certificate:
 
     @property
     def answer(self) -> str:
-        """The accuracy in one sentence; empty where it is unknown."""
+        """The accuracy in one sentence; empty if unknown."""
         if len(self.errors) == 0:
             return ""
         before, after = (root_mean_square(errors) for errors in self.errors.T)
@@ -144,12 +146,12 @@ class Certificate:
 
     @property
     def heads(self) -> tuple[str, str]:
-        """Over the columns of the statistics."""
+        """Headings of the columns of the statistics."""
         return f"{self.before}, mm", "after, predicted, mm" if self.predicted else "after, mm"
 
 
 def certificate(report: Report, particulars: Particulars, tolerance_mm: float | None = None) -> Certificate:
-    """The certificate of a calibration or a discovery. tolerance_mm: what no pose may be off by."""
+    """Return the certificate of a calibration or a discovery. tolerance_mm: largest allowed error of a pose."""
     errors = errors_before_and_after(report)
     count, unit = report.data.heldout if report.held else report.data.train, report.data.unit
     return Certificate(
@@ -175,7 +177,7 @@ def certificate(report: Report, particulars: Particulars, tolerance_mm: float | 
 
 
 def _unseen(report: Report) -> str:
-    """State the fit to which the errors of the certificate belong."""
+    """State by which fit the errors of the certificate are computed."""
     if report.data.folds:
         folds = report.data.folds
         return (
@@ -188,7 +190,7 @@ def _unseen(report: Report) -> str:
 
 
 def html(found: Certificate, kicker: str) -> str:
-    """The certificate as a page that prints to one or two sides of A4. kicker: the mechanism's name."""
+    """Return the certificate as a page that prints to one or two sides of A4. kicker: name of the mechanism."""
     from gpmodel.report.figures import drawn
 
     picture = (
@@ -199,7 +201,7 @@ def html(found: Certificate, kicker: str) -> str:
 
 
 def _judged(errors: Array | None, tolerance_mm: float | None) -> str:
-    """Pass or fail of the errors after; empty without a tolerance."""
+    """State whether the errors after are within the tolerance; empty without a tolerance."""
     if tolerance_mm is None or errors is None:
         return ""
     beyond, limit = int((errors[:, 1] > tolerance_mm).sum()), f"{wording.millimetres(tolerance_mm)} mm"
@@ -223,7 +225,7 @@ def _scope(report: Report) -> tuple[Line, ...]:
 
 
 def _further(report: Report) -> tuple[tuple[str, str, str], ...]:
-    """Return the bounds of the errors at further poses, after calibration; empty where unknown."""
+    """Return the bounds of the errors at further poses, after calibration; empty if unknown."""
     found = report.further
     if found is None:
         return ()
@@ -236,7 +238,7 @@ def _further(report: Report) -> tuple[tuple[str, str, str], ...]:
 
 
 def _orientation(report: Report) -> Iterator[Line]:
-    """The error of orientation of the same poses, where it was measured."""
+    """Yield the error of orientation at the same poses, if it was measured."""
     if report.orientation:
         before, after = (wording.significant(value, 3) for value in report.orientation)
         there = wording.turned(report.orientation[1], farthest_tool_point(report))
@@ -244,7 +246,7 @@ def _orientation(report: Report) -> Iterator[Line]:
 
 
 def _repeatability(report: Report) -> tuple[Line, ...]:
-    """Accuracy and repeatability of ISO 9283 where poses were measured again, and why not where they were not."""
+    """Return accuracy and repeatability by ISO 9283, or why they are not stated."""
     found, accurate = report.repeatability, report.positioning
     floor = ("noise floor", words.noise_floor(report))
     if found is None:
@@ -265,7 +267,7 @@ def _repeatability(report: Report) -> tuple[Line, ...]:
 
 
 def repeated(found: Repeatability) -> tuple[Line, ...]:
-    """Lines of the pose repeatability."""
+    """Return the lines of the pose repeatability."""
     mean = _with_uncertainty(found.rp_mean_mm, found.rp_stderr_mm, found.poses - 1)
     return (
         ("pose repeatability RP = l + 3 s, mean", mean),
@@ -275,7 +277,7 @@ def repeated(found: Repeatability) -> tuple[Line, ...]:
 
 
 def _with_uncertainty(mm: float, stderr: float | None, freedom: int) -> str:
-    """A length with its expanded uncertainty, by Student's t of `freedom` degrees."""
+    """Return a length with its expanded uncertainty, by Student's t of `freedom` degrees of freedom."""
     said, factor = f"{wording.millimetres(mm)} mm", coverage_factor(freedom)
     return said if stderr is None else f"{said}, U = {wording.millimetres(factor * stderr)} mm (k = {factor:.2f})"
 
@@ -295,7 +297,7 @@ def _record(report: Report) -> tuple[Line, ...]:
 
 
 def text(found: Certificate) -> str:
-    """Scope, accuracy, repeatability and effects; parameters and record are on the page alone."""
+    """Return scope, accuracy, repeatability and effects as text; parameters and record are on the page only."""
     blocks = (
         (found.title, list(_lines(found.particulars)) or ["    no particulars were given"]),
         ("Scope", list(_lines(found.scope))),

@@ -1,4 +1,4 @@
-"""Pictures of the error's size: the ladder, and its distribution before and after."""
+"""Pictures of the size of the errors: error after each step, and distribution before and after."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def pictures(report: Report) -> Iterator[Picture]:
-    """The pictures of error sizes that this report has numbers for."""
+    """Yield the pictures of error sizes for which the report has data."""
     rungs = [r for r in report.ladder if r.errors.known]
     if rungs:
         steps = "; ".join(f"{report.title(r)} {millimetres(r.errors.rms_mm)} mm" for r in rungs)
@@ -70,7 +70,7 @@ def _side(report: Report, rungs: Sequence[StepRecord]) -> str:
 
 
 def _errors(report: Report) -> list[tuple[str, Array, str]]:
-    """Title, errors (mm) on held-out poses, and colour of each step of the ladder."""
+    """Return title, errors (mm) at held-out poses and colour of each step."""
     out = []
     for k, rung in enumerate(report.ladder):
         sides = report.plots.error_mm.get(rung.step)

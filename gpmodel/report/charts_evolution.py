@@ -1,4 +1,5 @@
-"""Pictures of evolved compensators: fitness over generations, operators, the best program over its inputs."""
+"""Pictures of evolved compensators: fitness over generations, operators, outputs of the best
+program over its inputs."""
 
 from __future__ import annotations
 
@@ -21,11 +22,11 @@ if TYPE_CHECKING:
 COLOURS = (AFTER, BEFORE, INK)
 """Colours of the outputs of a program."""
 MOST_INPUTS = 6
-"""Panels of the best program, three in a row."""
+"""Largest number of panels of the best program, three in a row."""
 
 
 def pictures(report: Report) -> Iterator[Picture]:
-    """The pictures of evolved programs that this report has numbers for."""
+    """Yield the pictures of evolved programs for which the report has data."""
     if any(run.history for run in report.runs):
         yield Picture(
             "fitness", "Gain over the generations", 4.9, 2.6,

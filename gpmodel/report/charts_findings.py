@@ -1,4 +1,4 @@
-"""Pictures of the fitted model: shapes of the effects found, error against rank, parameters."""
+"""Pictures of the fitted model: basis functions of the effects, error against rank, parameters."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_PARAMETERS = 36
-"""Lines that a picture of parameters has room for."""
+"""Largest number of parameters in a picture."""
 KINDS = (("parameters_angles", "Angles", "rad", 1e6, "µrad"), ("parameters_lengths", "Lengths", "m", 1e6, "µm"))
-"""Name, title, unit, scale and shown unit of a picture."""
+"""Name, title, unit, scale and printed unit of the pictures of parameters."""
 
 
 FEWEST_RANKS = 4
@@ -42,7 +42,7 @@ FEWEST_RANKS = 4
 
 
 def pictures(report: Report) -> Iterator[Picture]:
-    """The pictures of the fitted model that this report has numbers for."""
+    """Yield the pictures of the fitted model for which the report has data."""
     for shape in report.plots.shapes[: len(report.effects)]:
         name = report.effects[shape.effect].name
         x_name = f"{shape.x_name}, {pretty_unit(shape.x_unit)}".rstrip(", ")

@@ -1,4 +1,4 @@
-"""Pictures of the search: counts of inputs and gains of candidates, each with its permutation null."""
+"""Pictures of the search: input counts and gains of candidates, each with its permutation null."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 FILLED = (True, False, True, False)
 """Fill of the bars of each representation."""
 MOST_INPUTS = 18
-"""Bars that a histogram has room for."""
+"""Largest number of inputs in a histogram."""
 
 
 def pictures(report: Report) -> Iterator[Picture]:
-    """The pictures of the search that this report has numbers for."""
+    """Yield the pictures of the search for which the report has data."""
     histograms = [h for h in report.histograms if h.inputs]
     for k, histogram in enumerate(histograms, 1):
         standing = significant_inputs(histogram)
@@ -53,7 +53,7 @@ def pictures(report: Report) -> Iterator[Picture]:
 
 
 def _shown(histogram: Histogram) -> IntArray:
-    """Places (K,) of the inputs that programs refer to, the most used ones, in their order."""
+    """Return the indices (K,) of the most referenced inputs, in the order of the histogram."""
     use = np.maximum(numbers(histogram.referring), numbers(histogram.referring_by_chance))
     most = np.argsort(-use, kind="stable")[:MOST_INPUTS]
     return np.sort(most[use[most] > 0]) if use.any() else most[:1]
@@ -96,7 +96,8 @@ def _inputs(figure: Figure, histogram: Histogram) -> None:
 
 
 def _search(figure: Figure, rounds: Sequence[RoundRecord], chosen: Collection[str]) -> None:
-    """chosen: names of the effects in the model; of each round the best of them is named."""
+    """Draw the gains of the candidates of each round. chosen: names of the effects in the model; the best one is
+    labelled."""
     axes = figure.subplots()
     rows_only(axes, len(rounds), 0.6)
     for row, entry in enumerate(rounds):

@@ -1,5 +1,5 @@
-"""Pictures of where the residual is and of what each effect does to the tool: arrows in the workspace; and the residual
-along the rows."""
+"""Pictures of the residual and of the displacement by each effect as arrows in the workspace, and of the residual by
+row."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SHARE_OF_SPAN = 0.13
-"""Length of a typical arrow over the size of the workspace: neighbours do not overlap."""
+"""Length of a typical arrow relative to the size of the workspace: neighbours do not overlap."""
 ARROWS = 250
 """Largest number of poses drawn, evenly spaced along the rows."""
 
 
 def pictures(report: Report) -> Iterator[Picture]:
-    """Arrows from above, what each effect moves, then the residual over the rows, where points were measured."""
+    """Yield arrows from above, the displacement by each effect, and the residual by row, if points were measured."""
     yield from _arrow_pictures(report)
     for number, effect in enumerate(report.effects, 1):
         if effect.moved is not None and effect.moved.points_mm:
@@ -100,7 +100,7 @@ def _moved_picture(number: int, name: str, moved: MovedRecord) -> Picture:
 
 
 def _magnification(points: Array, moves: Array) -> float:
-    """Compute the magnification at which the 90th percentile of the arrows is SHARE_OF_SPAN of the workspace."""
+    """Return the magnification at which the 90th percentile of the arrows is SHARE_OF_SPAN of the workspace."""
     typical = float(np.percentile(np.linalg.norm(moves, axis=1), 90))
     return SHARE_OF_SPAN * (float(np.ptp(points, axis=0).max()) or 1.0) / (typical or 1.0)
 
@@ -112,7 +112,7 @@ def _arrows(
     magnification: float,
     sides: Sequence[tuple[int, int]],
 ) -> None:
-    """Draw arrows, each kind in its colour, seen along the axis that each of the sides leaves out, and their scale."""
+    """Draw arrows, each kind in its colour, and their scale, in one panel per pair of axes in `sides`."""
     figure.set_layout_engine("compressed")  # the constrained one cuts labels of axes of equal scales
     for axes, side in zip(figure.subplots(1, len(sides), squeeze=False)[0], sides, strict=True):
         _seen_from(axes, points[:, side], [(move[:, side], colour) for move, colour in moves], magnification)

@@ -23,8 +23,12 @@ Record = ParameterRecord | EffectRecord
 
 @dataclass(frozen=True)
 class Change:
-    """value ± stderr before and after, SI; stderr: of the difference, None where both are of the same rows; chance: of
-    so large a difference without a change, corrected for all that is compared (Holm)."""
+    """A parameter before and after.
+
+    before, after: value and standard error, SI.
+    stderr: standard error of the difference, None if both fits are to the same rows.
+    chance: probability of so large a difference without a change, corrected for all comparisons (Holm).
+    """
 
     name: str
     unit: str
@@ -35,31 +39,34 @@ class Change:
 
     @property
     def difference(self) -> float:
-        """After less before."""
+        """After minus before."""
         return self.after[0] - self.before[0]
 
     @property
     def in_deviations(self) -> float:
-        """The difference in its own σ, zero where it has none."""
+        """Difference in units of its σ; 0 if σ is None."""
         return self.difference / self.stderr if self.stderr else 0.0
 
     @property
     def z(self) -> float:
-        """The size of that."""
+        """Magnitude of the difference in units of its σ."""
         return abs(self.in_deviations)
 
     @property
     def significant(self) -> bool:
-        """True if the change is significant."""
+        """Whether the change is significant."""
         return self.chance < SIGNIFICANCE
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """parameters, effects, placement: what both know, largest change in σ first. only_before, only_after: effects.
+    """Comparison of two reports.
 
-    incomparable: parameters that one fitted and the other could not; the others absorbed them there. shared: rows that
-    both were fitted to. sources: where each is from.
+    parameters, effects, placement: what both reports have, largest change in σ first.
+    only_before, only_after: effects of one report.
+    incomparable: parameters that were fitted in one report only; in the other, further parameters absorbed them.
+    shared: number of rows to which both were fitted.
+    sources: names of the two sources.
     """
 
     before: Report
@@ -75,13 +82,13 @@ class Comparison:
 
     @property
     def of_models(self) -> bool:
-        """True if both results come from equal rows, so that only the models differ."""
+        """Whether both results come from the same rows, so that only the models differ."""
         return self.shared == self.before.data.poses == self.after.data.poses
 
 
 def compare(before: Report, after: Report, sources: tuple[str, str] | None = None) -> Comparison:
-    """Two reports of one machine, its joints by their names in the second. sources: where each is from; its table for
-    None. Raises InputError where they are of two."""
+    """Compare two reports of one machine, with the joint names of the second.
+    sources: names of the sources, by default their tables. Raises InputError if the machines differ."""
     if not _one_machine(before.mechanism, after.mechanism):
         raise InputError(
             f"compare: {before.mechanism.name} with {len(before.mechanism.joints)} joints and {after.mechanism.name} "
@@ -112,7 +119,7 @@ def compare(before: Report, after: Report, sources: tuple[str, str] | None = Non
 
 
 def _one_machine(one: MechanismRecord, other: MechanismRecord) -> bool:
-    """Return whether two records are of one machine, under any names; by names where no tip is known."""
+    """Return whether two records are of one machine, whatever its names; by name if a tip position is unknown."""
     if len(one.joints) != len(other.joints):
         return False
     if one.tip_at_probe_m is None or other.tip_at_probe_m is None:
@@ -131,7 +138,8 @@ def _named_as(report: Report, joints: tuple[str, ...]) -> Report:
 
 
 def shared_rows(before: Report, after: Report) -> int:
-    """Rows that both were fitted to, by their marks; of reports without marks, all of them where the files are one."""
+    """Return the number of rows to which both were fitted, by their marks.
+    Without marks: all rows if the files are identical, else 0."""
     if before.data.marks and after.data.marks:
         return (Counter(before.data.marks) & Counter(after.data.marks)).total()
     alike = before.data.sha256 == after.data.sha256 != ""
@@ -141,8 +149,9 @@ def shared_rows(before: Report, after: Report) -> int:
 def _turned_alike(
     old: Mapping[str, ParameterRecord], new: Mapping[str, ParameterRecord]
 ) -> tuple[Mapping[str, ParameterRecord], Mapping[str, ParameterRecord]]:
-    """The placements with the rotation vectors of the second as near to those of the first as a whole turn makes
-    them: near half a turn a vector and its opposite are the same orientation."""
+    """Return both placements, with each rotation vector of the second moved by a whole turn if this is nearer to the
+    first.
+    Near half a turn a rotation vector and its opposite are one orientation."""
     out = dict(new)
     for name in {n.removesuffix(" rx") for n in old if n.endswith(" rx")}:
         axes = [f"{name} r{axis}" for axis in "xyz"]
@@ -159,11 +168,12 @@ def _turned_alike(
 def _changes(
     old: Mapping[str, Record], new: Mapping[str, Record], shared: tuple[float, float], freedoms: Array
 ) -> tuple[Change, ...]:
-    """Every quantity of both, with its chance by a two-sided test of Student's t.
+    """Return the change of every quantity in both reports, with its p-value by a two-sided Student's t test.
 
-    shared: of the rows of either, the share that the other has as well: what they say is in both estimates. Of s shared
-    rows the covariance is the smaller of (s / n) v of the other, which is exact where one table holds the other
-    (Hausman 1978: v of the difference is the difference of the v). freedoms: (2, 1) of the σ of either.
+    shared: share of the rows of either report that the other has too, which makes the estimates correlated. For s
+    shared rows of n the covariance is the smaller (s / n) v of the two, with the variance v of the other. It is exact
+    if one table contains the other (Hausman 1978: the variance of the difference is the difference of the variances).
+    freedoms: degrees of freedom (2, 1) of the σ of either report.
     """
     pairs = [
         Change(name, a.unit, (a.value, a.stderr), (b.value, b.stderr), _of_difference(a.stderr, b.stderr, shared))
@@ -179,13 +189,13 @@ def _changes(
 
 
 def _corrected(lists: Sequence[tuple[Change, ...]]) -> list[tuple[Change, ...]]:
-    """The lists with their chances corrected for all that is compared: one verdict is spoken over them."""
+    """Return the lists with p-values corrected for all comparisons, since one verdict covers them all."""
     chances = iter(holm(np.array([c.chance for c in chain(*lists)])))
     return [tuple(replace(c, chance=float(next(chances))) for c in changes) for changes in lists]
 
 
 def _of_difference(before: float, after: float, shared: tuple[float, float]) -> float | None:
-    """σ of the difference of two estimates, None where they are of the same rows."""
+    """Return the σ of the difference of two estimates, None if both use the same rows."""
     if min(shared) >= 1.0:
         return None
     common = min(shared[0] * after**2, shared[1] * before**2)
@@ -196,10 +206,9 @@ SIDES = ("before", "after")
 
 
 def verdict(found: Comparison) -> str:
-    """One sentence on what changed beyond chance.
-
-    Where not the same parameters were fitted, the others took the missing ones up: their changes are then not counted.
-    """
+    """State in one sentence what changed beyond chance.
+    If different parameters were fitted, other parameters absorbed the missing ones; their changes
+    are then not counted."""
     tool = [c for c in found.placement if c.name.startswith("tool")]
     compared = (*found.effects, *(() if found.incomparable else (*found.parameters, *tool)))
     changed = [c.name for c in compared if c.significant]
@@ -231,7 +240,7 @@ def tables(found: Comparison) -> tuple[tuple[str, tuple[Change, ...]], ...]:
 
 
 def text(found: Comparison) -> str:
-    """The comparison in 80 columns, changes beyond chance marked with a star."""
+    """Return the comparison as text in 80 columns, with a star at changes beyond chance."""
     sources = zip(SIDES, found.sources, strict=True)
     heads = f"    {'':16}{'before':>11} {'after':>11} {'change':>18} {'':10}{'in σ':>5}"
     said = (
@@ -248,7 +257,7 @@ def text(found: Comparison) -> str:
 
 
 def cells(c: Change) -> tuple[str, str, str, str]:
-    """Before, after and change ± σ in one unit, which is that of all lengths or all angles, and the unit."""
+    """Return before, after and change ± σ in one unit, common to all lengths or all angles, and the unit."""
     least = min(c.before[1], c.after[1]) if c.stderr is None else c.stderr
     largest = max(abs(c.before[0]), abs(c.after[0]), least)
     factor, unit = wording.OF_LISTS.get(c.unit) or wording.prefix(largest, c.unit)

@@ -1,4 +1,4 @@
-"""compare.html: what changed between two calibrations, as a page."""
+"""compare.html: the changes between two calibrations as a page."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ if TYPE_CHECKING:
 
 
 MOST = 40
-"""Changes that a picture has room for, the largest first."""
+"""Largest number of changes in a picture; the largest changes are shown."""
 
 
 def picture(changes: Sequence[Change]) -> Picture | None:
-    """The changes in their own σ, which makes lengths and angles comparable; None where they have none."""
+    """Return a picture of the changes in units of their σ, which makes lengths and angles
+    comparable; None without σ."""
     known = sorted((c for c in changes if c.stderr), key=lambda c: -c.z)[:MOST]
     if not known:
         return None
@@ -41,7 +42,7 @@ def _draw(figure: Figure, changes: Sequence[Change]) -> None:
 
 
 def html(found: Comparison) -> str:
-    """The comparison as a page."""
+    """Return the comparison as a page."""
     chart = picture([c for _, changes in tables(found) for c in changes])
     return render(
         "compare.html.j2", found=found, verdict=verdict(found), cells=cells, tables=tables(found), sides=SIDES,

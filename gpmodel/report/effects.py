@@ -1,4 +1,4 @@
-"""Records of the effects in a report, named and found."""
+"""Records of the effects in a report, named by the user or found."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -34,17 +34,17 @@ POSES = 400
 
 
 SHOWN = 120
-"""Arrows in the picture of an effect."""
+"""Number of arrows in the picture of an effect."""
 Moved = tuple[Array, Array]
-"""Points (K, 3), m, and by how much an effect moves each, m, and turns the tool, rad (K, 6), in the root frame."""
+"""Points (K, 3), m, and their displacements, m, with the rotation of the tool, rad (K, 6), in the root frame."""
 
 
 def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]) -> list[Moved | None]:
-    """Return by how much groups of effects of a fit move the tool at joint values anywhere within the limits.
+    """Return the displacements of the tool by groups of effects, at random joint values within the limits.
 
-    Everything else is as in random rows of the table; laws without a name keep their value well beyond the range
-    they were fitted in, as `predict` has it. None for what ended with the session, for a mechanism whose
-    joints are not all measured, or where the model remembers rows whose order is not stated.
+    Other inputs are as in random rows of the table. Far outside their range, formulas without a name keep their value
+    at its ends, as in `predict`. None for effects of the session only, for a mechanism with unmeasured joints, or if
+    the model depends on earlier rows whose order is not stated.
     """
     if poses.dataset.joints_approximate:
         return [None] * len(groups)
@@ -67,7 +67,7 @@ def _sizes(moved: Moved | None) -> ErrorsMm:
 
 
 def _picture(moved: Moved, anywhere: bool) -> MovedRecord:
-    """Every so many of the points, such that at most SHOWN are kept."""
+    """Return the displacements at equally spaced points, at most SHOWN."""
     points, moves = (1e3 * values[:, :3][:: max(1, -(-len(values) // SHOWN))] for values in moved)
     return MovedRecord(anywhere, fitted.vectors(np.round(points, 1)), fitted.vectors(moves))
 
@@ -79,10 +79,9 @@ def effect_records(
     names: Mapping[str, str],
     states: States,
 ) -> tuple[EffectRecord, ...]:
-    """Candidates as a fit to `poses` has them, each with what it moves the tool by at the measured poses and anywhere.
-
-    names: of the table. states: of the poses.
-    """
+    """Return the records of candidates as fitted to `poses`, with their displacement of the tool at measured and random
+    poses.
+    names: of the table. states: of the poses."""
     groups = [candidate.effects for candidate in candidates]
     if not groups:
         return ()
@@ -129,11 +128,11 @@ def effect_records(
 
 
 AGAINST = 2.0
-"""Standard errors below zero from which a compliance is impossible."""
+"""Standard errors below zero at which a compliance is impossible."""
 
 
 def _explanation(candidate: Candidate, number: Quantity, poses: Poses) -> str:
-    """Explain a finding; for a compliant part, also whether its sign agrees. Measured torques keep their signs."""
+    """Explain a finding; for a compliance also whether its sign is possible. Measured torques keep their signs."""
     said = candidate.explanation or explained(candidate.family)
     known = family(candidate.family)
     computed = set(candidate.inputs).isdisjoint(poses.dataset.extras)
@@ -147,13 +146,13 @@ def _explanation(candidate: Candidate, number: Quantity, poses: Poses) -> str:
 
 
 def from_calibration(ladder: Ladder, origin: Origin) -> Report:
-    """Ladder, parameters and named effects, under the table's own names."""
+    """Build the report of a calibration with its named effects, in the names of the table."""
     report = replace(build("calibrate", ladder, origin), effects=tuple(named_effects(ladder)))
     return replace(report, verdict=verdict.of_calibration(report))
 
 
 def _together(named: tuple[Effect, ...]) -> Iterator[Candidate]:
-    """Each effect alone, but for a sine and the cosine of the same, which are one finding as in a discovery."""
+    """Yield each effect as a candidate; sine and cosine of one argument are one candidate, as in a discovery."""
     for name, group in groupby(named, key=lambda effect: without_phase(effect.name)):
         effects = tuple(group)
         pair = Candidate(name, effects, effects[0].family, 0.0, found_by=NAMED)
@@ -162,7 +161,7 @@ def _together(named: tuple[Effect, ...]) -> Iterator[Candidate]:
 
 
 def named_effects(ladder: Ladder) -> Iterator[EffectRecord]:
-    """Yield the records of named effects at every site; undetermined ones have no standard error."""
+    """Yield the records of named effects at every site; undetermined effects have no standard error."""
     final, names = ladder.final, names_of(ladder.poses.dataset)
     candidates = tuple(_together(ladder.named))
     states = resolved(final, ladder.poses).states

@@ -1,4 +1,4 @@
-"""One finding in words: where it sits, how large it is at the tool, what would cause it, what to measure to be sure."""
+"""One finding in words: its site, its size at the tool, its likely cause, and measurements that would confirm it."""
 
 from collections.abc import Iterator, Set
 from dataclasses import dataclass
@@ -18,8 +18,12 @@ from gpmodel.table.units import is_time, known_unit
 
 @dataclass(frozen=True)
 class Explanation:
-    """number: of the finding, from 1. chain: the slots with the place marked. facts, advice, repair: sentences, the
-    last for the one who repairs."""
+    """A finding in words.
+
+    number: of the finding, from 1.
+    chain: slots with the site in brackets.
+    facts, advice, repair: sentences; repair is for whoever repairs the machine.
+    """
 
     number: int
     name: str
@@ -34,10 +38,8 @@ class Explanation:
 
 
 def explain(report: Report, number: int, tellable: Set[str] | None = None) -> Explanation:
-    """Finding `number`, from 1, of a report. Raises InputError where it has none of that number.
-
-    tellable: names of the causes that further poses could distinguish from the findings, if requested.
-    """
+    """Explain finding `number`, from 1, of a report. Raises InputError if there is no such finding.
+    tellable: names of causes that further poses could distinguish from the findings; None if not computed."""
     if not 1 <= number <= len(report.effects):
         have = f"1 to {len(report.effects)}" if report.effects else "a report with findings"
         raise InputError(f"finding {number}: not in the report; expected {have}")
@@ -60,7 +62,7 @@ def explain(report: Report, number: int, tellable: Set[str] | None = None) -> Ex
 
 
 def text(found: Explanation) -> str:
-    """The explanation in 80 columns."""
+    """Return the explanation in 80 columns."""
     blocks = (
         ("", (found.value,)),
         ("site", (found.chain, found.where)),
@@ -78,7 +80,7 @@ def text(found: Explanation) -> str:
 
 
 def html(report: Report, number: int, tellable: Set[str] | None = None) -> str:
-    """The explanation as a page."""
+    """Return the explanation as a page."""
     from gpmodel.report.figures import drawn
 
     found = explain(report, number, tellable)
@@ -88,7 +90,7 @@ def html(report: Report, number: int, tellable: Set[str] | None = None) -> str:
 
 
 def _chain(report: Report, effect: EffectRecord) -> str:
-    """base ─ J1 ─ [J2] ─ ... ─ tool, with every place of the effect in brackets."""
+    """Return base ─ J1 ─ [J2] ─ ... ─ tool, with every site of the effect in brackets."""
     slots = [t.slot for t in effect.terms] or effect.slot.split(",")
     places = {slot.strip().partition(".")[0] for slot in slots}
     nodes = ("base", *report.mechanism.joints, "tool", *places & {INSTRUMENT})
@@ -158,10 +160,10 @@ def _cause(effect: EffectRecord) -> str:
 
 
 LOW_SHARE = 0.3
-"""Unique share below which the standard error is more than three times what it would be with the other unknowns known
+"""Unique share below which the standard error is more than three times the standard error with the other unknowns known
 (1 / share)."""
 WELL_KNOWN = 10.0
-"""Standard errors from zero of a value that is known to a tenth."""
+"""Ratio of value and standard error above which a value is known to a tenth."""
 
 MEASURES = {
     "clock": "measure the first poses again at the end of the session and on the next day: an effect of the session "
@@ -175,12 +177,12 @@ MEASURES = {
     "delay": "change the input in one step, then repeat the same poses until the positions are constant",
     "speed": "approach the same poses slowly and fast",
 }
-"""By the kind of a column: what would tell its effect from everything else."""
+"""Measurements that distinguish an effect of each kind of column from all other effects."""
 
 
 def kinds_of(name: str, unit: str, joints: Set[str]) -> tuple[str, ...]:
-    """Return the kinds of a column: clock, temperature, payload, load, approach, delay, speed; none for an angle or
-    an unknown."""
+    """Return the kinds of a column: clock, temperature, payload, load, approach, delay, speed; empty for angles and
+    others."""
     derived = constant_of(name)
     if derived is not None:
         what, source, _ = derived
@@ -206,7 +208,8 @@ def _is_speed(unit: str) -> bool:
 
 
 def advice(report: Report, effect: EffectRecord, tellable: Set[str] | None) -> Iterator[str]:
-    """Sentences; tellable: the causes that further poses could tell from it, by name; None if not requested."""
+    """Yield advice in sentences.
+    tellable: names of causes that further poses could distinguish from the effect; None if not computed."""
     close = [cause.names[0] for cause in effect.others]
     told = [name for name in close if tellable is None or name in tellable]
     if told:

@@ -1,5 +1,5 @@
-"""explore.html: the arm, its poses and their residuals before and after, in a view that turns; a pure function of a
-Report."""
+"""explore.html: the arm, its poses and their residuals before and after, in a rotatable view;
+made from a Report alone."""
 
 import numpy as np
 
@@ -12,17 +12,17 @@ from gpmodel.wording import millimetres
 
 PAGE = "explore.html"
 CAMERA = {"eye": {"x": 1.5, "y": 1.5, "z": 0.9}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
-"""Viewpoint from which no axis is cut."""
+"""Viewpoint from which no axis is cut off."""
 SCALE = [[0.0, "#3d8fd6"], [0.5, "#b98a2f"], [1.0, "#d0452b"]]
-"""Colours from small errors (blue) to large ones (red)."""
+"""Colours from small errors (blue) to large errors (red)."""
 WORST = 30
 """Number of poses listed next to the view, in order of decreasing error."""
 LONGEST = 0.12
-"""Length of the arrow of the 90th percentile of the residuals before, over the span of the poses."""
+"""Length of the arrow of the 90th percentile of the residuals before, relative to the span of the poses."""
 MOST = 3000
 """Largest number of poses shown, evenly spaced along the rows: the file stays below 6 MB."""
 COLOURS = {"before": "#868d98", "after": "#3d8fd6", "arm": "#8e63ce", "slot": "#868d98"}
-"""Each has a contrast of at least 3 with the light and with the dark paper; the arm's is none of SCALE's."""
+"""Colours with a contrast of at least 3 on light and dark paper; the arm's colour is not in SCALE."""
 
 
 def drawable(report: Report) -> bool:
@@ -32,7 +32,7 @@ def drawable(report: Report) -> bool:
 
 
 def html(report: Report) -> str:
-    """The page with the drawing library in it, so that it opens offline."""
+    """Return the page, with the drawing library inside so that it opens offline."""
     from plotly.offline import get_plotlyjs
 
     figure, magnification = figure_of(report)
@@ -50,7 +50,7 @@ def _titles(report: Report) -> tuple[str, str]:
 
 
 def figure_of(report: Report) -> tuple[dict[str, object], float]:
-    """Traces and layout as the library reads them, and how many times residuals are enlarged."""
+    """Return traces and layout for the drawing library, and the magnification of the residuals."""
     plots = report.plots
     every = every_so_many(report)
     points, after = numbers(plots.points_mm)[::every], numbers(plots.residual_mm["final"])[::every]
@@ -88,7 +88,7 @@ def figure_of(report: Report) -> tuple[dict[str, object], float]:
 
 
 def _table_slots(report: Report) -> tuple[str, ...]:
-    """The slots' names by the joints of the table, where there is one joint a pair of slots."""
+    """Return the slots with the joint names of the table, if there is one joint per pair of slots."""
     slots, joints = report.plots.slots, report.mechanism.joints
     own = list(dict.fromkeys(s.partition(".")[0] for s in slots if "." in s))
     names = dict(zip(own, joints, strict=True)) if len(own) == len(joints) else {}
@@ -96,12 +96,12 @@ def _table_slots(report: Report) -> tuple[str, ...]:
 
 
 def every_so_many(report: Report) -> int:
-    """Every how many poses one is shown."""
+    """Return the step between poses that are shown."""
     return max(1, -(-len(report.plots.points_mm) // MOST))
 
 
 def _hover(report: Report) -> list[tuple[int, str]]:
-    """Row and text of every pose, in the order of the rows."""
+    """Return row and text of every pose, in the order of the rows."""
     errors = {p.row: p for p in pose_errors(report)}
     out = []
     for row in report.plots.rows:
@@ -119,7 +119,7 @@ def _plain(values: Array) -> list[float | None]:
 
 
 def _arrows(points: Array, residual: Array, magnification: float, name: str, colour: str) -> dict[str, object]:
-    """Lines from each point along its residual, enlarged; a gap between any two."""
+    """Return lines from each point along its magnified residual, separated by gaps."""
     ends = points + magnification * residual
     gap = np.full_like(points, np.nan)
     lines = np.stack([points, ends, gap], axis=1).reshape(-1, 3)
@@ -130,7 +130,7 @@ def _arrows(points: Array, residual: Array, magnification: float, name: str, col
 
 
 def _dots(points: Array, said: list[tuple[int, str]], error: Array) -> dict[str, object]:
-    """A dot a pose, coloured by its error after, mm; the scale ends at the 98th percentile."""
+    """Return a dot per pose, coloured by its error after, mm; the scale ends at the 98th percentile."""
     most = float(np.nanpercentile(error, 98)) if np.isfinite(error).any() else 1.0
     return {
         "type": "scatter3d", "mode": "markers", "name": "poses", "hoverinfo": "text", "text": [t for _, t in said],

@@ -1,4 +1,4 @@
-"""Draws the report's pictures: PNG files, and SVG that takes its colours from the page."""
+"""Draws the pictures of a report: PNG files, and SVG with the colours of the page."""
 
 from __future__ import annotations
 
@@ -64,12 +64,13 @@ COLOURS = {
     INK: "ink", MUTED: "muted", RULE: "rule", AXIS: "axis", PAPER: "paper", BEFORE: "before", AFTER: "after",
     AFTER_LIGHT: "light", NULL: "null", "#000000": "ink",
 }  # fmt: skip
-"""The page's names of the colours that pictures are drawn in."""
+"""Name in the page of each colour of the pictures."""
 
 
 @contextmanager
 def drawing_style(more: Mapping[RcKeyType, Setting]) -> Iterator[None]:
-    """Draws in STYLE and `more`; says nothing of letters and weights that fonts lack: a page has the browser's."""
+    """Draw in STYLE and `more`, without warnings about letters and weights that fonts lack: a page uses the browser's
+    fonts."""
     fonts = logging.getLogger("matplotlib.font_manager")
     with rc_context({**STYLE, **more}), warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph \d+ .* missing from", UserWarning)
@@ -79,19 +80,19 @@ def drawing_style(more: Mapping[RcKeyType, Setting]) -> Iterator[None]:
 
 
 def draw(report: Report, folder: Path | None = None) -> dict[str, str]:
-    """Inline SVG of every picture the report has numbers for, by name; with `folder`, `figures/NAME.png` there too."""
+    """Return inline SVG of every picture of the report by name; with `folder`, write `figures/NAME.png` there too."""
     return drawn(pictures(report), folder)
 
 
 def drawn(pictures: Iterable[Picture], folder: Path | None = None) -> dict[str, str]:
-    """Draw pictures in parallel."""
+    """Draw pictures in parallel; return inline SVG by name."""
     return drawn_beside(pictures, folder, lambda: None, Forks())[0]
 
 
 def drawn_beside(
     pictures: Iterable[Picture], folder: Path | None, call: Callable[[], Made], workers: Forks
 ) -> tuple[dict[str, str], Made]:
-    """Draw pictures in parallel with a call made meanwhile; return also its result."""
+    """Draw pictures in parallel while `call` runs; return the SVG by name and the result of the call."""
     if folder is not None:
         (folder / "figures").mkdir(parents=True, exist_ok=True)
     asked = tuple(pictures)
@@ -100,7 +101,7 @@ def drawn_beside(
 
 
 def _drawn(picture: Picture, folder: Path | None) -> str:
-    """Inline SVG of one picture."""
+    """Return the inline SVG of one picture."""
     with drawing_style({"svg.hashsalt": picture.name}):
         drawing = figure(picture)
         svg = inline(svg_of(drawing), picture.name)
@@ -119,16 +120,14 @@ def figure(picture: Picture) -> Figure:
 
 
 def in_a_page_of_its_own(picture: Picture) -> str:
-    """SVG that brings its colours with it, for a page that is not ours."""
+    """Return SVG that contains its colours, for pages other than the report."""
     colours = "; ".join(f"--{name}: {colour}" for colour, name in COLOURS.items())
     return f'<div style="{colours}">{drawn([picture])[picture.name]}</div>'
 
 
 def svg_of(figure: Figure) -> str:
-    """The figure without paper as SVG, its layout settled from then on.
-
-    The canvas draws it once; `savefig` would draw it beforehand for the layout alone.
-    """
+    """Return a figure as SVG without background; its layout is fixed afterwards.
+    The canvas draws it once; `savefig` would draw it twice for the layout."""
     text, paper, dpi = io.StringIO(), figure.get_facecolor(), figure.dpi
     figure.set_facecolor("none")
     FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None})
@@ -139,7 +138,7 @@ def svg_of(figure: Figure) -> str:
 
 
 def inline(svg: str, name: str) -> str:
-    """An SVG file as part of a page: no prolog, ids that are used and unique in it, colours and font of the page."""
+    """Return an SVG file as part of a page: no prolog, only used and unique ids, colours and font of the page."""
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>|<defs>\s*<style.*?</style>\s*</defs>", "", svg, flags=re.S)
     used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', svg))

@@ -24,7 +24,7 @@ CHAIN_POSES = 300
 
 
 def statistics_mm(error: Array) -> ErrorsMm:
-    """Mean, RMS and maximum in mm of the 3-D errors (N,), m, that are known; nothing where none is."""
+    """Return mean, RMS and maximum, mm, of the known 3-D errors (N,), m; all None if none is known."""
     mm = 1e3 * error[np.isfinite(error)]
     if len(mm) == 0:
         return ErrorsMm()
@@ -32,22 +32,22 @@ def statistics_mm(error: Array) -> ErrorsMm:
 
 
 def optional(value: float) -> float | None:
-    """A float of JSON: None for what is not finite."""
+    """Return a float for JSON: None if not finite."""
     return float(value) if np.isfinite(value) else None
 
 
 def finite(values: Array) -> tuple[float | None, ...]:
-    """Numbers (N,) as report.json keeps them, to six digits."""
+    """Return numbers (N,) for report.json with six digits; None if not finite."""
     return tuple(float(f"{v:.6g}") if np.isfinite(v) else None for v in values.tolist())
 
 
 def vectors(values: Array) -> Vectors:
-    """The rows (N, 3) likewise."""
+    """Return rows (N, 3) for report.json with six digits; None for numbers that are not finite."""
     return tuple(finite(row) for row in values)
 
 
 def correlations(final: Calibration, effects: Sequence[Effect], names: Mapping[str, str]) -> tuple[Correlation, ...]:
-    """Whatever is correlated above CORRELATED with one of the effects, at most eight."""
+    """Return at most eight unknowns with a correlation above CORRELATED with one of the effects."""
     partners = final.partners
     near = [(n, c) for e in effects for n, c in partners.get(e.name, ())]
     return tuple(Correlation(translate(n, names), c) for n, c in near[:8])
@@ -56,7 +56,7 @@ def correlations(final: Calibration, effects: Sequence[Effect], names: Mapping[s
 def parameters(
     final: Calibration, names: Mapping[str, str], without: frozenset[str] = frozenset()
 ) -> tuple[ParameterRecord, ...]:
-    """Every unknown of a fit, those of the names in `without` left out."""
+    """Return the records of the unknowns of a fit, except for the names in `without`."""
     return tuple(
         ParameterRecord(
             name=translate(effect.name, names),
@@ -73,7 +73,7 @@ def parameters(
 
 
 def placement(final: Calibration) -> tuple[ParameterRecord, ...]:
-    """Tool and registration of a fit, number by number, the tool first."""
+    """Return tool and registration of a fit, number by number, the tool first."""
     ordered = sorted(final.placed, key=lambda p: not p.name.startswith("tool"))
     return tuple(ParameterRecord(p.name, float(p.value), optional(p.stderr), p.unit) for p in ordered)
 
@@ -81,11 +81,10 @@ def placement(final: Calibration) -> tuple[ParameterRecord, ...]:
 def tool_displacements(
     calibration: Calibration | SavedModel, poses: Poses, groups: Sequence[Sequence[Effect]]
 ) -> tuple[Array, list[Array]]:
-    """Return the measured points (K, 3), m, and by how much each group of effects of a fitted model moves them, m, and
-    turns the tool, rad (K, 6).
+    """Return the measured points (K, 3), m, and their displacement by each group of effects (K, 6), m and rad.
 
-    In the mechanism's root frame, at the K of N poses at which the loops of a mechanism close with all effects and
-    without any one group.
+    The last three numbers are the rotation of the tool. All are in the root frame, at the K of N poses at which the
+    loops of the mechanism close with all effects and without any one group.
     """
     model, names = calibration.model, [{e.name for e in group} for group in groups]
     without = [np.where([e.name in own for e in model.effects], 0.0, calibration.theta) for own in names]
@@ -105,26 +104,23 @@ def tool_displacements(
 
 
 def root_in_instrument(placement: Placement, data: Dataset) -> Array:
-    """Return the registration (N, 4, 4) of every row: the mechanism's root in the instrument's frame."""
+    """Return the registration (N, 4, 4) of every row: the root frame in the frame of the instrument."""
     return np.stack([placement.registration[setup] for setup in data.label("setup").tolist()])
 
 
 def of_specification(effects: Sequence[Effect], moved: ErrorsMm, data: Dataset) -> float | None:
     """Return the size of an instrument error relative to its specification, RMS over the poses.
-
-    None for an effect of the mechanism, or without a specification.
-    """
+    None for an effect of the mechanism, or without a specification."""
     if data.instrument is None or moved.rms_mm is None or not all(e.of_the_instrument for e in effects):
         return None
     return moved.rms_mm / (1e3 * data.instrument.at(data.position))
 
 
 def moves_alone(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]) -> list[float | None]:
-    """RMS, mm, over the poses of what each group of effects moves the measured point by and nothing else in the model,
-    registration and tool included, takes up: the residual of its displacement projected on their columns. By QR, which
-    keeps all inner products, the rows are as few as the columns.
+    """Return the RMS displacement, mm, by each group of effects that nothing else in the model absorbs.
 
-    None with free joints, which absorb more at every pose, and without a measured point.
+    It is the residual of the displacement after projection on the columns of all other unknowns, registration and tool
+    included. None with free joints, which absorb more at every pose, and without a measured point.
     """
     problem = problem_at(fit, poses)
     point = np.nonzero(problem.weights > 0)[1] < 3
@@ -143,8 +139,8 @@ def moves_alone(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect
 
 
 def root_residual(calibration: Calibration, poses: Poses) -> Array:
-    """Measured minus modelled position (N, 3) in the mechanism's root frame, m; NaN where nothing was measured, or at
-    a set-up or tool the calibration does not know."""
+    """Return measured minus modelled position (N, 3) in the root frame, m.
+    NaN if nothing was measured, or for a set-up or tool that the calibration does not know."""
     out = np.full((len(poses), 3), np.nan)
     known = _known(calibration, poses)
     seen = resolved(calibration, poses.subset(known))
@@ -157,10 +153,8 @@ def root_residual(calibration: Calibration, poses: Poses) -> Array:
 
 
 def turns(fits: Sequence[tuple[Calibration, Poses]], poses: Poses) -> Array:
-    """Compute the angle (N,), rad, between measured and modelled orientation, by the fit each pose is listed with.
-
-    NaN where none was measured, or at a set-up or tool that the fit does not know.
-    """
+    """Return the angle (N,), rad, between measured and modelled orientation, by the fit that is listed with each pose.
+    NaN if none was measured, or for a set-up or tool that the fit does not know."""
     out = np.full(len(poses), np.nan)
     for fit, some in fits:
         seen = resolved(fit, some.subset(_known(fit, some)))
@@ -176,7 +170,7 @@ def _known(calibration: Calibration, poses: Poses) -> IntArray:
 
 
 def plots(poses: Poses, train: IntArray, steps: Sequence[Step]) -> PlotRecord:
-    """Errors and residuals pose by pose, of a ladder fitted to the rows `train`."""
+    """Return errors and residuals pose by pose, of steps fitted to the rows `train`."""
     heldout = ~np.isin(np.arange(len(poses)), train)
     fits = {step.name: step.calibration for step in steps}
     last = steps[-1].calibration

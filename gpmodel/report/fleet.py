@@ -1,4 +1,4 @@
-"""Many machines of one type in words, as text of 80 columns and as a page: pure functions of a FleetPart."""
+"""Several machines of one type, as text of 80 columns and as a page, made from a FleetPart alone."""
 
 from __future__ import annotations
 
@@ -37,15 +37,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PANELS = 9
-"""Parameters with a panel of their own, three in a row; the map has all."""
+"""Number of parameters with a panel of their own, three in a row; the map has all."""
 MOST_MACHINES = 60
-"""Columns that the map has room for."""
+"""Largest number of columns of the map."""
 MOST_NAMES = 20
-"""Names that an axis has room for."""
+"""Largest number of names along an axis."""
 
 
 def pictures(fleet: FleetPart) -> Iterator[Picture]:
-    """Errors of every machine; the map of every machine in every parameter where one stands out; single parameters."""
+    """Yield the errors of every machine, the map of all machines and parameters if one stands out, and single
+    parameters."""
     count = len(fleet.machines)
     if all(m.standard_mm and m.own_mm and m.fleet_mm for m in fleet.machines):
         yield Picture(
@@ -73,14 +74,15 @@ def pictures(fleet: FleetPart) -> Iterator[Picture]:
 
 
 def in_words(part: SharedPart, value: float, deviation: float) -> tuple[float, float, str]:
-    """A value of a parameter with its deviation and unit; of the noise in metres."""
+    """Return the value of a parameter with its deviation and unit; the noise is stored as a logarithm and returned in
+    metres."""
     size = float(np.exp(value)) if part.name == NOISE else value
     return (size, size * deviation, "m") if part.name == NOISE else (value, deviation, part.unit)
 
 
 def _shown(fleet: FleetPart) -> list[SharedPart]:
-    """Select the shown parameters: effects beyond geometry, parameters with outliers, then geometry with the
-    farthest machines."""
+    """Return the shown parameters: effects beyond geometry, parameters with outliers, then geometry of the farthest
+    machines."""
     first = [p for p in fleet.parameters if not p.constant or p.outliers]
     rest = sorted((p for p in fleet.parameters if p not in first), key=lambda p: -np.abs(p.z).max())
     return (sorted(first, key=lambda p: not p.outliers) + rest)[:PANELS]
@@ -123,7 +125,7 @@ def _errors(figure: Figure, fleet: FleetPart) -> None:
 
 
 def _name(axes: Axes, serials: Sequence[str]) -> None:
-    """Machines along the axis by name, upright where they are many, and every so many where they would overlap."""
+    """Label the machines along an axis; many labels are upright, and some are left out if they would overlap."""
     every = -(-len(serials) // MOST_NAMES)
     shown = [wording.shortened(serial, 14) for serial in serials[::every]]
     axes.set_xticks(range(0, len(serials), every), shown, rotation=90 if len(shown) > 3 else 0)
@@ -136,7 +138,7 @@ def _scale(part: SharedPart) -> tuple[float, str]:
 
 
 def _drawn(part: SharedPart, values: Sequence[float], stderrs: Sequence[float], factor: float) -> np.ndarray:
-    """Values and deviations (2, m) in the unit of the axis."""
+    """Return values and deviations (2, m) in the unit of the axis."""
     return factor * np.array([in_words(part, v, e)[:2] for v, e in zip(values, stderrs, strict=True)]).T
 
 
@@ -165,17 +167,17 @@ PAGE = "fleet.html"
 MOST_SAID = 3
 WELL_KNOWN = 3.0
 NOT_TESTED = f"Outliers are not tested: the test needs {FEWEST} machines"
-"""Outliers and effects that the verdict names; standard deviations from
-zero from where a mean is one that spreads are shares of."""
+"""Number of outliers and effects that the verdict names; ratio of a mean to its prior above which spreads are stated
+relative to the mean."""
 
 
 def verdict(fleet: FleetPart) -> str:
-    """Join the sentences of the answer."""
+    """Join the sentences of the verdict."""
     return " ".join(sentences(fleet))
 
 
 def sentences(fleet: FleetPart) -> list[str]:
-    """State the common effects of the machines, the gain of the prior on held-out poses, and the outliers."""
+    """State the common effects of the machines, the gain by the prior on held-out poses, and the outliers."""
     effects: list[Part] = [*(p for p in fleet.effects if not p.constant), *fleet.blocks]
     named = "; ".join(
         f"{p.name}{'' if isinstance(p, BlockPart) else f' {said(p)}'}, spread {spread(p)}" for p in effects[:MOST_SAID]
@@ -210,13 +212,13 @@ def deviation(part: Part, machine: int) -> str:
 
 
 def said(part: SharedPart) -> wording.Stated:
-    """Mean ± of the type."""
+    """Return the mean of the type with its standard error."""
     return wording.measured(*in_words(part, part.mean, part.stderr), in_list=part.constant)
 
 
 def spread(part: Part) -> str:
-    """The spread between machines: of an effect as a share of the mean where that is well known, else in its own unit;
-    of a block as a share of what its priors expect."""
+    """State the spread between machines: relative to a well known mean, otherwise in its own unit.
+    The spread of a block is stated relative to its priors."""
     if isinstance(part, BlockPart):
         return f"{wording.percent(part.spread)} of prior"
     size = _size(part)
@@ -226,7 +228,7 @@ def spread(part: Part) -> str:
 
 
 def band(part: Part) -> str:
-    """The 95 % interval of the spread, in the unit that `spread` has it in."""
+    """State the 95 % interval of the spread, in the unit of `spread`."""
     if isinstance(part, BlockPart):
         return f"{wording.percent(part.low)} to {wording.percent(part.high)}"
     if (size := _size(part)) is not None:
@@ -238,14 +240,14 @@ def band(part: Part) -> str:
 
 
 def _size(part: SharedPart) -> float | None:
-    """Return the reference of a relative spread; None where the spread is stated in its own unit."""
+    """Return the reference of a relative spread; None if the spread is stated in its own unit."""
     if part.name == NOISE:
         return 1.0
     return abs(part.mean) if not part.constant and abs(part.mean) > WELL_KNOWN * part.prior else None
 
 
 def summary(fleet: FleetPart) -> str:
-    """The verdict, the machines with the worst first, the effects, the geometry, what to distrust."""
+    """Return verdict, machines (the worst first), effects, geometry and record as text."""
     blocks = (
         ("Verdict", [wording.wrapped(text) for text in sentences(fleet)]),
         (machines_title(fleet), list(_machines(fleet))),
@@ -258,7 +260,7 @@ def summary(fleet: FleetPart) -> str:
 
 
 def record_of(fleet: FleetPart) -> Iterator[str]:
-    """Where the numbers are from, and what they cannot say."""
+    """Yield the origin of the numbers and their limits."""
     yield f"effects {fleet.chosen}"
     factor = coverage_factor(len(fleet.machines) - 1)
     yield f"± σ of a mean: standard uncertainty (k = 1); ± {factor:.2f} σ is the 95 % interval (k from Student's t)"
@@ -275,7 +277,7 @@ def record_of(fleet: FleetPart) -> Iterator[str]:
 
 
 def machines_title(fleet: FleetPart) -> str:
-    """The heading of the table of machines, with its order where there is one."""
+    """Return the heading of the table of machines, with its order if it is sorted."""
     return "Machines" + (", the largest deviation first" if len(fleet.machines) >= FEWEST else "")
 
 
@@ -308,7 +310,7 @@ def _blocks(fleet: FleetPart) -> Iterator[str]:
 
 
 def html(fleet: FleetPart, drawings: dict[str, str]) -> str:
-    """The page's text. drawings: inline SVG of the pictures by name."""
+    """Return the page. drawings: inline SVG of the pictures by name."""
     return render(
         "fleet.html.j2", fleet=fleet, verdict=sentences(fleet), said=said, spread=spread, band=band,
         deviation=deviation, page=f"{MACHINES}/{{}}/{REPORT}",

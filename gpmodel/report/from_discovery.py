@@ -1,4 +1,4 @@
-"""The Report of a discovery."""
+"""Builds the Report of a discovery or an evolution."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -42,17 +42,15 @@ from gpmodel.table.bundles import JUDGED
 
 
 def in_the_table(counted: Histogram, names: Mapping[str, str]) -> Histogram:
-    """Rename the inputs as the table does."""
+    """Return the histogram with the input names of the table."""
     return replace(counted, inputs=tuple(names.get(x, x) for x in counted.inputs))
 
 
 def from_evolution(
     start: Ladder, runs: Sequence[Run], counted: Histogram, origin: Origin, best: CompensationRecord
 ) -> Report:
-    """The models fitted, the best program of every run, and the inputs they refer to.
-
-    start: models of the training poses, the last of which leaves the residual.
-    """
+    """Build the report of an evolution: fitted models, the best program of every run, and the referenced inputs.
+    start: models fitted to the training poses; the runs explain the residual of the last one."""
     names = names_of(start.poses.dataset)
     report = replace(
         build("evolve", start, origin),
@@ -65,10 +63,8 @@ def from_evolution(
 
 
 def compensation(runs: Sequence[Run], problem: Problem) -> CompensationRecord:
-    """The outputs of the best program at the training poses, over every input it refers to.
-
-    Of a compensator the shift of the point, mm; of a slot's shape the values before its coefficients.
-    """
+    """Return the outputs of the best program at the training poses, with every input that it references.
+    Outputs of a compensator are shifts of the point, mm; at a slot they are values without coefficients."""
     best = max((run for run in runs if not run.shuffled), key=lambda run: run.gain)
     program, columns = parse(best.program), problem.inputs.mapping()
     values = np.asarray(program.evaluate(columns), dtype=float).reshape(len(program.outputs), -1)
@@ -82,10 +78,8 @@ def compensation(runs: Sequence[Run], problem: Problem) -> CompensationRecord:
 
 
 def fronts(discovery: Discovery) -> list[tuple[FormulaRecord, ...]]:
-    """Formulas in inputs of each finding that was made as a formula, at its site, shortest first; none of others.
-
-    nats = dof/2 · -ln(1 - gain), given everything else in the model fitted to all poses.
-    """
+    """Return the Pareto front of formulas of each finding that is a formula, at its site, shortest first; else empty.
+    nats = dof/2 · -ln(1 - gain), given everything else in the model fitted to all poses."""
     found = discovery.fitted.candidates
     able = [one.found_by in FORMULAS and len(one.effects) == 1 for one in found]
     if not any(able):
@@ -115,14 +109,14 @@ def _front(discovery: Discovery, found: Candidate, residual: Residual) -> tuple[
 
 
 def _replaces(candidate: Candidate, found: Candidate) -> bool:
-    """Return whether a formula acts where the finding acts, in some of its inputs."""
+    """Return whether a formula acts at the site of the finding, in some of its inputs."""
     (term,), own = found.effects[0].terms[:1], candidate.effects
     there = len(own) == 1 and (own[0].terms[0].slot, own[0].terms[0].axis) == (term.slot, term.axis)
     return there and set(candidate.inputs) <= set(found.inputs) and candidate.bases != found.bases
 
 
 def from_discovery(discovery: Discovery, origin: Origin, saved: SavedModel | None = None) -> Report:
-    """Everything the loop found, tried and left, under the table's own names. saved: what is written as model.json."""
+    """Build the report of a discovery with the names of the table. saved: content of model.json."""
     poses, final = discovery.poses, discovery.final
     names = names_of(poses.dataset)
     unobservable = tuple(translate(name, names) for name in unobservable_families(final, poses))
@@ -146,7 +140,7 @@ def from_discovery(discovery: Discovery, origin: Origin, saved: SavedModel | Non
 
 
 def _by_folds(report: Report, discovery: Discovery) -> Report:
-    """The report of a choice on all poses, the errors of each from the choice without it."""
+    """Return the report of a selection on all poses, with the error of each pose by the selection without it."""
     count, plots = len(discovery.poses), report.plots
     errors = {name: replace(sides, train=()) for name, sides in plots.error_mm.items()}
     held = [(part, part.poses.subset(part.heldout)) for part in discovery.parts]
@@ -168,13 +162,13 @@ def _by_folds(report: Report, discovery: Discovery) -> Report:
 
 
 def _histograms(discovery: Discovery, names: Mapping[str, str]) -> tuple[Histogram, ...]:
-    """One a round; none where nothing was evolved in any."""
+    """Return one histogram per round; empty if nothing was evolved in any round."""
     counted = [r.exploration.histogram for r in discovery.rounds]
     return tuple(in_the_table(h, names) for h in counted) if any(sum(h.runs.values()) for h in counted) else ()
 
 
 def _effects(discovery: Discovery, names: Mapping[str, str]) -> Iterator[EffectRecord]:
-    """All findings, with what speaks for each."""
+    """Yield the records of all findings, with their tests and alternatives."""
     poses, steps = discovery.poses, {step.finding: step for step in discovery.steps}
     records = effect_records(discovery.found, poses, discovery.fitted.candidates, names, poses.states)
     formulas = fronts(discovery)
@@ -203,7 +197,7 @@ def _effects(discovery: Discovery, names: Mapping[str, str]) -> Iterator[EffectR
 
 
 def _causes(hypothesis: Hypothesis, name: str, names: Mapping[str, str]) -> Iterator[CauseRecord]:
-    """Causes in the credible set of a finding, which bears the name of the fit to all poses."""
+    """Yield the causes in the credible set of a finding; `name` is the name of the finding in the fit to all poses."""
     found = hypothesis.candidate.name
     for cause in hypothesis.causes.causes if hypothesis.causes else ():
         said = tuple(name if g.name == found else translate(g.name, names) for g in cause.groups)

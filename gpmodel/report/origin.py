@@ -1,4 +1,4 @@
-"""Where a report comes from: the call, the versions, the table."""
+"""Origin of a report: command, versions, table."""
 
 import hashlib
 import importlib.metadata
@@ -25,7 +25,7 @@ PACKAGES = ("gpmodel", "numpy", "scipy", "numba", "deap", "pin", "sympy")
 
 @dataclass(frozen=True)
 class Origin:
-    """Request behind a report. noise: the instrument's standard deviation of one coordinate, m, if given."""
+    """Request behind a report. noise: standard deviation of one coordinate by the instrument, m, if given."""
 
     command: str
     seed: int
@@ -34,7 +34,7 @@ class Origin:
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and the packages the numbers depend on."""
+    """Return the versions of Python and of the packages that affect the numbers."""
     out = {"python": platform.python_version()}
     for name in PACKAGES:
         try:
@@ -45,14 +45,14 @@ def versions() -> dict[str, str]:
 
 
 def mechanism_record(mechanism: Mechanism, names: Mapping[str, str]) -> MechanismRecord:
-    """The mechanism under the table's names of its joints."""
+    """Return the record of the mechanism, with the joint names of the table."""
     x, y, z = tip_at_probe(mechanism).tolist()
     sliding = tuple(names[j.name] for j in mechanism.joints if j.kind == "prismatic")
     return MechanismRecord(mechanism.name, tuple(names[j.name] for j in mechanism.joints), (x, y, z), sliding)
 
 
 def data_record(poses: Poses, train: int, outliers: IntArray) -> DataRecord:
-    """Describe the table: its file, its split, its joint ranges, and the `outliers` (K,) by index of the pose."""
+    """Return the record of the table: its file, split, joint ranges, and `outliers` (K,) by index of the pose."""
     data = poses.dataset
     return DataRecord(
         file=data.source,
@@ -68,10 +68,8 @@ def data_record(poses: Poses, train: int, outliers: IntArray) -> DataRecord:
 
 
 def marks(data: Dataset) -> tuple[str, ...]:
-    """Return eight digits of a digest of each row's joint values and readings.
-
-    Empty if there are readings of kinds that columns do not hold.
-    """
+    """Return eight digits of a digest of the joint values and measurements of each row.
+    Empty if there are kinds of measurements that columns do not hold."""
     if data.observations:
         return ()
     readings = [data.position, data.rotation, *(data.distances[name] for name in sorted(data.distances))]
@@ -80,7 +78,7 @@ def marks(data: Dataset) -> tuple[str, ...]:
 
 
 def ranges(states: States, inputs: tuple[str, ...], names: Mapping[str, str]) -> tuple[Range, ...]:
-    """The ranges of some inputs over the poses; angles in degrees, lengths in mm."""
+    """Return the ranges of some inputs over the poses; angles in degrees, lengths in mm."""
     out = []
     for name in inputs:
         si = states.unit(name)
@@ -93,11 +91,10 @@ def ranges(states: States, inputs: tuple[str, ...], names: Mapping[str, str]) ->
 def floor_mm(
     data: Dataset, noise: float | None, values: float | None = None
 ) -> tuple[float | None, NoiseSource | None]:
-    """3-D RMS of the measurement itself, mm, and where it is from: repeats in the table before the instrument's figure,
-    that before what its specification leads to expect.
+    """Return the 3-D RMS of the measurement noise, mm, and its source: repeats, stated noise, or specification.
 
-    An instrument's figure σ is of one coordinate: the RMS over a pose with c measured components is σ √c. values: how
-    many components say something of the model, where joint values that are solved take up the others.
+    The first available source is used. A stated σ is of one coordinate; for a pose with c measured components the RMS
+    is σ √c. values: number of components that inform the model, if solved joint values absorb the others.
     """
     repeats = noise_floor(data)
     if repeats is not None:

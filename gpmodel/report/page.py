@@ -1,4 +1,4 @@
-"""report.html: one page that opens offline, a pure function of a Report and its drawings."""
+"""report.html: one page that opens offline, made from a Report and its drawings alone."""
 
 import base64
 import hashlib
@@ -28,19 +28,19 @@ PAGE = "report.html"
 NAME = 80
 """Longest name of a candidate on the page, in characters."""
 _INSIDE = re.compile(r"(?<=\d) (?=[→±%]|[nµmk]?(?:m|rad|N|px|deg)\b)|(?<=[→±]) ")
-"""Spaces at which a line of a title must not end."""
+"""Spaces at which a line of a title must not break."""
 MOST_POSES = 400
-"""Poses that the page lists, the largest error first; poses.csv has all."""
+"""Number of poses on the page, the largest error first; poses.csv has all."""
 
 
 def pictures(report: Report) -> Iterator[Picture]:
-    """Every picture this report has the numbers for."""
+    """Yield every picture for which the report has data."""
     for charts in (charts_errors, charts_space, charts_search, charts_evolution, charts_findings):
         yield from charts.pictures(report)
 
 
 def html(report: Report, drawings: Mapping[str, str]) -> str:
-    """The page's text. drawings: inline SVG of the report's pictures by name, as `figures.draw` makes them."""
+    """Return the page. drawings: inline SVG of the report's pictures by name, from `figures.draw`."""
     poses = pose_errors(report)
     return render(
         "report.html.j2",
@@ -58,7 +58,7 @@ def html(report: Report, drawings: Mapping[str, str]) -> str:
 
 
 def render(template: str, **content: object) -> str:
-    """A page from one of the templates, with the formats and sentences all of them use."""
+    """Return a page from a template, with the common formats and sentences."""
     return str(_environment().get_template(template).render(**content))
 
 
@@ -84,17 +84,17 @@ def _environment() -> Environment:
 
 
 def sentence(text: str) -> str:
-    """The text with a capital and a full stop."""
+    """Return the text with a capital first letter and a full stop."""
     return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}" if text else ""
 
 
 def unbroken(text: str) -> str:
-    """The text with no-break spaces between a number and its unit, and on both sides of `→` and `±`."""
+    """Return the text with no-break spaces between a number and its unit, and on both sides of `→` and `±`."""
     return _INSIDE.sub("\N{NO-BREAK SPACE}", text)
 
 
 def _digits(values: Sequence[float | None]) -> int:
-    """Decimals of a whole column of mm: three digits of its median."""
+    """Return the decimals of a whole column of mm: three digits of its median."""
     known = sorted(v for v in values if v)
     middle = known[len(known) // 2] if known else 1.0
     return max(3, 2 - math.floor(math.log10(middle)))
@@ -106,18 +106,18 @@ def _decimals(value: float | None, digits: int) -> str:
 
 @cache
 def script(name: str) -> str:
-    """The text of one script of the templates."""
+    """Return the text of a script of the templates."""
     return (files("gpmodel.report") / "templates" / name).read_text(encoding="utf-8")
 
 
 def script_hash(name: str) -> str:
-    """Compute the hash that allows this one script in the security policy of a page."""
+    """Return the hash that allows this one script in the security policy of a page."""
     digest = hashlib.sha256(script(name).encode()).digest()
     return f"sha256-{base64.b64encode(digest).decode()}"
 
 
 def _tiles(report: Report) -> Iterator[dict[str, str]]:
-    """The numbers to remember: title, RMS, largest error and kind, of the steps that matter."""
+    """Yield the key numbers of the main steps: title, RMS, note with the largest error, and kind."""
     first, standard = report.step(REGISTRATION), report.step(STANDARD)
     last = report.ladder[-1] if report.ladder and report.ladder[-1].beyond_standard else None
     if first is not None:

@@ -1,4 +1,4 @@
-"""Particulars of a certificate: machine, instrument, operator; from options or a TOML file."""
+"""Particulars of a certificate (machine, instrument, operator), and repeatability and accuracy by ISO 9283."""
 
 import dataclasses
 import datetime
@@ -27,10 +27,11 @@ REPEATS = 30
 
 
 def repeatability(data: Dataset) -> Repeatability | None:
-    """Pose repeatability, 7.2.2: RP = l + 3 S_l over the repeats of a pose; None without repeats.
+    """Return the pose repeatability, 7.2.2: RP = l + 3 S_l over the repeats of a pose; None without repeats.
 
-    l_j: distance of repeat j from the mean of its pose, l and S_l their mean and standard deviation (n - 1). The mean
-    over the poses is as uncertain as these differ. Of fewer repeats than the 30 of the standard RP is smaller.
+    l_j: distance of repeat j from the mean of its pose, l and S_l their mean and standard deviation (n - 1). The
+    uncertainty of the mean over the poses is from their spread. With fewer repeats than the standard's 30, RP is
+    smaller.
     """
     by_pose = [1e3 * np.linalg.norm(data.position[k] - data.position[k].mean(axis=0), axis=1) for k in _repeats(data)]
     if not by_pose:
@@ -43,11 +44,11 @@ def repeatability(data: Dataset) -> Repeatability | None:
 
 
 def positioning(poses: Poses, train: IntArray, steps: Sequence[Step]) -> Positioning | None:
-    """Pose accuracy, 7.2.1: distance of the mean of a pose's repeats from where the nominal geometry (registration and
-    tool alone) and the last step's model have it.
+    """Return the pose accuracy, 7.2.1: distance of the mean of a pose's repeats from its modelled position.
 
-    Of held-out poses, or of the fitted ones where these are fewer than FEWEST, as far off as if they had been left out;
-    None where FEWEST poses were not measured FEWEST times.
+    The model is the nominal geometry (registration and tool alone) before, and that of the last step after. Poses are
+    held out; if fewer than FEWEST are, fitted poses are used, with errors scaled as if left out. None if fewer than
+    FEWEST poses were measured FEWEST times.
     """
     heldout = ~np.isin(np.arange(len(poses)), train)
     every = list(_repeats(poses.dataset))
@@ -70,7 +71,7 @@ def positioning(poses: Poses, train: IntArray, steps: Sequence[Step]) -> Positio
 
 
 def _repeats(data: Dataset) -> Iterator[IntArray]:
-    """Rows of each pose that was measured FEWEST times or more, all of it."""
+    """Yield the rows of each pose with at least FEWEST complete measurements."""
     codes, whole = replicates(data), np.isfinite(data.position).all(axis=1)
     for code in np.unique(codes):
         rows = np.flatnonzero((codes == code) & whole)
@@ -79,7 +80,7 @@ def _repeats(data: Dataset) -> Iterator[IntArray]:
 
 
 def _left(fit: Calibration, poses: Poses, chosen: Sequence[IntArray]) -> Array:
-    """Share (P,) of the variance of a pose's mean that the fit to it leaves, 1 - its leverage."""
+    """Return the share (P,) of the variance of a pose's mean in its residual: 1 - its leverage."""
     problem, out = problem_at(fit, poses), []
     for rows in chosen:
         columns = problem.columns[np.isin(problem.pose_of_row, rows)]
@@ -90,13 +91,13 @@ def _left(fit: Calibration, poses: Poses, chosen: Sequence[IntArray]) -> Array:
 
 
 def _mean(values: Array) -> tuple[float, float]:
-    """Mean with its standard uncertainty, from the spread of the values."""
+    """Return the mean and its standard uncertainty from the spread of the values."""
     return float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values)))
 
 
 @dataclass(frozen=True)
 class Particulars:
-    """Free text; a line that is empty is left to be filled in by hand."""
+    """Free text of a certificate; an empty line is filled in by hand."""
 
     machine: str = ""
     serial: str = ""
@@ -112,11 +113,11 @@ class Particulars:
     remarks: str = ""
 
     def lines(self) -> tuple[tuple[str, str], ...]:
-        """Every line as heading and text."""
+        """Return every line as heading and text."""
         return tuple((f.name.replace("_", " "), getattr(self, f.name)) for f in dataclasses.fields(self))
 
     def with_lines(self, said: Mapping[str, str]) -> "Particulars":
-        """With these lines instead, empty ones passed over. Raises InputError for a line that is none."""
+        """Return the particulars with the non-empty lines replaced. Raises InputError for an unknown line."""
         known = [f.name for f in dataclasses.fields(self)]
         for name in said:
             if name not in known:
@@ -127,10 +128,8 @@ class Particulars:
 
 
 def read_particulars(path: Path) -> Particulars:
-    """The particulars of a TOML file with keys of the same names.
-
-    Raises InputError: no such file, no TOML, an unknown key, or a value that is no text, number or date.
-    """
+    """Read particulars from a TOML file with keys of the same names.
+    Raises InputError for a missing or invalid file, an unknown key, or a value that is not text, number or date."""
     content = read_toml(path, "lines as in serial = '64-10291'")
     known = [f.name for f in dataclasses.fields(Particulars)]
     for key, value in content.items():

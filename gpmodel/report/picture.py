@@ -1,4 +1,4 @@
-"""A picture of the report: its name, size, description in words, and drawing function."""
+"""A picture of a report: its name, size, description in words, and drawing function."""
 
 from __future__ import annotations
 
@@ -21,23 +21,26 @@ if TYPE_CHECKING:
 
 INK, MUTED, RULE, AXIS, PAPER = "#1d2733", "#5d6875", "#e3e7ec", "#b9c0c9", "#ffffff"
 BEFORE, AFTER, AFTER_LIGHT, NULL = "#868d98", "#1c5d99", "#5b93c7", "#c2700f"
-"""Every colour that carries data has a contrast of at least 3 with the paper, every colour of words 4.5 (WCAG 2 AA)."""
+"""Colours. Those of data have a contrast of at least 3 with the paper, those of text 4.5 (WCAG 2 AA)."""
 
 EXPLORE = "explore.html"
 CLIP = 3.0
-"""End of an axis, over the 98th percentile. Larger values are marked at its edge."""
+"""End of an axis, relative to the 98th percentile. Larger values are marked at its edge."""
 
 MOST_VECTORS = 1500
-"""Poses from which dots are drawn as pixels; as vectors they would be megabytes of text."""
+"""Number of poses from which dots are drawn as pixels; as vectors they would be megabytes of text."""
 
 GAP, FEW = 0.1, 9
-"""Largest gap in a line through measured poses, over its width; and the least number of poses for a line."""
+"""Largest gap in a line through measured poses, relative to its width; least number of poses for a line."""
 
 
 @dataclass(frozen=True)
 class Picture:
-    """width, height in inches. alt: the picture in one sentence for who cannot see it. caption: how to read it.
+    """A picture of a report.
 
+    width, height: inches.
+    alt: one sentence for readers who cannot see the picture.
+    caption: how to read the picture.
     draw: called with an empty matplotlib Figure.
     """
 
@@ -51,31 +54,32 @@ class Picture:
 
 
 def numbers(values: Sequence[float | None] | Sequence[Sequence[float | None]]) -> Array:
-    """The list as floats, None as NaN."""
+    """Return a list as floats, None as NaN."""
     return np.array(values, dtype=float)
 
 
 def broken(x: Array, y: Array) -> tuple[Array, Array]:
-    """A line through points (N,), x ascending, with NaN where a GAP has none; whole where x has but FEW values."""
+    """Return a line through points (N,), x ascending, with NaN at gaps wider than GAP; unbroken for at most FEW values
+    of x."""
     widest = GAP * np.ptp(x) if len(np.unique(x)) > FEW else np.inf
     wide = np.flatnonzero(np.diff(x) > widest) + 1
     return np.insert(x, wide, np.nan), np.insert(y, wide, np.nan)
 
 
 def rms(values: Array) -> float:
-    """RMS of what is finite; NaN when nothing is."""
+    """Return the RMS of the finite values; NaN if there are none."""
     return root_mean_square(values[np.isfinite(values)])
 
 
 def log_ticks(low: float, high: float) -> list[float]:
-    """Ticks at 1, 2, 5 per decade, or whole decades where those would crowd."""
+    """Return ticks at 1, 2, 5 per decade, or at whole decades if these would crowd."""
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     steps = (1, 2, 5) if math.log10(high / low) < 2.6 else (1,)
     return [t for t in (s * 10.0**d for d in decades for s in steps) if low <= t <= high]
 
 
 def log_axis(axes: Axes, low: float, high: float, which: str = "x") -> None:
-    """A logarithmic axis from `low` to `high` with plain numbers."""
+    """Make an axis logarithmic from `low` to `high`, with plain numbers."""
     ticks = log_ticks(low, high)
     getattr(axes, f"set_{which}scale")("log")
     getattr(axes, f"set_{which}lim")(low, high)
@@ -92,8 +96,8 @@ def rows_only(axes: Axes, count: int, above: float = 0.75) -> None:
 
 
 def forest(axes: Axes, rows: Sequence[tuple[str, float, float, bool]], label: str) -> None:
-    """Values ± deviations, one a row under its name, filled where they are beyond chance. rows: name, value, deviation,
-    whether; label: of the axis."""
+    """Draw values ± deviations, one per named row, filled if beyond chance.
+    rows: name, value, deviation, whether beyond chance. label: of the axis."""
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.axvline(0, color=AXIS, lw=1)
     for row, (_, value, deviation, clear) in enumerate(rows):
@@ -109,13 +113,13 @@ def forest(axes: Axes, rows: Sequence[tuple[str, float, float, bool]], label: st
 
 
 def signed(*axes: Axis) -> None:
-    """Numbers along them with a true minus sign."""
+    """Format the numbers of axes with a true minus sign."""
     for axis in axes:
         axis.set_major_formatter(lambda v, _: minus(f"{v:g}"))
 
 
 def noise_floor(axes: Axes, floor: float, colour: str = MUTED, *, said: bool = True) -> None:
-    """A dashed line at the noise floor, behind everything; with its name where it is `said`."""
+    """Draw a dashed line at the noise floor, behind everything else. said: label it."""
     axes.axvline(floor, color=colour, lw=1, ls=(0, (3, 3)), zorder=0)
     if said:
         axes.annotate("noise floor", (floor, 1.0), (3, 0), xycoords=("data", "axes fraction"),
@@ -123,12 +127,12 @@ def noise_floor(axes: Axes, floor: float, colour: str = MUTED, *, said: bool = T
 
 
 def linked(dots: Collection, rows: Sequence[int], many: bool) -> None:
-    """Each dot leads to its row in explore.html; not where `many` are drawn as pixels."""
+    """Link each dot to its row in explore.html, unless `many` are drawn as pixels."""
     if not many:
         dots.set_urls([f"{EXPLORE}#row={row}" for row in rows])
 
 
 def nice_length(length: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten that is not above `length`."""
+    """Return the largest of 1, 2, 5 times a power of ten that does not exceed `length`."""
     power = 10.0 ** math.floor(math.log10(length))
     return float(max(s * power for s in (1, 2, 5) if s * power <= length * (1 + 1e-9)))

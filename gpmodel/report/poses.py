@@ -1,4 +1,4 @@
-"""The residual pose by pose: the table of the page, the worst first, and poses.csv."""
+"""Residuals pose by pose: the table of the page, and poses.csv."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ DECIMALS = 4
 
 @dataclass(frozen=True)
 class PoseError:
-    """3-D errors of one pose, mm, before and after what was added; None where nothing was measured."""
+    """3-D errors of one pose, mm, before and after calibration or the added effects; None if not measured."""
 
     row: int
     heldout: bool
@@ -27,7 +27,8 @@ class PoseError:
 
 
 def pose_errors(report: Report, steps: tuple[str, str] | None = None) -> tuple[PoseError, ...]:
-    """One a pose, the worst after first. steps: those called before and after; None for what was gained."""
+    """Return the errors of all poses, the largest error after first.
+    steps: names of the steps before and after; by default those that the report compares."""
     before, after = (_errors(report, step) for step in steps or report.before_and_after())
     rows = report.plots.rows or tuple(range(1, len(after) + 1))
     outliers = set(report.data.outliers)
@@ -39,10 +40,10 @@ def pose_errors(report: Report, steps: tuple[str, str] | None = None) -> tuple[P
 
 
 def csv(report: Report) -> str:
-    """The text of poses.csv in the order of the rows: 3-D error and its components before and after, in mm, and the
-    error of orientation, in mrad, where it was measured.
+    """Return the text of poses.csv in the order of the rows.
 
-    Components and nominal positions are in the mechanism's root frame.
+    3-D error and its components before and after, in mm, and error of orientation, in mrad, if measured. Components and
+    nominal positions are in the root frame.
     """
     poses, plots = sorted(pose_errors(report), key=lambda p: p.row), report.plots
     frame = pd.DataFrame(
@@ -68,7 +69,7 @@ def csv(report: Report) -> str:
 
 
 def _errors(report: Report, step: str) -> Array:
-    """Error (N,) of every pose after a step; empty where it was not kept."""
+    """Return the error (N,) of every pose after a step; empty if it was not kept."""
     held = np.array(report.plots.heldout_mask, dtype=bool)
     sides = report.plots.error_mm.get(step)
     if sides is None or len(sides.heldout) != held.sum() or len(sides.train) != (~held).sum():

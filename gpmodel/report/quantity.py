@@ -1,4 +1,4 @@
-"""Findings in an engineer's terms: one number, its deviation and a basis, whatever the number of unknowns."""
+"""Findings in an engineer's terms: one number, its standard error and a basis function, for any number of unknowns."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from gpmodel.report.schema_search import ShapeRecord
 
 @dataclass(frozen=True)
 class Quantity:
-    """value ± stderr of a finding, and the basis it multiplies."""
+    """Size of a finding: value ± stderr, times the basis function `basis`."""
 
     value: float
     stderr: float
@@ -29,17 +29,15 @@ class Quantity:
 
 
 def indices(calibration: Calibration, candidate: Candidate) -> list[int]:
-    """Where a candidate's effects sit among the model's."""
+    """Return the indices of a candidate's effects in the model."""
     at = {e.name: i for i, e in enumerate(calibration.model.effects)}
     return [at[e.name] for e in candidate.effects]
 
 
 def quantity(calibration: Calibration, candidate: Candidate, states: States) -> Quantity:
-    """One number for a finding.
-
-    Its amplitude, the deviation propagated through the covariance; of a harmonic the basis is A sin(x + p) with its
-    phase p.
-    """
+    """Return the size of a finding as one number: its amplitude.
+    The standard error is propagated through the covariance. The basis of a harmonic is A sin(x + p)
+    with its phase p."""
     at = indices(calibration, candidate)
     theta = calibration.theta[at]
     deviation = np.nan_to_num(calibration.stderr[at])
@@ -52,7 +50,7 @@ def quantity(calibration: Calibration, candidate: Candidate, states: States) -> 
 
 
 def _basis_in_words(candidate: Candidate, theta: Array) -> str:
-    """State the basis function that the amplitude of a candidate multiplies."""
+    """Return the basis function that the amplitude of a candidate multiplies, as text."""
     first = str(candidate.place.basis)
     if candidate.kind == "harmonic":
         return f"{first[:-1]} {float(np.arctan2(theta[1], theta[0])):+.3f})"
@@ -64,7 +62,7 @@ def _basis_in_words(candidate: Candidate, theta: Array) -> str:
 
 
 def _curve_in_words(candidate: Candidate) -> str:
-    """A curve of many bases: its input and what it is a sum of."""
+    """State the inputs of a smooth term and the number of its basis functions."""
     inputs, count = candidate.inputs, len(candidate.bases)
     of = ", ".join(inputs) if len(inputs) <= LISTED else f"{len(inputs)} inputs"
     waves = all(str(basis).startswith(("sin(", "cos(")) and str(basis).endswith(")") for basis in candidate.bases)
@@ -72,8 +70,8 @@ def _curve_in_words(candidate: Candidate) -> str:
 
 
 def shape(calibration: Calibration, candidate: Candidate, states: States) -> Array:
-    """Σ θ φ (N,) of a finding over the poses of `states`, along its first term; of one basis along several axes, φ
-    times the length of their vector."""
+    """Return Σ θ φ (N,) of a finding over the poses of `states`, along its first term.
+    For one basis function along several axes, it is φ times the length of the vector."""
     if candidate.kind in ("single", "vector"):
         term = candidate.place
         return quantity(calibration, candidate, states).value * term.weight * term.basis(states)
@@ -82,7 +80,8 @@ def shape(calibration: Calibration, candidate: Candidate, states: States) -> Arr
 
 
 def read_columns(inputs: Sequence[str]) -> list[str]:
-    """The inputs of an effect as the report lists them: a payload's own torque is the payload and the torque."""
+    """Return the inputs of an effect as listed in the report: the torque of a payload is listed
+    as payload and torque."""
     out: list[str] = []
     for name in inputs:
         own = name.startswith(f"{PAYLOAD_SHARE}torque_")
@@ -91,16 +90,16 @@ def read_columns(inputs: Sequence[str]) -> list[str]:
 
 
 WEAK = 0.05
-"""Least squared motion of the point by a unit twist, over the largest, at a pose that is drawn: √0.05 = 22 %."""
+"""Least squared motion of the point by a unit twist, relative to the largest, at a pose that is drawn: √0.05 = 22 %."""
 
 
 def shape_record(
     final: Calibration, poses: Poses, candidate: Candidate, heldout: Mask, names: Mapping[str, str]
 ) -> ShapeRecord | None:
-    """Own contribution plus what the final model leaves along its column, pose by pose; None where it is not enabled.
+    """Return the partial residual of a candidate pose by pose: its contribution plus the residual along its column.
 
-    partial = θ φ + l·r / l·l,  l: what the measured components move per unit of the twist, r: their residual, all
-    weighted as in the fit.
+    partial = θ φ + l·r / l·l,  l: motion of the measured components per unit of the twist, r: their residual, all
+    weighted as in the fit. None if the candidate is not in the model.
     """
     mechanism = final.model.mechanism
     poses = resolved(final, poses)

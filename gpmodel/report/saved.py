@@ -1,4 +1,4 @@
-"""report.json: written from a Report, read back with every type and bound checked."""
+"""report.json: written from a Report, and read back with every type and bound checked."""
 
 import dataclasses
 from pathlib import Path
@@ -14,14 +14,15 @@ from gpmodel.texts import parse_json, read_limited
 
 NAME = REPORT
 LARGEST_FILE = 256 << 20
-"""Bytes of a result; a report of 200 000 poses has 130 MB."""
+"""Largest size of a result, bytes; a report of 200 000 poses has 130 MB."""
 REPRESENTATIONS = ("linear", "tree")
 """Representations that report.json always counts."""
 EXPECTED = "expected the JSON that discover or calibrate wrote"
 
 
 def as_dict(report: Report) -> dict[str, object]:
-    """The content of report.json. `histogram` is that of the first round, with `linear` and `tree` of its counts."""
+    """Return the content of report.json. `histogram` is that of the first round, with its counts as `linear` and
+    `tree`."""
     content = dataclasses.asdict(report)
     first = report.histograms[0] if report.histograms else without_runs((), 1.0)
     none = (0,) * len(first.inputs)
@@ -32,15 +33,15 @@ def as_dict(report: Report) -> dict[str, object]:
 
 
 def to_json(report: Report) -> str:
-    """The text of report.json."""
+    """Return the text of report.json."""
     return files.to_json(as_dict(report))
 
 
 def from_json(text: str | bytes, source: str = NAME) -> Report:
-    """The Report of a text; keys it does not know are passed over.
+    """Return the Report of a text; unknown keys are ignored.
 
-    Raises InputError for what is no JSON, another schema, or a value of the wrong type or out of its bounds, by its
-    place in the file.
+    Raises InputError with the location in the file for text that is not JSON, another schema, or a value of the wrong
+    type or out of bounds.
     """
     try:
         header = parse_json(text)
@@ -58,7 +59,7 @@ def from_json(text: str | bytes, source: str = NAME) -> Report:
 
 
 def read_report(folder: Path) -> Report:
-    """The saved Report in `folder`. Raises InputError where there is none, or it cannot be read."""
+    """Return the saved Report in `folder`. Raises InputError if there is none, or it is unreadable."""
     path = folder / NAME
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; expected one that discover or calibrate wrote with --out")

@@ -1,7 +1,7 @@
-"""report.json as a tree of frozen records, schema 3: what a calibration, a discovery or an evolution leaves behind.
+"""report.json as a tree of frozen records, schema 3: the result of a calibration, a discovery or an evolution.
 
-Field names are the keys of the file. Lengths that end in `_mm` are millimetres, every other value is SI, its unit in a
-field of its own; names of joints and inputs are those of the table. None stands where a number does not exist.
+Field names are the keys of the file. Lengths ending in `_mm` are millimetres; every other value is SI, with its unit in
+a separate field. Names of joints and inputs are those of the table. A number that does not exist is None.
 """
 
 from dataclasses import dataclass, field
@@ -31,7 +31,7 @@ from gpmodel.report.schema_search import (
 from gpmodel.wording import counted
 
 SCHEMA = 3
-"""Since 3 histograms, runs of programs and the curve of ranks are kept as they are computed."""
+"""Schema 3 stores histograms, runs of programs and the curve of ranks as they are computed."""
 REGISTRATION, STANDARD = "registration", "standard"
 VISIBLE = 1e-3
 """Relative difference of two errors from which both are stated: the last printed digit."""
@@ -43,7 +43,7 @@ Kind = Literal["calibrate", "discover", "evolve"]
 
 @dataclass(frozen=True)
 class ErrorsMm:
-    """3-D errors over some poses, mm; all None over no poses."""
+    """3-D errors over some poses, mm; all None if there are no poses."""
 
     mean_mm: NotNegative | None = None
     rms_mm: NotNegative | None = None
@@ -51,16 +51,16 @@ class ErrorsMm:
 
     @property
     def known(self) -> bool:
-        """True if there were poses to compute it from."""
+        """Whether there were poses from which to compute errors."""
         return self.rms_mm is not None
 
 
 @dataclass(frozen=True)
 class PredictedRecord:
-    """3-D errors of the shipped model as `predict` makes them: as measured (`--session`), and without an option.
+    """3-D errors of predictions by the shipped model, as measured (`predict --session`) and without an option.
 
     heldout: at held-out poses, by fits without these poses. model: at all poses, by model.json, which is fitted to
-    them. Without an option the errors of the instrument are left out and the robot is as the session left it.
+    them. Predictions without an option omit instrument errors, and the robot is as at the end of the session.
     """
 
     heldout_as_measured: ErrorsMm = ErrorsMm()
@@ -70,14 +70,15 @@ class PredictedRecord:
 
     @property
     def differs(self) -> bool:
-        """True if predictions without an option differ in error from the predicted readings."""
+        """Whether the error without an option visibly differs from the error as measured."""
         session, plain = self.model_as_measured.rms_mm, self.model.rms_mm
         return session is not None and plain is not None and abs(plain - session) > VISIBLE * session
 
 
 @dataclass(frozen=True)
 class StepRecord:
-    """One rung of the ladder. effect: index into `effects` of what it adds. rank: effective unknowns."""
+    """Errors after one step of the model. effect: index in `effects` of the added effect. rank: effective number of
+    unknowns."""
 
     step: str
     train: ErrorsMm = ErrorsMm()
@@ -88,21 +89,26 @@ class StepRecord:
 
     @property
     def beyond_standard(self) -> bool:
-        """True if the model contains more than the standard model."""
+        """Whether the model contains more than the standard model."""
         return self.step not in (REGISTRATION, STANDARD)
 
     @property
     def errors(self) -> ErrorsMm:
-        """Errors of the held-out poses; of the training poses if none were held out."""
+        """Errors of the held-out poses, or of the training poses if none were held out."""
         return self.heldout if self.heldout.known else self.train
 
 
 @dataclass(frozen=True)
 class DataRecord:
-    """The measured table. poses: its rows; different: the poses that these are of. folds: their number where every pose
-    was held out once. outliers: rows of the file left out of
-    the final fit or of the last fit to training poses. ranges: of every joint, as measured. marks: one a
-    row, the same for the same joint values and readings in any table."""
+    """The measured table.
+
+    poses: number of rows; different: number of different poses.
+    train, heldout: number of rows.
+    folds: number of folds if every pose was held out once.
+    outliers: rows of the file, outliers of the final fit or of the last fit to training poses.
+    ranges: measured range of every joint.
+    marks: digest of each row, equal for equal joint values and measurements in any table.
+    """
 
     file: str = ""
     sha256: str = ""
@@ -128,8 +134,8 @@ class DataRecord:
 
 @dataclass(frozen=True)
 class MechanismRecord:
-    """The mechanism's name, its joints as the table calls them, where its tip is at one oblique pose, by which it is
-    recognised, and which joints slide."""
+    """The mechanism. joints: names in the table. sliding: prismatic joints.
+    tip_at_probe_m: tip position at one oblique pose, by which the mechanism is recognised."""
 
     name: str = ""
     joints: tuple[str, ...] = ()
@@ -139,7 +145,7 @@ class MechanismRecord:
 
 @dataclass(frozen=True)
 class ParameterRecord:
-    """One number of the fitted model, SI; stderr None where it was dropped."""
+    """One number of the fitted model, SI; stderr is None if it was held at zero."""
 
     name: str
     value: float | None = None
@@ -152,7 +158,8 @@ class ParameterRecord:
 
 @dataclass(frozen=True)
 class MimicRecord:
-    """A constant of the standard model, and the effect of the catalogue that it could equally be, by their names."""
+    """Names of a constant of the standard model and of a catalogue effect with the same motion of
+    the measured points."""
 
     constant: str
     rival: str
@@ -160,8 +167,12 @@ class MimicRecord:
 
 @dataclass(frozen=True)
 class ExportRecord:
-    """A file the model is handed on as: what it is, its errors against `predict` on fresh poses within the measured
-    ranges, its own RMS on held-out poses, and the effects it cannot hold."""
+    """An exported file of the model.
+
+    rms_mm, max_mm: errors relative to `predict` at new poses within the measured ranges.
+    heldout_rms_mm: RMS error of the file on held-out poses.
+    missing: effects that the file cannot contain.
+    """
 
     file: str
     what: str = ""
@@ -175,14 +186,17 @@ class ExportRecord:
 class Report:
     """The whole of report.json.
 
-    kind: which call made it. settings: of an evolution. noise_floor_mm: 3-D RMS that the instrument alone gives, from
-    `noise_from`. stopped: why the search ended. placement: the tool point in the flange and the root in the
-    instrument's frame, number by number, rotations as vectors. unobservable: effects hidden by joint values solved at
-    every pose. hidden: what a constant of the standard model could equally be, and the poses that would tell; mimics:
-    the same by name. further: what is to be expected on further poses. predicted: the errors of `predict`.
-    discrepancy_mm: of one component, of the model's form. readings: each kind of reading that is no point, in its own
-    unit; unseen: what they cannot show. sigma_mm: of one component; freedom: degrees of freedom of it. model_sha256:
-    seal of the model.json that belongs to it.
+    kind: the call that made it. settings: of an evolution.
+    noise_floor_mm: 3-D RMS of the instrument alone; noise_from: its source.
+    stopped: why the search ended.
+    placement: tool point in the flange frame and root in the instrument frame, number by number, rotations as vectors.
+    unobservable: effects absorbed by joint values that are solved at every pose.
+    hidden: effects that constants of the standard model could equally be, and poses that would decide; mimics: by name.
+    further: expected errors at further poses. predicted: errors of `predict`.
+    discrepancy_mm: error of one component by the form of the model.
+    readings: measurements other than points, each kind in its own unit; unseen: what they cannot determine.
+    sigma_mm: of one component; freedom: its degrees of freedom.
+    model_sha256: digest of the model.json that belongs to the report.
     """
 
     command: str = ""
@@ -230,72 +244,71 @@ class Report:
 
     @property
     def held(self) -> bool:
-        """True if any step has errors on held-out poses."""
+        """Whether any step has errors on held-out poses."""
         return any(rung.heldout.known for rung in self.ladder)
 
     def step(self, name: str) -> StepRecord | None:
-        """The rung of that name."""
+        """Return the step with this name, or None."""
         return next((rung for rung in self.ladder if rung.step == name), None)
 
     def title(self, rung: StepRecord) -> str:
-        """A rung of the ladder in words."""
+        """Return the title of a step."""
         if rung.effect is not None and rung.effect < len(self.effects):
             return f"+ {self.effects[rung.effect].name}"
         standard = "standard model" if self.step(ALONE) is None else PRIOR
         return {REGISTRATION: "registration only", STANDARD: standard}.get(rung.step, rung.step)
 
     def turn_mrad(self, rung: StepRecord) -> float | None:
-        """RMS angle, mrad, between measured and modelled orientation after a step, over the poses of its errors.
-
-        None where none was measured, and for steps between the standard model and the last.
-        """
+        """Return the RMS angle, mrad, between measured and modelled orientation after a step, over the poses of its
+        errors.
+        None if not measured, and for steps between the standard model and the last."""
         last = self.ladder and rung.step == self.ladder[-1].step
         return self.plots.turned("final" if last else rung.step, self.data.outliers)[1]
 
     @property
     def orientation(self) -> tuple[float, float] | None:
-        """RMS error of orientation, mrad, before and after; None where none was measured."""
+        """RMS error of orientation, mrad, before and after; None if not measured."""
         kinds = (kind for kind in self.readings if kind.unit == "mrad")
         return next(((k.before, k.after) for k in kinds if k.before is not None and k.after is not None), None)
 
     def before_and_after(self) -> tuple[str, str]:
-        """Names of the steps before and after: the standard model and the last, or registration only and the standard
-        model where nothing is beyond it."""
+        """Return the names of the compared steps: standard model and last step.
+        Without further effects: registration only and standard model."""
         names = [rung.step for rung in self.ladder] or [STANDARD]
         before = STANDARD if self.ladder and self.ladder[-1].beyond_standard and STANDARD in names else names[0]
         return before, names[-1]
 
     @property
     def shipped(self) -> str:
-        """The step whose model is shipped: the standard one where held-out poses do not confirm what was found."""
+        """Name of the step whose model is shipped: the standard model if held-out poses do not confirm the findings."""
         refused = self.confirmation is not None and not self.confirmation.passed
         return STANDARD if refused else self.before_and_after()[1]
 
     def geometry(self) -> tuple[ParameterRecord, ...]:
-        """The parameters kept that belong to none of the effects."""
+        """Return the fitted parameters that belong to no effect."""
         effects = tuple(e.name for e in self.effects)
         return tuple(p for p in self.parameters if p.kept and not p.name.startswith(effects or ("\0",)))
 
     @property
     def rejected(self) -> tuple[CandidateRecord, ...]:
-        """Rejected candidates that further poses should decide, by their last tests, the largest gain first."""
+        """Rejected candidates that are significant and predict better, by their last tests, the largest gain first."""
         last = {c.name: c for r in self.rounds for c in r.candidates}
         named = {effect.name for effect in self.effects}
         undecided = (c for c in last.values() if c.undecided and c.name not in named)
         return tuple(sorted(undecided, key=lambda c: -(c.nats or 0.0))[:MOST_REJECTED])
 
     def removed(self, shuffled: bool) -> float | None:
-        """Median share of their score that the best programs of the runs remove; None without runs."""
+        """Return the median share of their error norm that the best programs of the runs remove; None without runs."""
         gains = [run.gain for run in self.runs if run.shuffled == shuffled]
         return median(gains) if gains else None
 
     def dropped(self) -> tuple[str, ...]:
-        """Return the parameters that these poses do not determine, which the final model leaves out."""
+        """Return the names of the parameters that these poses do not determine, which the final model holds at zero."""
         listed = tuple(p.name for p in self.parameters if not p.kept)
         return listed or (self.ladder[-1].dropped if self.ladder else ())
 
     def histogram_of(self, effect: EffectRecord) -> Histogram | None:
-        """The histogram of the round that found an effect, where there was one."""
+        """Return the histogram of the round that found an effect, or None."""
         if effect.round is None or not 1 <= effect.round <= len(self.histograms):
             return None
         return self.histograms[effect.round - 1]

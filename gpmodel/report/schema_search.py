@@ -17,7 +17,7 @@ Vectors = tuple[tuple[float | None, ...], ...]
 
 @dataclass(frozen=True)
 class SideErrors:
-    """3-D errors, mm, of the training and of the held-out poses, each in the order of the rows."""
+    """3-D errors, mm, of the training poses and of the held-out poses, each in the order of the rows."""
 
     train: tuple[float | None, ...] = ()
     heldout: tuple[float | None, ...] = ()
@@ -25,8 +25,8 @@ class SideErrors:
 
 @dataclass(frozen=True)
 class ShapeRecord:
-    """Partial residual of an effect over its first input, at the poses of the `rows` of the file, and the fitted curve
-    where it reads that input alone."""
+    """Partial residual of an effect over its first input, at some rows of the file.
+    curve_x, curve_y: the fitted curve, if the effect depends on this input alone."""
 
     effect: Count
     x_name: str = "row"
@@ -42,12 +42,14 @@ class ShapeRecord:
 
 @dataclass(frozen=True)
 class PlotRecord:
-    """rows: (N,) rows of the file. points_mm: (N, 3) nominal positions in the mechanism's root frame.
+    """Data of the pictures.
 
-    residual_mm: measured minus modelled (N, 3) in the same frame, of "registration", "standard" and "final".
-    turn_mrad: angle (N,) between measured and modelled orientation, of the same; empty where none was measured.
-    error_mm: by step of the ladder. chain_mm: the slots' origins (S, 3) of the poses `chain_poses`, to draw the arm.
-    slots: their names.
+    rows: (N,) rows of the file.
+    points_mm: (N, 3) nominal positions in the root frame.
+    residual_mm: (N, 3) measured minus modelled in the root frame, by step "registration", "standard" and "final".
+    turn_mrad: (N,) angle between measured and modelled orientation by step; empty if not measured.
+    error_mm: 3-D errors by step.
+    chain_mm: origins (S, 3) of the slots at the poses `chain_poses`, to draw the arm; slots: their names.
     """
 
     rows: tuple[int, ...] = ()
@@ -62,10 +64,8 @@ class PlotRecord:
     chain_mm: tuple[Vectors, ...] = ()
 
     def turned(self, name: str, outliers: Collection[int]) -> tuple[int, float | None]:
-        """Number of held-out poses, or of all where none are, with an angle of that name, and its RMS, mrad.
-
-        outliers: rows of the file that do not count.
-        """
+        """Return the number of poses with an angle after the step `name`, and the RMS of the angles, mrad.
+        Held-out poses count, or all if none were held out. outliers: rows of the file that do not count."""
         held, angles = any(self.heldout_mask), self.turn_mrad.get(name, ())
         each = zip(angles, self.heldout_mask, self.rows, strict=True) if angles else ()
         known = [a for a, out, row in each if a is not None and out >= held and row not in outliers]
@@ -74,8 +74,9 @@ class PlotRecord:
 
 @dataclass(frozen=True)
 class ReadingRecord:
-    """Readings of one kind: how many rows, and the RMS in their own unit of what registration and the last step leave
-    of them, held out where any are."""
+    """Residuals of one kind of measurement: number of rows, and RMS in its own unit after registration and after the
+    last step.
+    Over held-out rows if there are any."""
 
     name: str
     unit: str
@@ -86,9 +87,10 @@ class ReadingRecord:
 
 @dataclass(frozen=True)
 class Repeatability:
-    """ISO 9283 (1998) pose repeatability RP = l + 3 S_l, l the distances of repeats from their mean; over the poses.
+    """Pose repeatability RP = l + 3 S_l of ISO 9283 (1998), over the poses; l are the distances of repeats from their
+    mean.
 
-    rms_mm: of these distances. rp_stderr_mm: standard uncertainty of the mean; None of one pose.
+    rms_mm: RMS of these distances. rp_stderr_mm: standard uncertainty of the mean; None for one pose.
     """
 
     poses: Count
@@ -101,10 +103,11 @@ class Repeatability:
 
 @dataclass(frozen=True)
 class Positioning:
-    """ISO 9283 (1998) pose accuracy AP, the distance of the mean of a pose's repeats from where it should be: with the
-    nominal geometry before, with the model after; mean over the poses with its standard uncertainty, and the largest.
+    """Pose accuracy AP of ISO 9283 (1998): distance of the mean of a pose's repeats from its modelled position.
 
-    heldout: whether of poses that the model was not fitted to.
+    before: with the nominal geometry. after: with the model. Mean over the poses with standard uncertainty, and
+    maximum.
+    heldout: whether the model was fitted without these poses.
     """
 
     poses: Count
@@ -118,8 +121,11 @@ class Positioning:
 
 @dataclass(frozen=True)
 class InstrumentRecord:
-    """The specification of the instrument as it was given; limit_mm: of a coordinate at the typical distance of the
-    poses, noise_mm: the standard deviation of a coordinate that it leads to expect."""
+    """The specification of the instrument as given.
+
+    limit_mm: of a coordinate at the typical distance of the poses.
+    noise_mm: expected standard deviation of a coordinate.
+    """
 
     specification: str
     limit_mm: NotNegative
@@ -129,7 +135,7 @@ class InstrumentRecord:
 NOTICED = 0.01
 """Least relative fall of the cross-validated error by a listed rejected candidate: the last printed digit."""
 SIGNIFICANT = ("chance", "nats")
-"""Tests of significance; the others ask how well a candidate predicts."""
+"""Tests of significance; all other tests concern prediction."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +148,7 @@ class Correlation:
 
 @dataclass(frozen=True)
 class Range:
-    """Between which values of an input the model was trained, in `unit`."""
+    """Smallest and largest value of an input in the training rows, in `unit`."""
 
     input: str
     low: float
@@ -152,7 +158,8 @@ class Range:
 
 @dataclass(frozen=True)
 class RivalRecord:
-    """Another candidate in the credible set of a finding, and the cross-validated RMS with it in its place."""
+    """Another candidate in the credible set of a finding, and the cross-validated RMS with it
+    instead of the finding."""
 
     name: str
     cv_rms_mm: NotNegative | None = None
@@ -162,8 +169,8 @@ class RivalRecord:
 class CauseRecord:
     """A cause in the credible set of a finding, and its probability.
 
-    names: of candidates that no measurement at these poses distinguishes, the most probable first. own: the finding is
-    one of them.
+    names: candidates that are indistinguishable at these poses, the most probable first.
+    own: the finding is one of them.
     """
 
     names: tuple[str, ...]
@@ -173,7 +180,7 @@ class CauseRecord:
 
 @dataclass(frozen=True)
 class TermRecord:
-    """One term of an effect: weight times basis along an axis of a slot."""
+    """One term of an effect: weight times basis function, along an axis of a slot."""
 
     slot: str
     axis: str
@@ -183,10 +190,8 @@ class TermRecord:
 
 @dataclass(frozen=True)
 class MovedRecord:
-    """By how much an effect moves the measured point, mm: points (K, 3) and displacements (K, 3) in the root frame.
-
-    anywhere: at joint values anywhere within the limits; else at measured poses.
-    """
+    """Displacement of the measured point by an effect, mm: points (K, 3) and displacements (K, 3) in the root frame.
+    anywhere: at random joint values within the limits; else at measured poses."""
 
     anywhere: bool = False
     points_mm: Vectors = ()
@@ -195,10 +200,8 @@ class MovedRecord:
 
 @dataclass(frozen=True)
 class FormulaRecord:
-    """A formula of the Pareto front at a finding's site: that no shorter one equals in gain.
-
-    nodes: its length. nats: gain in log likelihood with everything else in the model. taken: it is the finding.
-    """
+    """A formula on the Pareto front of a finding's site: its gain is larger than that of every shorter formula.
+    nodes: its length. nats: gain in log likelihood, given everything else in the model. taken: it is the finding."""
 
     basis: str
     nodes: Count
@@ -208,7 +211,7 @@ class FormulaRecord:
 
 @dataclass(frozen=True)
 class TestRecord:
-    """One test of the acceptance rule: what was measured, the limit it was held against, whether it passed."""
+    """One test of the acceptance rule: value, limit, and whether it passed."""
 
     __test__ = False
     name: str
@@ -219,21 +222,21 @@ class TestRecord:
 
 @dataclass(frozen=True)
 class EffectRecord:
-    """An enabled effect: value ± stderr times basis, at slot and axis, and what speaks for it.
+    """An effect in the model: value ± stderr times basis function, at slot and axis, and the evidence for it.
 
-    kind: single, harmonic, vector or curve, as of a candidate; of a curve the value is the RMS over the measured poses.
-    stderr: of the value, by the noise and over what the other findings could be in their places.
-    causes: the 95 % credible set, the most probable first; None if not computed. without_name: probability in the
-    set that the cause has no name. rivals: the other candidates in the set, with their cross-validated error. p_value:
-    chance of it among `shuffles` of what was `shuffled`. gain: share of the residual energy that it removes where
-    everything else is in the model.
-    tool_rms_mm, tool_max_mm, tool_turn_mrad: how far it moves the measured point over the measured poses, and by what
-    angle it turns the tool, RMS; alone_rms_mm: of that what
-    nothing else in the model, registration and tool included, takes up; workspace_*: at joint values
-    anywhere within the limits. of_specification: of an error of the instrument, how many times its specification it
-    moves the readings by, RMS. ranges: of its inputs, as trained. constants: inside its law. front: formulas to choose
-    among, the shortest first. moved: displacements
-    pose by pose.
+    kind: single, harmonic, vector or curve, as of a candidate; the value of a curve is its RMS over the measured poses.
+    stderr: of the value, from the noise and from the possible causes of the other findings.
+    causes: the 95 % credible set, the most probable first; None if not computed. without_name: probability in the set
+    of a cause without a name.
+    rivals: other candidates in the set, with their cross-validated error.
+    p_value: chance of the gain, from `shuffles` permutations of `shuffled`.
+    gain: share of the residual sum of squares that it removes, given everything else in the model.
+    tool_rms_mm, tool_max_mm: displacement of the measured point over the measured poses; tool_turn_mrad: RMS rotation.
+    alone_rms_mm: the part of the displacement that nothing else in the model absorbs, registration and tool included.
+    workspace_*: displacement at random joint values within the limits.
+    of_specification: RMS of an instrument error relative to its specification.
+    ranges: of its inputs in training. constants: inside its formula. moved: displacements pose by pose.
+    front: alternative formulas, the shortest first.
     """
 
     name: str
@@ -278,19 +281,19 @@ class EffectRecord:
     moved: MovedRecord | None = None
 
     def __repr__(self) -> str:
-        """One line."""
+        """Return one line with name, size, site and basis function."""
         size = measured(self.value, self.stderr, self.unit)
         return f"<effect {self.name}: {size} at {self.slot} {self.axis}, {shortened(self.basis, 60)}>"
 
     @property
     def repair(self) -> RepairAdvice | None:
-        """Sign on the machine, check by hand, clause of a standard and what compensation can do; None of a finding that
-        is of no family."""
+        """Symptom on the machine, check by hand, clause of a standard and effect of compensation; None without a
+        family."""
         return repair_advice().get(self.catalogue or "")
 
     @property
     def probability(self) -> float | None:
-        """Probability of the finding and of what no measurement distinguishes from it; None if not computed."""
+        """Probability of the finding and of causes indistinguishable from it; None if not computed."""
         if self.causes is None:
             return None
         return next((cause.probability for cause in self.causes if cause.own), self.without_name)
@@ -307,7 +310,7 @@ class EffectRecord:
 
     @property
     def stderr_over_causes(self) -> float | None:
-        """Root mean square deviation of the amount from the value, which is zero where another is the cause:
+        """Root mean square deviation of the true amount from the value, if the amount is zero for other causes.
         √(p σ² + (1 - p) value²). Source: Hoeting et al. (1999), variance within and between models."""
         if self.probability is None or self.value is None or self.stderr is None:
             return None
@@ -316,10 +319,8 @@ class EffectRecord:
 
 @dataclass(frozen=True)
 class CandidateRecord:
-    """Something that was tried: its score, and why it was added or not.
-
-    cv_rms_mm, cv_before_mm: cross-validated 3-D RMS with it and without.
-    """
+    """A candidate that was tested: its score, and why it was accepted or not.
+    cv_rms_mm, cv_before_mm: cross-validated 3-D RMS with and without it."""
 
     name: str = ""
     slot: str = ""
@@ -340,7 +341,7 @@ class CandidateRecord:
 
     @property
     def undecided(self) -> bool:
-        """True if a candidate is significant and lowers the cross-validated error, but failed another test."""
+        """Whether a candidate is significant and lowers the cross-validated error, but failed another test."""
         if self.accepted or self.cv_rms_mm is None or self.cv_before_mm is None:
             return False
         passed = all(test.passed for test in self.tests if test.name in SIGNIFICANT)
@@ -349,7 +350,8 @@ class CandidateRecord:
 
 @dataclass(frozen=True)
 class RoundRecord:
-    """One look at the residual. null_nats: the best of each search on shuffled residuals. dropped: taken out again."""
+    """One round of the search. null_nats: largest gain of each search on permuted residuals. dropped: findings removed
+    again."""
 
     round: Count = 0
     candidates: tuple[CandidateRecord, ...] = ()
@@ -360,9 +362,7 @@ class RoundRecord:
 @dataclass(frozen=True)
 class CompensationRecord:
     """The best program at the training poses.
-
-    columns: (K, N) of the inputs that it refers to. values: (m, N) of its outputs.
-    """
+    columns: (K, N) of its inputs. values: (m, N) of its outputs."""
 
     run: str = ""
     inputs: tuple[str, ...] = ()

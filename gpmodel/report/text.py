@@ -1,4 +1,4 @@
-"""A Report as text of 80 columns, in the manner of lmfit's fit_report: held-out errors first, then what was found."""
+"""A Report as text of 80 columns, similar to lmfit's fit_report: held-out errors first, then findings."""
 
 from collections.abc import Iterator
 
@@ -9,11 +9,11 @@ from gpmodel.report.schema_search import EffectRecord
 from gpmodel.wording import NAME, WIDTH, wrapped
 
 MOST_LISTED = 12
-"""Names listed before the rest is counted."""
+"""Largest number of names that are listed; the remaining ones are counted."""
 
 
 def summary(report: Report) -> str:
-    """Verdict, ladder, noise floor, findings with σ and causes, parameters, caveats."""
+    """Return verdict, errors by step, noise floor, findings with σ and causes, parameters and caveats as text."""
     blocks = (
         ("Verdict", [wrapped(" ".join(filter(None, (report.verdict, verdict.behind(report)))))]),
         ("3-D error, mm", list(_ladder(report))),

@@ -1,4 +1,4 @@
-"""The one sentence of a report, and what stands behind it."""
+"""The one-sentence verdict of a report, and the sentences that follow it."""
 
 import math
 import re
@@ -15,11 +15,11 @@ from gpmodel.report.schema import STANDARD, Report
 
 COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 MOST_SIZED = 2
-"""Effects that the verdict of a calibration names; of more it states the number."""
+"""Largest number of effects that the verdict of a calibration names; more are counted."""
 SURE = 0.9
-"""Probability from which the verdict names no other cause."""
+"""Probability of a finding above which the verdict names no other cause."""
 STATED_TOO_LARGE = 3.0
-"""Stated noise over the residual from which the stated value is too large: the fit would leave a third of it."""
+"""Ratio of stated noise to residual above which the stated noise is too large."""
 _LOAD = re.compile(r"(?:payload_)?(?:torque|moment|force)_(?P<at>\w+)$")
 
 
@@ -43,7 +43,7 @@ def of_discovery(report: Report) -> str:
 
 
 def _change(report: Report) -> str:
-    """The error before, by the name of its step, and after: `standard model 0.148 → 0.036 mm`."""
+    """Return the error before, with the name of its step, and after: `standard model 0.148 → 0.036 mm`."""
     before, after = (report.step(name) for name in report.before_and_after())
     if before is None or after is None or before is after:
         return f"{wording.length(report.ladder[-1].errors.rms_mm)} RMS"
@@ -51,18 +51,16 @@ def _change(report: Report) -> str:
 
 
 def behind(report: Report) -> str:
-    """State the inputs of the found effects, their alternatives, the number of undecided rejected candidates, and the
-    error of orientation.
-
-    Empty without any.
-    """
+    """State the inputs of the effects, their alternatives, the number of undecided candidates, and the orientation
+    error.
+    Empty if there is none of these."""
     inputs = list(inputs_in_words(report))
     followed = f"The found effects depend on {wording.listed(inputs)}." if report.kind == "discover" and inputs else ""
     return " ".join(filter(None, (followed, *_undecided(report), _rejected(report), *_orientation(report))))
 
 
 def _orientation(report: Report) -> Iterator[str]:
-    """State the error of orientation after the steps that the verdict compares, where it was measured."""
+    """State the orientation error after the steps that the verdict compares, if it was measured."""
     names = dict.fromkeys((report.before_and_after()[0], report.shipped))
     steps = [step for name in names if (step := report.step(name)) is not None]
     turns = [turn for step in steps if (turn := report.turn_mrad(step)) is not None]
@@ -73,7 +71,7 @@ def _orientation(report: Report) -> Iterator[str]:
 
 
 def farthest_tool_point(report: Report) -> float:
-    """Distance of the farthest tool point from the flange, m; 0 where no tool is known."""
+    """Return the distance of the farthest tool point from the flange, m; 0 if no tool point is known."""
     squares: dict[str, float] = defaultdict(float)
     for one in report.placement:
         if one.name.startswith("tool") and one.name[-2:] in (" x", " y", " z") and one.unit == "m":
@@ -88,7 +86,7 @@ def _rejected(report: Report) -> str:
 
 
 def _undecided(report: Report) -> Iterator[str]:
-    """Effects that these poses do not tell from another cause."""
+    """Name each effect that these poses do not distinguish from another cause."""
     for effect in report.effects:
         others = effect.others
         if others and effect.probability is not None and effect.probability < SURE:
@@ -99,7 +97,7 @@ def _undecided(report: Report) -> Iterator[str]:
 
 
 def inputs_in_words(report: Report) -> Iterator[str]:
-    """The inputs of the effects as a person says them: loads of a kind once, with all their joints."""
+    """Yield the inputs of the effects in words; loads of one kind are named once with all their joints."""
     joints, sliding = report.mechanism.joints, report.mechanism.sliding
     inputs = list(dict.fromkeys(x for e in report.effects for x in e.inputs))
     if loads := [x for x in inputs if _LOAD.match(x)]:
@@ -115,7 +113,7 @@ def inputs_in_words(report: Report) -> Iterator[str]:
 
 
 def spans(names: Sequence[str], order: Sequence[str]) -> str:
-    """Names in the given order, three or more in a row by the first and the last: `J1-J3, J5`."""
+    """Return names in the given order, three or more neighbours as a range: `J1-J3, J5`."""
     at = sorted(order.index(n) for n in set(names) if n in order)
     runs = np.split(np.array(at, dtype=int), np.flatnonzero(np.diff(at) != 1) + 1) if at else []
     said = []
@@ -128,7 +126,7 @@ def spans(names: Sequence[str], order: Sequence[str]) -> str:
 
 
 def _places(loads: Sequence[str], joints: Sequence[str]) -> list[str]:
-    """Base and joints at which loads act."""
+    """Return the base or joint at which each load acts."""
     found = [match["at"].partition("_of_")[0] for load in loads if (match := _LOAD.match(load))]
     by_length = sorted(("base", *joints), key=len, reverse=True)
     return [next((p for p in by_length if at == p or at.startswith(f"{p}_")), "") for at in found]
@@ -143,16 +141,14 @@ def _where(report: Report) -> str:
 
 
 def _left_out(report: Report) -> str:
-    """The outliers by row, as a further sentence; empty without any."""
+    """State the outliers by row, as a further sentence; empty without any."""
     rows = report.data.outliers
     return f" {wording.left_out(rows, report.data.poses)}." if rows else ""
 
 
 def _beside_noise(report: Report, rms: float | None) -> str:
-    """Compare an error with the noise floor; empty where the floor is unknown.
-
-    At the floor: within two standard errors of an RMS over so many poses, 1 / √(2 n) each.
-    """
+    """Compare an error with the noise floor; empty if the floor is unknown.
+    At the floor: within two standard errors of an RMS over n poses, 1 / √(2 n) each."""
     floor = report.noise_floor_mm
     if floor is None or not rms:
         return ""

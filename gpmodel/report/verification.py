@@ -1,4 +1,4 @@
-"""verify.json: the verdict of later poses on a model, as frozen records; lengths in mm, all else SI."""
+"""verify.json: test of a model on later poses, as frozen records; lengths in mm, everything else SI."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -33,14 +33,18 @@ NAME, KIND = "verify.json", "verify"
 SCHEMA = 1
 
 TOO_GOOD = 1e-6
-"""Probability of a chi-square as small, below which the page remarks on it."""
+"""Probability of so small a chi-square below which the page remarks on it."""
 
 
 @dataclass(frozen=True)
 class PoseRecord:
-    """A row of the table: 3-D errors, mm, with nominal geometry and with the model, what the model promises it to be,
-    RMS, and the chance of so much; the last two None where the row was left out as an outlier. missed: of a target
-    that was compensated, mm."""
+    """A row of the table.
+
+    without_mm, with_mm: 3-D errors, mm, with the nominal geometry and with the model.
+    promised_mm: RMS error that the model expects. chance: p-value of the error. Both None for an outlier.
+    outside: inputs outside the ranges of the fit.
+    missed_mm: error of a compensated target, mm.
+    """
 
     row: int
     without_mm: NotNegative | None
@@ -54,7 +58,7 @@ class PoseRecord:
 
 @dataclass(frozen=True)
 class Others:
-    """The rows of a long table that the verdict does not rest on, and their errors with the model, mm."""
+    """Rows of a long table on which the verdict is not based, and their errors with the model, mm."""
 
     rows: tuple[int, ...]
     with_mm: tuple[NotNegative, ...]
@@ -62,7 +66,8 @@ class Others:
 
 @dataclass(frozen=True)
 class KindRecord:
-    """Readings of one kind that are no points, RMS in their own unit. mm: that one unit counts as."""
+    """Measurements of one kind other than points, RMS in their own unit. mm: millimetres that weigh as much as one
+    unit."""
 
     name: str
     unit: str
@@ -77,13 +82,17 @@ class KindRecord:
 class Verification:
     """The whole of verify.json.
 
-    verdict: holds, drifted or another machine. sigma_mm: of one coordinate, by the model. chi_square, degrees, chance:
-    of what the model leaves; noise_degrees: of sigma, None where it is known beforehand. instrument: whether the
-    errors of the instrument that the model has are in these readings. tolerance_mm: what no row may exceed, as asked.
-    kinds: of readings that are no points; their rows count in mm. rows: of the table, of which `poses` are judged;
-    orientation: RMS angle, mrad, by nominal geometry and with the model. lever_m: of the farthest tool point.
-    others: the rest, which the tolerance is of as well. fitted: rows of the fit, left out. chance_of_less: of so small
-    a chi-square.
+    verdict: holds, drifted or another machine.
+    sigma_mm: of one coordinate, by the model. noise_degrees: its degrees of freedom, None if it is given.
+    chi_square, degrees, chance: test of the residual of the model. chance_of_less: probability of so small a
+    chi-square.
+    instrument: whether the measurements include the instrument errors of the model.
+    tolerance_mm: largest allowed error of a row, if given.
+    kinds: measurements other than points; their rows count in mm.
+    orientation: RMS angle, mrad, with nominal geometry and with the model. lever_m: of the farthest tool point.
+    rows: number of rows in the table, of which `poses` are tested; others: the remaining rows, compared with the
+    tolerance.
+    fitted: rows that the model was fitted to, left out.
     """
 
     command: str
@@ -120,36 +129,36 @@ class Verification:
 
     @property
     def shown(self) -> tuple[str, float]:
-        """The unit in which errors of rows are written and the mm of one: that of the readings where all have one."""
+        """Unit of the row errors and its size in mm: the unit of the measurements if they have only one."""
         units = {(k.unit, k.mm) for k in self.kinds}
         alone = len(units) == 1 and sum(k.rows for k in self.kinds) + len(self.data.outliers) >= len(self.poses)
         return units.pop() if alone else ("mm", 1.0)
 
     @property
     def beyond_tolerance(self) -> tuple[PoseRecord, ...]:
-        """Rows whose error exceeds the tolerance, the worst first; outliers count too, no reading is passed over."""
+        """Rows with an error above the tolerance, outliers included, the largest first."""
         limit = self.tolerance_mm
         return () if limit is None else tuple(p for p in self.worst_first if (p.with_mm or 0.0) > limit)
 
     @property
     def worst_first(self) -> tuple[PoseRecord, ...]:
-        """The rows, the largest error with the model first; those without a measured point last."""
+        """Rows in order of decreasing error with the model; rows without a measured point last."""
         return tuple(sorted(self.poses, key=lambda p: -1.0 if p.with_mm is None else p.with_mm, reverse=True))
 
     @property
     def passed(self) -> bool:
-        """True if the model holds, within the tolerance if one was given."""
+        """Whether the model holds, within the tolerance if one was given."""
         return self.verdict == "holds" and not self.beyond
 
     @property
     def beyond(self) -> int:
-        """Number of rows that exceed the tolerance, of all rows."""
+        """Number of all rows that exceed the tolerance."""
         limit, others = self.tolerance_mm, self.others.with_mm if self.others else ()
         return len(self.beyond_tolerance) + sum(limit is not None and mm > limit for mm in others)
 
     @property
     def worst(self) -> tuple[int, float | None]:
-        """The row of the largest error with the model, of all that there are, and that error, mm."""
+        """Row with the largest error of all rows with the model, and its error, mm."""
         first = self.worst_first[0]
         pairs = list(zip(self.others.with_mm, self.others.rows, strict=True)) if self.others else []
         mm, row = max(pairs, default=(0.0, 0))
@@ -162,7 +171,7 @@ class VerifyRequest:
 
     missed: (N,) m, errors of compensated targets.
     rows: number of rows of the table.
-    others: rows that are not judged.
+    others: rows that are not tested.
     fitted: rows of the fit, left out.
     """
 
@@ -177,7 +186,7 @@ class VerifyRequest:
 
 
 def verification(found: Verified, asked: VerifyRequest) -> Verification:
-    """The record of a model against later poses; joints by the names of their table."""
+    """Return the record of a test of a model on later poses, with the joint names of their table."""
     session = found.session
     data, count = session.poses.dataset, len(session.poses)
     names = names_of(data)
@@ -230,7 +239,7 @@ def verification(found: Verified, asked: VerifyRequest) -> Verification:
 
 
 def _kinds(found: Verified, promised: Array) -> Iterator[KindRecord]:
-    """Yield the record of each kind of reading over the rows that count."""
+    """Yield the record of each kind of measurement over the rows that are not outliers."""
     session = found.session
     for kind in cast(tuple[Observation, ...], session.poses.dataset.observations):
         rows, (unit, factor) = kind.readings.any(axis=1) & session.use, OWN_UNIT[kind.unit]
@@ -240,7 +249,7 @@ def _kinds(found: Verified, promised: Array) -> Iterator[KindRecord]:
 
 
 def _orientation(found: Verified) -> ReadingRecord | None:
-    """Over the rows that count; None where no orientation was measured."""
+    """Return the orientation errors over the rows that are not outliers; None if not measured."""
     session = found.session
     turns = (found.alone_turn[session.use], turn_error(session.observed, session.poses.dataset)[session.use])
     known = [values[np.isfinite(values)] for values in turns]
@@ -250,17 +259,17 @@ def _orientation(found: Verified) -> ReadingRecord | None:
 
 
 def by_row(record: Verification) -> pd.DataFrame:
-    """One row a row of the table, the largest error with the model first, as verify.csv has it."""
+    """Return the rows of the table as in verify.csv, the largest error with the model first."""
     return pd.DataFrame(record.worst_first).rename(columns=lambda name: name.replace("_mm", " [mm]"))
 
 
 def to_json(record: Verification) -> str:
-    """The text of verify.json."""
+    """Return the text of verify.json."""
     return files.to_json(dataclasses.asdict(record))
 
 
 def read_verification(folder: Path) -> Verification | None:
-    """The saved Verification in `folder`, None where there is none. Raises InputError where it cannot be read."""
+    """Return the saved Verification in `folder`, None if there is none. Raises InputError if it is unreadable."""
     path = folder / NAME
     if not path.is_file():
         return None

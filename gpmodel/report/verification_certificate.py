@@ -1,4 +1,4 @@
-"""The certificate of a verification: how accurate the machine is, by poses measured after it was calibrated."""
+"""The certificate of a verification: accuracy of a machine at poses measured after its calibration."""
 
 from collections.abc import Iterator
 
@@ -27,8 +27,7 @@ OF_READINGS = (
 
 
 def certificate(record: Verification, particulars: Particulars) -> Certificate:
-    """The certificate of what was measured afterwards: both columns of errors are measurements, none a prediction but
-    of the model that was certified before."""
+    """Return the certificate of a verification; both columns of errors are measurements."""
     pairs = [(p.without_mm, p.with_mm) for p in record.poses if not p.outlier and None not in (p.without_mm, p.with_mm)]
     errors = np.array(pairs, dtype=float).reshape(-1, 2)
     return Certificate(

@@ -1,4 +1,4 @@
-"""Verification in words and as a page."""
+"""Verification as text and as a page."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_ROWS, MOST_PRINTED = 400, 8
-"""Rows on the page and on a terminal, the largest error first; verify.csv has all."""
+"""Number of rows on the page and on a terminal, the largest error first; verify.csv has all."""
 UNLIKELY = 0.001
 """Probability of a row's error below which the row is marked: in one of fifty tables with twenty rows."""
 NOMINAL = "nominal, as driven"
-"""Nominal geometry at the joint values that were driven, in a table; it is not the machine before its calibration."""
+"""Label in tables of the nominal geometry at the driven joint values; it is not the machine before its calibration."""
 LOST = 50.0
 """Error with nominal geometry, mm, that no arm of the right type has. Joint columns, units or the type are wrong."""
 
 
 def size(record: Verification, mm: float | None, bare: bool = False) -> str:
-    """An error of a row, in the unit of the readings; bare: without the unit."""
+    """Return the error of a row with the unit of the measurements. bare: without the unit."""
     unit, of_one = record.shown
     if unit == "mm":
         said = wording.millimetres(mm)
@@ -39,12 +39,12 @@ def size(record: Verification, mm: float | None, bare: bool = False) -> str:
 
 
 def verdict(record: Verification) -> str:
-    """Join the sentences of the answer, of what changed and of the tolerance."""
+    """Join the sentences of the verdict."""
     return " ".join(sentences(record))
 
 
 def sentences(record: Verification) -> Iterator[str]:
-    """Yield the answer, the errors to compare with, the changes and the tolerance, a line each."""
+    """Yield verdict, errors for comparison, changes and tolerance, one sentence each."""
     after, promised, without = (
         size(record, mm) for mm in (record.after.rms_mm, record.promised_mm, record.without.rms_mm)
     )
@@ -67,7 +67,7 @@ def sentences(record: Verification) -> Iterator[str]:
 
 
 def _rows_apart(record: Verification) -> Iterator[str]:
-    """Yield remarks on rows excluded from the verdict, and on readings that are too good."""
+    """Yield remarks on rows excluded from the verdict, and on errors that are too small."""
     if record.fitted:
         several = "s" if len(record.fitted) > 1 else ""
         yield f"{len(record.fitted)} row{several} of the fit left out ({wording.some(record.fitted)})."
@@ -97,7 +97,7 @@ def tolerance(record: Verification) -> str:
 
 
 def change(found: NamedChange) -> str:
-    """A change with its size: `zero of J2 by 31.0 ± 4.1 µrad`."""
+    """Return a change with its size: `zero of J2 by 31.0 ± 4.1 µrad`."""
     if found.kind == "size":
         more, by = ("more" if found.value > 0 else "less"), abs(found.value)
         return f"{found.name}: {wording.percent(by)} ± {wording.percent(found.stderr)} {more} than before"
@@ -160,7 +160,7 @@ def _errors(record: Verification, errors: ErrorsMm) -> str:
 
 
 def text(record: Verification) -> str:
-    """Verdict, what it rests on, and the worst rows, in 80 columns."""
+    """Return verdict, errors, statistics and the worst rows in 80 columns."""
     errors = (
         (NOMINAL, _errors(record, record.without)), ("with the model", _errors(record, record.after)),
         ("expected", f"RMS {size(record, record.promised_mm)}"),
@@ -184,7 +184,8 @@ def _row(record: Verification, pose: PoseRecord) -> str:
 
 
 def picture(record: Verification) -> Picture:
-    """Errors row by row, with and without the model, and what is expected."""
+    """Return a picture of the errors row by row, with the model and with the nominal geometry, and of the expected
+    errors."""
     return Picture(
         "verification", "Error of every pose", 7.6, 3.0,
         f"Error of every row: {_errors(record, record.after)} with the model, "
@@ -220,7 +221,7 @@ def _draw(figure: Figure, record: Verification) -> None:
 
 
 def html(record: Verification) -> str:
-    """The verification as a page."""
+    """Return the verification as a page."""
     from gpmodel.report.figures import drawn
 
     shown = picture(record)

@@ -1,4 +1,4 @@
-"""Sentences that text and pages share: noise floor, confirmation, causes, the two tests of an input, places."""
+"""Sentences shared by text and pages: noise floor, confirmation, causes, tests of inputs, sites."""
 
 import math
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import CandidateRecord, EffectRecord
 
 BEYOND = 2.0
-"""Error of an instrument over its specification from which it is out of specification. A limit is two standard
+"""Ratio of an instrument's error to its specification above which it is out of specification. A limit is two standard
 deviations, and four do not occur by chance."""
 _CAUSES = {
     "m": "check the reflector constant", "1": "check air temperature, air pressure and the unit of length",
@@ -33,8 +33,8 @@ _CAUSES = {
 
 
 def instrument(report: Report) -> str:
-    """State the noise expected from the instrument's specification and the noise found; empty without a
-    specification."""
+    """State the noise expected from the instrument's specification and the noise found; empty
+    without a specification."""
     stated = report.instrument
     if stated is None:
         return ""
@@ -60,7 +60,7 @@ def beside_specification(effect: EffectRecord) -> str:
 COVERAGE_OF_CAUSES = "95 %"
 NO_NAME = "none of these: an effect outside the catalogue"
 MOST_EXPLAINED = 3
-"""Inputs whose test is put into words; the table has all."""
+"""Number of inputs whose tests are stated in words; the table has all."""
 _FOUND_BY = {
     CATALOGUE: "the catalogue of effects", NAMED: "named beforehand",
     SMOOTH_TERM: "a smooth term; no formula predicts as well",
@@ -76,14 +76,14 @@ _SOURCES = {
 
 
 def noise_floor(report: Report) -> str:
-    """The noise floor and where it is known from, or how to make it known."""
+    """State the noise floor and its source, or how to determine it."""
     if report.noise_floor_mm is None:
         return "unknown: repeat some poses (a column 'repeat'), or give the noise of the instrument"
     return f"{wording.length(report.noise_floor_mm)} RMS {_SOURCES.get(report.noise_from or '', '')}".rstrip()
 
 
 def predicted(report: Report) -> str:
-    """State the error of plain `predict` and of the last step; empty where they are equal."""
+    """State the error of plain `predict` and of the last step; empty if they are equal."""
     found = report.predicted
     if found is None or not found.differs:
         return ""
@@ -108,7 +108,7 @@ def interval(report: Report) -> str:
 
 
 def _reference(report: Report) -> str:
-    """State the temperature that the constants hold at, where an effect follows a temperature."""
+    """State the reference temperature of the constants, if an effect depends on a temperature."""
     warm = [(e, STANDARD_TEMPERATURE.get(r.unit)) for e in report.effects for r in e.ranges]
     counted = any(at is not None and f" - {at:g}" in t.basis for e, at in warm for t in e.terms)
     return "; tool, registration and parameters hold at 20 °C (ISO 1)" if counted else ""
@@ -139,7 +139,7 @@ def causes(effect: EffectRecord) -> str:
 
 
 def moves(effect: EffectRecord) -> str:
-    """State the displacement of the tool and the part that no other parameter absorbs; empty where unknown."""
+    """State the displacement of the tool and the part that no other parameter absorbs; empty if unknown."""
     if effect.tool_rms_mm is None:
         return ""
     said = f"moves the tool by {wording.length(effect.tool_rms_mm)} RMS"
@@ -149,10 +149,7 @@ def moves(effect: EffectRecord) -> str:
 
 
 def doubt(effect: EffectRecord) -> str:
-    """State the condition of the ± of an effect with other causes, its probability, and the ± over all of them.
-
-    Empty without other causes.
-    """
+    """State for an effect with other causes its probability, and its ± over all causes; empty without other causes."""
     over_all = effect.stderr_over_causes
     if not effect.others or over_all is None:
         return ""
@@ -162,7 +159,7 @@ def doubt(effect: EffectRecord) -> str:
 
 
 def beforehand(report: Report, effect: EffectRecord) -> str:
-    """State whether the histogram of referenced inputs indicated a finding in its round; empty without one."""
+    """State whether the histogram of referenced inputs indicated a finding in its round; empty without a histogram."""
     histogram = report.histogram_of(effect)
     if histogram is None:
         return ""
@@ -173,7 +170,7 @@ def beforehand(report: Report, effect: EffectRecord) -> str:
 
 
 def story(report: Report) -> Iterator[str]:
-    """Explain why the histogram and the findings name different inputs, where they do."""
+    """Explain why histogram and findings name different inputs, if they do."""
     read = {name for effect in report.effects for name in effect.inputs}
     for number, histogram in enumerate(report.histograms, 1):
         others = [name for name in histogram.significant if name not in read]
@@ -192,7 +189,7 @@ def story(report: Report) -> Iterator[str]:
 
 
 def found(report: Report, effect: EffectRecord) -> str:
-    """State the method, the round, and the number of effects found together."""
+    """State how and in which round an effect was found, and how many were found with it."""
     how = _FOUND_BY.get(effect.found_by, effect.found_by)
     if effect.round is None:
         return how
@@ -202,7 +199,7 @@ def found(report: Report, effect: EffectRecord) -> str:
 
 
 def dropped(report: Report) -> str:
-    """The constants that stay at zero, and that this is no failure; empty where there are none."""
+    """State which constants are held at zero because they are redundant; empty if there are none."""
     names = report.dropped()
     if not names:
         return ""
@@ -227,7 +224,8 @@ def written(effect: EffectRecord) -> tuple[tuple[str, str], ...]:
 
 
 def constants(effect: EffectRecord) -> tuple[str, ...]:
-    """The constants inside its law with their deviations, as `lag 40.2 ± 0.9 min`; of an event the rows it may be."""
+    """Return the constants inside a formula with their deviations, as `lag 40.2 ± 0.9 min`; for an event its possible
+    rows."""
     out = []
     for c in effect.constants:
         if c.low is None:
@@ -239,14 +237,14 @@ def constants(effect: EffectRecord) -> tuple[str, ...]:
 
 
 def _weight(weight: float) -> str:
-    """A factor before a basis: nothing for one, the sign alone for minus one."""
+    """Return the factor before a basis function: empty for one, the sign alone for minus one."""
     if abs(weight) == 1.0:
         return "" if weight > 0 else "\N{MINUS SIGN}"
     return f"{wording.minus(wording.significant(weight, 3))}·"
 
 
 def input_tests(histogram: Histogram) -> Iterator[str]:
-    """For the inputs that programs refer to most: both tests, and which of them failed."""
+    """State both tests of the most referenced inputs, and which of the tests failed."""
     runs, shuffled_runs = sum(histogram.runs.values()), sum(histogram.shuffled_runs.values())
     if not runs:
         return
@@ -269,16 +267,14 @@ def input_tests(histogram: Histogram) -> Iterator[str]:
 
 
 def rms_removed(gain: float) -> float:
-    """Share of the RMS that goes with a share `gain` of the sum of squares."""
+    """Return the share of the RMS that is removed with a share `gain` of the sum of squares."""
     return 1.0 - math.sqrt(max(0.0, 1.0 - gain))
 
 
 def significant_inputs(histogram: Histogram) -> str:
-    """The significant inputs of a histogram; where none are, whether so few runs could show one.
-
-    Of R runs and S shuffled ones, an input in all of the first and none of the second has p = I / C(R + S, R), for I
-    inputs.
-    """
+    """State the significant inputs of a histogram; without any, whether there were enough runs.
+    If all R runs and none of the S runs on permuted residuals reference one of I inputs, its p-value is I / C(R + S,
+    R)."""
     if histogram.significant:
         return ", ".join(histogram.significant)
     runs, shuffled = sum(histogram.runs.values()), sum(histogram.shuffled_runs.values())
@@ -287,14 +283,14 @@ def significant_inputs(histogram: Histogram) -> str:
 
 
 def operators(histogram: Histogram) -> list[tuple[str, ...]]:
-    """A table: best programs that use each operator, by representation, the most used first."""
+    """Return a table of the number of best programs that use each operator, by representation, the most used first."""
     used = {name for counts in histogram.operators.values() for name in counts}
     rows = [(name, *(str(counts.get(name, 0)) for counts in histogram.operators.values())) for name in sorted(used)]
     return [("operator", *histogram.operators), *sorted(rows, key=lambda row: -sum(map(int, row[1:])))]
 
 
 def removed(report: Report) -> str:
-    """Share of the errors, and of permuted errors, that evolved programs explain; empty without runs."""
+    """State the share of the errors, and of permuted errors, that evolved programs explain; empty without runs."""
     real, null = report.removed(shuffled=False), report.removed(shuffled=True)
     if real is None or null is None:
         return ""
@@ -306,13 +302,13 @@ def removed(report: Report) -> str:
 
 
 def places(effect: EffectRecord) -> tuple[str, ...]:
-    """Every place of an effect in words."""
+    """Return every site of an effect in words."""
     at = dict.fromkeys((t.slot, t.axis) for t in effect.terms) or {(effect.slot, effect.axis): None}
     return tuple(place(slot, axis) or f"{slot} {axis}" for slot, axis in at)
 
 
 def place(slot: str, axis: str) -> str:
-    """A slot and an axis in words."""
+    """Return a slot and an axis in words."""
     if not slot or "," in slot or "," in axis:
         return ""
     joint, _, side = slot.partition(".")
@@ -333,7 +329,7 @@ REJECTED = (
 
 
 def lowers(candidate: CandidateRecord) -> str:
-    """State the cross-validated error without and with a rejected candidate, its gain and its chance."""
+    """State the cross-validated error without and with a rejected candidate, its gain and its p-value."""
     change = wording.change(candidate.cv_before_mm, candidate.cv_rms_mm)
     gain = "" if candidate.nats is None else f", gain {candidate.nats:.0f} nats"
     chance = "" if candidate.p_value is None else f", chance {wording.chance(candidate.p_value, candidate.shuffles)}"
@@ -341,5 +337,5 @@ def lowers(candidate: CandidateRecord) -> str:
 
 
 def deciding(number: int) -> str:
-    """Write the command that chooses poses which decide the rejected candidate of that number."""
+    """Return the command that selects poses to decide the rejected candidate with this number."""
     return f"gpmodel poses --after RESULT --rejected {number}"
