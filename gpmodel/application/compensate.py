@@ -1,4 +1,4 @@
-"""Joint values that make the real mechanism reach what the nominal one was meant to, with a limit on the move."""
+"""Joint values that bring the real mechanism to the targets of the nominal one, with a limit on each correction."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -37,23 +37,24 @@ LIMIT, RANGE, LOST = "joint limit", "outside the measured range", "not reached"
 SIDE = "side of play open"
 Words = NDArray[np.object_]
 GIVEN = (OK, SINGULAR, RANGE, SIDE)
-"""Statuses of rows that have corrected values."""
+"""Statuses of rows with corrected values."""
 MAX_MOVE = float(np.radians(2.0))
-"""Largest change of a joint by a compensation, radians or metres. An error of the model is far smaller."""
+"""Default largest correction of a joint, rad; a metre of a prismatic joint counts as 1 / ROTATION_WEIGHT rad."""
 FULL_TURN = float(np.radians(361.0))
 """Largest rotation of a target, radians: a full turn and its rounding."""
 DAMPED_ITERATIONS = 12
 """Levenberg-Marquardt steps with each damping."""
 DAMPINGS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
-"""Weights of a radian of joint motion against a radian of tool orientation (times ROTATION_WEIGHT), m. Each shortens
-the joint motion about threefold."""
+"""Weights, m, of a radian of joint motion relative to tool orientation (times ROTATION_WEIGHT). Each value reduces the
+joint motion about threefold."""
 
 
 @dataclass(frozen=True)
 class TargetPoses:
-    """Tool poses (N, 4, 4) to reach in the root frame, from the joint values of `dataset`.
+    """Target poses of the tool (N, 4, 4) in the root frame; joint values of `dataset` are the initial values.
 
-    whole: with orientation. unreachable: indices of targets that the nominal mechanism does not reach.
+    whole: position and orientation, else position. unreachable: indices of targets that the nominal mechanism cannot
+    reach.
     """
 
     dataset: Dataset
@@ -64,13 +65,15 @@ class TargetPoses:
 
 @dataclass(frozen=True)
 class Compensation:
-    """Corrected joint values and what became of each target.
+    """Corrected joint values and the result for each target.
 
-    q: (N, n), rad and m, NaN where the status gives none. status: (N,) one of the seven words. residual: (N,) m left at
-    the tool point; turn: (N,) rad left of the orientation, NaN if not requested. correction: (N,) m the real
-    tool point would have missed by without it. sigma: (N,) m, standard deviation of the reached point in the root
-    frame. outside: (N,) inputs beyond the ranges of the model. The last five are NaN or empty where the nominal
-    mechanism does not reach the target.
+    q: (N, n), rad and m, NaN if the status has no corrected values.
+    status: (N,) one of seven words.
+    residual: (N,) m, remaining position error; turn: (N,) rad, remaining orientation error, NaN if not requested.
+    correction: (N,) m, position error without compensation.
+    sigma: (N,) m, standard deviation of the reached point in the root frame.
+    outside: (N,) inputs beyond the ranges of the model.
+    The last five are NaN or empty for targets that the nominal mechanism cannot reach.
     """
 
     q: Array
@@ -85,10 +88,10 @@ class Compensation:
 def targets_in(
     saved: SavedModel, text: pd.DataFrame, path: Path, rng: np.random.Generator, in_order: bool
 ) -> TargetPoses:
-    """The targets in cells of `text`, of `path`: joint values, or else x, y and z in the root frame.
+    """Read targets from a table: joint values, or else x, y and z in the root frame.
 
-    in_order: the rows are in the order in which the targets are reached. Raises InputError where they are no targets of
-    this mechanism.
+    text: cells of the table. path: name in messages. in_order: the targets are reached in the order of the rows. Raises
+    InputError for a table without targets for this mechanism.
     """
     mechanism = saved.mechanism
     names = {split_header(str(c))[0] for c in text.columns}
@@ -104,8 +107,10 @@ def targets_in(
 
 
 def compensated(saved: SavedModel, frame: pd.DataFrame, targets: TargetPoses, max_move: float) -> pd.DataFrame:
-    """`frame` of targets with corrected_JOINT, the correction, what is left of it, sigma [mm], the status of each
-    row; columns of an earlier compensation are replaced. Raises InputError where no target is reached."""
+    """Add corrected joint values, correction, residual, sigma [mm] and status to a table of targets.
+
+    Columns of an earlier compensation are replaced. Raises InputError if no target is reached.
+    """
     found, names = compensate(saved, targets, max_move), _table_names(saved, targets.dataset)
     corrected = (
         joint_column(f"corrected_{name}", joint.kind, values)
@@ -125,7 +130,7 @@ def compensated(saved: SavedModel, frame: pd.DataFrame, targets: TargetPoses, ma
 
 
 def not_reached(mechanism: Mechanism, corrected: pd.DataFrame) -> str:
-    """Name the first row of compensated targets that is out of reach and its x, y, z, and the number of the others."""
+    """Name the first unreachable row of compensated targets with its x, y, z, and the number of others."""
     rows = np.flatnonzero(corrected["status"] == LOST)
     if not len(rows):
         return ""
@@ -136,7 +141,7 @@ def not_reached(mechanism: Mechanism, corrected: pd.DataFrame) -> str:
 
 
 def of_frame(saved: SavedModel) -> SavedModel:
-    """The model of the origin of the measured frame instead of the tool point."""
+    """Return the model for the origin of the measured frame instead of the tool point."""
     at_frame = dict.fromkeys(saved.placement.tool, np.eye(4))
     return replace(saved, placement=replace(saved.placement, tool=at_frame))
 
@@ -148,18 +153,18 @@ def _table_names(saved: SavedModel, dataset: Dataset) -> tuple[str, ...]:
 
 
 def joint_targets(saved: SavedModel, dataset: Dataset) -> TargetPoses:
-    """The tool poses that the nominal mechanism would have at joint values.
+    """Return the tool poses of the nominal mechanism at given joint values, as targets.
 
-    The whole pose with six joints or more, the position with fewer. Raises InputError as `matched_with_readings`.
+    Position and orientation with six or more joints, else the position. Raises InputError as `matched_with_readings`.
     """
     fitting = remembered(saved, matched_with_readings(saved, dataset))
     return TargetPoses(fitting, tips(saved, fitting, nominal=True)[1].tip, len(saved.mechanism.joints) >= 6)
 
 
 def cartesian_targets(saved: SavedModel, dataset: Dataset, rng: np.random.Generator) -> TargetPoses:
-    """Tool poses in the root frame, dataset.position, m, and dataset.rotation, rad; from their nominal joint values.
+    """Return targets in the root frame from dataset.position, m, and dataset.rotation, rad, with nominal joint values.
 
-    Without rotations, or with fewer than six joints, the position alone. Raises InputError for a row without a whole
+    Without rotations, or with fewer than six joints, the position alone. Raises InputError for a row without a complete
     position, or with rotations in some rows only.
     """
     fitting = matched(saved, dataset)
@@ -185,10 +190,12 @@ def cartesian_targets(saved: SavedModel, dataset: Dataset, rng: np.random.Genera
 
 
 def compensate(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MOVE) -> Compensation:
-    """The solution nearest the start of each target, no joint farther from it than `max_move`, rad or scaled metres.
+    """Solve for the joint values nearest the initial values of each target, no joint moved by more than `max_move`,
+    rad.
 
-    Where the whole pose would need a larger move, near a singular pose, the position is reached and as much of the
-    orientation as the limit allows. Raises InputError where an effect is not finite at a target.
+    A metre of a prismatic joint counts as 1 / ROTATION_WEIGHT rad. If the orientation needs a larger move, near a
+    singular pose, the position is reached and as much of the orientation as the limit allows. Raises InputError if an
+    effect is infinite or undefined at a target.
     """
     saved = of_the_mechanism(saved)
     targets = _closing_start(saved, targets)
@@ -216,8 +223,10 @@ def compensate(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MO
 
 
 def _closing_start(saved: SavedModel, targets: TargetPoses) -> TargetPoses:
-    """Call targets unreachable at whose nominal joint values the loops of the real mechanism are open; they get those
-    of another row."""
+    """Mark targets as unreachable if the real mechanism's loops cannot close at the nominal joint values.
+
+    Such targets get the joint values of another row.
+    """
     dataset = targets.dataset
     closes = closing(saved.model, dataset, saved.theta)
     if len(closes) == len(dataset):
@@ -235,10 +244,11 @@ def _closing_start(saved: SavedModel, targets: TargetPoses) -> TargetPoses:
 def corrected(
     saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MOVE, *, part: bool = True
 ) -> tuple[Array, Words]:
-    """Joint values (N, n) and what became of each target (N,), as `compensate` has them, wherever it was measured.
+    """Return the joint values (N, n) and status (N,) of each target as `compensate`, without the check of measured
+    ranges.
 
-    saved: without the errors of the instrument. part: near singular poses a part of the orientation is given up;
-    without it these are not reached, or far. Raises InputError in these cases too.
+    saved: without the errors of the instrument. part: give up a part of the orientation near singular poses. Raises
+    InputError if an effect is infinite or undefined at a target.
     """
     check_finite(saved, prepare(saved.mechanism, targets.dataset))
     dataset, start = targets.dataset, np.array(targets.dataset.q)
@@ -258,20 +268,25 @@ def corrected(
 
 
 def _moves(mechanism: Mechanism, change: Array) -> Array:
-    """The largest move (N,) of any joint, rad; a metre of a prismatic one is 1 / ROTATION_WEIGHT rad."""
+    """Return the largest change (N,) of any joint, rad; a metre of a prismatic joint counts as 1 /
+    ROTATION_WEIGHT rad."""
     scale = np.array([1.0 if joint.kind == "revolute" else 1.0 / ROTATION_WEIGHT for joint in mechanism.joints])
     return np.asarray(np.abs(change * scale).max(axis=1))
 
 
 def beyond_limits(mechanism: Mechanism, q: Array) -> Mask:
-    """Return the rows (N,) of joint values (N, n) in which a joint is beyond its limits."""
+    """Return the mask (N,) of the joint values (N, n) with a joint beyond its limits."""
     lower, upper = np.array([(j.lower, j.upper) for j in mechanism.joints]).T
     return np.asarray(((q < lower - ROUNDING) | (q > upper + ROUNDING)).any(axis=1))
 
 
 def _damped(saved: SavedModel, targets: TargetPoses, max_move: float) -> tuple[Array, Mask]:
-    """Joint values that reach the position, and of the orientation what the least of the dampings that keeps within
-    `max_move` gives; and where one does. Source: damped least squares in the null space, Chiaverini (1997)."""
+    """Return joint values that reach the position, and the mask of the targets for which some damping keeps within
+    `max_move`.
+
+    The least such damping is used for the orientation. Source: damped least squares in the null space, Chiaverini
+    (1997).
+    """
     count = len(targets.dataset)
     q, found = np.array(targets.dataset.q), np.zeros(count, dtype=bool)
     for damping in DAMPINGS:
@@ -285,9 +300,9 @@ def _damped(saved: SavedModel, targets: TargetPoses, max_move: float) -> tuple[A
 
 
 def _position_first(saved: SavedModel, targets: TargetPoses, rows: IntArray, damping: float) -> tuple[Array, Array]:
-    """Joint values (M, n) with the position reached, and metres left of it (M,):
+    """Return joint values (M, n) that reach the position, and the remaining position error (M,), m.
 
-    dq = J_p⁺ m_p + N z,   min_z |w (J_o dq - m_o)|² + damping² |N (q + dq - q_start)|²,   N = 1 - J_p⁺ J_p
+        dq = J_p⁺ m_p + N z,   min_z |w (J_o dq - m_o)|² + damping² |N (q + dq - q_start)|²,   N = 1 - J_p⁺ J_p
 
     with w = ROTATION_WEIGHT.
     """

@@ -1,4 +1,4 @@
-"""Pose the problem of a compensator of the tool, or of programs at the sites, for the residual of a calibration."""
+"""Search problems of evolution: a compensator of the tool point, or programs at the sites, for a residual."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,21 +22,22 @@ from gpmodel.model.sites import sites_of
 
 @dataclass(frozen=True)
 class TrainingProblem:
-    """A problem of the training poses, and the gain of a program on the held-out ones (None without)."""
+    """Search problem of the training poses. heldout: function that returns a program's gain on held-out poses; None
+    without."""
 
     problem: Problem
     heldout: Callable[[Program], float] | None
 
 
 MILLIMETRE = 1e3
-"""Millimetres per metre. Compensators read and write millimetres: the constants of Table 5.1 and the values of sin, cos
-and atan are of order one, and so is the error in millimetres."""
+"""Millimetres per metre. Compensators use millimetres, so that errors are of order one, like the constants of Table 5.1
+and the values of sin, cos and atan."""
 
 
 def cartesian_task(
     fit: Calibration, poses: Poses, train: IntArray, held: IntArray, norm: str = "max"
 ) -> TrainingProblem:
-    """Pose the problem of a compensator on the training rows, with its gain on the held-out ones."""
+    """Return the problem of a compensator on the training rows, with its gain on the held-out rows."""
     problem = cartesian_problem(fit, poses, train, norm)
     if not len(held):
         return TrainingProblem(problem, None)
@@ -51,16 +52,16 @@ def cartesian_task(
 
 
 def slot_task(fit: Calibration, mechanism: Mechanism, seen: Poses, seed: int) -> TrainingProblem:
-    """Pose the residual of a fit at every site of the mechanism; a node has the price of the loop."""
+    """Return the problem of programs at all sites of the mechanism; a node has the price of `discover`."""
     residual = residual_of(fit, seen, Criteria(), seed)
     return TrainingProblem(posed(residual, sites_of(mechanism), Search(), np.arange(len(residual.poses)))[0], None)
 
 
 def cartesian_problem(fit: Calibration, poses: Poses, rows: IntArray, norm: str = "max") -> CartesianProblem:
-    """Pose thesis Fig 5.2: model points (x, y, z; mm, in the root frame) against the measured ones at some rows.
+    """Return the problem of thesis Fig 5.2: model points (x, y, z; mm, in the root frame) against measured points.
 
-    The inputs are those of Table 5.1: the point, the joints, and any column of the table that varies.
-    Raises InputError where no pose has all three coordinates.
+    The inputs are those of Table 5.1: the point, the joint values, and any varying column of the table.
+    Raises InputError if no pose has all three coordinates.
     """
     rows = rows[np.isfinite(poses.dataset.position[rows]).all(axis=1)]
     if not len(rows):

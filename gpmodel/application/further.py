@@ -1,7 +1,7 @@
-"""Expected accuracy at unmeasured poses, as bounds: a Monte Carlo simulation over all fitted quantities.
+"""Bounds of the error at further poses, by a Monte Carlo simulation over all fitted quantities.
 
-Each world draws the model's numbers from their covariance, tails and scale of the noise by how sure they are, and
-measures every pose in it. Source: JCGM 101 (2008), propagation of distributions.
+Each simulation draws the model's parameters from their covariance, and the noise with uncertain scale and tails.
+Source: JCGM 101 (2008), propagation of distributions.
 """
 
 from dataclasses import dataclass
@@ -23,16 +23,17 @@ from gpmodel.numerics.interval import COVERAGE, Tails, with_far_ones
 POSES = 1000
 """Poses of each simulated session."""
 WORLDS = 400
-"""Simulated sessions. The 95 % quantile over 400 is known to about a percent."""
+"""Number of simulated sessions. With 400 the 95 % quantile is known to about a percent."""
 LARGEST_LEVERAGE = 0.95
-"""Largest leverage of a pose that counts. With a larger one the pose fits itself and its residual is rounding."""
+"""Largest leverage of a pose for its residual to count. With more, the pose fits itself and its residual is
+rounding."""
 FEWEST = 10
 """Least degrees of freedom of the residuals for a bound on further poses."""
 
 
 @dataclass(frozen=True)
 class Bound:
-    """A statistic of further poses: its median over the worlds, and what it exceeds in 1 - confidence of them."""
+    """Statistic of further poses, mm: median over the simulations, and the value that 1 - confidence of them exceed."""
 
     typical_mm: NotNegative
     bound_mm: NotNegative
@@ -40,8 +41,10 @@ class Bound:
 
 @dataclass(frozen=True)
 class ErrorBounds:
-    """Distance between measured and predicted point at so many further poses within the measured ranges of the joints:
-    root mean square, 95th percentile and maximum. Each bound holds alone with that confidence."""
+    """Distance between measured and predicted point at `poses` further poses within the measured joint ranges.
+
+    rms, within_95, largest: root mean square, 95th percentile and maximum. Each bound has the confidence by itself.
+    """
 
     poses: Count
     confidence: float
@@ -51,13 +54,12 @@ class ErrorBounds:
 
 
 def further_poses(fit: Calibration, poses: Poses, spread: float | None = None) -> ErrorBounds | None:
-    """Bound the errors of a model fitted to `poses` at further poses.
+    """Bound the errors of a model, fitted to `poses`, at further poses.
 
-    None if joint values are approximate, positions are incomplete, memory columns are unknown there, or the
+    None if joint values are approximate, positions are incomplete, columns of earlier rows are unknown there, or the
     measurements hardly outnumber the unknowns.
-
-    spread: standard deviation of one coordinate of a reading about the model, m, with its discrepancy; by default
-    `fit.sigma`. A search fits a part of the noise, so that its residuals are too small by that ratio.
+    spread: standard deviation of one measured coordinate about the model, m, with its discrepancy; None for
+    `fit.sigma`. A search fits a part of the noise, so that its residuals are too small by spread / fit.sigma.
     """
     data = poses.dataset
     whole = np.flatnonzero(np.isfinite(data.position).all(axis=1))
@@ -84,14 +86,16 @@ def further_poses(fit: Calibration, poses: Poses, spread: float | None = None) -
 
 
 def _coordinates(fit: Calibration, problem: Linearised, use: IntArray) -> float:
-    """Return the effective number of independent coordinates of the rows `use`, less the unknowns."""
+    """Return the effective number of independent coordinates of the rows `use`, minus the unknowns."""
     fitted = problem.weights[use] > 0
     return float(fit.freedom * fitted[:, :3].sum() / max(fitted.sum(), 1))
 
 
 def left_out(fit: Calibration, problem: Linearised, use: IntArray) -> tuple[Array, Array]:
-    """Residuals (M, 3), m, of the rows `use` by a fit to all others, and how much of the noise's variance (M,) that
-    fit's own uncertainty adds to them: r / (1 - h) and h / (1 - h) with leverage h of a row that was fitted."""
+    """Return the residuals (M, 3), m, of the rows `use` by a fit to all others: r / (1 - h) with leverage h.
+
+    Also return the variance (M,) of the prediction of each row in units of the noise's: h / (1 - h).
+    """
     at = problem.weights[:, :3] > 0
     rows = np.full(at.shape, -1)
     rows[at] = np.cumsum(problem.weights.ravel() > 0).reshape(problem.weights.shape)[:, :3][at] - 1
@@ -106,7 +110,7 @@ def left_out(fit: Calibration, problem: Linearised, use: IntArray) -> tuple[Arra
 def _over_worlds(
     columns: Array, covariance: Array, noise: Tails, excess: float, rng: np.random.Generator
 ) -> ErrorBounds:
-    """columns: (N, 3, K) of the predicted points. excess: factor on the noise."""
+    """Return the bounds by simulation. columns: (N, 3, K) of the predicted points. excess: factor on the noise."""
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     drawn = root @ rng.normal(size=(len(root), WORLDS))

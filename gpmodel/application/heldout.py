@@ -1,4 +1,4 @@
-"""Errors at poses that no fit has seen, as `predict` makes them, and the model discrepancy that they show."""
+"""Errors at held-out poses, predicted as by `predict`, and the model discrepancy estimated from them."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,12 +19,12 @@ from gpmodel.numerics.least_squares import outlier_limit
 
 
 def shipped(found: Discovery) -> int:
-    """Number of the step that is shipped: the last where the held-out poses confirm it, else the standard model."""
+    """Return the index of the step that is saved: the last if held-out poses confirm it, else the standard model."""
     return len(found.steps) - 1 if found.confirmed else 1
 
 
 def unseen_of(found: Discovery) -> tuple[Unseen, ...]:
-    """Fits of the shipped step with the poses they have not seen: one a fold, or one of the poses held out."""
+    """Return fits of the saved step with their held-out poses: one per fold, or a single one."""
     number = shipped(found)
     return tuple(
         Unseen(part.step(number).calibration, part.poses.subset(part.train), part.poses.subset(part.heldout))
@@ -34,7 +34,7 @@ def unseen_of(found: Discovery) -> tuple[Unseen, ...]:
 
 
 def predicted_errors(saved: SavedModel, poses: Poses, *, as_measured: bool) -> Array:
-    """Compute the 3-D error (N,), m, of a model at measured poses by what `predict` calls.
+    """Return the 3-D error (N,), m, of a model at measured poses, predicted as by `predict`.
 
     as_measured: with the errors of the instrument and of the session, as for the rows of the session itself.
     """
@@ -42,7 +42,7 @@ def predicted_errors(saved: SavedModel, poses: Poses, *, as_measured: bool) -> A
 
 
 def unseen_errors(poses: Poses, parts: Sequence[Unseen], *, as_measured: bool) -> Array:
-    """Compute the 3-D error (N,), m, of every pose by the fit that did not see it; NaN where there is none."""
+    """Return the 3-D error (N,), m, of every pose by the fit that excluded it; NaN if none did."""
     out = np.full(len(poses), np.nan)
     for part in parts:
         asked = part.known
@@ -57,10 +57,10 @@ def with_discrepancy(
 ) -> SavedModel:
     """Add noise and model discrepancy of one coordinate, m, to a model fitted to `poses`.
 
-        discrepancy² = max(0, mean square of unseen coordinates - noise² - variance by parameters and other causes)
+        discrepancy² = max(0, mean square held-out error - noise² - variance by parameters and other causes)
 
-    parts: fits with poses they have not seen; without them each pose is left out in turn. noise: of the instrument as
-    it is stated; without it `noise_within`. Poses without x, y and z say nothing of either.
+    parts: fits with held-out poses; without any, each pose is left out in turn. noise: of the instrument as specified;
+    None for `noise_within`. Only poses with x, y and z count.
     """
     if poses.dataset.joints_approximate or not len(_whole(poses)):
         return saved
@@ -78,7 +78,8 @@ def with_discrepancy(
 
 
 def _by_other_causes(saved: SavedModel, poses: Poses) -> float:
-    """Mean variance, m², of a fitted coordinate that other causes add to that by the parameters."""
+    """Return the mean variance, m², of a fitted coordinate that alternative causes of findings add to the
+    parameters'."""
     if not len(saved.covariance.over_causes):
         return 0.0
     alone = replace(saved, covariance=replace(saved.covariance, others=(), over_causes=np.zeros((0, 0))))
@@ -92,7 +93,8 @@ def _whole(poses: Poses) -> IntArray:
 
 
 def _by_parameters(part: Unseen) -> tuple[Array, Array]:
-    """Squares (K, 3) of the errors of unseen coordinates, m², and their variance (K, 3) by the fit's parameters."""
+    """Return the squared errors (K, 3) of held-out coordinates, m², and their variance (K, 3) by the fit's
+    parameters."""
     asked = part.known
     asked = asked.subset(_whole(asked))
     if not len(asked):
@@ -104,7 +106,7 @@ def _by_parameters(part: Unseen) -> tuple[Array, Array]:
 
 
 def _one_left_out(fit: Calibration, poses: Poses) -> tuple[Array, Array]:
-    """The squares and variances of every fitted pose by the fit without it."""
+    """Return squared errors and variances of every fitted pose, predicted by the fit without that pose."""
     rows = np.setdiff1d(_whole(poses), fit.outliers)
     if fit.freedom < FEWEST:
         return np.zeros((0, 3)), np.zeros((0, 3))

@@ -1,4 +1,4 @@
-"""Where the tool is in the mechanism's root frame, and joint values that bring it somewhere."""
+"""Forward and inverse kinematics of nominal and calibrated mechanisms, in the root frame."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,7 +24,7 @@ from gpmodel.table.bundles import SAME_JOINT
 from gpmodel.table.dataset import Dataset, with_payload
 
 REACHED = 1e-7
-"""Largest distance from a target that counts as reached, m: a tenth of the stated micrometre."""
+"""Largest distance from a target that counts as reached, m: a tenth of the displayed micrometre."""
 ITERATIONS = 60
 """Largest number of Newton steps to a target. Near a solution every step squares the error, so that more do not
 help."""
@@ -33,17 +33,18 @@ DAMPING = 1e-12
 LONGEST_STEP = 0.3
 """Largest change of a joint in one step, radians or metres. Beyond it the linearised arm is wrong."""
 POOL = 4096
-"""Random joint values among which starts for Cartesian targets are sought: four values for each of six joints."""
+"""Random joint values among which initial values for Cartesian targets are sought: four values for each of
+six joints."""
 NEAREST = 6
-"""Starts tried first for a target, the nearest ones: as many as most arms have joints."""
+"""Nearest initial values tried first for a target: as many as most arms have joints."""
 SEEDS = 24
-"""Starts tried before a target counts as unreachable."""
+"""Random initial values tried before a target counts as unreachable."""
 UNSOLVED = 1e3
-"""Cost of joint values that miss their target: above every distance from the middle of the joint ranges."""
+"""Added cost of joint values that miss their target: above every distance from the middle of the joint ranges."""
 
 
 def tips(saved: SavedModel, dataset: Dataset, *, nominal: bool) -> tuple[Poses, Observed]:
-    """Tool poses in the root frame, nominal or real, and what moves them."""
+    """Return the poses and the predicted tool frames in the root frame, nominal or calibrated."""
     root = Placement({name: np.eye(4) for name in saved.placement.registration}, saved.placement.tool, {})
     bare = replace(dataset, distances={}, observations=())
     if nominal:
@@ -58,8 +59,8 @@ def tips(saved: SavedModel, dataset: Dataset, *, nominal: bool) -> tuple[Poses, 
 def look_at(saved: SavedModel, dataset: Dataset, target: Array, *, nominal: bool) -> tuple[Array, Array]:
     """Return the pose error (N, 6), m and rad, to targets (N, 4, 4) in the root frame, and its Jacobian (N, 6, n).
 
-    The Jacobian is exact for the nominal mechanism. For the calibrated one it is off by the size of the errors,
-    since nominal joint motions are used.
+    The Jacobian is exact for the nominal mechanism. For the calibrated one its error is that of the geometry, since
+    nominal joint motions are used.
     """
     observed = tips(saved, dataset, nominal=nominal)[1]
     turn = target[:, :3, :3] @ np.swapaxes(observed.tip[:, :3, :3], 1, 2)
@@ -76,10 +77,10 @@ def _jacobian(mechanism: Mechanism, observed: Observed) -> Array:
 
 
 def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, nominal: bool) -> tuple[Array, Array]:
-    """Joint values (N, n) near those of `dataset`, and the remaining error (N,), m; rotations count ROTATION_WEIGHT.
+    """Solve for joint values (N, n) near those of `dataset`; also return the remaining error (N,), m.
 
-    Levenberg-Marquardt for each row separately. Source: Moré (1978). whole: position and orientation, or position. What
-    is left is infinite where the loops of a mechanism do not close.
+    Levenberg-Marquardt for each row separately. Source: Moré (1978). whole: position and orientation, weighted by
+    ROTATION_WEIGHT, else position. The error is infinite if the loops of a mechanism cannot close.
     """
     weight = np.array([1.0] * 3 + [ROTATION_WEIGHT if whole else 0.0] * 3)
 
@@ -92,7 +93,8 @@ def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, no
 
 
 def look_where_closed(saved: SavedModel, dataset: Dataset, target: Array, nominal: bool) -> tuple[Array, Array]:
-    """Return the pose error and Jacobian of `look_at`; infinite and zero where the loops of a mechanism are open."""
+    """Return error and Jacobian as `look_at`; infinite and zero for poses at which the loops of a mechanism cannot
+    close."""
     model = ErrorModel(saved.mechanism, ()) if nominal else saved.model
     able = closing(model, dataset, saved.theta[: len(model.effects)])
     if len(able) == len(dataset):
@@ -126,9 +128,11 @@ def _levenberg(look: Callable[[Array, IntArray], tuple[Array, Array]], q: Array)
 def inverse(
     saved: SavedModel, dataset: Dataset, target: Array, whole: bool, rng: np.random.Generator
 ) -> tuple[Array, Mask]:
-    """Nominal joint values (N, n) for targets (N, 4, 4): of the solutions from several starts, the one nearest the
-    middle of the ranges; and which targets (N,) have one. The starts are the poses of a random pool whose tools are
-    nearest; where they lead nowhere, random ones. Without a solution the joint values are the nearest start."""
+    """Return nominal joint values (N, n) for targets (N, 4, 4), and the mask (N,) of reached targets.
+
+    Of several solutions, the one nearest the middle of the joint ranges is returned. Initial values are the poses of a
+    random pool with the nearest tools, then random ones. Without a solution the nearest initial values are returned.
+    """
     pool = random_poses(saved.mechanism, POOL, rng)
     many = replace(dataset.subset(np.zeros(POOL, dtype=np.int64)), q=pool)
     near = cKDTree(_place(tips(saved, many, nominal=True)[1].tip, whole))
@@ -145,14 +149,14 @@ def inverse(
 
 
 def _place(frames: Array, whole: bool) -> Array:
-    """Points whose distances are those of tool poses: position, and the axes times ROTATION_WEIGHT."""
+    """Return points whose distances compare tool poses: position, and the axes times ROTATION_WEIGHT."""
     axes = ROTATION_WEIGHT * frames[:, :3, :3].reshape(len(frames), 9)
     return np.hstack([frames[:, :3, 3], axes]) if whole else frames[:, :3, 3]
 
 
 def _best(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, starts: Array) -> tuple[Array, Array]:
-    """Return the best (N, n) of the solutions from starts (N, k, n) and its cost (N,): UNSOLVED and more without
-    one."""
+    """Return the best solution (N, n) from initial values (N, k, n) and its cost (N,), at least UNSOLVED without a
+    solution."""
     mechanism = saved.mechanism
     count, tries, joints = starts.shape
     each = np.repeat(np.arange(count), tries)
@@ -170,9 +174,9 @@ def _best(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, start
 
 
 def matched(saved: SavedModel, dataset: Dataset) -> Dataset:
-    """`dataset` made fit for the model: its payload, and labels that name the model's set-ups and tools.
+    """Return the dataset with the model's payload, and with labels of the model's set-ups and tools.
 
-    Raises InputError: a set-up or tool the model does not know, an input missing or in another unit.
+    Raises InputError for an unknown set-up or tool, or an input that is missing or in another unit.
     """
     for name, unit in saved.input_units.items():
         if name not in dataset.extras:
@@ -197,10 +201,10 @@ def matched(saved: SavedModel, dataset: Dataset) -> Dataset:
 
 
 def matched_with_readings(saved: SavedModel, dataset: Dataset) -> Dataset:
-    """`dataset` as `matched`, where its joint values and positions, if it has any, are of the model's machine.
+    """Return the dataset as `matched`, after checks that its joint values and positions are of the model's machine.
 
-    Raises InputError as `matched`, and where a registration and tool point of their own leave POOR_LENGTH of most
-    positions.
+    Raises InputError as `matched`, and if the residual of most positions exceeds POOR_LENGTH after a fit of
+    registration and tool point.
     """
     if mixed := mixed_up(saved.mechanism, dataset):
         raise InputError(f"{dataset.source}: {mixed}; the model is one of {saved.mechanism.name}")
@@ -223,10 +227,10 @@ def matched_with_readings(saved: SavedModel, dataset: Dataset) -> Dataset:
 
 
 def remembered(saved: SavedModel, dataset: Dataset) -> Dataset:
-    """`dataset` with what its rows inherit from those before, as far as the model reads it, as columns of its own.
+    """Return the dataset with inputs that depend on earlier rows, such as directions of approach, as columns.
 
-    Joint values that are then changed by a fraction of a degree, in some of the rows, come from the same side still.
-    Raises InputError where nothing says that the rows are in order.
+    Small changes of joint values then keep the direction of approach.
+    Raises InputError if the rows are not known to be in order.
     """
     read = {name for effect in saved.model.effects for name in effect.inputs if read_by(name)}
     inherited = sorted(read - set(dataset.extras))
@@ -241,7 +245,10 @@ def remembered(saved: SavedModel, dataset: Dataset) -> Dataset:
 
 
 def turned(saved: SavedModel, nominal: Array, corrected: Array) -> Mask:
-    """Targets (N,) that a joint whose last move the model reads comes to from another side than without correction."""
+    """Return the mask (N,) of targets that a joint approaches from another side than without correction.
+
+    Only joints whose direction of approach the model uses count.
+    """
     read = {source for effect in saved.model.effects for name in effect.inputs for source in read_by(name)}
     out = np.zeros(len(nominal), dtype=bool)
     for j, joint in enumerate(saved.mechanism.joints):

@@ -1,4 +1,5 @@
-"""The measured table that a model was fitted to, kept with it: what exports and the choice of next poses refer to."""
+"""The measured table that a model was fitted to, saved with the model for exports and for the choice of
+further poses."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,16 +22,15 @@ from gpmodel.table.units import identifier
 
 @dataclass(frozen=True)
 class Measured:
-    """A table, and the indices of those of its rows that were held out while choices were made."""
+    """A table, and the indices of its rows that were held out of selection."""
 
     dataset: Dataset
     heldout: IntArray
 
 
 def measured_record(measured: Measured | None) -> dict[str, object] | None:
-    """Return the measured table as JSON, SI; None without a table or if it holds readings that tables have no
-    columns for.
-    """
+    """Return the measured table as JSON, SI; None without a table, or with a kind of measurement that tables cannot
+    hold."""
     if measured is None or not all(
         isinstance(o, Touches | Pixels | Inclination) for o in measured.dataset.observations
     ):
@@ -94,7 +94,7 @@ def measured_from(record: MeasuredPart, mechanism: Mechanism) -> Measured:
 
 
 def counted(dataset: Dataset, metres: Mapping[str, float]) -> Dataset:
-    """Return the dataset with pixels and angles weighed by `metres`, keyed by the name of their kind."""
+    """Return the dataset with the weights of pixels and angles from `metres`, by name of the instrument."""
     return replace(
         dataset,
         observations=tuple(
@@ -107,5 +107,5 @@ def counted(dataset: Dataset, metres: Mapping[str, float]) -> Dataset:
 
 
 def _numbers(values: Sequence[object]) -> Array:
-    """Numbers, null as NaN."""
+    """Return numbers as an array, null as NaN."""
     return np.array(values, dtype=float)

@@ -1,4 +1,4 @@
-"""model.json: a fitted model as text, enough to predict and to compensate."""
+"""Write and read model.json, a fitted model for prediction and compensation."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -29,14 +29,17 @@ from gpmodel.texts import SEAL, seal
 
 @dataclass(frozen=True)
 class SavedModel:
-    """A fitted model read from text.
+    """Fitted model as saved in model.json.
 
-    theta, stderr: (E,) in the effects' own SI units, stderr NaN where not fitted. covariance: of registration, tool
-    and effects together. rotation_weight: m a radian is worth. sigma: m, one component; freedom: its degrees of
-    freedom, infinite where it is no estimate. pose: whether rotations were measured. input_units: of the extra columns
-    the effects read. ranges: lowest and highest value, SI or the table's unit, of joints and columns the effects read,
-    over the poses fitted. measured: the table fitted to, where it is kept. noise, discrepancy: m, one component, of the
-    instrument and of the model's form (see `calibration.discrepancy`); None and zero if not estimated.
+    theta, stderr: (E,) in the effects' SI units, stderr NaN where not fitted. covariance: of registration, tool and
+    effects.
+    rotation_weight: weight of a radian, m. sigma: residual of one component, m. freedom: its degrees of freedom,
+    infinite if sigma is not estimated. pose: whether rotations were measured.
+    input_units: units of the extra columns that the effects need.
+    ranges: lowest and highest fitted value of joints and input columns, SI or the table's unit.
+    measured: the fitted table, None if not kept.
+    noise, discrepancy: of the instrument and of the model's form (see `calibration.discrepancy`), m, one component;
+    None and zero if not estimated.
     """
 
     model: ErrorModel
@@ -61,12 +64,12 @@ class SavedModel:
 
     @property
     def spread(self) -> float:
-        """Standard deviation, m, of one coordinate of a reading about the model with its true parameters."""
+        """Standard deviation, m, of one measured coordinate about the model with its true parameters."""
         return max(self.sigma, float(np.hypot(self.noise or 0.0, self.discrepancy)))
 
     @property
     def mechanism(self) -> Mechanism:
-        """The mechanism that the model corrects."""
+        """The mechanism of the model."""
         return self.model.mechanism
 
     @property
@@ -77,12 +80,12 @@ class SavedModel:
 
     @property
     def names(self) -> Mapping[str, str]:
-        """That table's names of joints and of what is named after them, by the mechanism's."""
+        """The fitted table's names of joints and of inputs named after joints, by the mechanism's names."""
         return table_names([joint.name for joint in self.mechanism.joints], self.columns)
 
 
 def saved_model(fit: Calibration, poses: Poses, heldout: IntArray | None = None) -> SavedModel:
-    """Reduce a calibration on `poses` to a saved model. heldout: rows unseen by every choice."""
+    """Reduce a calibration on `poses` to a saved model. heldout: rows that selection did not use."""
     dataset = poses.dataset
     read = needed(fit.model, dataset)
     columns = {*dataset.joints, *(name for effect in fit.model.effects for name in effect.inputs)}
@@ -103,13 +106,13 @@ def saved_model(fit: Calibration, poses: Poses, heldout: IntArray | None = None)
 
 
 def unfitted(effects: int) -> Covariance:
-    """The covariance of a model without fitted numbers, such as a simulation's truth."""
+    """Return the covariance of a model without fitted values, such as the true model of a simulation."""
     return Covariance(np.zeros((effects, effects)), (), np.zeros(3))
 
 
 def needed(model: ErrorModel, dataset: Dataset) -> set[str]:
-    """The columns that a model's effects read: alone, those that what they remember is made of, and torques
-    that were measured."""
+    """Return the names of the columns that a model's effects need, directly, through earlier rows, or as measured
+    torques."""
     direct = {name for effect in model.effects for name in effect.inputs}
     remembered = {source for name in direct - set(dataset.extras) for source in read_by(name)}
     clock = clock_of(dataset) if any(name.startswith("lag_") for name in direct) else None
@@ -119,9 +122,9 @@ def needed(model: ErrorModel, dataset: Dataset) -> set[str]:
 
 
 def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
-    """The content of model.json, sealed. more: further JSON content to keep with it, ignored when read.
+    """Return the content of model.json with its checksum. more: additional JSON content, ignored on reading.
 
-    Raises InputError for a basis whose text is no expression: such a model lives only in Python.
+    Raises InputError for a basis function whose text is not an expression; such a model exists only in Python.
     """
     mechanism = saved.mechanism
     choice = choice_of(mechanism)
@@ -168,12 +171,12 @@ def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
 
 
 def model_text(saved: SavedModel, **more: object) -> str:
-    """The text of model.json. Raises InputError as `model_content`."""
+    """Return the text of model.json. Raises InputError as `model_content`."""
     return to_json(model_content(saved, **more))
 
 
 def check_kept(effect: Effect) -> None:
-    """Raises InputError for an effect that model.json may not hold, by the field that is beyond its bounds."""
+    """Raise InputError naming the invalid field if model.json cannot hold an effect."""
     try:
         converted(plain(_effect_content(effect, 0.0, 0.0)), EffectPart, "effect")
     except InputError as error:
@@ -181,7 +184,7 @@ def check_kept(effect: Effect) -> None:
 
 
 def check_table(dataset: Dataset) -> None:
-    """Raises InputError for a table that model.json may not hold, by the field that is beyond its bounds."""
+    """Raise InputError naming the invalid field if model.json cannot hold a table."""
     try:
         converted(plain(measured_record(Measured(dataset, np.zeros(0, dtype=np.int64)))), MeasuredPart, "table")
     except InputError as error:
@@ -189,7 +192,7 @@ def check_table(dataset: Dataset) -> None:
 
 
 def save_model(path: Path, saved: SavedModel, **more: object) -> None:
-    """Write model.json and read it back. Raises InputError when it cannot be written, or what was cannot be read."""
+    """Write model.json and read it back. Raises InputError if writing or reading fails."""
     write_text(path, model_text(saved, **more))
     try:
         load_model(path, saved.mechanism)
@@ -199,10 +202,10 @@ def save_model(path: Path, saved: SavedModel, **more: object) -> None:
 
 
 def load_model(path: Path, mechanism: Mechanism | None = None) -> SavedModel:
-    """Read model.json. mechanism: the one it was made for, where it was built in Python.
+    """Read model.json. mechanism: needed for a mechanism built in Python.
 
-    Raises InputError: missing, too large, no JSON, of another kind or schema, a field beyond its bounds, changed since
-    it was written, or of another machine.
+    Raises InputError for a missing, too large or changed file, invalid JSON, another kind or schema, an invalid field,
+    or another machine.
     """
     part = read_part(path)
     try:
@@ -268,7 +271,7 @@ def _effects(parts: Sequence[EffectPart]) -> tuple[Effect, ...]:
 
 
 def _symmetric(rows: Sequence[Sequence[float]]) -> Array:
-    """A symmetric matrix (K, K) from its rows up to the diagonal, or farther."""
+    """Return a symmetric matrix (K, K) from rows up to the diagonal, or longer."""
     lower = np.zeros((len(rows), len(rows)))
     for k, row in enumerate(rows):
         lower[k, : k + 1] = row[: k + 1]

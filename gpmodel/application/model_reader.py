@@ -1,7 +1,7 @@
-"""Sealed files opened with care, and the content of model.json with a bound for everything in it.
+"""Read files with a checksum safely, and define model.json with bounds for every field.
 
-A model may come from anybody. Reading one runs none of it, opens no other file, and takes memory and time in proportion
-to the file, which is at most `LARGEST_FILE`.
+A model may come from an untrusted source. Reading a model runs no code from it, opens no other file, and needs memory
+and time in proportion to the file, which has at most `LARGEST_FILE` bytes.
 """
 
 from collections.abc import Sequence
@@ -18,12 +18,12 @@ from gpmodel.mechanism.protocol import AXES, LARGEST
 from gpmodel.texts import SEAL, parse_json, read_limited, seal
 
 KIND, SCHEMA = "gpmodel model", 3
-"""Kind and schema that model.json states."""
+"""Kind and schema version in model.json."""
 SCHEMAS = (2, SCHEMA)
 """Schemas that can be read. Before schema 3 the covariance was stored as a full matrix; now a row ends at the
 diagonal."""
 LARGEST_FILE = 64 << 20
-"""Bytes: a hundred times a model with all families and the description of a humanoid."""
+"""Largest accepted file, bytes: a hundred times a model with all families and the description of a humanoid."""
 MOST_EFFECTS = 2000
 """Largest number of effects: ten times that of the largest model of an arm with all families."""
 MOST_TERMS = 64
@@ -31,26 +31,26 @@ MOST_TERMS = 64
 MOST_COLUMNS = 500
 """Largest number of columns of a table, and of labels of one kind."""
 MOST_UNKNOWNS = 5000
-"""Largest number of unknowns of registration, tools and observations. A bar position has five."""
+"""Largest number of unknowns of registration, tools and instruments. One pose of a ball bar has five."""
 MOST_ROWS = 1_000_000
 """Largest number of rows of a table: a hundred times the largest measured table."""
 LARGEST_NUMBER = 1e13
-"""Largest absolute value, in SI. Lengths, stiffnesses and coordinates of machines are smaller, and so is a time in
+"""Largest absolute value, SI. Lengths, stiffnesses and coordinates of machines are smaller, and so is a time in
 milliseconds since 1970."""
 CORRELATION_TOLERANCE = 1e-6
-"""Rounding of a correlation outside [-1, 1]."""
+"""Largest rounding error of a correlation outside [-1, 1]."""
 ROTATION_TOLERANCE = 1e-6
-"""Rounding of the axes of a frame that was written with all digits: their largest deviation from orthonormal."""
+"""Largest deviation of the axes of a frame from orthonormal, by rounding in the file."""
 
 Finite = Annotated[float, msgspec.Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
 Deviation = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST_NUMBER)]
 Freedom = Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_NUMBER)]
 PLAIN = r'^[^"\\\x00-\x1f\x7f\x85\u2028\u2029\ud800-\udfff]*\Z'
 Name = Annotated[str, msgspec.Meta(max_length=1000, pattern=PLAIN)]
-"""Text that cannot end a line, a comment or a string of source that is made of a model."""
+"""Text that cannot end a line, a comment or a string of source code generated from a model."""
 Label = Annotated[str, msgspec.Meta(min_length=1, max_length=1000, pattern=PLAIN)]
 Word = Annotated[str, msgspec.Meta(max_length=200, pattern=r"^[^\W\d]\w*\Z")]
-"""The name of a column, as expressions write it."""
+"""Name of a column, usable in an expression."""
 Unit = Annotated[str, msgspec.Meta(max_length=50, pattern=r"^(?!.*\*/)[\w°%·*/^.() -]*\Z")]
 FileName = Annotated[
     str, msgspec.Meta(min_length=1, max_length=200, pattern=r"^[^/\\\x00-\x1f\x7f\x85\u2028\u2029]+\Z")
@@ -76,7 +76,7 @@ class TermPart(msgspec.Struct, frozen=True):
 
 
 class RigidPart(msgspec.Struct, frozen=True):
-    """A motion of a registration or a tool, m and rad, per unit of an effect."""
+    """Rigid motion of a registration or a tool, m and rad, per unit of an effect."""
 
     of: Literal["setup", "tool"]
     label: Name
@@ -84,7 +84,8 @@ class RigidPart(msgspec.Struct, frozen=True):
 
 
 class EffectPart(msgspec.Struct, frozen=True):
-    """An effect and its fitted number. prior, stderr: null where there is none."""
+    """Effect and its fitted value. prior: standard deviation, null without. stderr: standard error, null if
+    not fitted."""
 
     name: Label
     family: Name
@@ -97,9 +98,10 @@ class EffectPart(msgspec.Struct, frozen=True):
 
 
 class MechanismPart(msgspec.Struct, frozen=True):
-    """Mechanism that the model corrects. name: built-in name, or the name of the file with text `description`.
+    """Mechanism of the model.
 
-    tip_at_probe_m: where its tip is at one oblique pose, by which it is recognised.
+    name: built-in name, or name of the file with the text `description`.
+    tip_at_probe_m: tip position at one oblique pose, by which the mechanism is recognised.
     """
 
     name: FileName
@@ -112,9 +114,9 @@ class MechanismPart(msgspec.Struct, frozen=True):
 
 
 class MeasuredPart(msgspec.Struct, frozen=True):
-    """The table a model was fitted to, SI, a value or a row of values a pose; null where nothing was measured.
+    """Table that a model was fitted to, SI, with one value or row of values per pose; null if not measured.
 
-    counted_m: metres that one pixel or radian of the readings counted as.
+    counted_m: weight of a pixel or radian, m.
     """
 
     file: Name
@@ -147,10 +149,11 @@ class MeasuredPart(msgspec.Struct, frozen=True):
 
 
 class ModelPart(msgspec.Struct, frozen=True):
-    """The whole of model.json but its seal; keys it does not know are passed over.
+    """Content of model.json without its checksum; unknown keys are ignored.
 
-    noise_m, discrepancy_m: null and zero in files of versions that did not estimate them. others, over_causes: effects
-    that may be in the place of a finding, and the second moment of all unknowns over these causes; empty without any.
+    noise_m, discrepancy_m: null and zero in files of versions that did not estimate these values.
+    others, over_causes: effects that are alternative explanations of a finding, and the second moment of all unknowns
+    over these alternatives; empty without.
     """
 
     kind: str
@@ -202,7 +205,7 @@ class ModelPart(msgspec.Struct, frozen=True):
 
 
 def _check_covariance(rows: Sequence[Sequence[float]]) -> None:
-    """Check for variances of zero or more, and correlations from -1 to 1 but for rounding."""
+    """Raise ValueError for a negative variance, or a correlation outside [-1, 1] beyond rounding."""
     variances = np.array([row[k] for k, row in enumerate(rows)])
     if (variances < 0).any():
         raise ValueError("expected variances of zero or more - at `$.covariance`")
@@ -220,13 +223,17 @@ def _check_rigid(transform: Array, where: str) -> None:
 
 
 REPORT, REPORTED, REPORTED_FILE = "report.json", "model_sha256", "model.json"
-"""A report, its field with the seal of its model, and the file of that model in the folder of the report."""
+"""File name of the report, its field with the checksum of the model, and file name of the model in the
+report's folder."""
 Part = TypeVar("Part")
 
 
 @dataclass(frozen=True)
 class Sealed(Generic[Part]):
-    """A kind of sealed file. kind, schemas: as it says itself; part: its form; word, expected: in messages."""
+    """Kind of file with a checksum.
+
+    kind, schemas: accepted entries of the file. part: structure of its content. word, expected: names for messages.
+    """
 
     kind: str
     schemas: tuple[int, ...]
@@ -239,9 +246,10 @@ MODEL = Sealed(KIND, SCHEMAS, ModelPart, "model", "a model.json")
 
 
 def read_part(path: Path) -> ModelPart:
-    """The content of a model.json. Raises InputError as `read_sealed`, or where it is not the model of its report.
+    """Return the content of a model.json.
 
-    Other models in that folder, as the truth of a simulation, have no report.
+    Raises InputError as `read_sealed`, or if the report in its folder names another model. Files with other names, such
+    as the true model of a simulation, need no report.
     """
     part, digest = read_sealed(path, MODEL)
     if path.name == REPORTED_FILE:
@@ -250,10 +258,10 @@ def read_part(path: Path) -> ModelPart:
 
 
 def read_sealed(path: Path, of: Sealed[Part]) -> tuple[Part, str]:
-    """The content of a sealed file and its seal.
+    """Return the content of a file and its checksum.
 
-    Raises InputError: missing, too large, no JSON, of another kind or schema, a field that is missing or beyond its
-    bounds, or changed since it was written.
+    Raises InputError for a missing, too large or changed file, invalid JSON, another kind or schema, or an invalid
+    field.
     """
     content = _content(path, of.expected)
     if not isinstance(content, dict) or content.get("kind") != of.kind:
@@ -271,7 +279,7 @@ def read_sealed(path: Path, of: Sealed[Part]) -> tuple[Part, str]:
 
 
 def converted(content: object, kind: type[Part], word: str) -> Part:
-    """Content in its form. Raises InputError, with `word` for the whole: a field is missing or beyond its bounds."""
+    """Convert content to its structure. Raises InputError naming a missing or invalid field; `word` names the whole."""
     try:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:

@@ -1,8 +1,8 @@
-"""A check that goes on pose by pose: which pose is measured next, and when enough was seen.
+"""Check a model pose by pose: which pose to measure next, and when the check is decided.
 
-A look at n poses spends FALSE_ALARM · 6 / (π² k²), k = n - 5, on its two tests, so that all looks together, however
-many there are, call one machine in twenty changed that is not (union bound, Σ 1/k² = π²/6). A check ends where a change
-is seen, or where a change of any joint's zero that moves the tool by more than a limit would have been.
+A test with n poses has the significance FALSE_ALARM · 6 / (π² k²), k = n - 5, shared by its two tests. All tests
+together call at most one unchanged machine in twenty changed (union bound, Σ 1/k² = π²/6). A check ends when a change
+is significant, or when a change of any joint zero that moves the tool by more than a limit would be.
 """
 
 import math
@@ -25,31 +25,32 @@ from gpmodel.planning.poses import spread_among
 FALSE_ALARM = 0.05
 """Probability that the check of an unchanged machine ends with a change, over any number of poses."""
 FIRST = 6
-"""Different poses before the first decision. If one of them is misread, five remain, which determine registration and
-tool."""
+"""Different poses before the first test. If one is measured wrongly, five remain, enough for registration and tool."""
 SEEN = 1e-6
-"""Least share of a joint zero's motion that registration does not absorb. Below it the poses do not show the zero."""
+"""Least share of a joint zero's displacement that registration does not absorb. Below, the poses do not determine the
+zero."""
 SAME = 1e-4
-"""Largest difference of joint values of one pose, radians or metres."""
+"""Largest difference of joint values of one pose, rad or m."""
 
 
 @dataclass(frozen=True)
 class HiddenChange:
-    """A joint whose zero may have changed unseen so much that the tool moves by this much, m, RMS."""
+    """A joint whose zero may have changed without being detected. moves: largest resulting displacement of the tool, m,
+    RMS."""
 
     joint: str
     moves: float
 
 
 def significance(poses: int) -> float:
-    """Significance of each of the two tests of a look at so many poses."""
+    """Return the significance of each of the two tests with so many poses."""
     look = max(poses - FIRST + 1, 1)
     return 0.5 * FALSE_ALARM * 6.0 / (math.pi * look) ** 2
 
 
 @dataclass(frozen=True)
 class _Columns:
-    """Columns of the measured point for the registration (P, 3, 6), and for the zero of each joint (P, 3, n)."""
+    """Derivatives of the measured point by the registration (P, 3, 6) and by the zero of each joint (P, 3, n)."""
 
     placed: Array
     zeros: Array
@@ -64,21 +65,21 @@ class _Columns:
         return _Columns(placed, effect_columns(effects, saved.model, poses, observed)[:, :3])
 
     def part(self, k: int) -> "_Columns":
-        """One pose."""
+        """Return the columns of pose k."""
         return _Columns(self.placed[[k]], self.zeros[[k]])
 
     def beside(self, more: "_Columns") -> "_Columns":
-        """These poses and others."""
+        """Return the columns of these poses and of further ones."""
         return _Columns(np.concatenate([self.placed, more.placed]), np.concatenate([self.zeros, more.zeros]))
 
     @property
     def alone(self) -> Array:
-        """Sum of squares (n,) of each zero's column."""
+        """Sum of squares (n,) of the column of each joint zero."""
         return np.asarray(np.sum(self.zeros**2, axis=(0, 1)))
 
     @property
     def information(self) -> Array:
-        """Part (n,) of it that registration does not absorb."""
+        """Sum of squares (n,) of each zero's column after the registration is projected out."""
         placed, zeros = (part.reshape(-1, part.shape[2]) for part in (self.placed, self.zeros))
         basis = np.linalg.qr(placed)[0]
         return np.asarray(np.sum((zeros - basis @ (basis.T @ zeros)) ** 2, axis=0))
@@ -86,9 +87,9 @@ class _Columns:
 
 @dataclass(frozen=True)
 class Pool:
-    """The poses of the fit, where the arm is known to go. columns: as the session has them, if there is one.
+    """Candidate poses of a check: the poses of the fit, which the arm can reach.
 
-    session: the check so far; None of fewer poses than anything is judged by.
+    session: the check so far; None with too few poses for a test. columns: in the placement of the session, if any.
     """
 
     saved: SavedModel
@@ -98,7 +99,7 @@ class Pool:
 
     @staticmethod
     def of(saved: SavedModel, session: Session | None = None) -> "Pool":
-        """Raises InputError where the model does not hold the table of its fit."""
+        """Return the candidate poses; raise InputError if the model does not contain the table of its fit."""
         data, now = measured_table(saved), saved if session is None else session.saved
         if session is not None:
             here = {name: np.full(len(data), session.poses.dataset.label(name)[0]) for name in ("setup", "tool")}
@@ -112,27 +113,28 @@ class Pool:
         return self.poses.dataset.q
 
     def not_among(self, taken: Array) -> IntArray:
-        """Return the indices of the poses that are none of those `taken` (M, n); all where none is left."""
+        """Return the indices of the poses not among `taken` (M, n); all indices if every pose is."""
         there = np.array([len(taken) > 0 and (np.abs(taken - one) < SAME).all(axis=1).any() for one in self.q])
         return np.flatnonzero(~there) if not there.all() else np.arange(len(self.q))
 
     @property
     def able(self) -> Mask:
-        """Joints (n,) whose zero these poses show: the registration does not stand for it at every pose."""
+        """Mask (n,) of the joints whose zero these poses determine apart from the registration."""
         return np.asarray(self.columns.information > SEEN * self.columns.alone)
 
     def unseen(self, visible: Sequence[Visible], limit: float) -> tuple[HiddenChange, ...]:
-        """Joints whose zero may move the tool by more than a limit, m, unseen; not those that no pose shows."""
+        """Return the joints whose undetected change could move the tool by more than `limit`, m, except undeterminable
+        ones."""
         levers = np.sqrt(self.columns.alone / len(self.q))
         moves = [(math.inf if v.size is None else v.size) * lever for v, lever in zip(visible, levers, strict=True)]
         hidden = zip(visible, moves, self.able, strict=True)
         return tuple(HiddenChange(v.joint, float(m)) for v, m, able in hidden if able and m > limit)
 
     def next(self, taken: Array) -> Array:
-        """Joint values (n,) of a pose that is not among those `taken` (M, n).
+        """Return the joint values (n,) of a pose that is not among `taken` (M, n).
 
-        After it the zero that was determined worst, by its motion of the tool, is determined best. Without a session it
-        is the pose farthest from the poses already measured.
+        The pose maximises the information on the least determined joint zero, relative to its displacement of the tool.
+        Without a session, the pose farthest from `taken` is returned.
         """
         left = self.not_among(taken)
         if self.session is None:

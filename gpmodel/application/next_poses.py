@@ -1,6 +1,6 @@
-"""Value of further poses for a fitted model: precision of its effects, and discrimination from alternatives.
+"""Value of further poses for a fitted model: precision of its effects, and separation from alternative explanations.
 
-The latter is T-optimality for models that are linear in what they do not share: Atkinson and Fedorov (1975).
+The separation is T-optimality for models that are linear in their unshared parameters: Atkinson and Fedorov (1975).
 """
 
 from dataclasses import dataclass, replace
@@ -22,17 +22,19 @@ from gpmodel.planning.poses import over_the_pool
 from gpmodel.table.dataset import Dataset
 
 BUILT = 1e-3
-"""Prior standard deviation of a geometric error, metres or radians."""
+"""Prior standard deviation of a geometric error, m or rad."""
 
 LITTLE = 1e-9
-"""Least information of the measured poses on an unknown, as a fraction of that of all candidate poses. Less counts as
-none."""
+"""Least information of the measured poses on a parameter, relative to that of all candidate poses. Less
+counts as none."""
 
 
 @dataclass(frozen=True)
 class Questioned:
-    """A finding by its name: the indices of its effects in the model, and its rivals' names, effects, and odds that the
-    finding is the cause and not they."""
+    """A finding. effects: indices of its effects in the model.
+
+    rivals: names and effects of alternative explanations, and odds of the finding against each.
+    """
 
     name: str
     effects: IntArray
@@ -40,9 +42,9 @@ class Questioned:
 
 
 def closing_pool(saved: SavedModel | None, pool: Array) -> Array:
-    """Keep the joint values (P, n) at which the loops of a mechanism close with its errors; all without a model.
+    """Keep the joint values (P, n) at which the mechanism's loops close with its fitted errors; all without a model.
 
-    Raises InputError where the model of closed loops does not hold its table.
+    Raises InputError if the model of closed loops does not contain its table.
     """
     if saved is None or not closed(saved.mechanism):
         return pool
@@ -52,7 +54,7 @@ def closing_pool(saved: SavedModel | None, pool: Array) -> Array:
 
 @dataclass(frozen=True)
 class Outlook:
-    """A fitted model, its measured poses and a pool (P, n) of joint values to choose from."""
+    """A fitted model, its measured poses, and a pool of candidate poses."""
 
     saved: SavedModel
     measured: Poses
@@ -60,31 +62,31 @@ class Outlook:
 
     @classmethod
     def over(cls, saved: SavedModel, pool: Array, rng: np.random.Generator) -> "Outlook":
-        """The pool; what poses have besides joint values is as in random rows of the measured table.
+        """Make the pool from joint values (P, n); other inputs are those of random rows of the measured table.
 
-        Raises InputError where the model does not hold its table.
+        Raises InputError if the model does not contain its table.
         """
         data = measured_table(saved)
         ready = (prepare(saved.mechanism, rows) for rows in (data, at_joint_values(data, pool, rng)))
         return cls(saved, *ready)
 
     def of_the_point(self, at: Poses | None = None) -> Question:
-        """Pose the question of the predicted point: its variance over the pool, or the poses `at`, m²; I-optimal."""
+        """Return the design problem of the predicted point: its variance, m², over the pool or the poses `at`
+        (I-optimal)."""
         here, there = self._columns(self.measured), self._columns(self.pool)
         over = there if at is None else self._columns(at)
         return _question(here, there, self.saved.sigma**2 * over_the_pool(over), self._believed)
 
     def poses_of(self, targets: Dataset, rng: np.random.Generator) -> Poses:
-        """Return the poses of a task; what its table does not have is as in random rows of the measured table."""
+        """Return the poses of a task; inputs that its table lacks are those of random rows of the measured table."""
         like = at_joint_values(self.measured.dataset, targets.q, rng)
         extras = {**like.extras, **{name: v for name, v in targets.extras.items() if name in like.extras}}
         payload = targets.payload if targets.payload_given else like.payload
         return prepare(self.saved.mechanism, replace(like, extras=extras, payload=payload))
 
     def of_finding(self, finding: Questioned) -> Question:
-        """Pose the question of a finding: RMS displacement of the measured points by its standard error, relative to
-        the finding's.
-        """
+        """Return the design problem of a finding: displacement of the points by its standard error over that by the
+        finding."""
         here, there = self._columns(self.measured), self._columns(self.pool)
         own = len(self.saved.covariance.placement) + finding.effects
         theta, moves = self.saved.theta[finding.effects], over_the_pool(here[:, :, own])
@@ -93,9 +95,8 @@ class Outlook:
         return _question(here, there, weight, self._believed)
 
     def of_more(self, effects: tuple[Effect, ...]) -> Question:
-        """Pose the question of effects outside the model: mean square displacement over the pool, m², by their
-        standard errors.
-        """
+        """Return the design problem of effects outside the model: mean square displacement, m², by their standard
+        errors."""
         here, there = (self._columns(poses, effects) for poses in (self.measured, self.pool))
         own = np.arange(there.shape[2] - len(effects), there.shape[2])
         weight = np.zeros((there.shape[2], there.shape[2]))
@@ -104,9 +105,8 @@ class Outlook:
         return _question(here, there, weight, believed)
 
     def beside(self, finding: Questioned, rival: tuple[Effect, ...]) -> Question:
-        """Pose the question of a finding's amplitude, in its fitted shape, given an alternative: 1 / σ is their
-        separation in standard errors.
-        """
+        """Return the design problem of a finding's amplitude given an alternative; 1 / σ is their distance in standard
+        errors."""
         here, there = (self._amplitude_last(poses, finding, rival) for poses in (self.measured, self.pool))
         weight = np.zeros((there.shape[2], there.shape[2]))
         weight[-1, -1] = 1.0
@@ -116,16 +116,16 @@ class Outlook:
 
     @property
     def _believed(self) -> Array:
-        """Prior precision 1 / σ² of each unknown (P + E,).
+        """Prior precision 1 / σ² of each parameter (P + E,).
 
-        Geometry that the measured poses may not determine is bounded by BUILT.
+        Constants that the measured poses may not determine have the prior BUILT.
         """
         effects = self.saved.model.effects
         priors = np.array([min(e.prior, BUILT) if e.constant else e.prior for e in effects])
         return np.concatenate([np.zeros(len(self.saved.covariance.placement)), 1.0 / priors**2])
 
     def _amplitude_last(self, poses: Poses, finding: Questioned, rival: tuple[Effect, ...]) -> Array:
-        """Columns of everything but the finding, of the rival, and of the finding as it was fitted."""
+        """Return the columns of the model without the finding, of the alternative, and of the finding as fitted."""
         columns = self._columns(poses, rival)
         at = len(self.saved.covariance.placement) + finding.effects
         shape = columns[:, :, at] @ self.saved.theta[finding.effects]
@@ -133,13 +133,15 @@ class Outlook:
 
     @cached_property
     def candidates(self) -> dict[str, tuple[Effect, ...]]:
-        """Effects of every candidate of the catalogue on the measured poses, by its name."""
+        """Effects of every catalogue candidate on the measured poses, by name."""
         pool = catalogue.candidates(self.saved.mechanism, self.measured.states)
         return {candidate.name: candidate.effects for candidate in pool}
 
     def _columns(self, poses: Poses, more: tuple[Effect, ...] = ()) -> Array:
-        """Columns (N, 3, K) of registration, tool, every effect and `more`, over σ of a coordinate, less what joints
-        that are not measured absorb."""
+        """Return the columns (N, 3, K) of registration, tool, effects and `more`, over σ of a coordinate.
+
+        The part that unmeasured joints absorb is projected out.
+        """
         saved = self.saved
         observed = observe(saved.model, poses, saved.theta, saved.placement)
         columns = point_columns(saved, poses, observed, more) / saved.sigma
@@ -147,9 +149,8 @@ class Outlook:
 
 
 def _question(here: Array, there: Array, weight: Array, believed: Array) -> Question:
-    """Scale the unknowns by their information and build the question from columns at the measured poses and over the
-    pool.
-    """
+    """Return the design problem from columns at the measured poses and over the pool, scaled by the parameters'
+    information."""
     known, may_tell = np.einsum("pij,pik->jk", here, here) + np.diag(believed), np.einsum("pij,pij->j", there, there)
     scale = np.sqrt(np.maximum(np.diag(known), LITTLE * may_tell))
     scale[scale == 0.0] = 1.0

@@ -1,8 +1,8 @@
-"""Uncertainty of everything that is fitted over the causes of the findings, by the law of total variance.
+"""Uncertainty of all fitted parameters over the possible causes of the findings, by the law of total variance.
 
-With causes i of probability p_i, and x_i ± Σ_i the unknowns by the fit with each,
+With causes i of probability p_i, and x_i ± Σ_i the parameters fitted with each cause,
 
-    E (x - x₁)(x - x₁)ᵀ = Σ_i p_i (Σ_i + (x_i - x₁)(x_i - x₁)ᵀ),   x₁ what is stated
+    E (x - x₁)(x - x₁)ᵀ = Σ_i p_i (Σ_i + (x_i - x₁)(x_i - x₁)ᵀ),   x₁ the reported parameters
 
 Source: Hoeting et al. (1999), variance within and between models.
 """
@@ -34,17 +34,17 @@ from gpmodel.numerics.least_squares import solve
 from gpmodel.table.bundles import JUDGED
 
 ALONG = 0.7
-"""Least cosine between an effect and the direction of the ball that stands for it: under 45 degrees."""
+"""Least cosine between an effect and the direction of a ball joint that it is assigned to: under 45 degrees."""
 
 
 def of_the_ball(name: str, joint: SavedModel, machine: Mechanism) -> tuple[Effect, ...]:
-    """Varying shifts of a measured ball joint, moved to the ball `name` of a machine; their posterior is the prior.
+    """Return the effects of a ball joint measured alone, transferred to the ball `name` of a machine, as priors.
 
-    An effect of the joint with value θ ± s along a direction of its socket, over its first or second angle, is there
-    N(θ, s²) along the same direction of that ball, over its roll or pitch: the ball stands on the machine as on its
-    rig, its axis along the link at home. What turns a ball about its own link is not known on a machine, and constants
-    of the rig are its own; both stay behind.
-    Raises InputError: no such ball, a result of something else than one ball joint, nothing that could be handed over.
+    An effect with value θ ± s along a direction of the socket, over the first or second angle, becomes N(θ, s²) along
+    the
+    corresponding direction over roll or pitch: the ball has the orientation of its rig, with its axis along the link at
+    home. Effects of the rotation about the link, and constants of the rig, are not transferred.
+    Raises InputError for an unknown ball, a result of another mechanism, or if no effect can be transferred.
     """
     balls = {ball.name: ball for ball in balls_of(machine) if ball.name}
     if name not in balls:
@@ -68,7 +68,7 @@ def of_the_ball(name: str, joint: SavedModel, machine: Mechanism) -> tuple[Effec
 
 
 def _handed(effect: Effect, theta: float, stderr: float, one: Ball, there: Ball) -> Effect | None:
-    """One effect at the other ball; None where it is none of the ball, or its size is unknown."""
+    """Return an effect at the other ball; None if it is not an effect of the ball, or its standard error is unknown."""
     names = dict(zip(one.angles, there.angles, strict=False))
     if effect.constant or not set(effect.inputs) <= set(names) or not stderr > 0:
         return None
@@ -84,7 +84,7 @@ def _handed(effect: Effect, theta: float, stderr: float, one: Ball, there: Ball)
 
 
 def _weights(terms: Sequence[Term], shift: Shift) -> Array | None:
-    """Weights of an effect along the terms of a shift, None where it acts elsewhere or across it."""
+    """Return the weights of an effect along the terms of a shift; None if it acts elsewhere or across the shift."""
     given = {(term.slot, term.axis): term.weight for term in terms}
     if len({str(term.basis) for term in terms}) > 1 or not set(given) <= {(slot, axis) for slot, axis, _ in shift}:
         return None
@@ -94,15 +94,15 @@ def _weights(terms: Sequence[Term], shift: Shift) -> Array | None:
 
 
 RARE = 1e-3
-"""Probability of a candidate below which it is left out. One that moves a number by ten standard errors adds a tenth to
-its variance at this probability."""
+"""Probability below which a cause is ignored. At this probability, a cause that changes a parameter by ten standard
+errors adds a tenth to its variance."""
 
 
 @dataclass(frozen=True)
 class FittedCause:
-    """An effect in the place of a finding: x = x₀ + towards w, w ~ N(values, covariance), x₀ of the model without.
+    """An effect that replaces a finding: x = x₀ + towards w, w ~ N(values, covariance), x₀ the fit without the finding.
 
-    effects: (k,). towards: (K, k) steps of the unknowns of placement and model per unit of w, SI.
+    effects: (k,). towards: (K, k) change of the parameters of placement and model per unit of w, SI.
     """
 
     effects: tuple[Effect, ...]
@@ -114,9 +114,10 @@ class FittedCause:
 
 @dataclass(frozen=True)
 class CausesThere:
-    """A place of the model: the finding there, if there is one, and all other causes of what it explains.
+    """A finding, if any, and all alternative causes of the part of the residual that it explains.
 
-    own: effects of the finding, with the changes of the constants inside it. names: unknowns (K,) of the model without.
+    own: effects of the finding, with corrections of the constants inside it. names: parameters (K,) of the model
+    without the finding. stated: the finding, fitted.
     """
 
     own: tuple[str, ...]
@@ -126,7 +127,7 @@ class CausesThere:
 
 
 def over_causes(found: Discovery) -> Discovery:
-    """A discovery whose fits to all poses state everything over the causes of their findings."""
+    """Return a discovery whose fits to all poses have uncertainties over the causes of their findings."""
     fit = found.fitted.calibration
     with threadpool_limits(limits=1, user_api="blas"):
         stated = _stated(found, fit, found.fitted.candidates)
@@ -135,11 +136,12 @@ def over_causes(found: Discovery) -> Discovery:
 
 
 def _stated(found: Discovery, fit: Calibration, findings: Sequence[Candidate]) -> Calibration:
-    """A fit to all poses with its uncertainty over what may be in the place of each finding, or of none without any.
+    """Return a fit to all poses with its uncertainty over the causes of each finding; without findings, over one more
+    effect.
 
-    These are the credible sets of the findings and all effects of the catalogue that have as few unknowns. Their
-    probabilities are those of the fit that states the numbers, p(h | y) ∝ exp(nats of h): a constant of the model may
-    take up an effect too weak to be a finding.
+    Causes are the credible sets of the findings and all small effects of the catalogue. Their probabilities are those
+    of this fit, p(h | y) ∝ exp(nats of h), because a constant of the model can absorb an effect too weak to be a
+    finding.
     """
     offered = catalogue.candidates(found.mechanism, found.poses.states)
     sets = [finding.hypothesis.causes for finding in found.findings]
@@ -157,9 +159,9 @@ def _stated(found: Discovery, fit: Calibration, findings: Sequence[Candidate]) -
 def place_of(
     residual: Residual, own: Candidate | None, pool: Sequence[Candidate], changes: Sequence[Effect] = ()
 ) -> CausesThere:
-    """Weigh the candidates of a pool in the place of a finding. residual: of the model with the finding.
+    """Weigh the candidates of a pool as replacements of a finding `own`. residual: of the model with the finding.
 
-    changes: of the constants inside the finding, which the model has too.
+    changes: corrections of the constants inside the finding, which the model has too.
     """
     inside = (*(own.effects if own else ()), *changes)
     without = residual.without(inside) if inside else residual
@@ -178,7 +180,7 @@ def place_of(
 
 
 def _cause(residual: Residual, system: Array, effects: Sequence[Effect], probability: float) -> FittedCause:
-    """Fit effects to what a model without them leaves. system: of that model."""
+    """Fit effects to the residual of a model without the finding. system: columns of that model."""
     if not effects:
         return FittedCause((), probability, np.zeros((system.shape[1], 0)), np.zeros(0), np.zeros((0, 0)))
     columns = residual.columns(effects)
@@ -198,10 +200,10 @@ def _cause(residual: Residual, system: Array, effects: Sequence[Effect], probabi
 
 
 def _system_of_fit(residual: Residual) -> Array:
-    """Columns (M + B, K) of placement and model, SI, above the rows of all priors of the fit.
+    """Return the columns (M + B, K) of placement and model, SI, above the rows of all priors of the fit.
 
-    The priors of tool and description decide among placements that the readings do not distinguish. A residual has no
-    need of them, a value has.
+    Priors of tool and geometry decide among placements that the measurements do not distinguish. The residual does not
+    depend on this choice, but the values of the parameters do.
     """
     fit, problem = residual.calibration, residual.problem
     kept = np.isin([e.name for e in fit.model.effects], residual.names)
@@ -210,12 +212,10 @@ def _system_of_fit(residual: Residual) -> Array:
 
 
 def uncertain(fit: Calibration, poses: Poses, places: Sequence[CausesThere]) -> Calibration:
-    """Return a fit whose standard errors include the doubt about which cause is the right one at some places.
+    """Return a fit whose standard errors include the uncertainty about the causes of its findings.
 
-    The same fit where no place has another likely cause.
-
-    The standard error of a finding is over the causes in the places of the others: it holds if the finding is one.
-    Predictions allow for causes that joint values determine.
+    Unchanged if no finding has a probable alternative. The standard error of a finding assumes that the finding is
+    right, and includes the causes of the others. Predictions include only causes that joint values determine.
     """
     if not any(one.probability > RARE for place in places for one in place.others):
         return fit
@@ -236,7 +236,7 @@ def uncertain(fit: Calibration, poses: Poses, places: Sequence[CausesThere]) -> 
 
 
 def _placed(fit: Calibration, poses: Poses, moments: Array) -> tuple[Placed, ...]:
-    """Numbers of registration and tool, whose variance grows as that of their unknowns does, to moments (P, P)."""
+    """Return registration and tool with variances increased as those of their parameters, to the moments (P, P)."""
     problem, values = problem_at(fit, poses), fit.covariance.values[: len(moments), : len(moments)]
     before, after = (placed_numbers(fit.placement, problem, one) for one in (values, moments))
     variances = (p.stderr**2 + b.stderr**2 - a.stderr**2 for p, a, b in zip(fit.placed, before, after, strict=True))
@@ -244,14 +244,16 @@ def _placed(fit: Calibration, poses: Poses, moments: Array) -> tuple[Placed, ...
 
 
 def _effects(places: Sequence[CausesThere]) -> tuple[Effect, ...]:
-    """Effects (A,) of all other causes, each once."""
+    """Return the effects (A,) of all alternative causes, each once."""
     every = (effect for place in places for cause in place.others for effect in cause.effects)
     return tuple({effect.name: effect for effect in every}.values())
 
 
 def _moments(fit: Calibration, places: Sequence[CausesThere]) -> tuple[Array, list[tuple[list[int], Array]]]:
-    """Second moment (P + E + A, P + E + A) of all unknowns about the fit, other causes at the end; and what each place
-    adds to the variance of its own finding, with the numbers of its effects."""
+    """Return the second moment (P + E + A, P + E + A) of all parameters about the fit, alternative causes last.
+
+    Also return what the alternatives of each finding add to the variance of its own effects, with the effects' indices.
+    """
     effects = (*fit.model.effects, *_effects(places))
     names = [*fit.covariance.placement, *(effect.name for effect in effects)]
     number, size = {name: k for k, name in enumerate(names)}, len(fit.covariance.values)
@@ -272,7 +274,7 @@ def _moments(fit: Calibration, places: Sequence[CausesThere]) -> tuple[Array, li
 
 
 def _spanned(cause: FittedCause, rest: Sequence[int], number: Mapping[str, int]) -> tuple[Array, Array]:
-    """Steps (K,) of all unknowns by a cause, and what it adds to their covariance (K, K)."""
+    """Return the change (K,) of all parameters by a cause, and its addition to their covariance (K, K)."""
     directions = np.zeros((len(number), len(cause.effects)))
     directions[rest] = cause.towards
     for k, effect in enumerate(cause.effects):

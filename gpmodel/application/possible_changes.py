@@ -27,24 +27,25 @@ Kind = Literal["zero", "tool", "size", "geometry", "catalogue", "set-up"]
 SHARES: dict[Kind, float] = {
     "zero": 1 / 3, "tool": 1 / 6, "size": 1 / 6, "geometry": 1 / 6, "catalogue": 1 / 12, "set-up": 1 / 12
 }  # fmt: skip
-"""Share of the significance of each kind of change. Frequent causes (slips, crashes) get the most."""
+"""Share of the significance for each kind of change. Frequent causes (slips, crashes) get the most."""
 LEAST = 1e-3
-"""Smallest remaining fraction of a column's length; below it registration or tool absorb the column."""
+"""Least share of a column's length that registration and tool do not absorb; a change with less is not tested."""
 STANDING = "base"
-"""The slot of what the machine stands on."""
+"""Slot between the machine and its foundation."""
 PIXELS = lens.NAMES[:4]
-"""Numbers of a lens that are pixels."""
+"""Numbers of a lens in pixels."""
 HALF_WAVES, POSES_A_WAVE = 6, 16
-"""Largest number of half waves of a drifting set-up along the rows, and the least number of poses of each."""
+"""Largest number of half waves of a drifting set-up along the rows, and least number of poses for each."""
 
 
 @dataclass(frozen=True)
 class PossibleChange:
-    """One thing that may have changed: whitened columns (M, k), one a number in `unit`; share: of the significance.
+    """One possible change of a machine since its fit.
 
-    A `size` is a share of what the model has of that effect. Of kind `set-up` is what no machine did: the instrument,
-    or what stands still, moved along the rows. effects: that it adds to the model's. at: columns of the linear problem
-    that it moves, where it adds none.
+    columns: (M, k) whitened derivatives by its k numbers, in `unit`; for kind `size`, relative to the model's value.
+    kind: `set-up` means that the instrument or a stationary object moved during the session, not the machine.
+    share: of the significance. effects: effects that the change adds to the model. at: columns of the linear problem
+    that the change moves, if it adds no effect.
     """
 
     name: str
@@ -62,12 +63,12 @@ class PossibleChange:
         return u[:, kept], s[kept], v[kept]
 
     def explained(self, z: Array) -> tuple[float, int]:
-        """Chi-square of z (M,) that it explains, and the numbers it has for that."""
+        """Return the part of |z|² (chi-square) that the change explains, and its number of parameters."""
         u, s, _ = self._parts
         return float(np.sum((u.T @ z) ** 2)), len(s)
 
     def fitted(self, z: Array) -> tuple[float, float]:
-        """Its size and standard deviation; of several numbers those of the length of their vector."""
+        """Return size and standard error of the change; with several numbers, of the length of their vector."""
         u, s, v = self._parts
         values = v.T @ ((u.T @ z) / s)
         size = float(np.linalg.norm(values))
@@ -76,19 +77,19 @@ class PossibleChange:
         return (float(values[0]) if len(values) == 1 else size), deviation
 
     def beside(self, left: Recheck) -> "PossibleChange":
-        """Return the change without the span of the removed columns; without columns if nothing remains."""
+        """Return the change with the removed columns projected out; all zeros if nothing remains."""
         columns = self.columns - left.basis @ (left.basis.T @ self.columns)
         little = np.linalg.norm(columns) < LEAST * np.linalg.norm(self.columns)
         return replace(self, columns=np.zeros_like(columns) if little else columns)
 
 
 def zero_of(joint: str) -> str:
-    """Name the zero of a joint."""
+    """Return the name of a joint's zero."""
     return f"zero of {joint}"
 
 
 def possible_changes(found: Recheck) -> tuple[PossibleChange, ...]:
-    """Everything these poses could show, each with its share of the significance."""
+    """Return all changes that these poses could reveal, each with its share of the significance."""
     tools = list(_tools(found))
     others = [m for m in (*_geometry(found), *_of_the_catalogue(found)) if not any(_within(m, t) for t in tools)]
     all_of = [*_zeros(found), *tools, *_sizes(found), *others]
@@ -97,7 +98,7 @@ def possible_changes(found: Recheck) -> tuple[PossibleChange, ...]:
 
 
 def _within(one: PossibleChange, other: PossibleChange) -> bool:
-    """Return whether one change is part of another, as a shift of the last link is of a change of the tool point."""
+    """Return whether a change is part of another, as a shift of the last link is part of a change of the tool point."""
     left = rank.remove(rank.orthonormal(other.columns), one.columns)
     return bool(np.linalg.norm(left) < LEAST * np.linalg.norm(one.columns))
 
@@ -121,7 +122,8 @@ def _tools(found: Recheck) -> Iterator[PossibleChange]:
 
 
 def _carried(found: Recheck) -> Iterator[PossibleChange]:
-    """Where a link carries a camera, a board or an inclinometer, and how it is turned; every number of a lens."""
+    """Yield changes of position and orientation of objects on links (camera, board, inclinometer), and of
+    lens numbers."""
     session, names, raw = found.session, found.problem.placement_names, found.problem.columns
     for kind, key in kept_by(session.saved, session.poses.dataset):
         of_a_lens = not set(kind.own[key]) <= set(AXES)
@@ -149,7 +151,7 @@ def _sizes(found: Recheck) -> Iterator[PossibleChange]:
 
 
 def _geometry(found: Recheck) -> Iterator[PossibleChange]:
-    """Constants but for the zeros themselves."""
+    """Yield changes of the constants other than joint zeros."""
     mechanism = found.session.saved.mechanism
     zeros = {drive_effect("", joint, ONE).terms for joint in mechanism.joints}
     effects = [e for e in geometric_effects(mechanism) if e.terms not in zeros]
@@ -159,7 +161,7 @@ def _geometry(found: Recheck) -> Iterator[PossibleChange]:
 
 
 def _of_the_catalogue(found: Recheck) -> Iterator[PossibleChange]:
-    """Yield the families' candidates of one number, or of one amplitude and phase, that the model lacks."""
+    """Yield the catalogue's candidates with one number, or one amplitude and phase, that the model lacks."""
     model, poses = found.session.saved.model, found.problem.poses
     own = {effect.name for effect in model.effects}
     offered = [
@@ -181,8 +183,8 @@ def _of_the_catalogue(found: Recheck) -> Iterator[PossibleChange]:
 
 
 def wander(found: Recheck) -> Array:
-    """Whitened columns (M, k) of a set-up that moves slowly along the rows: cosines of half waves over the session, of
-    every axis."""
+    """Return whitened columns (M, k) of a set-up that drifts slowly: cosines of half waves along the rows, for each
+    axis."""
     rows = found.problem.poses.dataset.row
     waves = min(HALF_WAVES, len(rows) // POSES_A_WAVE)
     along = f"(row - {rows.min()})/{max(int(np.ptp(rows)), 1)}"
@@ -192,7 +194,7 @@ def wander(found: Recheck) -> Array:
 
 
 def _seen(found: Recheck, raw: PossibleChange) -> Iterator[PossibleChange]:
-    """Yield the change with its raw columns whitened, where the poses show anything of it."""
+    """Yield the change with its columns whitened, if the poses could reveal it."""
     columns = found.whitened(raw.columns)
     whole, left = (np.linalg.norm(c) for c in (found.spread.whiten(found.blocks.means(raw.columns)), columns))
     if left > LEAST * whole and np.isfinite(left):
@@ -201,23 +203,24 @@ def _seen(found: Recheck, raw: PossibleChange) -> Iterator[PossibleChange]:
 
 SET_UP: Kind = "set-up"
 SIGNIFICANCE = 0.005
-"""Significance of each of two tests: of the whole residual, and of named changes. Together 1 %."""
+"""Significance of each of the two tests: of the whole residual, and of named changes. Together 1 %."""
 MOST = 4
-"""Largest number of named changes. With more, the machine is another one."""
+"""Largest number of identified changes. With more, the verdict is another machine."""
 AS_LIKELY = 4.0
 """Difference of chi-square below which another change explains the poses as well: two standard deviations."""
 LARGEST = 0.01
-"""Shift of a joint zero, radians or metres, that counts as invisible if only larger ones can be detected."""
+"""Largest detectable shift of a joint zero, rad or m, that is reported. Above, the shift is reported as
+undetectable."""
 POWER = 0.9
-"""Probability of detection of a change that is called visible."""
+"""Probability with which a change called detectable is detected."""
 
 
 @dataclass(frozen=True)
 class NamedChange:
-    """Change of a named quantity, value ± one standard error, in `unit`; of a `size` as a fraction of the model's
-    value.
+    """Identified change: value ± one standard error, in `unit`; for kind `size`, relative to the model's value.
 
-    chance: of so much while nothing changed, corrected for all that was tried. rivals: what explains the poses as well.
+    chance: probability of such a change by noise alone, corrected for all tested changes. rivals: names of other
+    changes that explain the poses as well.
     """
 
     name: str
@@ -231,8 +234,7 @@ class NamedChange:
 
 @dataclass(frozen=True)
 class Visible:
-    """The smallest change of a joint's zero, in `unit`, that these poses would show; None where none would, since the
-    registration that every session finds anew stands for it."""
+    """Smallest detectable change of a joint zero, in `unit`; None if the registration absorbs every change."""
 
     joint: str
     unit: str
@@ -242,12 +244,12 @@ class Visible:
 def changes(
     found: Recheck, tried: Sequence[PossibleChange], significance: float = SIGNIFICANCE
 ) -> tuple[tuple[NamedChange, ...], Recheck]:
-    """Select the significant changes, the least probable first, each given the earlier ones; return the residual
-    after them.
+    """Select the significant changes, the least probable first, each given the earlier ones; return the residual after
+    them.
 
-    The chance of one is that of its F ratio over its share of the significance (weighted Bonferroni). Where the set-up
-    is seen to move along the rows, poses depend on those before: a set-up that wanders is taken out too, and
-    what it explains as well as the machine does is laid to it.
+    The chance of a change is that of its F ratio over its share of the significance (weighted Bonferroni). If the
+    set-up drifts along the rows, a general slow drift is removed too; a change that it explains as well counts as
+    set-up.
     """
     out: list[NamedChange] = []
     left = found
@@ -273,7 +275,7 @@ def _chance(found: Recheck, score: float, numbers: int) -> float:
 
 
 def visible(found: Recheck, tried: Sequence[PossibleChange], significance: float = SIGNIFICANCE) -> tuple[Visible, ...]:
-    """Return the smallest change of each joint zero that these poses detect with the chance POWER."""
+    """Return the smallest change of each joint zero that these poses detect with the probability POWER."""
     zeros = {h.name: h for h in tried if h.kind == "zero"}
     out = []
     for joint in found.session.saved.mechanism.joints:

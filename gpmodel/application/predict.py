@@ -1,4 +1,4 @@
-"""Predicted readings of the instrument at unmeasured poses."""
+"""Predict the measurements of the instrument at unmeasured poses."""
 
 import re
 from collections.abc import Sequence
@@ -24,11 +24,10 @@ from gpmodel.table.units import joint_column, split_header
 
 
 def point_deviation(saved: SavedModel, poses: Poses, observed: Observed, *, placed: bool = True) -> Array:
-    """Standard deviation (N,), m, of the predicted point: √ (trace(J Σ Jᵀ) + 3 d²) over everything fitted.
+    """Return the standard deviation (N,), m, of the predicted point: √ (trace(J Σ Jᵀ) + 3 d²).
 
-    It holds the uncertainty of the parameters, over the causes of the findings, and the model discrepancy d, not what
-    the instrument adds. placed: whether registration and tool are in it, as in the instrument's frame. NaN if not
-    fitted.
+    Σ is the covariance of the parameters, over alternative explanations of the findings, and d the model discrepancy.
+    Noise of the instrument is not included. placed: include registration and tool. NaN if not fitted.
     """
     return np.asarray(np.linalg.norm(coordinate_deviations(saved, poses, observed, placed=placed), axis=1))
 
@@ -44,13 +43,14 @@ def coordinate_deviations(saved: SavedModel, poses: Poses, observed: Observed, *
 
 
 def point_columns(saved: SavedModel, poses: Poses, observed: Observed, more: Sequence[Effect] = ()) -> Array:
-    """Change (N, 3, P + E) of the point per unknown of registration, tool, every effect of the model and `more`."""
+    """Return the derivatives (N, 3, P + E) of the point by registration, tool, all effects of the model and `more`
+    effects."""
     effects = effect_columns((*saved.model.effects, *more), saved.model, poses, observed)[:, :3]
     return np.concatenate([placement_columns(saved, poses, observed), effects], axis=2)
 
 
 def placement_columns(saved: SavedModel, poses: Poses, observed: Observed) -> Array:
-    """Change (N, 3, P) of the point per unknown of registration and tool, in the instrument's axes."""
+    """Return the derivatives (N, 3, P) of the point by registration and tool, in the instrument's axes."""
     tip, labels = observed.tip, poses.dataset
     out = np.zeros((len(tip), 3, len(saved.covariance.placement)))
     arm = tip[:, :3, 3] - saved.covariance.centre
@@ -69,19 +69,18 @@ def placement_columns(saved: SavedModel, poses: Poses, observed: Observed) -> Ar
 
 
 _MEASURED = re.compile(r"r?[xyz]|distance_.*")
-"""Names of columns that an instrument fills, or that are given as a target."""
+"""Names of columns of measurements or targets."""
 AT_ONCE = 5000
-"""Poses predicted together: their columns take a tenth of a gigabyte."""
+"""Poses predicted at a time; their derivatives take a tenth of a gigabyte."""
 
 
 def predicted_columns(saved: SavedModel, dataset: Dataset, say: Say = silent) -> dict[str, Array]:
-    """Columns by header, each (N,): x y z [mm] and, where the model was fitted to poses, rx ry rz [deg], both in
-    the instrument's frame; and the distances [mm] the model knows anchors for. Approximate joint values are solved
-    against what the row measured first, and added with the residual [um] they leave. Then the standard deviation
-    sigma [mm] of the predicted point, and the inputs that are `outside` the ranges the model was fitted in.
+    """Predict a table; return columns (N,) by header.
 
-    say: called with how many rows are done. Raises InputError as `matched_with_readings`, and where an effect is not
-    finite at a pose.
+    Columns: x y z [mm] and, if rotations were fitted, rx ry rz [deg], in the instrument's frame; distances [mm] to
+    known anchors; solved approximate joint values with the residual [um], if points were measured; sigma [mm], the
+    standard deviation of the point; `outside`, the inputs beyond the ranges of the fit.
+    say: called with progress. Raises InputError as `matched_with_readings`, or if an effect is infinite or undefined.
     """
     poses, parts = prepare(saved.mechanism, matched_with_readings(saved, dataset)), list[dict[str, Array]]()
     solved = bool(free_joints(saved.mechanism)) and bool(np.isfinite(poses.dataset.position).any())
@@ -93,18 +92,18 @@ def predicted_columns(saved: SavedModel, dataset: Dataset, say: Say = silent) ->
 
 
 def batches(count: int) -> list[IntArray]:
-    """The rows of a table, in order, some thousands at a time."""
+    """Return the row indices of a table, in order, in batches of at most AT_ONCE."""
     return np.array_split(np.arange(count), -(-count // AT_ONCE))
 
 
 def observed_by(saved: SavedModel, given: Poses) -> tuple[Poses, Observed]:
-    """Predict every reading at some poses, and these with their approximate joint values solved."""
+    """Solve approximate joint values of the poses; return these poses and all predicted measurements."""
     poses = solve_joints(saved.model, given, saved.theta, saved.placement)
     return poses, observe(saved.model, poses, saved.theta, saved.placement)
 
 
 def _predicted(saved: SavedModel, given: Poses, solved: bool) -> dict[str, Array]:
-    """Predict some of the poses. solved: also return the solved joint values as columns."""
+    """Predict a batch of poses. solved: also return the solved joint values as columns."""
     check_finite(saved, given)
     poses, observed = observed_by(saved, given)
     tip = observed.tip
@@ -130,15 +129,18 @@ def _predicted(saved: SavedModel, given: Poses, solved: bool) -> dict[str, Array
 
 
 def beside(frame: pd.DataFrame, columns: dict[str, Array]) -> pd.DataFrame:
-    """`frame` and the columns. What may have been measured, x or distance_A, keeps its name in the frame, and the
-    prediction is added as `predicted_x`; columns of an earlier prediction are replaced."""
+    """Add predicted columns to a table.
+
+    A prediction of an existing measured column, such as x or distance_A, is named `predicted_x`; columns of an earlier
+    prediction are replaced.
+    """
     taken = {name for header in frame.columns if _MEASURED.fullmatch(name := split_header(str(header))[0])}
     results = {f"predicted_{h}" if split_header(h)[0] in taken else h: values for h, values in columns.items()}
     return with_results(frame, results, ("predicted_", "solved_"))
 
 
 def misses(dataset: Dataset, columns: dict[str, Array]) -> Array:
-    """Distance (M,), mm, between measured and predicted point of the rows that measured all of it."""
+    """Return the distance (M,), mm, between measured and predicted point of the rows with x, y and z."""
     tip = np.column_stack([columns[f"{a} [mm]"] for a in "xyz"])
     error: Array = np.linalg.norm(1e3 * dataset.position - tip, axis=1)
     return error[np.isfinite(error)]

@@ -1,12 +1,13 @@
-"""A saved model against poses measured afterwards, in numbers that are standard normal while it holds.
+"""Residuals of a saved model on later poses, whitened so that they are standard normal if the model holds.
 
-With r (M,) the measured minus predicted coordinates, F the columns of what every session finds anew (registration,
-anchors) and K those of what the model holds (tool, effects), known with covariance Σ, noise σ of a coordinate:
+With r (M,) the measured minus predicted coordinates, F the columns that every session fits again (registration,
+anchors), K those of the model (tool, effects), known with covariance Σ, and σ the noise of a coordinate:
 
     r = F ρ + K δ + e,   δ ~ N(0, Σ),   e ~ N(0, σ² I),   V = σ² I + K Σ Kᵀ,   z = Q V^(-1/2) r
 
-Q takes out the span of V^(-1/2) F. While the model holds, |z|² is chi-square distributed with M - rank F degrees of
-freedom and, σ being an estimate of ν itself, |z|² over its degrees is distributed as F. Source: Rao (1973), ch. 4a.
+Q projects out the span of V^(-1/2) F. If the model holds, |z|² is chi-square distributed with M - rank F degrees of
+freedom. Since σ is an estimate with ν degrees of freedom, |z|² over its degrees has an F distribution. Source: Rao
+(1973), ch. 4a.
 """
 
 from dataclasses import dataclass, replace
@@ -34,14 +35,16 @@ from gpmodel.table.bundles import different_poses, sharing
 from gpmodel.table.dataset import Dataset
 
 PASSES = 8
-"""Largest number of Gauss-Newton steps for the registration, each without the outliers of the one before. Three
-suffice."""
+"""Largest number of Gauss-Newton steps for the registration; each step excludes new outliers. Three suffice."""
 
 
 @dataclass(frozen=True)
 class Session:
-    """A model with the registration of another session. use: (N,) the poses that count, without outliers. fitted: where
-    the model's own session was. tool: whether the tool point is found anew as well."""
+    """A model with the registration of another session.
+
+    use: (N,) mask of the poses without outliers. fitted: placement of the model's own session.
+    tool: whether the tool point is fitted again too.
+    """
 
     saved: SavedModel
     poses: Poses
@@ -51,25 +54,25 @@ class Session:
 
     @property
     def problem(self) -> Linearised:
-        """The linear problem of registration, tool, anchors and every effect at the poses that count."""
+        """Linear problem of registration, tool, anchors and all effects at the poses without outliers."""
         saved = self.saved
         return linearise(saved.model, self.poses, saved.theta, saved.placement, saved.rotation_weight, self.use)
 
     @property
     def observed(self) -> Observed:
-        """Predicted readings of every pose."""
+        """Predicted measurements of every pose."""
         return observe(self.saved.model, self.poses, self.saved.theta, self.saved.placement)
 
     @property
     def errors(self) -> Array:
-        """3-D distance (N,), m, between measured and predicted point, those of outliers too."""
+        """3-D distance (N,), m, between measured and predicted point, also of outliers."""
         return pose_error(self.observed, self.poses.dataset)
 
     def anew(self, problem: Linearised) -> Mask:
-        """Return the columns (P + E,) that this session fits: registration and stationary objects; the tool and
-        carried objects where they are free.
+        """Return the mask (P + E,) of the columns that this session fits.
 
-        Effects and lenses are held at the model's values.
+        These are registration and stationary objects; also tool and objects on links if the tool is free. Effects and
+        lenses keep the model's values.
         """
         held = {name for name in problem.placement_names if name.split(" ", 1)[0] == "tool"}
         for kind, key in kept_by(self.saved, self.poses.dataset):
@@ -78,13 +81,13 @@ class Session:
         return np.array(free + [False] * (problem.columns.shape[1] - len(free)), dtype=bool)
 
     def moved(self, problem: Linearised, step: Array) -> "Session":
-        """With a step (P,) of the placement, m and rad."""
+        """Return the session after a step (P,) of the placement, m and rad."""
         placement = placement_after(problem.observed, self.saved.placement, step)
         return replace(self, saved=replace(self.saved, placement=placement))
 
 
 def kept_by(saved: SavedModel, dataset: Dataset) -> list[tuple[Observation, str]]:
-    """Observations of a dataset, each with every key of its own unknowns that outlasts a session and that the model
+    """Return each instrument of a dataset with the unknowns of its own that persist between sessions and that the model
     has."""
     known, there = set(saved.covariance.placement), saved.placement.anchors
     return [
@@ -96,11 +99,11 @@ def kept_by(saved: SavedModel, dataset: Dataset) -> list[tuple[Observation, str]
 
 
 def settled(saved: SavedModel, dataset: Dataset, start: Placement | None = None) -> Session:
-    """The model with the registration that these poses give it. saved: as it is to be used. start: where registration
-    and tool point are to be found from; without it the tool point is the model's.
+    """Fit the registration of these poses; the model is otherwise unchanged.
 
-    Raises InputError as `matched_with_readings`, for a tool the model does not know, and for fewer than three poses of
-    a set-up.
+    saved: model without effects that do not apply. start: initial registration and tool point, to fit the tool too;
+    None to keep the model's tool point.
+    Raises InputError as `matched_with_readings`, for an unknown tool, and for fewer than three poses of a set-up.
     """
     fitted, setups = saved.placement, dict.fromkeys(dataset.label("setup").tolist(), np.eye(4))
     saved = replace(saved, placement=replace(saved.placement, registration=setups))
@@ -121,7 +124,7 @@ def settled(saved: SavedModel, dataset: Dataset, start: Placement | None = None)
 
 
 def _placed(saved: SavedModel, dataset: Dataset) -> SavedModel:
-    """With the registration by Kabsch of the predicted points; what observations find of themselves starts from it."""
+    """Return the model with the registration by Kabsch of the predicted points, as initial value."""
     root = tips(saved, dataset, nominal=False)[1].tip
     measured = np.isfinite(dataset.position).all(axis=1)
     registration = dict(saved.placement.registration)
@@ -137,8 +140,10 @@ def _placed(saved: SavedModel, dataset: Dataset) -> SavedModel:
 
 
 def errors_at(session: Session, dataset: Dataset) -> Array:
-    """3-D distance (N,), m, of every point of a table from the model, in the registration that a session found by some
-    of them. Raises InputError as `matched`."""
+    """Return the 3-D distance (N,), m, of the points of a table from the model, in the registration of a session.
+
+    Raises InputError as `matched`.
+    """
     saved = session.saved
     poses, parts = prepare(saved.mechanism, matched(saved, dataset)), []
     for rows in batches(len(poses)):
@@ -150,28 +155,27 @@ def errors_at(session: Session, dataset: Dataset) -> Array:
 NORMAL = 3.0
 """Kurtosis of a normal distribution."""
 LEAST_POSES, LEAST_FREEDOM = 4, 6
-"""Least number of different poses and of degrees of freedom of a verdict: what four poses of three coordinates leave
-after registration."""
+"""Least number of different poses and of degrees of freedom for a verdict: those of four points after registration."""
 
 
 @dataclass(frozen=True)
 class Spread:
-    """V = σ² (I + U s² Uᵀ): U (M, q) orthonormal, s (q,). Repeats of a pose are one row, their mean."""
+    """Covariance V = σ² (I + U s² Uᵀ): U (M, q) orthonormal, s (q,). The mean of the repeats of a pose is one row."""
 
     sigma: float
     u: Array
     s: Array
 
     def whiten(self, values: Array) -> Array:
-        """V^(-1/2) times values (M, ...)."""
+        """Return V^(-1/2) times values (M, ...)."""
         return (values - self._within(values, 1.0 - 1.0 / np.sqrt(1.0 + self.s**2))) / self.sigma
 
     def restored(self, values: Array) -> Array:
-        """V^(1/2) times values (M, ...)."""
+        """Return V^(1/2) times values (M, ...)."""
         return self.sigma * (values + self._within(values, np.sqrt(1.0 + self.s**2) - 1.0))
 
     def block(self, rows: IntArray) -> Array:
-        """Rows and columns (k, k) of V."""
+        """Return the rows and columns (k, k) of V with these indices."""
         own = self.u[rows] * self.s
         return self.sigma**2 * (np.eye(len(rows)) + own @ own.T)
 
@@ -181,10 +185,12 @@ class Spread:
 
 @dataclass(frozen=True)
 class Recheck:
-    """A later session, judged. z: (M,) as above. basis: (M, k) orthonormal, the span that was taken out. freedom: of σ.
+    """Whitened residuals of a later session.
 
-    bundle: (N,) code of every pose, the same for repeats. pose: (M,) of every row. anew: (F,) names of the columns that
-    the session finds for itself, and their covariance (F, F).
+    z: (M,) as in the module's docstring. basis: (M, k) orthonormal basis of the projected-out span.
+    bundle: (N,) code of every pose, equal for repeats. pose: (M,) code of every row.
+    freedom: degrees of freedom of σ.
+    anew: names of the F columns that the session fits, and their covariance (F, F).
     """
 
     session: Session
@@ -220,10 +226,10 @@ class Recheck:
 
     @property
     def _as_many(self) -> tuple[float, float]:
-        """Degrees of freedom of |z|² and of σ that a normal distribution would have.
+        """Effective degrees of freedom of |z|² and of σ.
 
-        Tails heavier than normal, of kurtosis κ, make a sum of squares vary as one of 2 / (κ - 1) as many degrees of
-        freedom does (Box 1953).
+        A sum of squares with tails of kurtosis κ varies as a normal one with 2 / (κ - 1) as many degrees of freedom
+        (Box 1953).
         """
         squares = self.z**2
         kurtosis = np.mean(squares**2) / max(float(np.mean(squares)) ** 2, np.finfo(float).tiny)
@@ -250,7 +256,7 @@ class Recheck:
 
     @property
     def _turns(self) -> Mask:
-        """Rows (M,) that are angles."""
+        """Mask (M,) of the rows that are angles."""
         if self.problem.left is not None:
             return np.zeros(len(self.z), dtype=bool)
         component = np.nonzero(self.problem.weights > 0)[1]
@@ -258,7 +264,7 @@ class Recheck:
         return np.asarray(self.problem.observed.turns[component[first]])
 
     def whitened(self, columns: Array) -> Array:
-        """Columns of the problem whitened, less what was taken out."""
+        """Return columns of the problem whitened, with the basis projected out."""
         return rank.remove(self.basis, self.spread.whiten(self.blocks.means(columns)))
 
     def without(self, columns: Array) -> "Recheck":
@@ -268,7 +274,7 @@ class Recheck:
 
 
 def recheck(session: Session) -> Recheck:
-    """A session judged. Raises InputError where its poses are too few to judge anything by."""
+    """Return the whitened residuals of a session; raise InputError for too few poses."""
     problem, saved = session.problem, session.saved
     bundle = sharing(session.poses.dataset)
     blocks = blocks_of(problem, bundle)
@@ -302,7 +308,7 @@ def recheck(session: Session) -> Recheck:
 
 
 def _functions(session: Session, problem: Linearised) -> tuple[Array, Array]:
-    """See `uncertain_functions`, of a model whose readings are kept."""
+    """Return `uncertain_functions` of the session; empty if the model has no functions of undeclared effects."""
     saved = session.saved
     if saved.measured is None or not has_functions(saved.model):
         return np.zeros((len(problem.residual), 0)), np.zeros((len(problem.residual), len(saved.covariance.values)))
@@ -313,7 +319,7 @@ def _functions(session: Session, problem: Linearised) -> tuple[Array, Array]:
 
 
 def in_covariance(saved: SavedModel, problem: Linearised) -> IntArray:
-    """Where each column of the problem (P + E,) stands in the covariance of the model; -1 if not fitted."""
+    """Return the index (P + E,) of each column of the problem in the covariance of the model; -1 if not fitted."""
     names = saved.covariance.placement
     placed = [names.index(name) if name in names else -1 for name in problem.placement_names]
     fitted = np.isfinite(saved.stderr)

@@ -1,7 +1,7 @@
-"""A model after a change that was named, from the poses of the check alone: its own numbers and their ± are the prior.
+"""Refit a model after an identified change to the poses of the check alone, with the former model as prior.
 
-Tool and effects have the prior x ~ N(m, Σ) of model.json; what changed is free, Σ + D Dᵀ with a column of D for each
-number of it, 1 m, 1 rad or the whole of an effect. With x = m + L u, L Lᵀ that covariance, every Gauss-Newton step is
+Tool and effects have the prior x ~ N(m, Σ) of model.json. Changed parameters are free: Σ + D Dᵀ with one column of D
+for each, 1 m, 1 rad or the whole of an effect. With x = m + L u, L Lᵀ that covariance, every Gauss-Newton step is
 
     [F  K L; 0  σ] (ρ, u) = (r, -σ u)         F, K, r, σ: as in `application.recheck`; the registration ρ has no prior
 """
@@ -36,17 +36,17 @@ from gpmodel.table.bundles import sharing
 from gpmodel.table.dataset import Dataset
 
 ENOUGH = 1.2
-"""Expected error over the error before the change at which no further pose is needed. At 1.1 twice as many poses are
-needed."""
+"""Expected error, relative to that before the change, at which no further pose is needed. At 1.1 twice as many poses
+are needed."""
 MOST_MORE = 30
 """Largest number of further poses. With more, a new calibration costs little more."""
 KEPT_LABELS = ("setup", "tool", "tip")
-"""Labels that rows of the fit keep beside those of the check."""
+"""Labels that the rows of the fit keep when they are joined to those of the check."""
 
 
 @dataclass(frozen=True)
 class Renewed:
-    """A number of the model that was found anew, in SI: value and standard error, before and after."""
+    """A refitted parameter of the model, SI: value and standard error, before and after."""
 
     name: str
     unit: str
@@ -56,9 +56,12 @@ class Renewed:
 
 @dataclass(frozen=True)
 class Repaired:
-    """saved: the model of the machine as it is now. numbers: what changed. expected, before: RMS error, m, of the point
-    at the poses of the fit, less what a registration takes up, now and before the change. more: (M, n) joint values of
-    the poses after which it is ENOUGH; None where MOST_MORE are not."""
+    """Model of a machine after a change. numbers: its changed parameters.
+
+    expected, before: RMS error, m, of the point at the poses of the fit, without the part that a registration absorbs,
+    now and before the change.
+    more: (M, n) joint values of further poses until the error is ENOUGH; None if MOST_MORE do not suffice.
+    """
 
     saved: SavedModel
     numbers: tuple[Renewed, ...]
@@ -69,8 +72,10 @@ class Repaired:
 
 @dataclass(frozen=True)
 class _Fit:
-    """The session with what changed in its model, and D (P + E, k). left: (M, f + q) the system of the last step.
-    step: (P + E, f + q), what its unknowns ρ and u move."""
+    """Refitted session. changed: D (P + E, k). left: (M, f + q) system of the last step.
+
+    step: (P + E, f + q), derivatives of all parameters by the unknowns ρ and u of the system.
+    """
 
     session: Session
     changed: Array
@@ -89,9 +94,9 @@ class _Fit:
 
 
 def repaired(found: Verified, pool: Pool) -> Repaired | None:
-    """Fit a model anew to the poses of a check that named what changed.
+    """Refit a model to the poses of a check that identified a change.
 
-    None where nothing is named, and where no reading is in an instrument's frame.
+    None if no change is identified, or no measurement is in an instrument's frame.
     """
     data = found.session.poses.dataset
     if found.verdict != "drifted" or not found.changes or without_frame(observations(data)):
@@ -109,7 +114,7 @@ def repaired(found: Verified, pool: Pool) -> Repaired | None:
 
 
 def _fitted(found: Verified, changes: Sequence[PossibleChange]) -> _Fit:
-    """Iterate to the posterior, each time without what then stands far out."""
+    """Iterate to the posterior mode, excluding outliers at each step."""
     session, changed = _with(found.session, found.found.problem, changes)
     sigma, total = found.found.spread.sigma, np.zeros(0)
     for _ in range(PASSES):
@@ -132,7 +137,8 @@ def _fitted(found: Verified, changes: Sequence[PossibleChange]) -> _Fit:
 
 
 def _with(session: Session, problem: Linearised, changes: Sequence[PossibleChange]) -> tuple[Session, Array]:
-    """The session with the effects that changes add, and D; an effect of the model's terms is the model's own."""
+    """Return the session with the effects that changes add, and D. An effect with the terms of a known one is not
+    added."""
     saved, count = session.saved, problem.placement
     known, added = [effect.terms for effect in saved.model.effects], list[Effect]()
     columns: list[dict[int, float]] = []
@@ -157,7 +163,7 @@ def _with(session: Session, problem: Linearised, changes: Sequence[PossibleChang
 
 
 def _root(saved: SavedModel, problem: Linearised, held: Mask) -> Array:
-    """L (P + E, q) of the model's covariance of what the session does not find for itself."""
+    """Return L (P + E, q), a root of the model's covariance of the columns `held`."""
     covariance = _before(saved, problem)
     covariance[~held] = covariance[:, ~held] = 0.0
     size = np.sqrt(np.diag(covariance))
@@ -169,7 +175,8 @@ def _root(saved: SavedModel, problem: Linearised, held: Mask) -> Array:
 
 
 def _before(saved: SavedModel, problem: Linearised) -> Array:
-    """The model's covariance (P + E, P + E) by the unknowns of a problem; zero of registrations and of what is new."""
+    """Return the model's covariance (P + E, P + E) in the order of a problem; zero for registrations and new
+    columns."""
     at = in_covariance(saved, problem)
     at = np.append(at, np.full(problem.columns.shape[1] - len(at), -1))
     at[: problem.placement][[name.startswith("registration") for name in problem.placement_names]] = -1
@@ -179,7 +186,7 @@ def _before(saved: SavedModel, problem: Linearised) -> Array:
 
 
 def _kept(fit: _Fit, before: SavedModel, lasting: Mask) -> SavedModel:
-    """The model to be saved, of the effects that are `lasting` (E,), as the model `before` has them."""
+    """Return the model to save, with the effects `lasting` (E,) written as in the model `before`."""
     now, data = fit.session.saved, fit.session.poses.dataset
     written = {effect.name: effect for effect in before.model.effects}
     rows = np.concatenate([np.ones(fit.problem.placement, dtype=bool), lasting])
@@ -201,7 +208,7 @@ def _kept(fit: _Fit, before: SavedModel, lasting: Mask) -> SavedModel:
 
 
 def _both(before: SavedModel, saved: SavedModel, data: Dataset) -> Dataset:
-    """The rows of a check, and the poses of the fit without their readings, which the machine would not repeat."""
+    """Return the rows of the check, followed by the poses of the fit without measurements, which no longer apply."""
     data = remembered(saved, data)
     if before.measured is None or data.observations or data.distances:
         return data
@@ -223,8 +230,10 @@ def _both(before: SavedModel, saved: SavedModel, data: Dataset) -> Dataset:
 def _numbers(
     before: SavedModel, fit: _Fit, lasting: Mask, called: Sequence[tuple[tuple[Term, ...], str]]
 ) -> Iterator[Renewed]:
-    """Yield every number of what changed but the set-up: effects, and tool points in the axes of the flange. called:
-    names of changes by the terms of their one effect."""
+    """Yield every changed parameter: effects, and tool points in the axes of the flange; not the set-up.
+
+    called: names of changes by the terms of their one effect.
+    """
     now, problem = fit.session.saved, fit.problem
     count, names = problem.placement, problem.placement_names
     theta = np.append(before.theta, np.zeros(len(now.theta) - len(before.theta)))
@@ -247,7 +256,10 @@ def _numbers(
 
 
 def _ahead(fit: _Fit, saved: SavedModel, lasting: Mask, before: Array, pool: Pool) -> tuple[float, float, Array | None]:
-    """Expected error, m, now and before, and the poses after which it is ENOUGH. before: covariance (P + E, P + E)."""
+    """Return the expected error, m, now and before, and the further poses until it is ENOUGH.
+
+    before: covariance (P + E, P + E) of the former model.
+    """
     rows = np.concatenate([np.ones(fit.problem.placement, dtype=bool), lasting])
     observed = observe(saved.model, pool.poses, saved.theta, saved.placement)
     columns, count = point_columns(saved, pool.poses, observed), len(pool.q)

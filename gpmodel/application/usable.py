@@ -19,19 +19,19 @@ from gpmodel.numerics import se3
 from gpmodel.table.units import clock_names
 
 MARGIN = 0.01
-"""Share of the width of a trained range by which an input may lie outside it without a note. The extremes of N poses
-fall short of the joint limits by about 1/N."""
+"""Share of a range of the fit by which an input may exceed the range without a warning. The extremes of N poses fall
+short of the joint limits by about 1/N."""
 
 REACHES = (0.1, 0.05)
-"""Shares of the width of a trained range by which a formula without a name is extended: at most the first. Twenty or
-forty poses leave as much of their limits unsampled."""
+"""Shares of a range of the fit by which a formula without a name is extrapolated: the first if the formula is steady
+there, else the second, else none. Twenty or forty poses leave as much of their limits unsampled."""
 LOOKS = 400
 """Points at which a formula is evaluated within the ranges of its inputs, and beyond each edge and corner."""
 
 
 @dataclass(frozen=True)
 class Clamped:
-    """A basis whose inputs stay within ranges: beyond them it keeps its value at the edge."""
+    """Basis function with inputs clipped to ranges, so that it is constant beyond them."""
 
     basis: Basis
     ranges: Mapping[str, tuple[float, float]]
@@ -61,10 +61,8 @@ class _Within:
 
 @dataclass(frozen=True)
 class Ended:
-    """A basis at the end of a session: the machine is as it was left, whatever moved or slipped on the way.
-
-    clocks: the row and the times of its last moment.
-    """
+    """Basis function at the end of a session: the machine stays as the session left it. clocks: last row number and
+    times."""
 
     basis: Basis
     clocks: Mapping[str, float]
@@ -75,7 +73,7 @@ class Ended:
 
     @property
     def constant(self) -> float | None:
-        """Its value where nothing but the clocks is read."""
+        """Value if the basis function depends on the clocks alone, else None."""
         return None if self.inputs else float(self({"": np.zeros(1)})[0])
 
     def __call__(self, states: Columns) -> Array:
@@ -98,25 +96,23 @@ class _At:
 
 
 def of_the_session(saved: SavedModel) -> tuple[Effect, ...]:
-    """Effects that read the row number or a time: what they say belongs to the session that was fitted."""
+    """Return the effects that depend on the row number or a time, and so on the fitted session."""
     clocks = clock_names(saved.input_units)
     return tuple(effect for effect in saved.model.effects if clocks & set(effect.inputs))
 
 
 def lasting(effect: Effect) -> bool:
-    """Return whether an effect persists after its session: neither the instrument's, nor a wander."""
+    """Return whether an effect persists after its session: an error of the instrument and a reversible drift do not."""
     known = family(effect.family)
     return not effect.of_the_instrument and not (known and known.wanders)
 
 
 def usable(saved: SavedModel, *, session: bool = False, as_measured: bool = False) -> SavedModel:
-    """The model for other poses: the tool as it is now, at the end of the session and without the errors of the
-    instrument. A law without a name is clamped: well beyond the ranges of its inputs it keeps its value. So does a
-    creep of the set-up beyond the rows of the session: how it went on nobody saw.
+    """Return the model for other poses: at the end of the session, without the errors of the instrument.
 
-    What wandered there and back, and what the instrument drifted by, is over with the session: where it stood on
-    average is where it is. as_measured: with the other errors of the instrument. session: with all of these, and for
-    the rows of the session itself.
+    A formula without a name is constant beyond the ranges of its inputs, and so is a creep of the set-up after the
+    session. A reversible drift of set-up or instrument is omitted after the session.
+    as_measured: keep the other errors of the instrument. session: keep all effects, for rows of the session itself.
     """
     found = saved if session else _after_the_session(saved)
     found = found if session or as_measured else of_the_mechanism(found)
@@ -127,8 +123,11 @@ def usable(saved: SavedModel, *, session: bool = False, as_measured: bool = Fals
 
 
 def placed_now(saved: SavedModel) -> SavedModel:
-    """The model with registration and tool as the session left them: a slip of the tool or a move of the set-up says
-    where tool and robot are, and is no error that joint values are to undo."""
+    """Return the model with registration and tool as at the end of the session.
+
+    A slip of the tool or a move of the set-up becomes part of tool and registration, so that compensation does not
+    correct it by joint values.
+    """
     slots, effects = saved.mechanism.slots, saved.model.effects
     ends = ((slots[0],), (slots[-1],))
     own = np.array([e.constant and e.slots in ends and _ended(e) for e in effects], dtype=bool)
@@ -167,7 +166,7 @@ def _after_the_session(saved: SavedModel) -> SavedModel:
 
 
 def check_finite(saved: SavedModel, poses: Poses) -> None:
-    """Raises InputError, naming the effect, where its basis is infinite or undefined at a pose."""
+    """Raise InputError naming the effect if its basis function is infinite or undefined at a pose."""
     poses = replace(poses, dataset=replace(poses.dataset, distances={}, observations=()))
     own, theta = saved.model.of_the_mechanism(saved.theta)
     for effect in own.effects:
@@ -179,12 +178,12 @@ def check_finite(saved: SavedModel, poses: Poses) -> None:
 
 
 def of_the_mechanism(saved: SavedModel) -> SavedModel:
-    """The model without the errors of the instrument, which move what is read and not the tool."""
+    """Return the model without the errors of the instrument, which change measurements but not the tool's position."""
     return _only(saved, np.array([not effect.of_the_instrument for effect in saved.model.effects], dtype=bool))
 
 
 def _only(saved: SavedModel, kept: Mask) -> SavedModel:
-    """The model with these of its effects (E,)."""
+    """Return the model with some of its effects, mask `kept` (E,)."""
     model = ErrorModel(saved.mechanism, tuple(saved.model.effects[i] for i in np.flatnonzero(kept)))
     return replace(
         saved,
@@ -197,7 +196,8 @@ def _only(saved: SavedModel, kept: Mask) -> SavedModel:
 
 
 def _still_read(saved: SavedModel, model: ErrorModel) -> dict[str, str]:
-    """Units of the columns a smaller model needs: all of them where it has a lag, which runs along a clock."""
+    """Return the units of the columns that a smaller model needs; all columns if it has a lag, which runs along a
+    clock."""
     before, reads = ({name for effect in m.effects for name in effect.inputs} for m in (saved.model, model))
     unread = set() if any(name.startswith("lag_") for name in reads) else before - reads
     return {name: unit for name, unit in saved.input_units.items() if name not in unread}
@@ -211,8 +211,8 @@ def _clamped(effect: Effect, ranges: Mapping[str, tuple[float, float]]) -> Effec
 
 
 def _clamped_basis(basis: Basis, ranges: Mapping[str, tuple[float, float]]) -> Clamped:
-    """A basis within the ranges of its inputs, and as far beyond them as it changes by less than half of what it does
-    within: beyond that a pole is near."""
+    """Return a basis function clipped to the ranges of its inputs, slightly extended if it is steady there (no pole is
+    near)."""
     own = {name: ranges[name] for name in basis.inputs if name in ranges}
     if own and len(own) == len(basis.inputs):
         for reach in REACHES:
@@ -225,7 +225,7 @@ def _clamped_basis(basis: Basis, ranges: Mapping[str, tuple[float, float]]) -> C
 
 
 def _is_steady(basis: Basis, own: Mapping[str, tuple[float, float]], wider: Mapping[str, tuple[float, float]]) -> bool:
-    """Return whether a basis function changes from its ranges to wider ones by less than half of its change within."""
+    """Return whether a basis function changes beyond its ranges by less than half of its change within them."""
     count = max(3, round(LOOKS ** (1.0 / len(own))))
     ends = ((wider[name][0], low, high, wider[name][1]) for name, (low, high) in own.items())
     values = [np.concatenate([np.linspace(a, b, count) for a, b in pairwise(four)]) for four in ends]
@@ -236,7 +236,7 @@ def _is_steady(basis: Basis, own: Mapping[str, tuple[float, float]], wider: Mapp
 
 
 def outside(saved: SavedModel, states: States) -> tuple[str, ...]:
-    """List, for each pose, the inputs outside the ranges of the fit, named as in its table; empty without any."""
+    """List, for each pose, the inputs outside the ranges of the fit, named as in its table; empty if there is none."""
     read = {name for effect in saved.model.effects for name in effect.inputs}
     words, called = np.full(len(states), "", dtype=object), saved.names
     for name, (low, high) in saved.ranges.items():

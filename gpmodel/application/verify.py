@@ -1,6 +1,7 @@
-"""Test of a fitted model on poses measured later, and identification of the changes where it fails.
+"""Test a fitted model on later poses, and identify what changed if the test fails.
 
-The registration is found anew: nobody puts an instrument in the same place twice. The tool point is the model's.
+The registration is fitted again, since an instrument is never set up at an identical position. The tool point is the
+model's.
 """
 
 from dataclasses import dataclass, replace
@@ -35,29 +36,28 @@ from gpmodel.table.dataset import Dataset
 
 Verdict = Literal["holds", "drifted", "another machine"]
 HALF = 0.5
-"""Largest error of a valid model, over the error of the nominal model."""
+"""Largest error of a valid model, relative to the error of the nominal model."""
 UNEXPLAINED = 0.01
-"""Largest share of chi-square that named changes leave unexplained if they are all that changed: the second order of a
-crash."""
+"""Largest share of chi-square that remains if the identified changes are complete: second-order terms of a crash."""
 
 COMPUTED = 0.02
-"""Residual over the noise of the fit below which readings were computed by the model: no instrument is fifty times
-better."""
+"""Residual, in units of the fit's noise, below which positions were computed from the model: no instrument is fifty
+times better."""
 FAR = 5e-4
-"""RMS residual, m, beyond which the tool point is estimated anew and not corrected. At half a millimetre on a 0.2 m arm
-the second order of a turn is a micrometre."""
+"""RMS residual, m, above which the tool point is fitted again instead of corrected linearly. At half a millimetre on a
+0.2 m arm the second-order error of a rotation is a micrometre."""
 
 
 @dataclass(frozen=True)
 class Verified:
-    """A model against later poses.
+    """Result of testing a model on later poses.
 
-    verdict: holds, also where nothing but the set-up moved during the session; drifted; another machine, which the
-    model serves hardly better than nominal geometry though few changes do not explain it. alone: (N,) 3-D
-    error, m, of nominal geometry with the best registration and tool point; alone_turn: its angle of
-    orientation, rad, NaN where none was measured; outside: (N,) inputs beyond the model's
-    ranges. instrument: whether the errors of the instrument that the model has are in these readings; None where it
-    has none.
+    verdict: "holds", also if only the set-up moved during the session; "drifted"; "another machine", if the model is
+    hardly better than nominal geometry and few changes do not explain the error.
+    alone: (N,) 3-D error, m, of nominal geometry with fitted registration and tool point.
+    alone_turn: (N,) its orientation error, rad, NaN without measured orientation.
+    outside: (N,) inputs beyond the model's ranges.
+    instrument: whether the measurements contain the instrument errors of the model; None if the model has none.
     """
 
     verdict: Verdict
@@ -76,10 +76,7 @@ class Verified:
 
 
 def afterwards(saved: SavedModel, dataset: Dataset) -> IntArray:
-    """Rows (K,) of a table that are none of the rows the model was fitted to: other joint values or readings.
-
-    Raises InputError where there are none.
-    """
+    """Return the rows (K,) of a table that differ from all rows of the fit; raise InputError if there are none."""
     every = np.arange(len(dataset))
     if saved.measured is None:
         return every
@@ -97,11 +94,11 @@ def afterwards(saved: SavedModel, dataset: Dataset) -> IntArray:
 
 
 def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFICANCE) -> Verified:
-    """The model against the poses of `dataset`, measured afterwards. significance: of each of the two tests.
+    """Test a model on later poses `dataset`. significance: of each of the two tests.
 
-    It holds while neither what it leaves nor any one thing that could have changed is beyond chance; see
-    `application.recheck` and `application.changes`. Raises InputError where the poses do not fit the model, are too
-    few, or their columns are mixed up.
+    The model holds if neither the whole residual nor a possible change is significant; see `application.recheck` and
+    `application.possible_changes`. Raises InputError if the poses do not fit the model, are too few, or have mixed-up
+    columns.
     """
     found, instrument = _with_or_without_the_instrument(saved, _as_counted(saved, dataset))
     if (share := np.sqrt(found.chi_square / found.degrees)) < COMPUTED:
@@ -140,8 +137,10 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
 
 
 def _as_counted(saved: SavedModel, dataset: Dataset) -> Dataset:
-    """Readings that are no lengths counted as in the table of the fit. Raises InputError for one in a unit whose noise
-    the fit does not know."""
+    """Return the table with pixels and angles weighed as in the table of the fit.
+
+    Raises InputError for a unit whose noise the fit did not estimate.
+    """
     fitted = () if saved.measured is None else observations(saved.measured.dataset)
     read = {kind.unit: kind.name for kind in fitted if kind.readings.any()} or {"m": "positions"}
     for kind in observations(dataset):
@@ -154,8 +153,10 @@ def _as_counted(saved: SavedModel, dataset: Dataset) -> Dataset:
 
 
 def _with_or_without_the_instrument(saved: SavedModel, dataset: Dataset) -> tuple[Recheck, bool | None]:
-    """The later session without the errors of the instrument that was used before, or with them where its readings are
-    likelier so: the instrument may be another one, or stand elsewhere."""
+    """Return the later session without or with the instrument errors of the model, whichever fits better.
+
+    The instrument may be another one, or stand elsewhere.
+    """
     without = recheck(settled(usable(saved), dataset))
     if not any(e.of_the_instrument and v for e, v in zip(saved.model.effects, saved.theta, strict=True)):
         return without, None
@@ -165,10 +166,8 @@ def _with_or_without_the_instrument(saved: SavedModel, dataset: Dataset) -> tupl
 
 
 def _another_tool(found: Recheck, start: Placement) -> Recheck | None:
-    """Recheck with a refitted tool point where the error is too large for a linear test: another tool was mounted.
-
-    None where the error is small.
-    """
+    """Return the session with a refitted tool point if the error is too large for a linear test; None if it
+    is small."""
     session = found.session
     far = root_mean_square(session.errors[session.use])
     if far < FAR:
@@ -178,7 +177,7 @@ def _another_tool(found: Recheck, start: Placement) -> Recheck | None:
 
 
 def _moved_tools(saved: SavedModel, found: Recheck) -> tuple[NamedChange, ...]:
-    """Tool points, and what links carry, that are not where the model has them, by how much, m."""
+    """Return the displacements, m, of tool points and of objects on links from their places in the model."""
     (names, covariance), now = found.anew, found.session.saved.placement
     moved = {f"tool{f' {n}' if n else ''}": (saved.placement.tool[n], frame) for n, frame in now.tool.items()}
     titles = {title: f"{title} point" for title in moved}
@@ -197,8 +196,11 @@ def _moved_tools(saved: SavedModel, found: Recheck) -> tuple[NamedChange, ...]:
 
 
 def misses_of(session: Session, targets: Dataset) -> Array:
-    """Distance (N,), m, of the measured points from those that the nominal arm with the model's tool has at the joint
-    values of `targets`, in the registration of the session: what is missed of targets that were compensated."""
+    """Return the distance (N,), m, of the measured points from the targets of a compensation.
+
+    The targets are the points of the nominal arm with the model's tool at the joint values of `targets`, in the
+    registration of the session.
+    """
     saved = placed_now(session.saved)
     labels = {**targets.labels, **{c: session.poses.dataset.label(c) for c in ("setup", "tool")}}
     root = tips(saved, replace(targets, labels=labels), nominal=True)[1].tip

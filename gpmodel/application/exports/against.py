@@ -1,4 +1,4 @@
-"""Exports held against `predict` on fresh poses."""
+"""Compare exports with `predict` at unmeasured poses."""
 
 from dataclasses import dataclass, replace
 
@@ -16,27 +16,27 @@ from gpmodel.table.dataset import Dataset
 
 @dataclass(frozen=True)
 class PredictedPoints:
-    """Poses not measured, and the points (N, 3) that `predict` gives there, m."""
+    """Unmeasured poses, and their points (N, 3), m, by `predict`."""
 
     dataset: Dataset
     points: Array
 
     @classmethod
     def of(cls, saved: SavedModel, dataset: Dataset) -> "PredictedPoints":
-        """Predict without the errors of the instrument and of the session."""
+        """Predict the points without errors of the instrument and of the session."""
         kept = placed_now(usable(saved))
         poses = prepare(saved.mechanism, replace(dataset, observations=()))
         return cls(dataset, observe(kept.model, poses, kept.theta, kept.placement).tip[:, :3, 3])
 
     def errors(self, points: Array) -> tuple[float, float]:
-        """RMS and largest distance, m, of points (N, 3) from those predicted."""
+        """Return RMS and largest distance, m, of points (N, 3) from the predicted ones."""
         off = np.linalg.norm(points - self.points, axis=1)
         return root_mean_square(off), float(off.max())
 
 
 @dataclass(frozen=True)
 class Check:
-    """Reference of `predict`, and the inputs (N, k) of a forward model at the same poses."""
+    """Predicted points, and the inputs (N, k) of a forward model at their poses."""
 
     forward: Forward
     predicted: PredictedPoints
@@ -44,7 +44,7 @@ class Check:
 
     @classmethod
     def against(cls, saved: SavedModel, place: Place, dataset: Dataset) -> "Check":
-        """Predict, and take the inputs from the states there. Raises InputError as `forward_of`."""
+        """Predict the points of a dataset and collect the inputs. Raises InputError as `forward_of`."""
         forward, states = forward_of(saved, place), prepare(saved.mechanism, dataset).states
         columns = [dataset.payload if n == "payload" else states[n] for n in forward.inputs]
         return cls(forward, PredictedPoints.of(saved, dataset), np.column_stack(columns))

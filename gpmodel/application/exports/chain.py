@@ -1,4 +1,4 @@
-"""A mechanism as a chain of constant transforms and single motions, read from what it does."""
+"""Describe a mechanism as a chain of constant transforms and single-axis motions."""
 
 from dataclasses import dataclass, replace
 
@@ -16,10 +16,10 @@ PROBES = 8
 
 @dataclass(frozen=True)
 class Chain:
-    """T_s(q) = fixed_s · motion along or about axis_s by weights_s · q.
+    """Serial chain T_s(q) = fixed_s · motion along or about axis_s by weights_s · q.
 
-    slots: their names. fixed: (S, 4, 4), m. axes: one of AXES or "" where nothing moves. weights: (S, n) of the table's
-    coordinates.
+    slots: names. fixed: (S, 4, 4), m. axes: one of AXES, or "" for a slot without motion.
+    weights: (S, n) of the table's joint values.
     """
 
     slots: tuple[str, ...]
@@ -34,7 +34,7 @@ class Chain:
 
     @property
     def motions(self) -> Array:
-        """(M, n) what every motion makes of the table's coordinates."""
+        """Matrix (M, n) from the table's joint values to all motions."""
         return self.weights[list(self.moving)]
 
     def transforms(self, q: Array) -> Array:
@@ -47,7 +47,7 @@ class Chain:
 
 
 def coupled(mechanism: Mechanism) -> dict[str, dict[str, float]]:
-    """Find the joints that more than one value of the controller moves, as by a parallel bar.
+    """Return the joints that several values of the controller move, as by a parallelogram linkage.
 
     Name of the joint -> joint whose value moves it -> factor, its own first and 1.
     """
@@ -63,8 +63,10 @@ def coupled(mechanism: Mechanism) -> dict[str, dict[str, float]]:
 
 
 def arm_of(mechanism: Mechanism, tip: str) -> Chain:
-    """The chain that ends at a measured link, of several arms, moved by all coordinates of the table; of one arm the
-    chain itself. Raises InputError as `chain_of`, or where no link is stated."""
+    """Return the chain that ends at a measured link `tip`, driven by all joint values; for one arm, the whole chain.
+
+    Raises InputError as `chain_of`, or if several arms have no tool of their own.
+    """
     tree = branched(mechanism)
     if tree is None:
         return chain_of(mechanism)
@@ -78,8 +80,10 @@ def arm_of(mechanism: Mechanism, tip: str) -> Chain:
 
 
 def chain_of(mechanism: Mechanism) -> Chain:
-    """The chain. Raises InputError for a mechanism that is none: several arms, or a motion about more than one axis of
-    a slot."""
+    """Return the chain of a mechanism.
+
+    Raises InputError for several arms, or a slot that moves about more than one axis.
+    """
     if branched(mechanism):
         raise InputError(f"{mechanism.name} has several arms; expected a serial chain")
     slots, joints = mechanism.slots, mechanism.joints

@@ -1,10 +1,10 @@
-"""Denavit-Hartenberg rows of a calibrated chain, as a TOML table that `--mechanism` reads.
+"""Write a calibrated chain as Denavit-Hartenberg rows, in a TOML file for `--mechanism`, or as RoboDK's table.
 
     modified:  Rx(alpha) Tx(a) Ry(beta) Rz(theta) Tz(d)        standard:  Rz(theta) Tz(d) Rx(alpha) Tx(a) Ry(beta)
 
-beta is zero but between nearly parallel axes, whose common normal lies anywhere: there the row goes straight across the
-first axis to where the second one meets that plane. Four columns have no beta: they are refused there.
-Source: Craig (1986); Hayati and Mirmirani (1985).
+beta is zero except between nearly parallel axes, whose common normal is ill-defined. Their row follows the plane
+perpendicular to the first axis to its intersection with the second. A format with four columns has no beta, so such
+axes are refused. Source: Craig (1986); Hayati and Mirmirani (1985).
 """
 
 from collections.abc import Iterator, Mapping
@@ -25,18 +25,19 @@ from gpmodel.numerics import se3
 Convention = Literal["standard", "modified"]
 
 NEARLY_PARALLEL = np.radians(1.0)
-"""Angle between axes, radians. Below it an error of 0.1 mrad moves the common normal of axes a metre apart by more than
-6 mm."""
+"""Angle between axes, rad, below which beta is used. There an error of 0.1 mrad moves the common normal of axes a metre
+apart by more than 6 mm."""
 FAR = 10.0
-"""Largest distance of the common normal from the axes, m. At 10 m, 1 µm at the tool needs six decimals of a degree, as
-tables are entered with. At 5 m some arms of 3 m are refused; at 20 m seven decimals are needed."""
+"""Largest distance of the common normal from the axes, m. At 10 m, 1 µm at the tool needs angles with six decimals of a
+degree, the usual format of tables. At 5 m some arms of 3 m are refused; at 20 m seven decimals are needed."""
 ALONGSIDE = np.radians(45.0)
-"""Largest angle between two axes, radians, whose common normal may be far away for another reason than a long rail."""
+"""Angle between two axes, rad, above which a distant common normal is caused by a long rail and accepted."""
 
 
 @dataclass(frozen=True)
 class Across:
-    """From one axis to the next: Rz(turn) Tz(slide) Rx(alpha) Tx(a) Ry(beta) Rz(next_turn) Tz(next_slide), rad, m."""
+    """Transform from one axis to the next: Rz(turn) Tz(slide) Rx(alpha) Tx(a) Ry(beta) Rz(next_turn) Tz(next_slide),
+    rad, m."""
 
     turn: float = 0.0
     slide: float = 0.0
@@ -48,8 +49,10 @@ class Across:
 
 
 def across(frame: Array, parallel: float = NEARLY_PARALLEL) -> Across:
-    """Take apart a transform (4, 4) between two frames, each with its axis along z. parallel: rad between two axes
-    below which beta is used; it is also where their common normal is more than FAR away."""
+    """Decompose a transform (4, 4) between two frames, each with its axis along z.
+
+    parallel: angle between the axes, rad, below which beta is used; also used if the common normal is beyond FAR.
+    """
     angle = tilt(frame)
     found = _hayati(frame) if angle < parallel else _normal(frame)
     far = max(abs(found.slide), abs(found.next_slide)) > FAR and angle < ALONGSIDE
@@ -57,7 +60,7 @@ def across(frame: Array, parallel: float = NEARLY_PARALLEL) -> Across:
 
 
 def tilt(frame: Array) -> float:
-    """Angle between the z axes of two frames, rad, at most a quarter turn."""
+    """Return the angle between the z axes of two frames, rad, at most a quarter turn."""
     direction = frame[:3, 2]
     return float(np.arctan2(np.hypot(direction[0], direction[1]), abs(direction[2])))
 
@@ -89,9 +92,9 @@ def _normal(frame: Array) -> Across:
 
 
 def dh_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array], convention: Convention, note: str) -> str:
-    """The TOML table of a chain with constant error twists (6,), m and rad, by slot. note: its first comment.
+    """Write a chain with constant error twists (6,), m and rad, by slot, as DH rows in TOML. note: first comment.
 
-    Raises InputError where a joint drives its motion by another factor than 1 or -1, or two of them.
+    Raises InputError if a joint drives its motion by a factor other than 1 or -1, or drives two motions.
     """
     joints = mechanism.joints
     base, between, tool = along_z(chain, twists)
@@ -115,7 +118,8 @@ def dh_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array], con
 
 
 def along_z(chain: Chain, twists: Mapping[str, Array]) -> tuple[Array, list[Array], Array]:
-    """Constant transforms before the first motion, between the motions, and after the last, every axis turned to z."""
+    """Return the constant transforms before the first motion, between motions and after the last, with all axes along
+    z."""
     fixed, pending = [], np.eye(4)
     for slot, frame, axis in zip(chain.slots, chain.fixed, chain.axes, strict=True):
         pending = pending @ frame
@@ -129,7 +133,7 @@ def along_z(chain: Chain, twists: Mapping[str, Array]) -> tuple[Array, list[Arra
 
 
 def _couplings(chain: Chain, joints: tuple[Joint, ...]) -> tuple[list[int], list[tuple[int, int, float]]]:
-    """The sign of every joint's own motion, and (joint, the one it follows, factor)."""
+    """Return the sign of every joint's own motion, and (joint, the joint it follows, factor)."""
     weights = chain.weights[list(chain.moving)]
     if weights.shape != (len(joints), len(joints)) or not np.isin(np.diag(weights), (-1.0, 1.0)).all():
         raise InputError("DH rows: expected one motion a joint, by the joint's own value or minus it")
@@ -159,16 +163,16 @@ def _angle(about_z: Array) -> float:
 
 
 def _degrees(angle: float) -> str:
-    """An angle in rad, in degrees within half a turn."""
+    """Write an angle in rad as degrees from -180 to 180."""
     return repr(float(np.degrees((angle + np.pi) % (2 * np.pi) - np.pi)))
 
 
 def robodk_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array], note: str) -> str:
-    """CSV of a chain with constant error twists (6,), m and rad, by slot: rx, rz in deg, tx, tz in mm, and the joint
-    whose value times its sense is added. note: its first comment.
+    """Write a chain with constant error twists (6,), m and rad, by slot, as CSV for RoboDK. note: first comment.
 
-    Raises InputError where a joint is not moved by its own value alone, or the common normal of two axes is more than
-    FAR away: both are held by the TOML rows.
+    Columns: rx, rz in deg, tx, tz in mm, and the joint whose value times its sense is added.
+    Raises InputError if a joint is moved by several values, or the common normal of two axes is beyond FAR; DH rows in
+    TOML express both.
     """
     signs, others = _couplings(chain, mechanism.joints)
     names = [joint.name for joint in mechanism.joints]
@@ -200,6 +204,6 @@ def robodk_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array],
 
 
 def _frame(name: str, frame: Array) -> str:
-    """X, Y, Z, mm, R, P, W, deg: transl(x, y, z) rotz(w) roty(p) rotx(r)."""
+    """Write a frame as X, Y, Z, mm, R, P, W, deg: transl(x, y, z) rotz(w) roty(p) rotx(r)."""
     numbers = [*(1e3 * frame[:3, 3]), *np.degrees(se3.roll_pitch_yaw(frame[:3, :3]))]
     return f"# {name}, x y z r p w: {' '.join(repr(float(v)) for v in numbers)}"

@@ -1,4 +1,4 @@
-"""The forward model as data: every number and every term, ready for any language with arithmetic."""
+"""Forward model as data: all numbers and terms, for generating source code."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from gpmodel.model.states import measured_torques
 
 @dataclass(frozen=True)
 class Line:
-    """coefficient · basis of a twist along an axis of a slot."""
+    """Term coefficient · basis of an error twist along an axis of a slot."""
 
     slot: int
     axis: int
@@ -31,11 +31,12 @@ class Line:
 
 @dataclass(frozen=True)
 class Forward:
-    """T_register · Π T_s exp(Σ lines) · T_tool, of the set-up, the tool and the arm of `place`.
+    """Forward model T_register · Π T_s exp(Σ lines) · T_tool, of the set-up, tool and arm `place`.
 
-    computed: what the bases read besides joint values, x, y, z and the inputs, as arithmetic over `load` and `couple`.
-    inputs: names and units of what has to be given besides the joint values. bodies: the last one is 1 kg of payload.
-    missing: effects left out, by the names of the table of the fit.
+    computed: gravity loads that basis functions use, as arithmetic with `load` and `couple`.
+    inputs: names and units of required inputs besides joint values.
+    bodies: with mass; the last one is 1 kg of payload.
+    missing: omitted effects, with the names of the fitted table.
     """
 
     saved: SavedModel
@@ -50,10 +51,10 @@ class Forward:
 
 
 def forward_of(saved: SavedModel, place: Place) -> Forward:
-    """The forward model of what `predict` uses, without what it cannot write of the end of the session.
+    """Return the forward model of `predict`, without effects that text cannot express at the end of the session.
 
-    Of several arms it is of one, whose tool `place` has. Raises InputError for a mechanism that is no serial chain, or
-    a load that its masses do not give.
+    With several arms, the model of the arm of the tool in `place`. Raises InputError for a mechanism that is not a
+    serial chain, or a load with unknown masses.
     """
     whole = usable(saved)
     kept = placed_now(whole)
@@ -82,7 +83,8 @@ def forward_of(saved: SavedModel, place: Place) -> Forward:
 
 
 def _written(basis: Basis) -> Basis | None:
-    """A basis that text can say: one at the end of the session is a number, or none where it reads the pose as well."""
+    """Return a basis function as text can express it; at the end of the session a number, or None if it depends on the
+    pose."""
     last = basis.basis if isinstance(basis, Clamped) else basis
     if not isinstance(last, Ended):
         return basis
@@ -96,7 +98,7 @@ def _measured_torques(saved: SavedModel) -> set[str]:
 
 
 def _masses(saved: SavedModel, chain: Chain, tip: str) -> tuple[tuple[Body, ...], Array]:
-    """Return the bodies with mass, and gravity; each of several arms bears only itself, without payload."""
+    """Return the bodies with mass, and gravity; each of several arms carries only itself, without payload."""
     tree = branched(saved.mechanism)
     bare = bare_of(saved.mechanism) if tree is None else tree.alone(tip)
     if not isinstance(bare, Massive):

@@ -1,4 +1,4 @@
-"""A lookup table: joint corrections at the nodes of a box, for controllers that interpolate between them."""
+"""Lookup table of joint corrections at the nodes of a box, for controllers that interpolate linearly."""
 
 import io
 from collections.abc import Sequence
@@ -28,28 +28,27 @@ MOST_NODES = 100
 hour."""
 
 SIZES = (0.02, 0.03, 0.045, 0.07, 0.1, 0.15, 0.22)
-"""Half sides of the box to try where none is given, over the spread of the measured points. Each box has three times
-the volume of the one before; the last is half as wide as the workspace."""
+"""Half sides of the trial boxes, if no box is given, relative to the spread of the measured points. Each box has three
+times the volume of the former; the last is half as wide as the workspace."""
 
 PROBES, LEFT = 3, 0.2
-"""Nodes along each side when a size is tried, and the largest accepted error between them over the uncorrected error.
-With NODES the error is a quarter of it."""
+"""Nodes along each side of a trial box, and largest accepted error between them, relative to the uncorrected error.
+With NODES nodes the error is a quarter of it."""
 
 NEAR, STEPS = 20, 5
-"""Poses near the middle that may start the grid, and steps from one node to the next."""
+"""Measured poses near the middle that may start the grid, and steps of inverse kinematics from one node to the next."""
 
 TRIED = 5
-"""Poses around which a box is tried, the farthest from singular first."""
+"""Number of poses around which a box is tried, the farthest from singular first."""
 
 CHECKS, TRIALS = 1000, 200
-"""Random points at which the interpolation is judged: of the exported grid, and of a size that is tried."""
+"""Random points at which the interpolation is evaluated: of the exported grid, and of a trial box."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """text: the table as it is written. error: (K,) m, distance of the tool from commanded random points of the box,
-    with the correction interpolated from that table; before: without correction.
-    reached: share of the nodes that have a correction."""
+    """Lookup table. text: as written to the file. error: (K,) m, distance of the real tool from random commanded points
+    of the box with interpolated correction; before: without. reached: share of the nodes with a correction."""
 
     text: str
     error: Array
@@ -58,12 +57,12 @@ class Grid:
 
 
 def lookup_grid(saved: SavedModel, place: Place, box: Array | None, count: int, rng: np.random.Generator) -> Grid:
-    """Corrections of a tool on a grid of `count` nodes along each side of `box` (2, 3), m, in the root frame.
+    """Return joint corrections on a grid of `count` nodes along each side of `box` (2, 3), m, in the root frame.
 
-    The tool keeps the orientation, and the arm the configuration, of that measured pose near the middle that is
-    farthest from a singular one. Without a box it is the largest cube, of SIZES, about a measured pose near the middle
-    in which all of it is reached and corrected with its orientation. Between nodes corrections are linear.
-    Raises InputError where no node, or no point between nodes, can be reached.
+    Orientation and arm configuration are those of the measured pose near the middle that is farthest from singular.
+    Without a box, the largest cube of SIZES about a measured pose is used in which all points are reached and
+    corrected. Between nodes corrections are linear. Raises InputError if no node, or no point between nodes, can be
+    reached.
     """
     saved = placed_now(usable(saved))
     data = place.poses(measured_table(saved))
@@ -102,14 +101,14 @@ def _interpolated(text: str, points: Array) -> Array:
 
 
 def _nodes(box: Array, count: int) -> Array:
-    """The nodes (count³, 3)."""
+    """Return the nodes (count³, 3), m, of a box."""
     sides = [np.linspace(low, high, count) for low, high in box.T]
     return np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def _largest(poses: Sequence["_Held"], spread: float) -> tuple["_Held", Array]:
-    """The pose about which a correction between PROBES³ nodes serves the largest cube, and the cube; the first and the
-    smallest where it serves none."""
+    """Return the pose with the largest cube that PROBES³ nodes correct, and the cube; the first and smallest if none
+    is."""
     best, served = (poses[0], _cube(poses[0], SIZES[0] * spread)), 0
     for pose in poses[:TRIED]:
         while served < len(SIZES) and _serves(pose, cube := _cube(pose, SIZES[served] * spread)):
@@ -118,9 +117,7 @@ def _largest(poses: Sequence["_Held"], spread: float) -> tuple["_Held", Array]:
 
 
 def _serves(pose: "_Held", cube: Array) -> bool:
-    """Return whether all nodes and all points between them are reachable in the same posture, with errors reduced to
-    LEFT.
-    """
+    """Return whether all points of a cube are reachable in one configuration, with errors reduced to LEFT."""
     tried = _over(pose, cube, PROBES, np.random.default_rng(0), part=False)
     whole = tried.reached == 1.0 and len(tried.error) == TRIALS
     return whole and bool(tried.error.max() < LEFT * root_mean_square(tried.before))
@@ -131,7 +128,7 @@ def _cube(pose: "_Held", half: float) -> Array:
 
 
 def _far_from_singular(saved: SavedModel, data: Dataset, points: Array, middle: Array) -> IntArray:
-    """Poses near the middle (3,), by the smallest singular value of their Jacobians, the largest first."""
+    """Return the poses near the middle (3,), sorted by decreasing smallest singular value of their Jacobians."""
     near = np.argsort(np.linalg.norm(points - middle, axis=1))[:NEAR]
     frames = tips(saved, data.subset(near), nominal=True)[1].tip
     jacobian = look_at(saved, data.subset(near), frames, nominal=True)[1]
@@ -140,14 +137,14 @@ def _far_from_singular(saved: SavedModel, data: Dataset, points: Array, middle: 
 
 @dataclass(frozen=True)
 class _Held:
-    """The orientation of `frame` (4, 4) and the configuration of the one pose `near` it, held at other points."""
+    """Orientation `frame` (4, 4) and arm configuration of a measured pose `near`, kept at other points."""
 
     saved: SavedModel
     near: Dataset
     frame: Array
 
     def targets(self, points: Array, q: Array | None = None) -> TargetPoses:
-        """Tool poses at points (N, 3), from joint values q (N, n) or those of the pose."""
+        """Return the target poses at points (N, 3), m, with initial joint values q (N, n), or those of the pose."""
         many = self.near.subset(np.zeros(len(points), dtype=np.int64))
         frames = np.repeat(self.frame[None], len(points), axis=0)
         frames[:, :3, 3] = points
@@ -155,8 +152,10 @@ class _Held:
         return TargetPoses(dataset, frames, len(self.saved.mechanism.joints) >= 6)
 
     def nominal(self, points: Array) -> Array:
-        """Nominal joint values (N, n), NaN where the nominal mechanism does not reach; on straight ways from the pose,
-        so that the configuration stays."""
+        """Return nominal joint values (N, n), NaN if unreachable.
+
+        Points are approached on straight lines from the pose, to keep the arm configuration.
+        """
         q = np.array(self.targets(points).dataset.q)
         for part in np.arange(1, STEPS + 1) / STEPS:
             targets = self.targets(self.frame[:3, 3] + part * (points - self.frame[:3, 3]), q)
@@ -165,7 +164,7 @@ class _Held:
         return q
 
     def corrections(self, points: Array, q: Array, part: bool) -> Array:
-        """Return the corrections (N, n) of the nominal joint values q (N, n) of points, NaN where there is none.
+        """Return the corrections (N, n) of the nominal joint values q (N, n) of points, NaN without a correction.
 
         part: as in `corrected`.
         """
@@ -177,7 +176,7 @@ class _Held:
         return moves
 
     def misses(self, q: Array, points: Array) -> Array:
-        """Distance (N,), m, of the real tool at q (N, n) from points."""
+        """Return the distance (N,), m, of the real tool at q (N, n) from points (N, 3)."""
         if not len(q):
             return np.zeros(0)
         tip = tips(self.saved, self.targets(points, q).dataset, nominal=False)[1].tip

@@ -1,9 +1,9 @@
-"""Gravity loads as arithmetic over two functions that every exported source has.
+"""Write gravity loads as arithmetic with two functions that every exported source defines.
 
     load(frames, slot, axis, weights)       component of the wrench that bodies at and beyond a slot exert at its origin
     couple(frames, at, side, slot, axis)    component of the couple of 1 kg·m along an axis of the frame `at`
 
-axis: 0 to 2 the force along x, y, z of the slot's frame, N; 3 to 5 the moment, N·m.
+axis: 0 to 2 for the force along x, y, z of the slot's frame, N; 3 to 5 for the moment, N·m.
 """
 
 import re
@@ -35,14 +35,15 @@ class Body:
 
 @dataclass(frozen=True)
 class Loads:
-    """Writer of the loads of a mechanism. bodies: all bodies with mass, the payload last."""
+    """Gravity loads of a mechanism as text. bodies: all bodies with mass, the payload last."""
 
     mechanism: Mechanism
     chain: Chain
     bodies: tuple[Body, ...]
 
     def text(self, name: str) -> str:
-        """The load of that name. Raises InputError for any other name, or where no masses of its arm are known."""
+        """Return the load with that name; raise InputError for another name, or if the masses of its arm are
+        unknown."""
         try:
             return self._text(name)
         except ValueError:
@@ -74,7 +75,7 @@ class Loads:
         return _sum(parts)
 
     def _drive(self, joint: str) -> list[tuple[float, int, int]]:
-        """Weight, slot and axis of every motion that a joint drives."""
+        """Return weight, slot and axis of every motion that a joint drives."""
         drive = next((j.drive for j in self.mechanism.joints if j.name == joint), ())
         return [(float(w), self.chain.slots.index(slot), AXES.index(axis)) for slot, axis, w in drive]
 

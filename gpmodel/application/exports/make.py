@@ -1,4 +1,4 @@
-"""Everything a fitted model can be handed on as, each with its error against `predict`."""
+"""Make all exports of a fitted model, each with its error against `predict`."""
 
 import re
 import shutil
@@ -37,22 +37,22 @@ DH: dict[str, Convention] = {"exports/dh_modified.toml": "modified", "exports/dh
 OF_URDF = (
     "exports/kinematics.yaml", "exports/joint_offsets.yaml", "exports/ur_kinematics.yaml", "exports/robodk.csv"
 )  # fmt: skip
-"""Files that hold what calibrated.urdf holds."""
+"""Files with the geometry of calibrated.urdf in other formats."""
 HEADER = "declarations of model.c, for C and C++"
 POSES = 1000
 """Poses at which an export is compared with `predict`. Their RMS is known to 2 %, 1 / √(2·1000)."""
 PRINTED = {"RMS": r"RMS (\S+) m", "largest": r"largest (\S+) m", "miss": r"miss (\S+) m", "us": r"(\S+) us"}
-"""Patterns of the results that the test in a C file prints."""
+"""Patterns of the results that the self-test of a C file prints."""
 CASES = 20
 """Number of poses written into the C file as test cases."""
 
 
 @dataclass(frozen=True)
 class Export:
-    """A file, what it is, and its errors against `predict` on fresh poses within the measured ranges, m.
+    """Exported file, and its errors against `predict` at unmeasured poses within the measured ranges, m.
 
-    heldout: RMS on held-out measured poses, m, where that is its own. missing: effects it cannot hold. said: what its
-    user has to know of its joint values. rms, largest and heldout are NaN where they are not known.
+    file: path. what: description. text: content. heldout: RMS on held-out poses, m, if the geometry was refitted.
+    missing: effects that the file cannot express. said: notes on joint values. Unknown errors are NaN.
     """
 
     file: str
@@ -67,7 +67,7 @@ class Export:
 
 @dataclass(frozen=True)
 class Exports:
-    """made: what the model allows. refused: by file, why there is none."""
+    """made: exported files. refused: reason by name of each file that could not be made."""
 
     made: tuple[Export, ...]
     refused: Mapping[str, str]
@@ -76,15 +76,17 @@ class Exports:
 def exports_of(
     saved: SavedModel, place: Place, *, box: Array | None = None, nodes: int = NODES, seed: int = 0
 ) -> Exports:
-    """Every export that this model allows. place: of those that hold one set-up or tool. box, nodes: of the lookup
-    grid, as `lookup_grid`. Raises InputError where an effect is undefined at the poses it was fitted to."""
+    """Return every export of a model. place: set-up and tool for exports with only one.
+
+    box, nodes: of the lookup grid, as `lookup_grid`. Raises InputError if an effect is undefined at a fitted pose.
+    """
     return together([part() for part in parts_of(saved, place, box=box, nodes=nodes, seed=seed)])
 
 
 def parts_of(
     saved: SavedModel, place: Place, *, box: Array | None = None, nodes: int = NODES, seed: int = 0
 ) -> list[Callable[[], Exports]]:
-    """Return the exports as parts that can run in parallel; files of one fit or one source are one part."""
+    """Return the exports as functions that can run in parallel; files with a common fit or source are one function."""
     if saved.measured is not None:
         check_finite(saved, prepare(saved.mechanism, saved.measured.dataset))
     fresh = partial(fresh_poses, saved, POSES, np.random.default_rng(seed))
@@ -112,14 +114,14 @@ def parts_of(
 
 
 def together(parts: Iterable[Exports]) -> Exports:
-    """All parts as one."""
+    """Merge the exports of all parts."""
     every = tuple(parts)
     made = chain.from_iterable(part.made for part in every)
     return Exports(tuple(made), {file: why for part in every for file, why in part.refused.items()})
 
 
 def _made(saved: SavedModel, makers: Mapping[str, Callable[[str], Export]]) -> Exports:
-    """Write the files that the model allows, and collect the reasons for the others."""
+    """Make the possible files, and collect the reasons for the others."""
     made, refused = [], {}
     unmeasured = [joint.name for joint in saved.mechanism.joints if not joint.measured]
     for file, make in makers.items():
@@ -133,7 +135,7 @@ def _made(saved: SavedModel, makers: Mapping[str, Callable[[str], Export]]) -> E
 
 
 def as_urdf(rigid: Rigid, predicted: PredictedPoints) -> Export:
-    """The refitted geometry as URDF, which ROS's and RoboDK's files are made of."""
+    """Return the refitted geometry as URDF, from which the ROS and RoboDK files are derived."""
     return _geometry(URDF, "as a URDF", urdf_text(rigid, note_of(rigid, URDF)), rigid, predicted)
 
 
@@ -144,20 +146,20 @@ def _dh(file: str, rigid: Rigid, predicted: PredictedPoints) -> Export:
 
 
 def of_urdf(file: str, rigid: Rigid, urdf: str, predicted: PredictedPoints) -> Export:
-    """One of OF_URDF of the refitted geometry and its URDF."""
+    """Return one of the files OF_URDF from the refitted geometry and its URDF."""
     text, what = _beside(file, rigid, urdf)
     return _geometry(file, what, text, rigid, predicted)
 
 
 def _geometry(file: str, what: str, text: str, rigid: Rigid, predicted: PredictedPoints) -> Export:
-    """One of the forms of the same refitted geometry, read back."""
+    """Return a file of the refitted geometry, with errors computed from the text read back."""
     errors = predicted.errors(points_read(file, text, rigid, predicted.dataset))
     heldout, said = root_mean_square(rigid.heldout), follows(rigid.mechanism, file)
     return Export(file, f"the refitted geometry {what}", text, *errors, heldout, rigid.missing, said)
 
 
 def _beside(file: str, rigid: Rigid, urdf: str) -> tuple[str, str]:
-    """Text of a file of what a URDF text holds, and what it is."""
+    """Return text and description of a file derived from a URDF."""
     mechanism, (nominal, link) = rigid.mechanism, written(rigid.mechanism, {})
     if file == "exports/robodk.csv":
         note = note_of(rigid, file, "the last frame")
@@ -188,7 +190,7 @@ def _latex(file: str, check: Check) -> Export:
 
 
 def _executed(forward: Forward, check: Check) -> Array:
-    """Points (N, 3) that the NumPy source of a forward model predicts; without note and names of the table."""
+    """Return the points (N, 3) predicted by the NumPy source of a forward model, run without texts of the table."""
     module = types.ModuleType("exported")
     exec(compile(numpy_text(nameless(forward), ""), "model.py", "exec"), module.__dict__)
     inputs = dict(zip(forward.inputs, check.inputs.T, strict=True))
@@ -204,10 +206,10 @@ def _c(file: str, check: Check) -> Export:
 
 
 def tested(text: str) -> dict[str, float]:
-    """Run the test in a C file.
+    """Compile a C file and run its self-test.
 
-    Returns the `RMS` and `largest` difference, m, from the points in the file, the largest `miss`, m, after its
-    inverse, and its time `us`. NaN if there is no compiler or it rejects the file.
+    Returns the `RMS` and `largest` difference, m, from the points in the file, the largest error `miss`, m, after its
+    inverse, and the computing time `us`. NaN if there is no compiler or it rejects the file.
     """
     nothing = dict.fromkeys(("RMS", "largest", "miss", "us"), np.nan)
     compiler = shutil.which("cc")

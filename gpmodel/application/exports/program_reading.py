@@ -1,4 +1,4 @@
-"""Robot programs read back from their text, by the grammar of their language: no part of what writes them.
+"""Read robot programs back by the grammar of their language, without code of the writer.
 
 Sources as in `programs`: RAPID's quaternion is q1 (real) to q4; KRL turns about z by A, then y' by B, then x'' by C.
 """
@@ -16,7 +16,7 @@ _NUMBER = re.compile(r"-?\d+\.?\d*(?:E\d+)?")
 
 
 def program_read(text: str) -> tuple[dict[int, Array], dict[int, Array]]:
-    """Joint values (6,), degrees or mm, and frames (4, 4), m, by the row of their target."""
+    """Return joint values (6,), degrees or mm, and frames (4, 4), m, by the row of their target."""
     joints, frames = dict[int, Array](), dict[int, Array]()
     for said in _RAPID.finditer(text):
         numbers = np.array(_NUMBER.findall(said["value"]), dtype=float)

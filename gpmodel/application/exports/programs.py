@@ -1,7 +1,7 @@
-"""Compensated targets as the data of a robot program: a RAPID module, a KRL data list.
+"""Write compensated targets as data of a robot program: a RAPID module or a KRL data list.
 
-Joint targets say where the drives go and nothing else. Beside them stands the frame that the controller's own, nominal
-kinematics has there: the measured link in the root, without tool and work object.
+Joint targets set the joint values only. Cartesian targets contain the frame of the controller's nominal kinematics at
+the corrected joint values: the measured link in the root, without tool and work object.
 Sources: ABB, Technical reference manual RAPID, data types jointtarget, robtarget, confdata; KUKA, Operating and
 programming instructions KSS, E6AXIS and FRAME, whose A, B, C turn about z, y', x''.
 """
@@ -28,14 +28,14 @@ LANGUAGES: tuple[Language, ...] = ("RAPID", "KRL")
 AXES = 6
 """Axes of a robot in RAPID and KRL; further axes are external."""
 NAME = 24
-"""Longest name in KRL, in characters. RAPID allows 32."""
+"""Longest name in KRL, characters. RAPID allows 32."""
 
 
 def program_text(mechanism: Mechanism, corrected: pd.DataFrame, language: Language, name: str) -> str:
-    """Targets of a frame that `compensate` gave, j1 and p1 of its first row and so on. Rows without corrected values
-    are left out and named in a comment.
+    """Write targets corrected by `compensate`; j1 and p1 are the first row. Rows without corrected values become
+    comments.
 
-    Raises InputError: another mechanism's joints, more than six of them, or no row with corrected values.
+    Raises InputError for another mechanism's joints, more than six joints, or if no row has corrected values.
     """
     q, status = _joints(mechanism, corrected), [str(s) for s in corrected.get("status", [""] * len(corrected))]
     there: Mask = np.asarray(np.isfinite(q).all(axis=1))
@@ -56,7 +56,8 @@ def program_text(mechanism: Mechanism, corrected: pd.DataFrame, language: Langua
 
 
 def _read_back(mechanism: Mechanism, text: str, scales: Array, q: Array) -> str:
-    """State how far a text is from joint values (N, n), rad or m, and its frames from those of its joint values."""
+    """State the differences of a program's text, read back, from the joint values (N, n), rad or m, and their
+    frames."""
     joints, frames = program_read(text)
     values = np.array(list(joints.values()))[:, : len(scales)] / scales
     nominal, found = se3.chain(mechanism.transforms(values))[-1], np.array([frames[row] for row in joints])
@@ -69,7 +70,7 @@ def _read_back(mechanism: Mechanism, text: str, scales: Array, q: Array) -> str:
 
 
 def _joints(mechanism: Mechanism, corrected: pd.DataFrame) -> Array:
-    """(N, n), rad and m, of the columns corrected_JOINT, in the order of the joints."""
+    """Return the joint values (N, n), rad and m, of the columns corrected_JOINT, in the order of the joints."""
     columns = [str(c) for c in corrected.columns if str(c).startswith("corrected_")]
     if len(columns) != len(mechanism.joints) or len(columns) > AXES:
         raise InputError(

@@ -1,9 +1,9 @@
-"""Exports of the refitted geometry read back as other programs read them: from the text, by the controller's values.
+"""Read exports of the refitted geometry back as other programs do, from the text and the controller's joint values.
 
-    p = T_registration T_link(q) p_tool,   T_link and p_tool as the text has them
+    p = T_registration T_link(q) p_tool,   T_link and p_tool from the text
 
-A URDF and a table of rows go through the mechanism loaders, robot_calibration's offsets through their importer, YAML
-and RoboDK's table through the small readers here. None of them is a part of what writes the file.
+URDF and DH rows are read by the mechanism loaders, robot_calibration's offsets by their importer, and YAML and RoboDK's
+table by the readers below. No code is shared with the writers.
 """
 
 import csv
@@ -26,14 +26,14 @@ from gpmodel.table.dataset import Dataset
 from gpmodel.table.of_programs import calibrated_urdf
 
 Origins = dict[str, tuple[float, ...]]
-"""x, y, z, m, roll, pitch, yaw, rad, by the key of a row."""
+"""x, y, z, m, and roll, pitch, yaw, rad, by the name of a row."""
 _TOOL = re.compile(r"Tool point.* in (?P<link>.*), mm: (?P<point>.*)\.$", re.M)
 
 
 def points_read(file: str, text: str, rigid: Rigid, dataset: Dataset) -> Array:
-    """Read the tool points (N, 3), m, in the instrument's frame from a text, at the joint values of a dataset.
+    """Return the tool points (N, 3), m, in the instrument's frame, read from a text, at the joint values of a dataset.
 
-    rigid: of which only the registration, the names of its tools and the nominal mechanism are used.
+    rigid: only its registration, tool names and nominal mechanism are used.
     """
     said = dict(zip(rigid.placement.tool, _TOOL.finditer(text), strict=True))
     setups, tools, tips = (dataset.label(name).tolist() for name in ("setup", "tool", "tip"))
@@ -52,7 +52,7 @@ def points_read(file: str, text: str, rigid: Rigid, dataset: Dataset) -> Array:
 
 
 def _frames(file: str, text: str, link: str, rigid: Rigid, q: Mapping[str, Array]) -> Array:
-    """Read the frame (N, 4, 4), m, of a link in the root, from the text of an export."""
+    """Return the frame (N, 4, 4), m, of a link in the root, read from an export."""
     suffix, nominal = Path(file).suffix, written(rigid.mechanism, {})[0] if file.endswith(".yaml") else ""
     match Path(file).name:
         case "robodk.csv":
@@ -69,7 +69,7 @@ def _frames(file: str, text: str, link: str, rigid: Rigid, q: Mapping[str, Array
 
 
 def _with_offsets(nominal: str, text: str) -> str:
-    """Apply robot_calibration's offsets to a nominal URDF; none of them leaves it as it is."""
+    """Return a nominal URDF with robot_calibration's offsets applied; unchanged without offsets."""
     if not re.search(r"^[^#\n]", text, re.M):
         return nominal
     with tempfile.TemporaryDirectory() as folder:
@@ -80,7 +80,7 @@ def _with_offsets(nominal: str, text: str) -> str:
 
 
 def _origins(text: str) -> Origins:
-    """Read the rows of a YAML file of origins, one number a line below the name of its row."""
+    """Read the rows of a YAML file of origins, with one number per line below the name of the row."""
     rows: dict[str, list[float]] = {}
     for name, value in re.findall(r"^ +(.+?): *([-+.\deE]*)$", text, re.M):
         if not value:
@@ -91,7 +91,7 @@ def _origins(text: str) -> Origins:
 
 
 def _with_origins(nominal: str, rows: Origins, *, ur: bool = False) -> str:
-    """Put origins into a nominal URDF as a xacro does, by the names of its joints; ur: by those of UR's links."""
+    """Return a nominal URDF with origins replaced as by a xacro. ur: rows are named by UR's links, else by joints."""
     robot = ET.fromstring(nominal)
     for joint in robot.findall("joint"):
         child = "" if (link := joint.find("child")) is None else link.get("link", "")
@@ -105,7 +105,8 @@ def _with_origins(nominal: str, rows: Origins, *, ur: bool = False) -> str:
 
 
 def _robodk(text: str, q: Mapping[str, Array]) -> Array:
-    """Read the last frame (N, 4, 4), m: base, rotx(rx) transl(tx, 0, tz) rotz(rz) of every row, tool."""
+    """Return the last frame (N, 4, 4), m, of RoboDK's table: base, rotx(rx) transl(tx, 0, tz) rotz(rz) per
+    row, tool."""
     placed = {}
     for name in ("base", "tool"):
         numbers = [float(v) for v in text.partition(f"# {name}, x y z r p w: ")[2].partition("\n")[0].split()]

@@ -1,4 +1,4 @@
-"""The geometry alone, fitted without the effects that a rigid description cannot hold, and written as URDF."""
+"""Refit the geometry without effects that a rigid description cannot express, and write it as URDF."""
 
 import re
 import tempfile
@@ -32,13 +32,13 @@ from gpmodel.wording import length
 
 @dataclass(frozen=True)
 class Rigid:
-    """Constant errors of a mechanism.
+    """Refitted geometry of a mechanism.
 
-    placement: registration and tool as they are now.
+    placement: registration and tool at the end of the session.
     twists: constant error twist (6,), m and rad, of every slot that has one.
-    heldout: 3-D errors on rows by fits without them, m.
-    missing: effects left out, by the names of the table of the fit.
-    tips: of several arms the measured link of each tool.
+    heldout: 3-D errors on held-out rows, m.
+    missing: omitted effects, with the names of the fitted table.
+    tips: with several arms, the measured link of each tool.
     """
 
     mechanism: Mechanism
@@ -50,12 +50,11 @@ class Rigid:
 
 
 def refitted(saved: SavedModel) -> Rigid:
-    """Fit the constants of the model anew to its table, without the mechanism's other effects.
+    """Refit the constants of the model to its table, without the mechanism's other effects.
 
-    A model without such effects keeps its values, and so does one whose constants were fitted apart from the functions
-    of undeclared effects. Effects of the instrument and of the session stay in the fit, so that
-    the geometry does not absorb them.
-    Raises InputError as `measured_table`, or for a fit that cannot be made.
+    Values are kept if the model has no such effects, or if its constants were fitted separately from undeclared
+    effects. Effects of the instrument and of the session stay in the fit, so that the geometry does not absorb them.
+    Raises InputError as `measured_table`, or for a fit that fails.
     """
     poses = prepare(saved.mechanism, measured_table(saved))
     aside = {e.name for e in of_the_session(saved)}
@@ -71,7 +70,7 @@ def refitted(saved: SavedModel) -> Rigid:
 
 
 def _held_out(model: ErrorModel, poses: Poses, measured: Measured | None) -> Array:
-    """Compute 3-D errors (H,), m, on the poses held out; where none were, on each by a fit without its fold."""
+    """Return the 3-D errors (H,), m, on held-out poses; without any, of each pose by a fit without its fold."""
     if measured is None:
         return np.zeros(0)
     parts = [measured.heldout]
@@ -90,7 +89,7 @@ def _held_out(model: ErrorModel, poses: Poses, measured: Measured | None) -> Arr
 
 
 def _constant_twists(fitted: SavedModel, one: Poses) -> dict[str, Array]:
-    """By slot, from the states of any one pose, which constants do not read."""
+    """Return the constant error twists (6,) by slot. one: any pose, since constants do not depend on it."""
     out: dict[str, Array] = {}
     for effect, value in zip(fitted.model.effects, fitted.theta.tolist(), strict=True):
         if effect.constant and value != 0.0:
@@ -106,9 +105,9 @@ LINK = "Measured link: "
 
 
 def urdf_text(rigid: Rigid, note: str) -> str:
-    """The nominal chain with the constant error twists in it and `note` as a comment.
+    """Return the URDF of the nominal chain with constant error twists, and `note` as a comment.
 
-    Raises InputError where the mechanism has no writer.
+    Raises InputError if the mechanism cannot be written as URDF.
     """
     text, frame = written(rigid.mechanism, rigid.twists)
     comment = "\n".join([f"{LINK}{frame}", *map(harmless, note.splitlines())]).replace("--", "- -")
@@ -116,8 +115,10 @@ def urdf_text(rigid: Rigid, note: str) -> str:
 
 
 def written(mechanism: Mechanism, twists: Mapping[str, Array]) -> tuple[str, str]:
-    """The URDF text of a chain with constant error twists (6,), m and rad, by slot, and its measured link. Raises
-    InputError as `urdf_text`."""
+    """Return the URDF text of a chain with constant error twists (6,), m and rad, by slot, and its measured link.
+
+    Raises InputError as `urdf_text`.
+    """
     bare = bare_of(mechanism)
     if not isinstance(bare, ExportsUrdf):
         raise InputError(f"{bare.name} cannot be written as URDF")
@@ -128,12 +129,12 @@ def written(mechanism: Mechanism, twists: Mapping[str, Array]) -> tuple[str, str
 
 
 def measured_link(text: str) -> str:
-    """The link that a text of `urdf_text` is measured at."""
+    """Return the measured link named in a text of `urdf_text`."""
     return text.partition(LINK)[2].partition("\n")[0]
 
 
 def follows(mechanism: Mechanism, file: str) -> tuple[str, ...]:
-    """Say of every joint that several values of the controller move how a file holds it."""
+    """Describe how a file expresses each joint that several values of the controller move."""
     out = []
     for name, factors in coupled(mechanism).items():
         own, *others = factors

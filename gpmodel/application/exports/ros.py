@@ -1,4 +1,4 @@
-"""The refitted geometry as ROS reads it beside a URDF: origins of joints, offsets of them, UR's kinematics.
+"""Write the refitted geometry for ROS: joint origins for xacro, robot_calibration's offsets, UR's kinematics file.
 
 Sources: xacro.load_yaml; mikeferguson/robot_calibration, optimization/offsets.cpp, whose updateURDF applies offsets;
 UniversalRobots/Universal_Robots_ROS2_Description, config/ur5e/default_kinematics.yaml and urdf/ur_macro.xacro.
@@ -18,12 +18,12 @@ from gpmodel.numerics import se3
 from gpmodel.table.of_programs import axis_of, origin_of
 
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
-"""Links of ur_description without their `_link`, each moved by the joint before it."""
+"""Links of ur_description without the suffix `_link`, each moved by the joint before it."""
 
 
 @dataclass(frozen=True)
 class JointOrigin:
-    """A joint of a URDF and where it sits on its parent link, (4, 4), m. axis: its three numbers."""
+    """Joint of a URDF. frame: (4, 4), m, its origin on the parent link. axis: direction of motion."""
 
     name: str
     kind: str
@@ -34,13 +34,15 @@ class JointOrigin:
 
 
 def origins(text: str) -> dict[str, JointOrigin]:
-    """The joints of a URDF text by name, in the order of the file."""
+    """Return the joints of a URDF text by name, in the order of the file."""
     return {o.name: o for o in map(_origin, ET.fromstring(text).findall("joint"))}
 
 
 def kinematics_text(nominal: str, calibrated: str, note: str) -> str:
-    """YAML of the origin of every joint of a nominal URDF text in the calibrated one: x, y, z, m, and roll, pitch, yaw,
-    rad, as xacro puts them into `<origin xyz rpy>`. note: its first comment."""
+    """Write the calibrated origin of every joint of a nominal URDF as YAML: x, y, z, m, and roll, pitch, yaw, rad.
+
+    These are the values of `<origin xyz rpy>` in a xacro. note: first comment.
+    """
     use = "kinematics:=${xacro.load_yaml('kinematics.yaml')['kinematics']}, ${kinematics['JOINT']['x']}"
     lines = [*commented(note), f"# In xacro: {use} and so on.", "kinematics:"]
     after = origins(calibrated)
@@ -49,8 +51,10 @@ def kinematics_text(nominal: str, calibrated: str, note: str) -> str:
 
 
 def offsets_text(nominal: str, calibrated: str, note: str) -> str:
-    """robot_calibration's offsets, NAME_x .. NAME_z, m, and NAME_a .. NAME_c, a rotation vector, rad, of every joint of
-    a nominal URDF text whose origin is another in the calibrated one: origin = nominal · offset."""
+    """Write robot_calibration's offsets of every joint whose origin changed: origin = nominal · offset.
+
+    Offsets are NAME_x .. NAME_z, m, and the rotation vector NAME_a .. NAME_c, rad.
+    """
     before, lines = origins(nominal), commented(note)
     for name, after in origins(calibrated).items():
         if name in before and not np.array_equal(before[name].frame, after.frame):
@@ -63,10 +67,10 @@ def offsets_text(nominal: str, calibrated: str, note: str) -> str:
 
 
 def ur_text(nominal: str, calibrated: str, note: str) -> str:
-    """The kinematics file of ur_description: where each of the six links sits on the one before. What the fit changes
-    before the first joint is put into that joint's origin; ur_macro.xacro keeps all others.
+    """Write the kinematics file of ur_description: the frame of each of the six links on the former link.
 
-    Raises InputError where the arm is not the chain of ur_description.
+    A change before the first joint is added to that joint's origin, since ur_macro.xacro fixes all others.
+    Raises InputError if the arm is not the chain of ur_description.
     """
     chain, before = _ur_chain(calibrated), origins(nominal)
     fixed = np.linalg.solve(_placed(before, chain[0].parent), _placed(origins(calibrated), chain[0].parent))
@@ -78,13 +82,13 @@ def ur_text(nominal: str, calibrated: str, note: str) -> str:
 
 
 def beyond(text: str, link: str, measured: str) -> Array:
-    """The measured link in another before it, (4, 4), m, of a URDF text; all joints between them are fixed."""
+    """Return the measured link in the frame of an earlier link, (4, 4), m; all joints between must be fixed."""
     known = origins(text)
     return np.asarray(np.linalg.inv(_placed(known, link)) @ _placed(known, measured))
 
 
 def last_ur_link(text: str) -> str:
-    """The link that the kinematics file of ur_description ends at. Raises InputError as `ur_text`."""
+    """Return the last link of the kinematics file of ur_description. Raises InputError as `ur_text`."""
     return _ur_chain(text)[-1].child
 
 
@@ -107,7 +111,7 @@ def _origin(joint: ET.Element) -> JointOrigin:
 
 
 def _placed(known: Mapping[str, JointOrigin], link: str) -> Array:
-    """A link in the root with every joint at zero, (4, 4), m."""
+    """Return a link in the root frame with every joint at zero, (4, 4), m."""
     above, frame = {o.child: o for o in known.values()}, np.eye(4)
     while link in above:
         frame, link = above[link].frame @ frame, above[link].parent

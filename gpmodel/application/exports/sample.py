@@ -1,4 +1,4 @@
-"""Poses within the measured ranges that were not measured."""
+"""Unmeasured poses within the measured ranges, for evaluating exports."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from gpmodel.table.dataset import Dataset
 
 
 def measured_table(saved: SavedModel) -> Dataset:
-    """The table the model was fitted to, made fit for it. Raises InputError where the model does not have it."""
+    """Return the table of the fit, matched to the model; raise InputError if the model does not contain a table."""
     if saved.measured is None:
         raise InputError("model: does not hold the table it was fitted to; calibrate or discover again")
     return remembered(saved, matched(saved, saved.measured.dataset))
@@ -23,8 +23,8 @@ def measured_table(saved: SavedModel) -> Dataset:
 
 @dataclass(frozen=True)
 class Place:
-    """The set-up whose registration, and the tool whose point, an export has. tip: of several arms the measured link
-    that the tool is on, empty where it is not on one alone."""
+    """Set-up and tool of an export. tip: with several arms, the measured link of the tool; empty if on
+    several links."""
 
     setup: str
     tool: str
@@ -32,20 +32,21 @@ class Place:
 
     @classmethod
     def of(cls, saved: SavedModel, setup: str | None = None, tool: str | None = None) -> "Place":
-        """Set-up and tool of these names; the first of the model for None. Raises InputError for an unknown name."""
+        """Return set-up and tool of these names, the first of the model for None; raise InputError for an
+        unknown name."""
         placed = saved.placement
         chosen = _named(placed.tool, tool, "tool")
         return cls(_named(placed.registration, setup, "setup"), chosen, tips_of(saved).get(chosen, ""))
 
     def poses(self, data: Dataset) -> Dataset:
-        """`data` as if all of it were measured there."""
+        """Return the data with all rows labelled by this set-up and tool."""
         here = {"setup": np.full(len(data), self.setup), "tool": np.full(len(data), self.tool)}
         if self.tip:
             here["tip"] = np.full(len(data), self.tip)
         return replace(data, labels={**data.labels, **here})
 
     def said(self, saved: SavedModel) -> str:
-        """Name the set-up and tool in a sentence; empty where there is one of each."""
+        """Name the set-up and tool in a sentence; empty if the model has one of each."""
         placed = saved.placement
         own = (("Set-up", self.setup, placed.registration), ("Tool", self.tool, placed.tool))
         return " ".join(f"{what} {name}, one of {', '.join(all_)}." for what, name, all_ in own if len(all_) > 1)
@@ -74,9 +75,10 @@ def _named(known: Mapping[str, object], name: str | None, argument: str) -> str:
 
 
 def fresh_poses(saved: SavedModel, count: int, rng: np.random.Generator) -> Dataset:
-    """`count` poses, joint values uniform over the measured ranges, everything else as in random rows of the table.
+    """Draw `count` poses with joint values uniform over the measured ranges and other inputs from random rows of the
+    table.
 
-    Fewer where loops do not close with the fitted errors. Raises InputError as `measured_table`.
+    Fewer if loops do not close with the fitted errors. Raises InputError as `measured_table`.
     """
     data = measured_table(saved)
     q = drawn_between(saved.mechanism, data.q.min(axis=0), data.q.max(axis=0), count, rng)
@@ -85,7 +87,7 @@ def fresh_poses(saved: SavedModel, count: int, rng: np.random.Generator) -> Data
 
 
 def at_joint_values(data: Dataset, q: Array, rng: np.random.Generator) -> Dataset:
-    """Unmeasured poses at q (N, n), everything else as in random rows of `data`."""
+    """Return unmeasured poses at q (N, n), with other inputs from random rows of `data`."""
     rows = rng.integers(0, len(data), len(q))
     blank = np.full((len(q), 3), np.nan)
     taken = data.subset(rows)

@@ -1,4 +1,4 @@
-"""The forward model as NumPy source, as C99 and its terms as LaTeX."""
+"""Write the forward model as NumPy source, as C99 source, and its terms as LaTeX."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -26,7 +26,7 @@ _CLAMP = {"numpy": "np.clip({0}, {1!r}, {2!r})", "c99": "fmin(fmax({0}, {1!r}), 
 
 
 def numpy_text(forward: Forward, note: str) -> str:
-    """A module with predict(q, **inputs)."""
+    """Return the source of a Python module with predict(q, **inputs)."""
     weighs = [f"{name} = [{', '.join(of)}]" for name, of in _weights(forward, "np.ones(len(q))", "np.zeros(len(q))")]
     lines = [f"s_{n} = q[:, {j}]" for j, n in enumerate(_joints(forward))]
     lines += [f"s_{n} = inputs[{called!r}]" for n, called in zip(forward.inputs, input_names(forward), strict=True)]
@@ -43,9 +43,9 @@ def numpy_text(forward: Forward, note: str) -> str:
 
 
 def c_text(forward: Forward, note: str, cases: Array) -> str:
-    """A C99 file with gpmodel_predict and gpmodel_compensate.
+    """Return the source of a C99 file with gpmodel_predict and gpmodel_compensate.
 
-    cases: (K, joints + inputs + 3) of joint values, inputs and predicted points, for its own test.
+    cases: (K, joints + inputs + 3) joint values, inputs and predicted points, for the file's self-test.
     """
     joints, bodies = _joints(forward), _bodies(forward)
     lines = [f"const double s_{n} = q[{j}];" for j, n in enumerate(joints)]
@@ -68,7 +68,7 @@ def c_text(forward: Forward, note: str, cases: Array) -> str:
 
 
 def header_text(forward: Forward, note: str) -> str:
-    """The declarations of `c_text`, for C and C++."""
+    """Return the declarations of `c_text`, for C and C++."""
     return _filled("model.h.txt", _said(forward, note))
 
 
@@ -80,15 +80,15 @@ def _said(forward: Forward, note: str) -> dict[str, object]:
 
 
 def nameless(forward: Forward) -> Forward:
-    """Replace the names of the measured table by those of the mechanism, which are words.
+    """Replace the table's names by those of the mechanism, which are plain words.
 
-    The source that a check runs is written from it with an empty note, so that no text of a file is run.
+    A check runs source with these names and an empty note, so that no text of an untrusted file is executed.
     """
     return replace(forward, saved=replace(forward.saved, measured=None))
 
 
 def latex_text(forward: Forward) -> str:
-    """One equation a slot and axis: its error twist, m or rad, in numbers of DIGITS; first the parts it is made of."""
+    """Write one equation per slot and axis: its error twist, m or rad, to DIGITS digits; common parts first."""
     places, program = equations(forward)
     names = forward.saved.names
     parts, outputs = latex_lines(program, names)
@@ -100,7 +100,7 @@ def latex_text(forward: Forward) -> str:
 
 
 def equations(forward: Forward) -> tuple[list[tuple[int, int]], Program]:
-    """Slots and axes, and a program with one output each: the error twist there in m or rad."""
+    """Return the slots and axes with an error twist, and a program with one output for each, m or rad."""
     builder, sums = Builder(), dict[tuple[int, int], int]()
     for line in forward.lines:
         basis = Expression(str(line.basis)).program
@@ -113,7 +113,7 @@ def equations(forward: Forward) -> tuple[list[tuple[int, int]], Program]:
 
 
 def to_the_digits(forward: Forward) -> Forward:
-    """The model that `latex_text` writes: with its numbers."""
+    """Return the model with the rounded numbers of `latex_text`."""
     places, program = equations(forward)
     printed = as_in_latex(program)
     lines = (Line(slot, axis, 1.0, Expression(str(printed.select([k])))) for k, (slot, axis) in enumerate(places))
@@ -121,7 +121,7 @@ def to_the_digits(forward: Forward) -> Forward:
 
 
 def _term(line: Line, language: Literal["numpy", "c99"]) -> str:
-    """coefficient * basis, whose inputs stay within their ranges where its law has no name."""
+    """Write coefficient * basis as source; inputs of a formula without a name are clipped to their ranges."""
     columns = {name: f"s_{name}" for name in line.basis.inputs}
     if isinstance(line.basis, Clamped):
         for name, (low, high) in line.basis.ranges.items():
@@ -131,7 +131,7 @@ def _term(line: Line, language: Literal["numpy", "c99"]) -> str:
 
 
 def _joints(forward: Forward) -> tuple[str, ...]:
-    """The mechanism's names, which bases are written in."""
+    """Return the mechanism's joint names, as used in basis functions."""
     return tuple(joint.name for joint in forward.saved.mechanism.joints)
 
 
@@ -158,8 +158,9 @@ def _bodies(forward: Forward) -> tuple[Body, ...]:
 
 
 def _weights(forward: Forward, one: str, none: str) -> Iterator[tuple[str, list[str]]]:
-    """Yield the named weight vectors of the bodies: of all bodies, and of each body that a load names. The payload
-    is last.
+    """Yield the weight vectors of the bodies by name: of all bodies, and of each body with a load of its own.
+
+    The payload is last.
     """
     every = [one] * (len(_bodies(forward)) - 1) + ["s_payload"]
     yield "weights", every
@@ -169,13 +170,13 @@ def _weights(forward: Forward, one: str, none: str) -> Iterator[tuple[str, list[
 
 
 def _placed(forward: Forward) -> tuple[list[list[float]], list[list[float]]]:
-    """Registration and tool."""
+    """Return registration and tool as nested lists."""
     placed, at = forward.saved.placement, forward.place
     return placed.registration[at.setup].tolist(), placed.tool[at.tool].tolist()
 
 
 def _braces(value: object) -> str:
-    """An initialiser of C."""
+    """Write a value as an initialiser of C."""
     return repr(value).replace("[", "{").replace("]", "}").replace("(", "{").replace(")", "}").replace("'", "")
 
 
@@ -184,6 +185,6 @@ def _indented(lines: list[str]) -> str:
 
 
 def _filled(template: str, values: Mapping[str, object]) -> str:
-    """Replace every @NAME@ of a template in one pass: a text that is filled in is no placeholder itself."""
+    """Replace every @NAME@ of a template in one pass, so that inserted text is not replaced again."""
     text = (files("gpmodel.application.exports") / "templates" / template).read_text(encoding="utf-8")
     return re.sub(r"@([A-Z]+)@", lambda match: str(values[match[1]]), text)
