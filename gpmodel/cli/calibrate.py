@@ -1,4 +1,4 @@
-"""`gpmodel calibrate`: registration, the standard model and the effects named, before and after."""
+"""Command `gpmodel calibrate`: fit registration, the standard model and named effects."""
 
 from contextlib import nullcontext
 from pathlib import Path
@@ -25,8 +25,10 @@ from gpmodel.model.effect import Effect
 @shared.mechanism_options()
 @click.option("--effect", "effects", multiple=True, metavar="NAME", help="'gear_harmonic J4', 'J4.moving:Rz:sin(J4)'.")
 @click.option("--findings", type=shared.PATH, metavar="RESULT", help="Folder of discover whose effects are calibrated.")
-@click.option("--formula", metavar="[N=]K", help="Formula K of the front of finding N of --findings, in its place.")
-@click.option("--fleet", type=shared.PATH, metavar="FLEET", help="fleet.json with the prior of its type.")
+@click.option(
+    "--formula", metavar="[N=]K", help="Alternative formula K of finding N of --findings, instead of its formula."
+)
+@click.option("--fleet", type=shared.PATH, metavar="FLEET", help="fleet.json, a prior for machines of one type.")
 @shared.joints_option
 @shared.sights_options
 @shared.standard_option
@@ -44,9 +46,9 @@ def calibrate(
     condition_limit: float | None, holdout: float, instrument: str | None, in_order: bool, seed: int,
     folder: Path | None, quiet: bool, **sights: str | None,
 ) -> None:  # fmt: skip
-    """Fit registration, tool, the standard model and the named effects to TABLE; say what it gained.
+    """Fit registration, tool, the standard model and the named effects to TABLE; state the gain of each.
 
-    Errors are of poses held out of the fit; the saved model is fitted to all poses.
+    Errors are those of poses held out of the fit; the saved model is fitted to all poses.
     With --out: report.html with its figures, report.json, model.json.
     """
     missing = ""
@@ -68,7 +70,7 @@ def calibrate(
 
 
 def found_in(folder: Path | None, formula: str | None) -> tuple[Effect, ...]:
-    """The effects of a result, with the formula K of a front where K or N=K asks for it."""
+    """Return the effects of a result; `formula` K or N=K selects an alternative formula K (of finding N)."""
     if folder is None:
         if formula is not None:
             raise InputError("takes a formula of a result, expected --findings as well", "formula")
@@ -82,8 +84,8 @@ def found_in(folder: Path | None, formula: str | None) -> tuple[Effect, ...]:
 
 
 def save(result: CalibrationResult, folder: Path) -> str:
-    """Leave the results in a folder. Where this installation cannot make pages, leave model.json and report.json, and
-    return what is missing."""
+    """Write the results into a folder; without the report extra, model.json and report.json only, and return what is
+    missing."""
     try:
         check_writable()
     except InputError as error:

@@ -1,4 +1,4 @@
-"""`gpmodel check`: the table, judged."""
+"""Commands `gpmodel check`, `effects` and `completion`."""
 
 import textwrap
 from pathlib import Path
@@ -21,7 +21,7 @@ from gpmodel.wording import WIDTH, wrapped
 @click.command()
 @mechanism_options()
 def effects(mechanism: LoadedMechanism) -> None:
-    """List the families of effects: what each is, who described it, what it reads, and an example on MECHANISM."""
+    """List the families of effects: explanation, source, inputs, and an example on MECHANISM."""
     for row in families(mechanism).to_dict("records"):
         echo(row["family"])
         for line in (f"{row['explanation']} ({row['source']})", _instances(row)):
@@ -41,7 +41,7 @@ def _instances(row: dict[object, object]) -> str:
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 @click.pass_context
 def completion(context: click.Context, shell: str) -> None:
-    """Print what makes SHELL complete gpmodel's commands and options: eval "$(gpmodel completion bash)"."""
+    """Print the shell code that completes gpmodel's commands and options: eval "$(gpmodel completion bash)"."""
     kind = get_completion_class(shell)
     if kind is None:
         raise InputError(f"{shell} is no shell that completion is made for, expected bash, zsh or fish", "shell")
@@ -49,7 +49,7 @@ def completion(context: click.Context, shell: str) -> None:
 
 
 UNFIT = 2
-"""Exit status for a table that nothing should be fitted to."""
+"""Exit status for a table that is not fit for calibration."""
 
 
 @click.command()
@@ -64,9 +64,9 @@ def check(
     table: Path, mechanism: LoadedMechanism, standard: tuple[str, ...], instrument: str | None, folder: Path | None,
     quiet: bool, **sights: str | None,
 ) -> int:  # fmt: skip
-    """Judge TABLE: units and columns mixed up, poses out of reach, alike, repeated or too few, jumps, outliers.
+    """Check TABLE: wrong units or columns, unreachable, similar, repeated or too few poses, jumps, outliers.
 
-    Ends with status 2 where nothing should be fitted to the table. With --out: check.json.
+    Exit status 2 if the table is not fit for calibration. With --out: check.json.
     """
     with progress_line(quiet) as say:
         data = read_table(table, mechanism, in_order=False, **sights) if any(sights.values()) else table

@@ -1,4 +1,4 @@
-"""Printed texts and written tables of the command line."""
+"""Print texts and write tables for the command line."""
 
 import contextlib
 import math
@@ -24,15 +24,15 @@ from gpmodel.table.cells import read_frame, table_text
 from gpmodel.table.units import split_header
 
 PATIENCE = 10.0
-"""Seconds between lines of progress on an output that cannot overwrite them."""
+"""Seconds between progress lines on an output that cannot overwrite them."""
 NOISE = {"px": "0.1px", "deg": "0.002deg"}
-"""Examples of `--noise` for readings that are no lengths."""
+"""Examples of `--noise` for pixels and angles."""
 CLEAR = "\r\x1b[K"
-"""Back to the start of the line, which is emptied."""
+"""Control characters that return to the start of the line and clear it."""
 
 
 def path_for(out: Path, default_name: str) -> Path:
-    """The file meant by --out: itself, or one of that name in a folder. Raises InputError for another kind of file."""
+    """Return the file of --out: itself, or `default_name` in a folder. Raises InputError for another kind of file."""
     table = out.suffix.lower() in (".csv", ".txt")
     if out.suffix[1:].isalpha() and not table and not out.is_dir():
         raise InputError(f"{out}: a table is written as .csv; expected such a file, or a folder", "out")
@@ -40,15 +40,15 @@ def path_for(out: Path, default_name: str) -> Path:
 
 
 MEASURED = re.compile(r"[xyzuv]|length|(distance|inclination)_.*")
-"""Names of columns that an instrument fills."""
+"""Pattern of columns with measurements."""
 
 
 def place_for(out: Path | None, default_name: str, source: Path | None = None) -> Path | None:
     """Return the output path, None without --out.
 
-    Raises InputError, before the work, if the file is a measured table and no output: simulate writes its truth next
-    to the table, predict and compensate write sigma.
-
+    Raises InputError if the file contains measurements that would be lost. Files written by simulate, predict and
+    compensate
+    may be replaced: simulate writes a .truth.json beside its table, the others a column sigma.
     source: a table that may be replaced, because its columns are kept.
     """
     path = None if out is None else path_for(out, default_name)
@@ -68,8 +68,10 @@ def place_for(out: Path | None, default_name: str, source: Path | None = None) -
 
 
 def write_frame(frame: pd.DataFrame, out: Path | None, default_name: str, source: Path | None = None) -> Path | None:
-    """Write a table to the file `out`, into the folder `out`, or to standard output; the path written. source: a file
-    whose unchanged columns it keeps, cell by cell as they were written there."""
+    """Write a table to the file or folder `out`, or to standard output; return the path.
+
+    source: file whose unchanged columns keep the text of their cells.
+    """
     if source is not None:
         cells = read_frame(source)[0]
         same = [name for name, given in with_numbers(cells).items() if name in frame and given.equals(frame[name])]
@@ -83,7 +85,7 @@ def write_frame(frame: pd.DataFrame, out: Path | None, default_name: str, source
 
 
 def _in_lines(frame: pd.DataFrame) -> pd.DataFrame:
-    """Escape what ends a line within a header or a cell, so that each row of a printed table is one line."""
+    """Escape line breaks in headers and cells, so that each row of a printed table is one line."""
     texts = {
         str(name): column.map(lambda cell: printable(cell, "") if isinstance(cell, str) else cell)
         for name, column in frame.items()
@@ -98,7 +100,7 @@ def command_line() -> str:
 
 
 def session_note(names: tuple[str, ...], session: bool) -> str:
-    """State the treatment of effects of the session a model was fitted to; waves of one effect are named once."""
+    """Describe how effects of the fitted session were applied; the sinusoids of one effect are named once."""
     said = ", ".join(dict.fromkeys(re.sub(r"( [TR][xyz])?, wave \d+$", "", name) for name in names))
     if session:
         return f"row k is taken for row k of the session the model was fitted to: {said}"
@@ -106,7 +108,7 @@ def session_note(names: tuple[str, ...], session: bool) -> str:
 
 
 def what_next(folder: Path, record: Report) -> str:
-    """The files of a calibration or a discovery, and the commands that use them."""
+    """List the main file of a calibration or a discovery, and commands to use next."""
     model, place = shell_quoted(folder / MODEL), shell_quoted(folder)
     then = [(f"gpmodel predict {model} POSES", "where the real tool will be"),
             (f"gpmodel compensate {model} TARGETS", "joint values that make it go where it should")]  # fmt: skip
@@ -130,9 +132,9 @@ def what_next(folder: Path, record: Report) -> str:
 
 @contextlib.contextmanager
 def progress_line(quiet: bool) -> Iterator[Say]:
-    """Says on standard error what is being tried and for how long.
+    """Print progress messages with the elapsed time on standard error.
 
-    A passing line stays in place on a terminal; elsewhere one is printed every ten seconds.
+    A passing message is overwritten on a terminal; elsewhere one is printed every ten seconds.
     """
     if quiet:
         yield silent

@@ -1,4 +1,4 @@
-"""`gpmodel demo`: the main job on a shipped table, from nothing to the opened report."""
+"""Command `gpmodel demo`: discover an effect in an example table, and open the report."""
 
 import os
 import sys
@@ -25,12 +25,12 @@ from gpmodel.table.cells import table_text
 TABLE = "demo.csv"
 MECHANISM = "irb6400r"
 VALUES, TEN = 6, 10
-"""Measured values for each unknown of the standard model, and the multiple to which the number of poses is rounded up.
-With half as many, an effect of 40 arcsec is often not confirmed; twice as many halve its variance."""
+"""Measurements per unknown of the standard model, and the multiple to which the number of poses is rounded up. With
+half as many, an effect of 40 arcsec is often not confirmed; twice as many halve its variance."""
 EFFECT = "joint_compliance J2=2e-7 rad/Nm"
 """Undeclared effect in the example files: about 0.1 mm at the tool, three times the noise."""
 REPEATED = 5
-"""Poses measured three times. Their 30 degrees of freedom give the noise to a seventh."""
+"""Poses measured three times. Their 30 degrees of freedom give the noise to within a seventh."""
 
 
 @click.command()
@@ -44,10 +44,10 @@ REPEATED = 5
 def demo(
     folder: Path, mine: str | None, files: bool, no_open: bool, seed: int, workers: int | None, quiet: bool
 ) -> None:
-    """An IRB 6400R with an undeclared effect: 90 poses in, the report out.
+    """Discover an undeclared effect of an IRB 6400R from 90 poses, and write the report.
 
-    --mine MECH does it with a mechanism of yours: it simulates the table that you would measure, with constant errors
-    of 0.3 mm, a gear error of 40 arcsec and noise of 0.03 mm, and says how many poses of which kind to measure.
+    --mine MECH uses a mechanism of yours: it simulates the table that you would measure, with constant errors
+    of 0.3 mm, a gear error of 40 arcsec and noise of 0.03 mm, and states how many poses of which kind to measure.
     """
     if files:
         written = example_files(folder, seed)
@@ -79,9 +79,9 @@ def demo(
 
 
 def example_files(folder: Path, seed: int) -> list[str]:
-    """Write what the commands read: an arm, its measured table, poses, targets, and a table measured afterwards.
+    """Write example files for the commands: an arm, a measured table, poses, targets, and a table measured later.
 
-    Raises InputError where a file cannot be written.
+    Raises InputError if a file cannot be written.
     """
     arm = (resources.files("gpmodel") / "data" / "arm.urdf").read_text(encoding="utf-8")
     write_text(folder_for(folder) / "arm.urdf", arm)
@@ -97,7 +97,8 @@ def example_files(folder: Path, seed: int) -> list[str]:
 
 
 def like_mine(name: str, seed: int) -> SimulationResult:
-    """Simulate as many poses of a mechanism as its standard model needs, with a gear error of its second turning joint.
+    """Simulate as many poses of a mechanism as its standard model needs, with a gear error of its second revolute
+    joint.
 
     Raises InputError for a mechanism that cannot be read.
     """
@@ -111,7 +112,7 @@ def like_mine(name: str, seed: int) -> SimulationResult:
 
 
 def to_measure(made: SimulationResult, name: str, table: Path) -> str:
-    """Say what was planted and how many poses of which kind to measure on the real machine."""
+    """State the simulated errors, and how many poses of which kind to measure on the real machine."""
     count, mechanism = len(made.table), shell_quoted(name)
     planted = ", ".join(e.name for e in made.truth.saved.model.effects if not e.constant) or "constant errors alone"
     return (

@@ -1,4 +1,4 @@
-"""`gpmodel discover`: the whole loop, from a measured table to the report."""
+"""Command `gpmodel discover`: search a measured table for missing effects, and write the report."""
 
 import math
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ from gpmodel.records.unfinished import RunFiles
 from gpmodel.table.bundles import FOLDS, USUAL
 
 FEW = math.ceil(ENOUGH_HELD / USUAL)
-"""Poses below which every one is held out once."""
+"""Number of poses below which cross-validation replaces held-out poses."""
 
 
 @click.command()
@@ -45,7 +45,7 @@ FEW = math.ceil(ENOUGH_HELD / USUAL)
 @click.option("--folds", type=click.IntRange(2), metavar="K",
               help="Cross-validation of the whole search in K folds.")  # fmt: skip
 @shared.in_order_option
-@click.option("--noise", metavar="SIZE", help="Standard deviation of one reading: 0.03mm, 0.1px.")
+@click.option("--noise", metavar="SIZE", help="Standard deviation of one measurement: 0.03mm, 0.1px.")
 @shared.instrument_option
 @shared.joints_option
 @click.option("--like", metavar="DIR", help="Result of fleet: prior of a further machine of its type.")
@@ -62,7 +62,7 @@ def discover(
     table: Path, mechanism: LoadedMechanism, workers: int | None, scheduler: str | None, minutes: float | None,
     folder: Path, quiet: bool, **asked: Any,
 ) -> None:  # fmt: skip
-    """Find what the model of MECHANISM is missing on the poses of TABLE."""
+    """Find effects that the model of MECHANISM lacks, from the poses of TABLE."""
     check_split(asked["holdout"], asked["folds"])
     folder_for(folder)
     with (
@@ -78,13 +78,13 @@ def discover(
 
 
 def write_results(found: DiscoveryResult, folder: Path, say: Say, workers: int = 0) -> None:
-    """Announce the report and write it. workers: as of `DiscoveryResult.report`."""
+    """Announce the report and write it. workers: as in `DiscoveryResult.report`."""
     say(Progress("writing the report"))
     found.report(folder, workers=workers)
 
 
 def search_of(asked: Mapping[str, Any], minutes: float | None, executor: Workers) -> Search:
-    """Build the search from the options. minutes: after which no new round begins."""
+    """Return the search of the options. minutes: time after which no new round begins."""
     strategies = strategies_named(asked["representation"], "slot")
     ends = None if minutes is None else 60 * minutes
     return Search(runs=asked["runs"], strategies=strategies, stop_after=ends, executor=executor)
@@ -94,7 +94,7 @@ def looked(
     mechanism: LoadedMechanism, table: Path, asked: Mapping[str, Any], say: Say, search: Search,
     kept: RunFiles | None = None,
 ) -> DiscoveryResult:  # fmt: skip
-    """Run what the options ask for; finished runs are kept."""
+    """Run the discovery of the options; finished runs are saved."""
     return look(
         mechanism,
         read_table(table, mechanism, in_order=asked["in_order"], **{k: asked.get(k) for k in SIGHTS}),

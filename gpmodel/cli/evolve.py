@@ -1,4 +1,4 @@
-"""`gpmodel evolve`: compensators or slot shapes by many runs, and the histogram of the inputs they refer to."""
+"""Command `gpmodel evolve`: evolve compensators or basis functions, and count the inputs that their programs use."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -23,7 +23,7 @@ from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.records.unfinished import RunFiles
 
 VARIED = ("operators", "crossover", "mutation", "length", "depth")
-"""Choices of a representation that have an option of their own."""
+"""Settings of a representation with an option of their own."""
 
 
 @click.command()
@@ -35,7 +35,7 @@ VARIED = ("operators", "crossover", "mutation", "length", "depth")
 )
 @shared.representation_option("linear,tree")
 @click.option("--space", type=click.Choice(["cartesian", "slot"]), default="cartesian", show_default=True,
-              help="Compensate the tip, or find the shape and the place of an effect.")  # fmt: skip
+              help="Compensate the tool point, or find basis function and slot of an effect.")  # fmt: skip
 @click.option("--population", type=click.IntRange(4), help="[default: 65536 linear, 8192 tree]")
 @click.option("--generations", type=click.IntRange(0), help="[default: 100]")
 @click.option("--seconds", type=shared.Number(above=0.0), help="Time limit of a run.")
@@ -43,7 +43,11 @@ VARIED = ("operators", "crossover", "mutation", "length", "depth")
 @click.option("--operators", help="thesis, smooth, slot, physics, or names.")
 @click.option("--truncation", type=shared.Number(above=0.0), help="Fraction of the population that breeds: 0.05.")
 @click.option("--tournament", type=click.IntRange(1), help="Tournament size, instead of truncation.")
-@click.option("--crossover", type=click.FloatRange(0.0, 0.999), help="Rate per element; for trees the share.")
+@click.option(
+    "--crossover",
+    type=click.FloatRange(0.0, 0.999),
+    help="Rate per element of a sequence; share of the offspring of trees.",
+)
 @click.option("--mutation", type=click.FloatRange(0.0, 0.999), help="Rate per element of a sequence.")
 @click.option("--length", type=int, help="Elements of a sequence.")
 @click.option("--depth", type=int, help="Largest depth of a tree.")
@@ -62,10 +66,10 @@ def evolve(
     table: Path, mechanism: LoadedMechanism, workers: int | None, scheduler: str | None, folder: Path | None,
     quiet: bool, **asked: Any,
 ) -> None:  # fmt: skip
-    """Evolve programs on the residual of TABLE; count the inputs they refer to.
+    """Evolve programs on the residual of TABLE, and count the inputs that they use.
 
-    The residual is that of the standard model, or of another with --model or --effect. Every run is done again on
-    shuffled errors: an input counts only where it stands out of those.
+    The residual is that of the standard model, or of another model with --model or --effect. Every run is repeated on
+    shuffled residuals; an input is significant if more programs use it than on shuffled residuals.
     With --out: programs.txt, report.json and report.html.
     """
     settings = [settings_for(space, default_strategies(space), Effort()) for space in SPACES]
@@ -92,7 +96,7 @@ def evolve(
 
 
 def selection_of(truncation: float | None, tournament: int | None) -> SelectionScheme | None:
-    """Return the requested selection scheme, None without either option. Raises InputError for both."""
+    """Return the requested selection scheme, None without either option. Raises InputError for both options."""
     if truncation is not None and tournament is not None:
         raise InputError("--tournament as well, expected one of the two", "truncation")
     try:
@@ -106,8 +110,10 @@ def selection_of(truncation: float | None, tournament: int | None) -> SelectionS
 def strategies_named(
     names: str, space: Space, varied: Mapping[str, Any] = MappingProxyType({})
 ) -> tuple[Representation, ...]:
-    """The representations of `linear,tree`, with other choices where given. Raises InputError for another name, and
-    for a choice that none of them has."""
+    """Return the representations of `linear,tree` with changed settings.
+
+    Raises InputError for another name, and for a setting that none of the representations has.
+    """
     known = {label(strategy): strategy for strategy in default_strategies(space)}
     chosen: list[Representation] = []
     for name in (part.strip() for part in names.split(",")):

@@ -1,4 +1,4 @@
-"""`gpmodel fleet`: many machines of one type."""
+"""Command `gpmodel fleet`: calibrate several machines of one type together."""
 
 from pathlib import Path
 from typing import Any
@@ -43,12 +43,12 @@ def fleet(
     tables: Path, mechanism: LoadedMechanism | None, effects: tuple[str, ...], workers: int | None,
     scheduler: str | None, folder: Path | None, quiet: bool, **asked: Any,
 ) -> None:  # fmt: skip
-    """Calibrate the machines whose tables are in DIR together: what the type has in common, how its machines spread,
-    each with the others' help, and which of them stands out in what.
+    """Calibrate the machines whose tables are in DIR together: common parameters, spread between machines, each machine
+    with the prior of the others, and outlying machines.
 
-    A table a machine. DIR/fleet.toml may say the mechanism of all, and their serials by file; else a machine is called
-    as its file. With --out: fleet.html, machines/SERIAL/ with the page and model.json of each, and fleet.json, which
-    calibrate --fleet takes for a further machine.
+    DIR has one table per machine. DIR/fleet.toml may name the mechanism, and the serial number of each file; by default
+    the file name is the serial number. With --out: fleet.html, machines/SERIAL/ with the page and model.json of each,
+    and fleet.json, a prior for a further machine (calibrate --fleet).
     """
     if mechanism is None:
         mechanism = load_mechanism(folder_of_tables(tables).said_mechanism)

@@ -1,4 +1,4 @@
-"""`gpmodel import`: a file of another program as a table, a camera or a mechanism this program reads."""
+"""Command `gpmodel import`: convert a file of another program to a table, a camera or a mechanism."""
 
 import sys
 from pathlib import Path
@@ -26,18 +26,18 @@ from gpmodel.table.ros_bag import bag_table, is_bag
 from gpmodel.texts import toml_text
 
 SHOWN = 5
-"""Rows of a table that are printed with the columns as read."""
+"""Rows of an imported table that are printed."""
 
 
 @click.command("import")
 @click.argument("files", metavar="FILE...", type=PATH, nargs=-1, required=True)
-@click.option("--guess", "guessing", is_flag=True, help="Find out what the columns are; needs --mechanism.")
-@click.option("--yes", is_flag=True, help="With --guess: take its reading in spite of its doubts.")
+@click.option("--guess", "guessing", is_flag=True, help="Guess what the columns are; needs --mechanism.")
+@click.option("--yes", is_flag=True, help="With --guess: accept the guess in spite of its doubts.")
 @click.option("--map", "map_file", type=PATH, help="TOML: [columns], [tool.NAME], [orientation].")
-@click.option("--join", metavar="HOW", help="Of two files: order, 'No = Point' or 'time t = Time'.")
+@click.option("--join", metavar="HOW", help="How to join two files: order, 'No = Point' or 'time t = Time'.")
 @mechanism_options(required=False)
-@click.option("--joints", type=PATH, help="Joint values of corners, a row a view.")
-@click.option("--square", metavar="SIZE", help="Distance of neighbouring corners, as in 24mm.")
+@click.option("--joints", type=PATH, help="Joint values of the views of a board, one row per view.")
+@click.option("--square", metavar="SIZE", help="Distance of neighbouring corners of the board, as in 24mm.")
 @click.option("--topic", help="Topic of a ROS bag, if several contain measurements.")
 @click.option("--nominal", type=PATH, help="Nominal description of a calibration: urcontrol.conf, a URDF.")
 @click.option("--out", type=PATH, help="Table, .csv. [default: print it]")
@@ -47,16 +47,16 @@ def import_table(
     mechanism: Mechanism | None, joints: Path | None, square: str | None, topic: str | None, nominal: Path | None,
     out: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
-    """Turn a FILE of another program into what this one reads.
+    """Convert a FILE of another program to a file for gpmodel.
 
-    --guess finds out what the columns of any table are, by their names and by what fits --mechanism M: it prints its
-    reading, names every doubt, and writes the table and the map that repeats it. Joint values and positions may be in
-    two files.
+    --guess guesses what the columns of a table are, from their names and from the fit of --mechanism M. The guess and
+    its doubts are printed; the table is written with a map, with which --map repeats the import. Joint values and
+    positions may be in two files.
 
-    A table of FIGAROH and a ROS bag (--mechanism M says which joints slide), corners of OpenCV (--joints, --square)
-    become a table; a camera's YAML of ROS or OpenCV a --cameras file; UR's calibration.conf and robot_calibration's
-    offsets (--nominal) a mechanism.
-    A table of any other layout goes by a map, which names for every column the file's column, or a formula of its
+    A FIGAROH table and a ROS bag (--mechanism M defines the prismatic joints), and corners of OpenCV (--joints,
+    --square) become a table; a camera's YAML of ROS or OpenCV a --cameras file; UR's calibration.conf and
+    robot_calibration's offsets (--nominal) a mechanism.
+    A table of another layout needs a map. For every column, the map names a column of the file, or a formula of such
     columns, and the unit:
 
     \b
@@ -103,7 +103,7 @@ def import_table(
 
 
 def _mapped(files: tuple[Path, ...], columns: ColumnMap, join: str) -> Imported:
-    """Import by a map."""
+    """Import files by a map of columns."""
     sheet = read_files(files, join or columns.join, columns.header)
     return Imported(import_file(sheet, columns), left_out=unread(sheet, columns))
 
@@ -111,9 +111,10 @@ def _mapped(files: tuple[Path, ...], columns: ColumnMap, join: str) -> Imported:
 def _guessed(
     files: tuple[Path, ...], mechanism: Mechanism | None, said: tuple[str | None, bool, bool], out: Path | None
 ) -> Imported:
-    """Show a reading of the files, ask about its doubts and write its map. said: --join, --yes and --quiet.
+    """Guess the columns of files, print the result, confirm its doubts and return the table with its map.
 
-    Raises InputError if nothing fits, or if a question remains and there is no terminal to ask it on.
+    said: --join, --yes and --quiet. Raises InputError if nothing fits, or if doubts remain without a terminal to
+    confirm.
     """
     (join, yes, quiet), file = said, files[0]
     if mechanism is None:
@@ -132,7 +133,7 @@ def _guessed(
 
 
 def _check(made: Imported, file: Path) -> None:
-    """Raises InputError where the cameras and boards that would be written could not be read again."""
+    """Raise InputError if the cameras and boards to be written could not be read again."""
     parts = {"cameras": made.content, **made.described} if isinstance(made.content, dict) else made.described
     try:
         for name, content in parts.items():

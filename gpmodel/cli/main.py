@@ -1,4 +1,4 @@
-"""The command line: `gpmodel`, its commands imported only when called."""
+"""Command line `gpmodel`; a command's module is imported when it is called."""
 
 import logging
 import os
@@ -25,47 +25,48 @@ from gpmodel.errors import GpModelError, InputError  # noqa: E402
 from gpmodel.extras import extra_for  # noqa: E402
 
 COMMANDS = {
-    "import": ("import_:import_table", "Turn a file of another program into a table, a camera or a mechanism."),
-    "check": ("check", "Judge a measured table before anything is fitted to it."),
-    "calibrate": ("calibrate", "Fit registration, tool, geometry and named effects; before and after."),
-    "discover": ("discover", "Find what the model is missing, name it, prove it on poses never seen."),
-    "fleet": ("fleet", "Many machines of one type: what they share, how they spread, who stands out."),
-    "evolve": ("evolve", "Evolve compensators and the histogram of the inputs they refer to."),
+    "import": ("import_:import_table", "Convert a file of another program to a table, a camera or a mechanism."),
+    "check": ("check", "Check a measured table before any fit."),
+    "calibrate": ("calibrate", "Fit registration, tool, geometry and named effects; state the gain of each."),
+    "discover": ("discover", "Find effects that the model lacks, name them, confirm them on held-out poses."),
+    "fleet": ("fleet", "Calibrate machines of one type together: mean, spread, outlying machines."),
+    "evolve": ("evolve", "Evolve compensators, and count the inputs that they use."),
     "predict": ("model:predict", "Add predicted x, y, z to a table of joint values."),
-    "verify": ("model:verify", "Does the model still hold, by poses measured afterwards? What changed?"),
-    "compensate": ("model:compensate", "Corrected joint values that make the real mechanism reach its targets."),
+    "verify": ("model:verify", "Test a model on poses measured later, and name what changed."),
+    "compensate": ("model:compensate", "Compute joint values that bring the real mechanism to its targets."),
     "export": (
         "model:export",
-        "The model as URDF, DH rows, ROS YAML, NumPy, C99, LaTeX and a grid, with their errors.",
+        "Write the model as URDF, DH rows, ROS YAML, NumPy, C99, LaTeX and a grid, with errors.",
     ),
-    "simulate": ("poses:simulate", "A measured table with known truth."),
-    "poses": ("poses", "Measurement poses worth taking."),
-    "effects": ("check:effects", "The families of effects: source, inputs, an example."),
-    "certificate": ("results:certificate", "How accurate the machine is, on one or two sides of A4."),
-    "explain": ("results:explain", "A finding in words: place, size, cause, what to measure."),
-    "compare": ("results:compare", "What changed between two calibrations of a machine."),
+    "simulate": ("poses:simulate", "Simulate a measured table with known errors."),
+    "poses": ("poses", "Choose informative measurement poses."),
+    "effects": ("check:effects", "List the families of effects: source, inputs, an example."),
+    "certificate": ("results:certificate", "Certify the accuracy of a machine, on one or two pages of A4."),
+    "explain": ("results:explain", "Explain a finding: site, size, possible causes, what to measure."),
+    "compare": ("results:compare", "State what changed between two calibrations of a machine."),
     "report": ("results:report", "Write the report's pages again from saved results."),
-    "demo": ("demo", "The main job on a shipped table, to the opened report."),
-    "completion": ("check:completion", "What makes the shell complete commands and options."),
+    "demo": ("demo", "Discover an effect in an example table, and open the report."),
+    "completion": ("check:completion", "Print shell code that completes commands and options."),
 }
 PLUGINS = "gpmodel.commands"
 DONE, DEFECT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-"""Exit statuses of the program; shells give an interrupted one 130."""
+"""Exit statuses of the program; shells return 130 for an interrupted program."""
 
 
 PLUGIN_HELP = 60
-"""Characters of a plugin's help beside its name: what 80 columns leave."""
+"""Characters of a plugin's help next to its name on 80 columns."""
 
 
 class CommandGroup(click.Group):
-    """A group that imports a command when it is called, and turns every error into one line and a status."""
+    """Command group that imports a command when it is called, and turns every error into one line and an exit
+    status."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names of the commands, in the order of a calibration."""
+        """Return the names of the commands, in the order of a calibration."""
         return [*COMMANDS, *sorted({e.name for e in entry_points(group=PLUGINS)} - set(COMMANDS))]
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        """The command of that name, loaded only now."""
+        """Import and return the command of that name."""
         if name in COMMANDS:
             module, _, function = COMMANDS[name][0].partition(":")
             with extra_for(f"gpmodel {name}"):
@@ -77,7 +78,8 @@ class CommandGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command that the words begin with. Raises click.UsageError for an unknown one, with those like it."""
+        """Return the command that the arguments begin with; raise click.UsageError with similar names for an unknown
+        command."""
         names = self.list_commands(ctx)
         if not ctx.resilient_parsing and not args[0].startswith("-") and args[0] not in names:
             alike = get_close_matches(args[0], names, n=2)
@@ -86,14 +88,14 @@ class CommandGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The commands by group, for --help."""
+        """Write the list of commands for --help."""
         plugins = {e.name: e.load().get_short_help_str(PLUGIN_HELP) for e in entry_points(group=PLUGINS)}
         rows = [(n, COMMANDS[n][1] if n in COMMANDS else plugins[n]) for n in self.list_commands(ctx)]
         with formatter.section("Commands"):
             formatter.write_dl(rows)
 
     def invoke(self, ctx: click.Context) -> object:
-        """Run the command; errors of input end it with one line."""
+        """Run the command; replace the argument's name in an input error by the option's."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt as stopped:
@@ -159,4 +161,4 @@ def _end(status: int, message: str, arguments: Sequence[str] = ()) -> NoReturn:
 @click.version_option(__version__, prog_name="gpmodel")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error; before the command's name.")
 def main(debug: bool) -> None:
-    """Measured poses in; out comes what the model of the mechanism is missing: named, added, proven."""
+    """Find what the model of a mechanism lacks, from measured poses: named, added to the model, confirmed."""

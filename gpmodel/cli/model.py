@@ -1,4 +1,4 @@
-"""Commands on a model.json: what it predicts, corrects, hands on, and whether it still holds."""
+"""Commands on a model.json: predict, compensate, export, verify."""
 
 from math import isfinite
 from pathlib import Path
@@ -23,7 +23,7 @@ from gpmodel.wording import turned
 @click.command()
 @shared.model_argument
 @click.argument("poses", type=shared.PATH)
-@click.option("--as-measured", is_flag=True, help="Predict the readings, with the instrument's errors that were found.")
+@click.option("--as-measured", is_flag=True, help="Predict the measurements, with the fitted errors of the instrument.")
 @shared.session_option
 @shared.in_order_option
 @shared.out_file_option
@@ -31,13 +31,12 @@ from gpmodel.wording import turned
 def predict(
     model: Path, poses: Path, as_measured: bool, session: bool, in_order: bool, out: Path | None, quiet: bool
 ) -> None:
-    """Add predicted x, y, z [mm] in the instrument's frame to a table of joint values: the tool as it is now, at the
-    end of the session that was fitted, without the errors of the instrument.
+    """Add predicted x, y, z [mm] in the instrument's frame to a table of joint values: the tool at the end of the
+    fitted session, without the errors of the instrument.
 
-    MODEL is a model.json of calibrate or discover. POSES keeps its columns; where it has x, y, z already, the
-    prediction is added as predicted_x, predicted_y, predicted_z. Columns of an earlier prediction are replaced.
-    sigma is the standard deviation of that point;
-    `outside` names the inputs beyond the ranges the model was fitted in.
+    MODEL is a model.json of calibrate or discover. POSES keeps its columns. If it has x, y, z already, the prediction
+    is added as predicted_x, predicted_y, predicted_z. Columns of an earlier prediction are replaced. sigma is the
+    standard deviation of the predicted point; `outside` names the inputs beyond the ranges of the fit.
     """
     fitted = load_model(model)
     place_for(out, "predicted.csv", poses)
@@ -56,7 +55,7 @@ def predict(
 
 
 WHICH = {"tool": "point", "frame": "origin"}
-"""Part of the tool or frame that is meant."""
+"""Name of the corrected point of the tool or frame."""
 PROGRAMS: dict[str, Language] = {".mod": "RAPID", ".dat": "KRL"}
 """Language of a robot program by file suffix."""
 
@@ -67,7 +66,7 @@ PROGRAMS: dict[str, Language] = {".mod": "RAPID", ".dat": "KRL"}
 @click.option("--max-move", type=shared.Number(above=0.0), default=2.0, show_default=True, metavar="DEG",
               help="Largest correction of a joint.")  # fmt: skip
 @click.option("--point", type=click.Choice(["tool", "frame"]), default="tool", show_default=True,
-              help="Point at x, y, z: the measured one, or the origin of the measured link (flange).")  # fmt: skip
+              help="Point brought to x, y, z: tool point, or origin of the measured link (flange).")  # fmt: skip
 @shared.session_option
 @shared.in_order_option
 @shared.seed_option
@@ -85,14 +84,15 @@ def compensate(
     out: Path | None,
     quiet: bool,
 ) -> None:
-    """Joint values that make the real mechanism reach nominal TARGETS, a status per row.
+    """Compute joint values that bring the real mechanism to nominal TARGETS, with a status per row.
 
-    TARGETS: joint values, whose nominal tool pose is to be reached; or, without joint columns, x, y, z of --point
-    in the mechanism's root frame, with rx, ry, rz for its whole pose. MODEL: model.json of calibrate or discover.
+    TARGETS: joint values, whose nominal tool pose is the target; or, without joint columns, x, y, z of --point in the
+    mechanism's root frame, with rx, ry, rz for a full pose. MODEL: model.json of calibrate or discover.
     Columns of an earlier compensation in TARGETS are replaced.
-    Statuses with corrected values: ok; near singular (the position is reached, not all of the orientation); outside
-    the measured range; side of play open (a joint with play comes from another side than without correction). Without:
-    large move, joint limit, not reached.
+
+    Statuses with corrected values: ok; near singular (the position is reached, not all of the orientation); outside the
+    measured range; side of play open (a joint with backlash arrives from another side than without correction).
+    Without: large move, joint limit, not reached.
     """
     fitted = load_model(model)
     language = None if out is None else PROGRAMS.get(out.suffix.lower())
@@ -129,7 +129,7 @@ def compensate(
 @click.option(
     "--tool",
     metavar="NAME",
-    help="Tool whose point (and arm) they and the grid contain. [default: the first]",
+    help="Tool whose point model.py, model.c and grid.csv contain. [default: the first]",
 )
 @shared.seed_option
 @click.option("--out", "folder", type=shared.PATH, help="Folder. [default: RESULT]")
@@ -138,12 +138,13 @@ def export(
     result: Path, box: str | None, nodes: int, setup: str | None, tool: str | None, seed: int, folder: Path | None,
     quiet: bool,
 ) -> None:  # fmt: skip
-    """Write the model of RESULT, a folder of calibrate or discover or its model.json, in the forms that others read.
+    """Write the model of RESULT, a folder of calibrate or discover or its model.json, in formats of other programs.
 
     calibrated.urdf and exports/dh_*.toml, kinematics.yaml (xacro), joint_offsets.yaml (robot_calibration),
-    ur_kinematics.yaml (ur_description) and robodk.csv hold a geometry refitted without what they cannot; model.py and
-    model.c the whole model; model.tex its terms; grid.csv joint corrections at the nodes of a box. Each error is
-    against `gpmodel predict` on fresh poses. SDF and MJCF: Gazebo and MuJoCo read calibrated.urdf themselves.
+    ur_kinematics.yaml (ur_description) and robodk.csv contain a geometry refitted without effects that such a file
+    cannot express; model.py and model.c the whole model; model.tex its terms; grid.csv joint corrections at the nodes
+    of a box. Each error is against `gpmodel predict` at unmeasured poses. Gazebo and MuJoCo convert calibrated.urdf to
+    SDF and MJCF themselves.
     """
     file = model_file(result)
     exports = load_model(file).export(box=box, nodes=nodes, setup=setup, tool=tool, seed=seed)
@@ -153,33 +154,36 @@ def export(
 
 
 CHANGED, UNDECIDED = 3, 4
-"""Exit status of a model that does not hold, or not within the tolerance; and of a check that needs a further pose."""
+"""Exit status if the model does not hold or exceeds the tolerance; and if a check needs a further pose."""
 
 
 @click.command()
 @shared.model_argument
 @click.argument("table", type=shared.PATH, required=False)
 @click.option("--tolerance", metavar="LENGTH", help="Largest admissible error of a row: 0.1mm, 0.5px.")
-@click.option("--next", "pose_by_pose", is_flag=True, help="Say which pose to measure next, until it is decided.")
+@click.option(
+    "--next", "pose_by_pose", is_flag=True, help="Propose the next pose to measure, until the result is decided."
+)
 @shared.in_order_option
 @shared.sights_options
 @click.option("--out", "folder", type=shared.PATH,
-              help="Folder for the page, with --next also for repaired.json; or a .json file for that.")  # fmt: skip
+              help="Folder for the page (--next: and repaired.json), or a .json file for repaired.json.")  # fmt: skip
 @shared.quiet_option
 def verify(
     model: Path, table: Path | None, tolerance: str | None, pose_by_pose: bool, in_order: bool, folder: Path | None,
     quiet: bool, **sights: str | None,
 ) -> int:  # fmt: skip
-    """Judge MODEL by a TABLE measured afterwards: it holds, the machine has drifted, or it is another machine.
+    """Test MODEL on a TABLE measured later: the model holds, the machine has drifted, or it is another machine.
 
-    MODEL is a model.json of calibrate or discover. The registration is found anew, and where planes, points, a camera
-    in the hall or a board on the table are; ten to twenty poses are enough.
-    Says the error of every pose with and without the model beside what the model promises, and what changed: a zero, a
-    tool point, an effect. Where TABLE has the corrected_J1, ... of compensate, the machine went there.
-    Ends with status 0 where the model holds, 3 where it does not or a pose is beyond the tolerance.
-    --next: pose by pose. TABLE is what was measured so far, left away before the first pose; status 4 while a further
-    pose is needed, which is printed. All looks together call one machine in twenty changed that is not.
-    With --out: verify.html, verify.csv, and verify.json, of which `certificate` makes a certificate.
+    MODEL is a model.json of calibrate or discover. The registration is fitted again, and so are planes, points, a fixed
+    camera, or a board on the table. Ten to twenty poses are enough.
+    The output states the error of every pose with and without the model, the expected error, and what changed: a zero,
+    a tool point, an effect. If TABLE has the corrected_J1, ... of compensate, the machine was at these joint values.
+    Exit status: 0 if the model holds, 3 if it does not or a pose exceeds the tolerance.
+
+    --next checks pose by pose. TABLE contains the measurements so far; omit it before the first pose. The next pose is
+    printed, with exit status 4, until the result is decided. All tests together call one unchanged machine in twenty
+    changed. With --out: verify.html, verify.csv, and verify.json, from which `certificate` makes a certificate.
     """
     if pose_by_pose:
         so_far = verify_next(model, table, tolerance=tolerance, in_order=in_order, **sights)
@@ -210,8 +214,10 @@ def verify(
 
 
 def _leave(found: NextCheck, out: Path, judged: Path) -> Path | None:
-    """Write the page and the repaired model of a check into a folder, or that model alone into a .json file; return
-    its path. Raises InputError where it would replace the model that is `judged`."""
+    """Write page and repaired model of a check into a folder, or the model alone into a .json file; return its path.
+
+    Raises InputError if the file is the tested model.
+    """
     alone = out.suffix == ".json"
     file = out if alone else out / "repaired.json"
     if file.resolve() == judged.resolve():

@@ -1,4 +1,4 @@
-"""Options every command shares, and what they load."""
+"""Options shared by several commands, and the objects that they load."""
 
 import math
 from collections.abc import Callable
@@ -22,7 +22,7 @@ class Number(click.ParamType):
         self.above = above
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """The number that was written. Fails with one line where it is none or out of range."""
+        """Convert to a finite number above the limit; fail with one line otherwise."""
         try:
             number = float(str(value))
         except ValueError:
@@ -33,10 +33,11 @@ class Number(click.ParamType):
 
 
 class NamedPath(click.Path):
-    """A path. No name would be the folder one is in; a line break forges a line of what is printed."""
+    """Path that is not empty, which would mean the current folder, and has no control characters, which corrupt
+    messages."""
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:  # type: ignore[override]
-        """The path. Fails with one line where it is empty, or ends a line or steers a terminal."""
+        """Convert to a path; fail with one line if it is empty or has control characters."""
         if not str(value):
             self.fail("'' is no path", param, ctx)
         if steers(str(value)):
@@ -49,9 +50,9 @@ class NamedPath(click.Path):
 Command = TypeVar("Command", bound=Callable[..., object])
 
 PATH = NamedPath(path_type=Path)
-"""A file or a folder, which need not be there."""
+"""File or folder, which need not exist."""
 seed_option = click.option(
-    "--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of everything random."
+    "--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of all random numbers."
 )
 quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 workers_option = click.option(
@@ -85,28 +86,32 @@ condition_limit_option = click.option(
     "--condition-limit", type=float, help="Condition limit of the standard model. [default: cross-validated]"
 )
 joints_option = click.option(
-    "--joint", "joints", multiple=True, metavar="BALL=RESULT", help="Result of a ball joint's rig, used as its prior."
+    "--joint",
+    "joints",
+    multiple=True,
+    metavar="BALL=RESULT",
+    help="Result of a ball joint measured alone, used as prior of the ball.",
 )
 session_option = click.option(
-    "--session", is_flag=True, help="Rows belong to the fitted session, row k to its row k. [default: its end]"
+    "--session", is_flag=True, help="Row k is row k of the fitted session. [default: the end of the session]"
 )
 
 
 def representation_option(default: str) -> Callable[[Command], Command]:
-    """Adds --representation."""
+    """Add --representation."""
     return click.option("--representation", default=default, show_default=True, help="linear, tree, or both.")
 
 
 SIGHTS = {
-    "cameras": "What cameras are and what carries them.",
-    "board": "The markers of boards, and what carries these.",
+    "cameras": "Cameras, and the links that carry them.",
+    "board": "Markers of boards, and the links that carry the boards.",
     "surfaces": "Planes, spheres and lines of a known artefact.",
 }
-"""TOML files that belong to a table of pixels or touches."""
+"""Help of the TOML files that describe what pixels or touches measure."""
 
 
 def sights_options(command: Command) -> Command:
-    """Adds --cameras, --board and --surfaces."""
+    """Add --cameras, --board and --surfaces."""
     for name, text in reversed(SIGHTS.items()):
         command = click.option(f"--{name}", metavar="FILE", help=f"TOML: {text}")(command)
     return command
@@ -120,13 +125,13 @@ MECHANISM = (
     ("mechanism", "NAME", "Built-in name, .urdf, or .toml (DH rows, a joint)."),
     ("frame", None, "Measured link, or A,B of two arms. [default: the last]"),
     ("payload", "MASS", "Mass at the tool in every row, as in 60kg."),
-    ("payload-com", "X,Y,Z", "Its centre in the measured link: 0,0,90mm."),
+    ("payload-com", "X,Y,Z", "Centre of mass of the payload in the measured link: 0,0,90mm."),
 )
-"""Options that say what is measured, what they take and their help."""
+"""Options of a mechanism: name, placeholder, help."""
 
 
 def mechanism_options(*, required: bool = True) -> Callable[[Command], Command]:
-    """Adds --mechanism, --frame, --payload, --payload-com; the command receives what they load as `mechanism`."""
+    """Add --mechanism, --frame, --payload, --payload-com; the command receives the loaded `mechanism`."""
 
     def add(command: Command) -> Command:
         @wraps(command)

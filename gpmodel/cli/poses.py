@@ -1,4 +1,4 @@
-"""`gpmodel poses`: where to measure, before anything is measured and next."""
+"""Commands `gpmodel poses` and `simulate`: choose measurement poses, simulate measurements."""
 
 from pathlib import Path
 
@@ -17,8 +17,14 @@ from gpmodel.planning.scenes import INSTRUMENTS
 @click.command()
 @mechanism_options()
 @click.option("--effect", "effects", multiple=True, metavar="NAME=VALUE", help="'gear_harmonic J4=20 arcsec'.")
-@click.option("--poses", default=90, show_default=True, type=click.IntRange(1), help="Random poses within the limits.")
-@click.option("--noise", help="Standard deviation of one reading. [default: 0.03mm, 0.1px, 0.002deg]")
+@click.option(
+    "--poses",
+    default=90,
+    show_default=True,
+    type=click.IntRange(1),
+    help="Number of random poses within the joint limits.",
+)
+@click.option("--noise", help="Standard deviation of one measurement. [default: 0.03mm, 0.1px, 0.002deg]")
 @click.option("--instrument", default="tracker", show_default=True, type=click.Choice(INSTRUMENTS), help="Instrument.")
 @click.option(
     "--geometry-sigma", default="0mm", show_default=True, help="Standard deviation of constant errors; mrad per mm."
@@ -31,10 +37,10 @@ def simulate(
     mechanism: LoadedMechanism, effects: tuple[str, ...], poses: int, noise: str | None, instrument: str,
     geometry_sigma: str,    inputs: tuple[str, ...], seed: int, out: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
-    """A table of poses measured on a mechanism with known errors, and the truth beside it.
+    """Simulate a table of poses measured on a mechanism with known errors, and write the true model beside it.
 
-    The truth (NAME.truth.json) is a model `predict` and `compensate` read. NAME of an effect is a catalogue
-    name or slot:axis:expression. Without --out the table is printed and there is no truth file.
+    The true model (NAME.truth.json) can be used by `predict` and `compensate`. NAME of an effect is a catalogue name or
+    slot:axis:expression. Without --out the table is printed and no file is written.
     """
     path = place_for(out, "simulated.csv")
     made = measure(
@@ -62,7 +68,7 @@ def _input(text: str) -> tuple[str, str]:
               help="Number of poses. [default: 40, or as many as decide between rivals]")  # fmt: skip
 @click.option("--after", metavar="RESULT", type=PATH, help="Next poses after a result of calibrate or discover.")
 @click.option("--rejected", type=click.IntRange(1), metavar="N",
-              help="With --after: poses that decide its rejected candidate N.")  # fmt: skip
+              help="With --after: poses that decide rejected candidate N.")  # fmt: skip
 @click.option("--task", metavar="TARGETS", type=PATH,
               help="With --after: poses that lower the error at these targets, as in compensate.")  # fmt: skip
 @click.option("--like", metavar="DIR", type=PATH,
@@ -71,7 +77,7 @@ def _input(text: str) -> tuple[str, str]:
               help="[default: spread; after a result rivals, effect or i-optimal]")  # fmt: skip
 @click.option("--above", metavar="HEIGHT", help="Lowest height over the root frame, as in 200mm.")
 @click.option("--box", metavar="X:X,Y:Y,Z:Z", help="Box of the tool point: 800:1200,-200:200,300:700mm.")
-@click.option("--instrument", metavar="X,Y,Z", help="Instrument's place in the root frame: 3000,0,1500mm.")
+@click.option("--instrument", metavar="X,Y,Z", help="Position of the instrument in the root frame: 3000,0,1500mm.")
 @click.option("--normal", default=(0.0, 0.0, 1.0), nargs=3, type=float, metavar="X Y Z", show_default=True,
               help="Direction of the target in the measured frame.")  # fmt: skip
 @click.option(
@@ -93,15 +99,15 @@ def poses(
     instrument: str | None, normal: tuple[float, float, float], cone: float | None, tool_point: str | None,
     collisions: bool, noise: str, seed: int, out: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
-    """Joint values within the limits worth measuring at, and the curve of what is known against their number.
+    """Choose informative measurement poses within the joint limits, and print the precision against their number.
 
-    spread: every pose as different from the others as possible (the equal distribution criterion). d-optimal (or
-    observability): all geometric errors as well determined as possible; e-optimal: their worst combination; i-optimal:
-    the point over the workspace. --like DIR: the same of a machine whose type is known. --after RESULT, beside the
-    poses measured: rivals: what tells findings, and constants, from what they could also be, and after how many poses
-    that is decided; effect: what shrinks the ± of the worst known one; i-optimal, spread. --task TARGETS instead: what
-    makes the ± of the point smallest there, and tells findings apart. The arm does not meet itself where its URDF has
-    geometry.
+    spread: poses as different as possible (the equal distribution criterion). d-optimal (or
+    observability): all geometric errors best determined together; e-optimal: their worst combination; i-optimal: the
+    point over the workspace. --like DIR: for a machine of a known type. --after RESULT, in addition to the measured
+    poses: rivals: distinguish findings and constants from alternatives, and state after how many poses this is decided;
+    effect: lower the standard error of the worst known effect; i-optimal, spread. --task TARGETS instead: lower the
+    standard error of the point at these targets, and distinguish findings from alternatives. Poses in which the arm
+    collides with itself are excluded, if its URDF has geometry.
     """
     if after is not None and mechanism is not None:
         raise InputError(f"is that of the model in {after}; leave --mechanism away", "mechanism")

@@ -1,4 +1,4 @@
-"""A long command keeps its finished parts in its folder; `--resume DIR` types it again."""
+"""Save the finished parts of a long command in its folder; `--resume DIR` repeats the command with these parts."""
 
 import contextlib
 import hashlib
@@ -30,13 +30,13 @@ Command = TypeVar("Command", bound=Callable[..., object])
 FILES = ("table", "tables", "mechanism", "model", "like", *SIGHTS)
 """Parameters that name a file or a folder."""
 NO_NUMBERS = ("folder", "quiet", "workers", "scheduler", "minutes")
-"""Parameters that change no number of a finished search."""
+"""Parameters that do not change the result of a finished search."""
 JOINT = "joint "
-"""Prefix of a ball's name in front of the result of its joint."""
+"""Prefix of a ball joint's name as the key of its result file."""
 
 
 def resume_option(result: str = REPORT) -> Callable[[Command], Command]:
-    """Add --resume. result: the file that a finished command leaves, next to a page."""
+    """Add --resume. result: file that a finished command writes, beside a page."""
     return click.option(
         "--resume", type=PATH, is_eager=True, expose_value=False, callback=partial(_resume, result),
         help="Folder of an interrupted run to resume; nothing else is needed.",
@@ -44,7 +44,7 @@ def resume_option(result: str = REPORT) -> Callable[[Command], Command]:
 
 
 def _resume(result: str, ctx: click.Context, _: click.Parameter, folder: Path | None) -> None:
-    """Take what was typed before as the default of every parameter; end the program if nothing is left to do."""
+    """Set the saved parameters of the interrupted command as defaults; exit if the command has finished."""
     if folder is None:
         return
     command, found = str(ctx.command.name), unfinished(folder)
@@ -70,10 +70,10 @@ def _resume(result: str, ctx: click.Context, _: click.Parameter, folder: Path | 
 def keeping(
     journal: Callable[[Unfinished], Journal], mechanism: LoadedMechanism, settings: object, say: Say
 ) -> Iterator[Journal | None]:  # fmt: skip
-    """Keep the finished parts of the current command in a `journal` until it ends; keep nothing without --out.
+    """Yield a `journal` that saves the finished parts of the current command; None without --out.
 
-    settings: values without an option that the numbers depend on. No other process may write to the folder meanwhile.
-    An interruption states how to resume; bad input before the first finished part leaves nothing behind.
+    settings: values without an option that the result depends on. The folder is locked meanwhile.
+    An interruption prints how to resume; an input error before the first finished part leaves no file.
     """
     ctx = click.get_current_context()
     params, out = ctx.params, ctx.params["folder"]
@@ -98,7 +98,7 @@ def keeping(
 
 
 def _identity(ctx: click.Context, mechanism: LoadedMechanism, settings: object) -> dict[str, Any]:
-    """All that the numbers depend on, files by the SHA-256 of their content. Raises InputError: no such file."""
+    """Return all that the result depends on, with files by SHA-256 checksum; raise InputError for a missing file."""
     files, choice = _files(ctx.params), mechanism.choice
     label = {str(p.name): p.opts[0] if isinstance(p, click.Option) else f"the {p.name}" for p in ctx.command.params}
     values = {k: v for k, v in ctx.params.items() if k not in (*FILES, *NO_NUMBERS, "joints")}
@@ -138,7 +138,7 @@ def _resumable(command: str, files: Unfinished) -> Iterator[None]:
 
 
 def _made_by(result: Path) -> str | None:
-    """The command that left a result, by its `kind`; None where there is none."""
+    """Return the command that wrote a result, from its `kind`; None without a result."""
     try:
         return str(parse_json(read_limited(result, LARGEST_FILE, "a result"))["kind"]).removeprefix("gpmodel ")
     except (ValueError, LookupError, TypeError):
@@ -146,7 +146,7 @@ def _made_by(result: Path) -> str | None:
 
 
 def _files(params: Mapping[str, Any]) -> dict[str, Path]:
-    """The files that parameters name: those of FILES, and the result of each ball joint that was measured alone."""
+    """Return the files that parameters name: those of FILES, and the result of each separately measured ball joint."""
     named = {name: Path(params[name]) for name in FILES if params.get(name)}
     if "mechanism" in named and not named["mechanism"].is_file():
         del named["mechanism"]
@@ -155,7 +155,7 @@ def _files(params: Mapping[str, Any]) -> dict[str, Path]:
 
 
 def _relative(path: Path, out: Path) -> str:
-    """A path as seen from `out`, with slashes; the whole path on another drive."""
+    """Return a path relative to `out`, with slashes; the absolute path on another drive."""
     path = path.resolve()
     with contextlib.suppress(ValueError):
         path = Path(os.path.relpath(path, out.resolve()))

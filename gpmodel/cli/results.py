@@ -1,4 +1,4 @@
-"""Commands on a folder of results: its pages again, on paper, one finding in words, beside another."""
+"""Commands on a result folder: report, compare, explain, certificate."""
 
 from collections.abc import Callable
 from dataclasses import fields
@@ -19,7 +19,7 @@ from gpmodel.report.saved import read_report
 @click.argument("folder", metavar="DIR", type=PATH)
 @quiet_option
 def report(folder: Path, quiet: bool) -> None:
-    """Write the pages, poses.csv and the figures again from DIR/report.json; nothing is fitted."""
+    """Write the pages, poses.csv and the figures again from DIR/report.json, without a fit."""
     saved = read_report(folder)
     from gpmodel.report.write import write_report
 
@@ -34,7 +34,7 @@ def report(folder: Path, quiet: bool) -> None:
 @page_option
 @quiet_option
 def compare(before: Path, after: Path, folder: Path | None, quiet: bool) -> None:
-    """Say what changed between the results in A and B, parameter by parameter and effect by effect."""
+    """State what changed between the results in A and B, for each parameter and effect."""
     found = changes(before, after)
     if folder is not None:
         found.report(folder)
@@ -48,8 +48,7 @@ def compare(before: Path, after: Path, folder: Path | None, quiet: bool) -> None
 @page_option
 @quiet_option
 def explain(result: Path, number: int, folder: Path | None, quiet: bool) -> None:
-    """Say finding N of the results in DIR in words: where it sits, how large it is at the tool, what would cause it,
-    what to measure to be sure."""
+    """Explain finding N of the results in DIR: site, size at the tool, possible causes, and further measurements."""
     found = finding(result, number)
     if folder is not None:
         found.report(folder)
@@ -58,7 +57,7 @@ def explain(result: Path, number: int, folder: Path | None, quiet: bool) -> None
 
 
 def particulars_options(command: Callable[..., None]) -> Callable[..., None]:
-    """An option for each line of text on a certificate."""
+    """Add an option for each text field of a certificate."""
     for field in reversed(fields(Particulars)):
         name = field.name.replace("_", " ")
         command = click.option(f"--{name.replace(' ', '-')}", default="", metavar="TEXT", help=f"The {name}.")(command)
@@ -77,8 +76,8 @@ def certificate(
 ) -> None:
     """Write certificate.html, a page to print, of the calibration, discovery or verification in DIR.
 
-    Where DIR holds a verification (verify.json), that is certified: it was measured afterwards. The accuracy after a
-    calibration or a discovery is predicted, and the certificate says so. What is not given is left to fill in.
+    A verification (verify.json) in DIR is certified first, because its accuracy is measured. The accuracy after a
+    calibration or a discovery is predicted, and the certificate says so. Fields that are not given stay blank.
     """
     target = folder or result
     certify(result, particulars, tolerance=tolerance, **given).report(target)

@@ -1,4 +1,4 @@
-"""Text on standard output and standard error, whatever they take: what is printed was saved before."""
+"""Print to standard output and standard error without failing: results were saved before they are printed."""
 
 import errno
 import os
@@ -10,11 +10,11 @@ import click
 from gpmodel.characters import PLAIN, printable
 
 _failed: list[str] = []
-"""Why standard output took no more, in this run of the program."""
+"""Reason why standard output failed, in this run of the program."""
 
 
 def begin() -> None:
-    """Let both streams write characters that their encoding lacks in ASCII: − as -, ×10⁻⁶ as x10^-6."""
+    """Replace characters that the encoding of either stream lacks by ASCII: − by -, ×10⁻⁶ by x10^-6."""
     _failed.clear()
     for stream in (sys.stdout, sys.stderr):
         if getattr(stream, "errors", None) == "strict" and hasattr(stream, "reconfigure"):
@@ -23,14 +23,14 @@ def begin() -> None:
 
 
 def failed() -> str:
-    """Return why standard output took no more; empty where it took all, or its reader left."""
+    """Return why standard output failed; empty if all was written, or its reader closed the pipe."""
     return _failed[0] if _failed else ""
 
 
 def echo(text: str, *, err: bool = False, nl: bool = True, lead: str = "") -> None:
-    """Print a text. A stream that fails, a closed pipe or a full disk, is given up and ends nothing.
+    """Print a text. A failing stream, such as a closed pipe or a full disk, is ignored from then on.
 
-    lead: control characters before it.
+    lead: control characters before the text.
     """
     stream = sys.stderr if err else sys.stdout
     try:

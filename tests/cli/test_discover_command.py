@@ -81,7 +81,7 @@ def test_its_results_are_explained_certified_and_compared(done: Path, tmp_path: 
     said = run("explain", done, 1, "--out", tmp_path)
     assert said.exit_code == 0, said.output
     assert "gear error, 2 per turn, J4" in said.stdout
-    assert "it has 1" in one_line(run("explain", done, 2), 2)
+    assert "expected 1 to 1" in one_line(run("explain", done, 2), 2)
     assert run("certificate", done, "--machine", "cell 4", "--out", tmp_path).exit_code == 0
     assert "cell 4" in (tmp_path / "certificate.html").read_text()
     same = run("compare", done, done, "--out", tmp_path)
