@@ -252,7 +252,8 @@ def _factors(fit: Calibration, poses: Poses) -> list[Factor]:
 
 
 def _effects(mechanism: Mechanism) -> Iterator[Effect]:
-    """Yield the effect of each factor per unit. A joint with too large values moves less than its values state."""
+    """Yield the effect of each factor (of x, y and z together, of each axis, of each joint) per unit. A joint with too
+    large values moves less than its values state."""
     for axes, name in (("xyz", "x, y and z look"), *((axis, f"column '{axis}' looks") for axis in "xyz")):
         terms = tuple(Term(INSTRUMENT, f"T{axis}", Expression(f"instrument_{axis}")) for axis in axes)
         yield Effect(name, terms, "1")

@@ -65,7 +65,7 @@ def explore(
     After the first round the permuted runs are omitted if no program has the least gain of a finding. Half as many
     permuted runs are enough if their maxima are pooled with those of earlier rounds, but no fewer than a p-value needs.
     Above `evolved_poses` poses evolution uses a sample of them, and half of it if the model has hundreds of columns;
-    programs are scored on all poses. Without runs the histogram is empty. Raises OutOfTime between two runs.
+    programs are scored on all poses. Without runs the histogram is empty. Raises OutOfTime if the time is up.
     """
     n = len(residual.poses)
     count = search.evolved_poses if residual.span.size < MANY_COLUMNS else search.evolved_poses // 2

@@ -91,7 +91,7 @@ def _when_independent(explained: Array, placed: Array, pose: IntArray, block: In
 
 
 def order_matters(residual: Residual, candidate: Candidate) -> bool:
-    """Return whether dependence between rows would survive random folds.
+    """Return whether dependence between rows would bias cross-validation with random folds.
 
     The rows are in the order of measurement, or the candidate depends on the row.
     """

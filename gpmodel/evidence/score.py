@@ -96,9 +96,9 @@ def contribution(residual: Residual, candidate: Candidate) -> Array:
 def own_share(residual: Residual, candidate: Candidate) -> float:
     """Compute the share |C⊥ w| / |C w| of a candidate's motion that the other effects of the model do not explain.
 
-    C (M, E): its columns, for the instrument without the part of registration and tool. C⊥: C with the model projected
-    out. w: the smallest coefficients, in units of their priors if any, with the candidate's contribution to the
-    residual.
+    C (M, E): columns of the candidate, for the instrument without the part of registration and tool. C⊥: C with the
+    model projected out. w: the smallest coefficients, in units of their priors if any, with the candidate's
+    contribution to the residual.
     """
     columns, size = residual.columns(candidate.effects), np.ones(len(candidate.effects))
     if candidate.has_priors:

@@ -39,7 +39,7 @@ class Node(NamedTuple):
 class Program:
     """A graph without dead code: every node reaches an output, equal nodes are merged, arguments come before their use.
 
-    The outputs of the program of a slot are a small set of basis functions.
+    A program evolved for a slot has a few outputs, each a basis function.
     """
 
     nodes: tuple[Node, ...]

@@ -116,8 +116,8 @@ def distance(of: BlockInformation, machine: int, mean: Array, covariance: Array,
     """Return √(χ² / n) of the n determined directions of a machine about a mean (E,), and its chance.
 
     covariance: (E, E) of the mean and spread, estimated from `machines` others. Σ w_k χ²_k with Σ w_k = 1 is large no
-    more often than one χ² is (Székely and Bakirov 2003). The chance is therefore that of a single effect with this
-    distance, whichever effects of the block differ between machines.
+    more often than one χ² is (Székely and Bakirov 2003). The chance of a single effect with this distance is therefore
+    an upper bound, whichever effects differ.
     """
     root = of.root[machine]
     left = of.values[machine] - root @ mean

@@ -127,7 +127,7 @@ class SizeClass:
 
 
 class GroupPool:
-    """Groups over distinct effects (groups may share them). Every column is scaled by the spread of its group.
+    """Groups over distinct effects, which groups may share. Columns are scaled by the `spread` of their coefficients.
 
     sizes: (G,) number of effects. cost, price, reading: (G,) nats for description, entry and reading, see `Price`.
     block: (G,) index of the joint group that contains it, -1 for none. wholes: (B,) index of each joint group. shared:

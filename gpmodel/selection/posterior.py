@@ -154,12 +154,12 @@ class Active:
         return -0.5 * (volume + self.mismatch + freedom * float(np.log(2 * np.pi)))
 
     def own(self, g: int, part: IntArray | slice = slice(None)) -> tuple[Array, Array]:
-        """Return s and q (1, K) of an active group, or of some of its columns, given the other groups."""
+        """Return eigenvalues s and products q (1, K) of an active group, or some of its columns, given the others."""
         at = np.arange(self.blocks[g].start, self.blocks[g].stop)[part]
         return self._taken_out(at[None], np.array([self.variances[g]]))
 
     def _taken_out(self, at: IntArray, a: Array) -> tuple[Array, Array]:
-        """Return s and q (G, K) of columns (G, K) at prior variances (G,), each given the model without these columns.
+        """Return eigenvalues s and products q (G, K) of columns (G, K) at prior variances (G,), each given the others.
 
         With σ²H_gg = V diag(h) Vᵀ and μ the posterior mean: a s = (1 - h) / h, √a q = Vᵀμ / h.
         """

@@ -76,7 +76,7 @@ class Scan:
 class PoolBeside(GroupPool):
     """A pool of groups given held groups, whose variances are constant in units of the noise.
 
-    With P = σ²C⁻¹ of the held groups, every product uᵀv becomes uᵀPv: the held groups are projected out.
+    The held groups are projected out: with P = σ²C⁻¹, every product uᵀv of columns becomes uᵀPv.
     """
 
     def __init__(self, held: Active) -> None:
