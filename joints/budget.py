@@ -96,7 +96,7 @@ DISTRIBUTIONS = ("uniform", "normal")
 class ErrorSource:
     """One entry of a budget.
 
-    index: of the parameter in the thesis.
+    index: index of the parameter in the thesis.
     half_range: m or rad.
     kind: systematic or stochastic.
     source: where the value comes from.

@@ -39,7 +39,7 @@ _HELP = {
 def joint() -> None:
     """Engineering models of a precision joint.
 
-    Without a TOML table: of the thesis' spherical joint.
+    Without a TOML table the models are of the thesis' spherical joint.
     """
 
 

@@ -103,7 +103,7 @@ def read_design(path: Path | None = None) -> tuple[PassiveJoint, dict[str, Setti
 
 
 def joint_design(path: Path | None = None, seed: int = 0) -> JointDesign:
-    """Compute every limit of the joint in a TOML file, by default of the thesis' joint. seed: of the error budget."""
+    """Compute every limit of the joint in a TOML file, by default the thesis' joint. seed: seed of the budget."""
     joint, s = read_design(path)
     demand = s["demand"]
     bare = demand["contact"] in ("point", "rolling")

@@ -98,6 +98,6 @@ def _built(s: Settings, file: str) -> Hexapod:
 
 
 def _ring(radius: float, angles: list[float]) -> Array:
-    """Return the centres (6, 3), m, of three pairs of balls on a circle. angles: of the first pair, rad."""
+    """Return the centres (6, 3), m, of three pairs of balls on a circle. angles: angles of one pair, rad."""
     at = np.concatenate([np.asarray(angles) + turn for turn in np.radians([0.0, 120.0, 240.0])])
     return radius * np.column_stack([np.cos(at), np.sin(at), np.zeros(len(at))])

@@ -50,7 +50,7 @@ def stack_factor(diameter: float, thickness: float, layers: int, gap: float) -> 
 class MagnetSeat:
     """Seats of the magnets in the socket.
 
-    radius: of their faces, m.
+    radius: distance of the magnet faces from the centre of the ball, m.
     clearance: wall between two magnets, m.
     paired: poles alternate around the ring, so that the number is even (thesis 3.2.1).
     """
@@ -192,7 +192,7 @@ class PublishedPreload:
     """A published preload.
 
     predicted, measured: N; measured is None if only a figure shows it.
-    layers: of magnets on top of one another.
+    layers: number of magnets on top of one another.
     """
 
     name: str

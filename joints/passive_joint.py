@@ -80,7 +80,7 @@ class PassiveJoint:
 
     @property
     def balls(self) -> tuple[Ball, ...]:
-        """The ball of the joint if some rotation has no sensor. Its centre shifts along the axes of the base, or along
+        """The ball of the joint if some rotation has no sensor. The centre shifts along the axes of the base, or along
         the lever."""
         angles = tuple(r.name for r in self.rotations if not r.measured)
         lever = self.levers["tool"] / np.linalg.norm(self.levers["tool"])

@@ -80,7 +80,7 @@ def unit_loads(chain: Chain, q: Array) -> dict[str, Array]:
 
 
 def _on_motion(chain: Chain, axes: list[Array], j: int, couple: Array, weight: Array | float = 0.0) -> Array:
-    """Return the generalized force (N,) on motion j: of a couple (N, 3) if revolute, of a weight (3,) if prismatic."""
+    """Return the generalized force (N,) on motion j by a couple (N, 3) if revolute, by a weight (3,) if prismatic."""
     acting = couple if chain.links[j].axis.startswith("R") else np.broadcast_to(weight, couple.shape)
     return np.asarray(np.einsum("ni,ni->n", axes[j], acting))
 

@@ -6,34 +6,34 @@
                                    # beta for nearly parallel axes only (Hayati)
     gravity_m_s2 = [0, 0, -9.81]   # in the root frame; this is the default
 
-    [base]                         # first row's frame in the root frame; left out: the same
+    [base]                         # first row's frame in the root frame; default: identity
     xyz_mm = [0, 0, 0]
     rpy_deg = [0, 0, 0]            # Rz(yaw) Ry(pitch) Rx(roll)
 
-    [tool]                         # measured frame in the last row's frame; left out: the same
+    [tool]                         # measured frame in the last row's frame; default: identity
     xyz_mm = [0, 0, 200]
 
-    [[joint]]                      # one row a joint, from the base
+    [[joint]]                      # one row per joint, from the base
     name = "J1"                    # default: J1, J2, ...
     kind = "revolute"              # the default; or "prismatic"
-    alpha_deg = 0                  # what is left out of alpha, a, beta, d, theta is zero;
-    a_mm = 0                       # the joint's own one of theta and d is its value at coordinate zero
+    alpha_deg = 0                  # alpha, a, beta, d and theta are zero by default;
+    a_mm = 0                       # theta (d of a prismatic joint) is its value at coordinate zero
     d_mm = 800
     theta_deg = 0
-    sign = 1                       # -1 where the coordinate counts the other way
-    lower_deg = -180               # limits of the coordinate; left out: none
+    sign = 1                       # -1 if the coordinate has the opposite sense
+    lower_deg = -180               # limits of the coordinate; default: none
     upper_deg = 180
-    mass_kg = 262.6                # of the part that moves with this joint, up to the next
-    com_mm = [120, 0, -400]        # its centre of mass in this row's frame
+    mass_kg = 262.6                # mass of the part that moves with this joint, up to the next
+    com_mm = [120, 0, -400]        # centre of mass of this part in this row's frame
 
     [[coupling]]                   # parallel bar: motion of `joint` = sign * joint + factor * follows
     joint = "J3"
     follows = "J2"
     factor = -1
 
-    [[arm]]                        # or several arms, in place of [base], [tool] and [[joint]]: each has these of its
-    name = "left"                  # own, [[arm.joint]]; its name is that of its measured frame. A joint of several
-                                   # arms, as of a torso, is a row of the same name in each.
+    [[arm]]                        # several arms instead of [base], [tool] and [[joint]]: each has these tables,
+    name = "left"                  # as [[arm.joint]]; its name is the name of its measured frame. A joint that
+                                   # moves several arms, as of a torso, is a row of one name in each arm.
 
 Angles take _deg or _rad, lengths _mm, _m or _in, masses _kg.
 """
@@ -88,7 +88,7 @@ def read_dh(path: Path) -> SerialChain | Branches:
 
 @dataclass(frozen=True)
 class _Common:
-    """Fields shared by all arms of a file. convention: of the rows. gravity: (3,), m/s²."""
+    """Fields shared by all arms of a file. convention: convention of the rows. gravity: (3,), m/s²."""
 
     name: str
     convention: str

@@ -64,7 +64,7 @@ def irb6400r(name: str = "irb6400r") -> SerialChain:
     )
 
 
-# File under example-robot-data's robots, and the link measured at by default.
+# File in the robots folder of example-robot-data, and the link that is measured by default.
 EXAMPLE_ARMS = {
     "baxter": ("baxter_description/urdf/baxter.urdf", "left_gripper"),
     "bravo7_no_ee": ("bravo7_description/urdf/bravo7_no_ee.urdf", "contact_point"),

@@ -27,7 +27,7 @@ def placement(xyz: ArrayLike, rpy: ArrayLike) -> Array:
 
 
 LONGEST_CHAIN = 64
-"""Largest number of moving joints. Time and memory grow with its square; a snake robot has 20."""
+"""Largest number of moving joints. Time and memory grow with the square of the number; a snake robot has 20."""
 DOWN = (0.0, 0.0, -GRAVITY)
 
 
@@ -35,7 +35,7 @@ DOWN = (0.0, 0.0, -GRAVITY)
 class Link:
     """One motion of the chain and the rigid part that it carries.
 
-    name: of the joint.
+    name: name of the joint.
     placement: (4, 4), m, the frame before this motion in the frame after the preceding motion (in the root, for the
     first).
     axis: coordinate axis of this frame about or along which the motion is, one of gpmodel.mechanism.protocol.AXES.

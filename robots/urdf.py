@@ -28,7 +28,7 @@ def read_urdf(
 ) -> SerialChain:
     """Read the chain of a URDF file from its root link to the link `frame` (default: `default_frame`).
 
-    name: of the chain; by default that of the <robot>, or of the file.
+    name: name of the chain; by default the name of the <robot>, or of the file.
     arms: measured links of other arms, the weight of which counts in their own chains.
     Revolute, continuous and prismatic joints of the chain are its joints; mimic joints follow theirs. Joints off the
     chain stay at neutral, and their links weigh on the chain. If a joint axis is not a coordinate axis, the frames of

@@ -102,7 +102,7 @@ class UrdfJoint:
 class UrdfTree:
     """The tree of links and joints of a file.
 
-    name: of the robot, "" if not given.
+    name: name of the robot, "" if not given.
     masses: link -> mass, kg, and centre of mass (3,) in the link's frame, m.
     """
 
@@ -237,7 +237,7 @@ def _joint(joint: ET.Element) -> UrdfJoint:
             raise ValueError(f"joint '{name}' has no <limit>; expected its limits")
         lower, upper = (_number(limit.get(side, "0"), f"the {side} limit of '{name}'") for side in ("lower", "upper"))
         limits = (lower, upper)
-        if kind == "revolute":  # where there is none, files say so by a large number
+        if kind == "revolute":  # some files have a large number for no limit
             limits = (
                 -math.inf if lower < -LARGEST["angle"] else lower,
                 math.inf if upper > LARGEST["angle"] else upper,

@@ -62,7 +62,9 @@ def formulas_at(
     result depends on the arguments only. Raises InputError for an unknown input.
     """
     there = problem.only(site, problem.inputs.names)
-    there = replace(there, inputs=Inputs(there.inputs.names, there.inputs.values))  # any form of any kind of input
+    there = replace(
+        there, inputs=Inputs(there.inputs.names, there.inputs.values)
+    )  # without kinds: every operation is allowed
     asked = there.only(0, names)
     population = Formulas(there)
     if len(names) == 1:

@@ -87,7 +87,7 @@ class Link:
     ) -> Program | None:
         """Return the formula with these terms above and ``below`` the fraction bar, with coefficients by least squares.
 
-        Terms that save less than their price are left out. An exponent becomes the nearest multiple of 1/2 if the price
+        Terms that gain less than their price are left out. An exponent becomes the nearest multiple of 1/2 if the price
         of a free exponent exceeds the loss; only then does the power of a negative number have a sign. Return None if
         no term remains or a column is not finite.
         """

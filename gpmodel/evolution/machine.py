@@ -23,7 +23,7 @@ class Layout:
     start: initial value of each register: the name of an input, or None for 0.
     outputs: the first so many registers are the outputs.
     direct: binary operators take an element for half of the operand codes, a register for the other half.
-    kinds: of the inputs; they restrict the operations. Empty: no restriction.
+    kinds: kind of each input, which restricts the operations. Empty: no restriction.
     Raises InputError if a size exceeds what a gene or an output mask can address.
     """
 

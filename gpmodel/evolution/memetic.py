@@ -34,7 +34,7 @@ SHORTENED = 2
 FIRST_STEPS = 4
 """Steps in which constants are fitted before the better half is continued."""
 IMPROVED = 1.0
-"""Nats that a generation has to save for another one to follow."""
+"""Least fall of the description length, nats, in a generation for another generation to follow."""
 DIGITS = 1e-4
 """Difference of normalised projected columns below which two formulas are equal."""
 
@@ -93,7 +93,7 @@ class Formulas:
         return list(of_form.values())[:count]
 
     def nats(self) -> float:
-        """Return the description length, nats, that the best formula saves."""
+        """Return the net gain of the best formula: by how many nats it lowers the description length."""
         return max((-description_length(one, self.problem) for one in self.found), default=0.0)
 
     def _column(self, values: Array) -> bytes:
@@ -144,7 +144,7 @@ def bred(population: Formulas, names: Sequence[str], generations: int = GENERATI
 
 
 def shortened(population: Formulas) -> None:
-    """Add the shorter forms of the best formulas until they save no more."""
+    """Add the shorter forms of the best formulas until the description length falls no more."""
     before = -np.inf
     while population.nats() > before:
         before = population.nats()

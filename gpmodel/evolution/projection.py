@@ -35,7 +35,7 @@ class Targets:
     cross: B (S, K, N).
     pull: g (S, N).
     energy: r.r, the residual sum of squares.
-    names: of the sites.
+    names: names of the sites.
     samples: number of measured values, N if 0.
     Arrays are stored row by row, so that sums round alike in every process. Raises InputError if shapes disagree or a
     number is not finite.

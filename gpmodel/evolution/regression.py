@@ -40,7 +40,7 @@ FINISHING, FOUNDERS = 0.15, 12
 PASSES = 2
 """Number of solutions of a quotient, each weighted by the denominator of the one before."""
 MOST_INPUTS = 2
-"""Largest number of inputs with which formulas of one term are searched from short forms at the end, under the best
+"""Largest number of inputs of a problem in which formulas of one term are searched at the end, under the best
 link."""
 SEQUENCES = Linear(operators="physics", constants=(1.0, 2.0, np.pi), own_constants=1, outputs=4, registers=6)
 BUDGET = Budget(population=512, restart_after=40, polish_every=0, threads=1)
@@ -149,7 +149,9 @@ class QuotientProblem(SlotProblem):
                 below = 1.0 - parts[:, half:].sum(axis=1) / self.response
                 rest = np.square(self.response - parts[:, :half].sum(axis=1) / below).sum(axis=1)
                 weight = np.nan_to_num(1.0 / np.square(below), posinf=0.0)
-                weight /= np.maximum(weight.max(axis=1, keepdims=True), 1e-300)  # beside ``idle``, which is relative
+                weight /= np.maximum(
+                    weight.max(axis=1, keepdims=True), 1e-300
+                )  # since ``idle`` is relative to weights of 1
                 left = np.fmin(left, rest / self.energy)
         return left
 

@@ -57,7 +57,7 @@ _loaded: set[str] = set()
 
 def load_loops(task: Task) -> None:
     """Load the compiled loops of a task, once per process; forked processes need not load them again.
-    It takes a thousandth of the time of a run."""
+    Loading takes a thousandth of the time of a run."""
     kind = label(task.settings.representation)
     if kind not in _loaded:
         _loaded.add(kind)

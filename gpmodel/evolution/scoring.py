@@ -20,7 +20,7 @@ class Scores:
     complexity: nodes of the outputs in use.
     site: index of the site.
     chosen: bit set of the outputs in use.
-    hashes: of the effective code.
+    hashes: hash of the effective code.
     """
 
     score: Array

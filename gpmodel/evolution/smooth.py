@@ -43,7 +43,7 @@ class Sines:
         start = float(column.min()) - (reach - 1.0) * half
         spreads = np.exp(-((length * omega) ** 2) / 4.0)
         rates = np.array([float(f"{w / half:.6g}") for w in omega])
-        start = float(f"{start:.12g}")  # clocks count from far away
+        start = float(f"{start:.12g}")  # times may have a distant origin
         return Sines(name, np.sin(np.outer(column - start, rates)) * spreads, rates, start, spreads)
 
     def text(self, k: int) -> str:

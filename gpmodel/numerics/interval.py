@@ -53,10 +53,10 @@ def tails(values: Array, count: float, blur: Array | float = 0.0) -> Tails:
     """Fit Student's t distributions to values (M,) with mean zero.
 
     For each number of degrees of freedom f in FREEDOMS the scale s of highest likelihood is found.
-    Its variance is s² (f + 3) / (2 f count).
+    The variance of s is s² (f + 3) / (2 f count).
     count: number of independent values that the sample is worth.
     blur: (M,) variance that an error of the fitted parameters adds to each value, relative to the value's own variance.
-    It is taken as normal, as a sum of many terms.
+    The added error is taken as normal, as a sum of many terms.
     Student's t is computed as a mixture of normal distributions with variances s² u, u = f / χ²_f, at NODES quantiles
     of u. Scales by the EM iteration s² ← mean of Σ_u p(u | v) v² / (u + blur) (Lange, Little and Taylor 1989).
     """

@@ -103,7 +103,7 @@ class Span:
 def unique_shares(columns: Array) -> Array:
     """Return the share (K,) of each column's norm that no other column explains.
 
-    It is 1 / sqrt(diag((CᵀC)⁻¹)) of unit columns C.
+    The share is 1 / sqrt(diag((CᵀC)⁻¹)) of unit columns C.
     """
     norms = np.linalg.norm(columns, axis=0)
     safe = np.where(norms > NEGLIGIBLE, norms, 1.0)

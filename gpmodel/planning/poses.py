@@ -125,7 +125,7 @@ def geometric_columns(mechanism: Mechanism, q: Array) -> Array:
     """Return derivatives (N, 3, K) of the tip position by registration, tool point and identifiable geometric
     constants.
 
-    They are taken at the nominal geometry, with a tool point off the last axis, and scaled to unit RMS.
+    The derivatives are taken at the nominal geometry, with a tool point off the last axis, and scaled to unit RMS.
     """
     measured = _at_points(mechanism, q)
     problem = linearised_at_nominal(mechanism, geometric_effects(mechanism), measured)

@@ -32,7 +32,7 @@ class Ladder:
 
     final: fit to all poses, or to the rows `final_rows`.
     named: requested effects in addition to the standard model; they are not listed among its parameters.
-    saved: the content of model.json; None if no file is written. shipped: index of its step.
+    saved: the content of model.json; None if no file is written. shipped: index of the step of that model.
     parts: fits of the shipped step, each with its held-out poses; None: the step's own fit.
     """
 

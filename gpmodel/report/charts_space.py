@@ -113,7 +113,7 @@ def _arrows(
     sides: Sequence[tuple[int, int]],
 ) -> None:
     """Draw arrows, each kind in its colour, and their scale, in one panel per pair of axes in `sides`."""
-    figure.set_layout_engine("compressed")  # the constrained one cuts labels of axes of equal scales
+    figure.set_layout_engine("compressed")  # constrained layout cuts the labels of equal axes
     for axes, side in zip(figure.subplots(1, len(sides), squeeze=False)[0], sides, strict=True):
         _seen_from(axes, points[:, side], [(move[:, side], colour) for move, colour in moves], magnification)
         axes.set(xlabel=f"{'xyz'[side[0]]}, mm", ylabel=f"{'xyz'[side[1]]}, mm")

@@ -81,7 +81,7 @@ def effect_records(
 ) -> tuple[EffectRecord, ...]:
     """Return the records of candidates as fitted to `poses`, with their displacement of the tool at measured and random
     poses.
-    names: of the table. states: of the poses."""
+    names: names in the table. states: inputs at the poses."""
     groups = [candidate.effects for candidate in candidates]
     if not groups:
         return ()

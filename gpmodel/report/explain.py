@@ -20,7 +20,7 @@ from gpmodel.table.units import is_time, known_unit
 class Explanation:
     """A finding in words.
 
-    number: of the finding, from 1.
+    number: number of the finding, from 1.
     chain: slots with the site in brackets.
     facts, advice, repair: sentences; repair is for whoever repairs the machine.
     """

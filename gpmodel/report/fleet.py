@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 PANELS = 9
 """Number of parameters with a panel of their own, three in a row; the map has all."""
 MOST_MACHINES = 60
-"""Largest number of columns of the map."""
+"""Largest number of machines in the picture of every machine and parameter."""
 MOST_NAMES = 20
 """Largest number of names along an axis."""
 

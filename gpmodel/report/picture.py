@@ -97,7 +97,7 @@ def rows_only(axes: Axes, count: int, above: float = 0.75) -> None:
 
 def forest(axes: Axes, rows: Sequence[tuple[str, float, float, bool]], label: str) -> None:
     """Draw values ± deviations, one per named row, filled if beyond chance.
-    rows: name, value, deviation, whether beyond chance. label: of the axis."""
+    rows: name, value, deviation, whether beyond chance. label: label of the axis."""
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.axvline(0, color=AXIS, lw=1)
     for row, (_, value, deviation, clear) in enumerate(rows):

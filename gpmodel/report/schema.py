@@ -184,9 +184,9 @@ class ExportRecord:
 
 @dataclass(frozen=True)
 class Report:
-    """The whole of report.json.
+    """The content of report.json.
 
-    kind: the call that made it. settings: of an evolution.
+    kind: the call that made the report. settings: settings of an evolution.
     noise_floor_mm: 3-D RMS of the instrument alone; noise_from: its source.
     stopped: why the search ended.
     placement: tool point in the flange frame and root in the instrument frame, number by number, rotations as vectors.
@@ -194,8 +194,8 @@ class Report:
     hidden: effects that constants of the standard model could equally be, and poses that would decide; mimics: by name.
     further: expected errors at further poses. predicted: errors of `predict`.
     discrepancy_mm: error of one component by the form of the model.
-    readings: measurements other than points, each kind in its own unit; unseen: what they cannot determine.
-    sigma_mm: of one component; freedom: its degrees of freedom.
+    readings: measurements other than points, each kind in its own unit; unseen: quantities that they cannot determine.
+    sigma_mm: standard deviation of one component by the fit; freedom: degrees of freedom of sigma_mm.
     model_sha256: digest of the model.json that belongs to the report.
     """
 

@@ -123,7 +123,7 @@ class Positioning:
 class InstrumentRecord:
     """The specification of the instrument as given.
 
-    limit_mm: of a coordinate at the typical distance of the poses.
+    limit_mm: permissible error of a coordinate at the typical distance of the poses.
     noise_mm: expected standard deviation of a coordinate.
     """
 
@@ -225,7 +225,7 @@ class EffectRecord:
     """An effect in the model: value ± stderr times basis function, at slot and axis, and the evidence for it.
 
     kind: single, harmonic, vector or curve, as of a candidate; the value of a curve is its RMS over the measured poses.
-    stderr: of the value, from the noise and from the possible causes of the other findings.
+    stderr: standard error of the value, from the noise and from the possible causes of the other findings.
     causes: the 95 % credible set, the most probable first; None if not computed. without_name: probability in the set
     of a cause without a name.
     rivals: other candidates in the set, with their cross-validated error.
@@ -235,7 +235,7 @@ class EffectRecord:
     alone_rms_mm: the part of the displacement that nothing else in the model absorbs, registration and tool included.
     workspace_*: displacement at random joint values within the limits.
     of_specification: RMS of an instrument error relative to its specification.
-    ranges: of its inputs in training. constants: inside its formula. moved: displacements pose by pose.
+    ranges: ranges of the inputs in training. constants: constants inside the formula. moved: displacement at each pose.
     front: alternative formulas, the shortest first.
     """
 

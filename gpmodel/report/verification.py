@@ -80,16 +80,16 @@ class KindRecord:
 
 @dataclass(frozen=True)
 class Verification:
-    """The whole of verify.json.
+    """The content of verify.json.
 
     verdict: holds, drifted or another machine.
-    sigma_mm: of one coordinate, by the model. noise_degrees: its degrees of freedom, None if it is given.
+    sigma_mm: noise of one coordinate, by the model. noise_degrees: degrees of freedom of sigma_mm, None if it is given.
     chi_square, degrees, chance: test of the residual of the model. chance_of_less: probability of so small a
     chi-square.
     instrument: whether the measurements include the instrument errors of the model.
     tolerance_mm: largest allowed error of a row, if given.
     kinds: measurements other than points; their rows count in mm.
-    orientation: RMS angle, mrad, with nominal geometry and with the model. lever_m: of the farthest tool point.
+    orientation: RMS angle, mrad, with nominal geometry and with the model. lever_m: distance of the tool point.
     rows: number of rows in the table, of which `poses` are tested; others: the remaining rows, compared with the
     tolerance.
     fitted: rows that the model was fitted to, left out.

@@ -225,7 +225,7 @@ def html(record: Verification) -> str:
     from gpmodel.report.figures import drawn
 
     shown = picture(record)
-    answer, _, *rest = sentences(record)  # the tiles have the errors of the second
+    answer, _, *rest = sentences(record)  # the tiles show the errors of the second sentence
     return render(
         "verify.html.j2", record=record, answer=answer, rest=rest, facts=list(facts(record)), picture=shown,
         drawing=drawn([shown])[shown.name], rows=record.worst_first[:MOST_ROWS], unlikely=UNLIKELY,

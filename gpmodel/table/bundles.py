@@ -171,7 +171,7 @@ def _same_joints(q: Array) -> IntArray:
     Rows are compared with the first row of their pose, not with neighbours, so that a slow motion is not one pose.
     """
     _, first, code = np.unique(q, axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)  # equal rows stand for one another: the tree is slow among them
+    order = np.argsort(first)  # one of each group of equal rows, since the tree is slow for equal points
     distinct = q[first[order]]
     tree = cKDTree(distinct)
     nearest = tree.query(distinct, k=2, p=np.inf, distance_upper_bound=np.nextafter(SAME_JOINT, 1.0))[0][:, 1]
@@ -221,7 +221,7 @@ def copies(dataset: Dataset) -> Mask:
 
 def original(dataset: Dataset) -> IntArray:
     """Return the first row (N,) with the same joint values, labels and measurement to the last digit.
-    A row without measured values is its own."""
+    A row without measured values is its own first row."""
     read = (*dataset.distances.values(), *dataset.readings.values())
     measured = np.column_stack([dataset.position, dataset.rotation, *read])
     labels = [dataset.codes(column)[1] for column in ("tool", *READ)]

@@ -102,9 +102,9 @@ class Dataset:
     observations: measurements other than points, poses and distances.
     labels: column -> (N,) text, "" where empty.
     extras: further columns: name -> (N,) in `extra_units`; extra_names: their names in the table.
-    sha256: of the bytes of the file.
+    sha256: digest of the bytes of the file.
     columns: names of the joints in the table, if they differ from those of the mechanism.
-    kinds: of the joints, "revolute" if empty.
+    kinds: kind of each joint, "revolute" if empty.
     joints_approximate: some joint has no sensor, so that equal joint values need not be one pose.
     ignored: columns of the file that hold text and are no labels; empty_rows: number of its empty rows.
     in_order: rows are stated to be in the order of measurement, so that a pose may depend on earlier poses.

@@ -189,7 +189,7 @@ def _sheet(rows: list[list[str]], decimal: str, path: Path, header: bool) -> She
 
 def _above(rows: list[list[str]], first: int, width: int, decimal: str) -> list[list[str]]:
     """Return the lines of the header, with `width` cells each.
-    They stand above the data, have about as many cells, and contain hardly any numbers."""
+    Header lines stand above the data, have about as many cells, and contain hardly any numbers."""
     found: list[list[str]] = []
     for row in reversed(rows[:first]):
         words = list(row)
@@ -216,7 +216,7 @@ def _programmed(lines: Sequence[str]) -> bool:
 
 def _of_the_controller(line: str, names: Sequence[str]) -> bool:
     """Return whether a line of a robot program is a Cartesian position computed by the controller.
-    It is a robtarget of ABB, an E6POS of KUKA (X, Y, Z, A, B, C) or a position of Fanuc (X, Y, Z, W, P, R)."""
+    Examples are a robtarget of ABB, an E6POS of KUKA (X, Y, Z, A, B, C) or a position of Fanuc (X, Y, Z, W, P, R)."""
     words = " ".join(name.split(" ")[0] for name in names)
     return bool(_ROBTARGET.search(line) or _POSE.search(words)) and not _AXES.search(words)
 

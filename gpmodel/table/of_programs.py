@@ -159,7 +159,7 @@ def camera_or_corners(path: Path, joints: Path | None, square: float | None) -> 
 
 def _camera_file(path: Path) -> dict[str, object]:
     try:
-        import yaml  # pint's optional dask imports it too: no module that a lean installation can be told by
+        import yaml  # not a test of a lean installation: pint's optional dask imports yaml too
     except ModuleNotFoundError as error:
         raise InputError(f"reading {path.name} needs yaml: pip install 'gpmodel[ros]'") from error
 

@@ -53,7 +53,7 @@ def is_bag(path: Path) -> bool:
 def bag_table(path: Path, mechanism: Mechanism | None, topic: str | None) -> Imported:
     """Return a table with one row per measurement and the joint state nearest in time.
 
-    topic: of the measurements, needed if there are several.
+    topic: topic of the measurements, needed if there are several.
     Raises InputError if rosbags or the file is missing, a topic is missing or ambiguous, or no joint state is near.
     """
     states, measured = _messages(path, topic)

@@ -75,7 +75,7 @@ def known_unit(unit: str) -> bool:
         times: float | None = registry.get_root_units(spelled)[0]  # type: ignore[assignment]
     except Exception:  # pint raises its own, tokenize's, attribute and overflow errors
         return False
-    return times is None or 0.0 < times < math.inf  # None: a scale with a zero of its own
+    return times is None or 0.0 < times < math.inf  # None: a unit with an offset
 
 
 @lru_cache(maxsize=256)

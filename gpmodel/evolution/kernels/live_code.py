@@ -14,7 +14,7 @@ def keep_live(
     live: NDArray[np.uint8], place: NDArray[np.uint16],
 ) -> int:  # fmt: skip
     """Move the instructions that reach an output to the front of ``words`` and renumber rows; return their number.
-    live, place: scratch space, one element per row. Below ``base``, place has to hold the row itself."""
+    live, place: scratch space, one element per row. ``place[row]`` has to be ``row`` for the ``base`` fixed rows."""
     live[: base + count] = 0
     for k in range(len(outputs)):
         live[outputs[k]] = 1

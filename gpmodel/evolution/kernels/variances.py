@@ -13,7 +13,7 @@ _LARGE = 1e100
 @inlined
 def _gain(log_variance: float, s: Array, q: Array) -> float:
     variance = math.exp(log_variance)
-    fit, volume, beyond = 0.0, 0.0, 0.0  # of the product of all factors beyond one: exact where they are hardly more
+    fit, volume, beyond = 0.0, 0.0, 0.0  # beyond: product of (1 + load) minus 1, exact if small
     for i in range(len(s)):
         load = variance * s[i]
         fit += variance * q[i] * q[i] / (1.0 + load)
