@@ -65,7 +65,7 @@ class CalibrationResult(FittedResult):
 
     @cached_property
     def record(self) -> Report:
-        """Record of report.json, except for the errors of the exports, which are added on export."""
+        """Content of report.json, except for the errors of the exports, which are added on export."""
         ladder = replace(self.calibrated, saved=self.model.saved)
         record = replace(from_calibration(ladder, self.origin), model_sha256=self.model.sha256)
         return replace(record, verdict=f"{record.verdict} {self.note}".strip())

@@ -158,7 +158,7 @@ class EvolutionResult(Shown):
 
     @cached_property
     def record(self) -> Report:
-        """Record of report.json."""
+        """Content of report.json."""
         found = from_evolution(self.start, self.runs, self.histogram, self.origin, self.best)
         return replace(found, settings=self.settings)
 

@@ -32,7 +32,7 @@ class RecordedResult:
 
         @property
         def record(self) -> Report:
-            """Record of report.json."""
+            """Content of report.json."""
 
     @property
     def histogram(self) -> pd.DataFrame:

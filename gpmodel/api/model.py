@@ -88,8 +88,8 @@ class Model(Shown):
         (`of_its_session`) keep their value at the end of the session.
         in_order: the poses are taken in the order of the rows, which backlash and hysteresis need.
         progress: called with progress messages.
-        A formula without a name is extrapolated by at most a tenth of the range of an input, then held constant. Raises
-        InputError if a column, a set-up or a tool does not fit the model.
+        A formula outside the catalogue is extrapolated by at most a tenth of the range of an input, then held constant.
+        Raises InputError if a column, a set-up or a tool does not fit the model.
         """
         return self.judged(poses, as_measured, session, in_order, progress)[0]
 

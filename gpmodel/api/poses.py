@@ -77,7 +77,7 @@ ones too."""
 def next_questions(
     saved: SavedModel, record: Report | None, pool: Array, criterion: str | None, rng: np.random.Generator
 ) -> Asked:
-    """Return the design problem after a result for candidate poses `pool` (P, n).
+    """Return the experimental-design problem of choosing further poses from `pool` (P, n) after a result.
 
     criterion: "rivals", "effect", "i-optimal" or "spread"; None for the first that applies. Raises InputError if it
     does not.
@@ -115,7 +115,7 @@ def _rivals(outlook: Outlook, record: Report | None) -> tuple[dict[str, tuple[Qu
 
 
 def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, rng: np.random.Generator) -> Asked:
-    """Return the design problem of lowering the error at a task's targets and of distinguishing alternatives.
+    """Return the experimental-design problem of lowering the error at a task and distinguishing alternatives.
 
     pool: candidate poses (P, n). Each next pose serves the goal farthest from being met, WITHIN or TOLD_APART.
     Raises InputError as `Model.compensate`, and for an unreachable target.
@@ -139,7 +139,7 @@ def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, r
 
 
 def of_rejected(saved: SavedModel, record: Report | None, pool: Array, number: int, rng: np.random.Generator) -> Asked:
-    """Return the design problem of deciding rejected candidate `number`, from 1, by candidate poses `pool` (P, n).
+    """Return the experimental-design problem of deciding rejected candidate `number`, from 1, by poses `pool` (P, n).
 
     Raises InputError for an invalid number, or a candidate without a name in the catalogue.
     """

@@ -71,7 +71,7 @@ class Outlook:
         return cls(saved, *ready)
 
     def of_the_point(self, at: Poses | None = None) -> Question:
-        """Return the design problem of the predicted point: its variance, m², over the pool or the poses `at`
+        """Return the experimental-design problem of the predicted point: its variance, m², over the pool or `at`
         (I-optimal)."""
         here, there = self._columns(self.measured), self._columns(self.pool)
         over = there if at is None else self._columns(at)
@@ -85,8 +85,8 @@ class Outlook:
         return prepare(self.saved.mechanism, replace(like, extras=extras, payload=payload))
 
     def of_finding(self, finding: Questioned) -> Question:
-        """Return the design problem of a finding: displacement of the points by its standard error over that by the
-        finding."""
+        """Return the experimental-design problem of a finding: its standard error relative to its size, by RMS
+        displacement."""
         here, there = self._columns(self.measured), self._columns(self.pool)
         own = len(self.saved.covariance.placement) + finding.effects
         theta, moves = self.saved.theta[finding.effects], over_the_pool(here[:, :, own])
@@ -95,7 +95,7 @@ class Outlook:
         return _question(here, there, weight, self._believed)
 
     def of_more(self, effects: tuple[Effect, ...]) -> Question:
-        """Return the design problem of effects outside the model: mean square displacement, m², by their standard
+        """Return the experimental-design problem of effects outside the model: mean square displacement, m², by their
         errors."""
         here, there = (self._columns(poses, effects) for poses in (self.measured, self.pool))
         own = np.arange(there.shape[2] - len(effects), there.shape[2])
@@ -105,8 +105,10 @@ class Outlook:
         return _question(here, there, weight, believed)
 
     def beside(self, finding: Questioned, rival: tuple[Effect, ...]) -> Question:
-        """Return the design problem of a finding's amplitude given an alternative; 1 / σ is their distance in standard
-        errors."""
+        """Return the experimental-design problem of a finding's amplitude given an alternative explanation.
+
+        1 / σ is the distance of the two explanations in standard errors.
+        """
         here, there = (self._amplitude_last(poses, finding, rival) for poses in (self.measured, self.pool))
         weight = np.zeros((there.shape[2], there.shape[2]))
         weight[-1, -1] = 1.0
@@ -149,7 +151,7 @@ class Outlook:
 
 
 def _question(here: Array, there: Array, weight: Array, believed: Array) -> Question:
-    """Return the design problem from columns at the measured poses and over the pool, scaled by the parameters'
+    """Return the experimental-design problem from columns at the measured poses and over the pool, scaled by
     information."""
     known, may_tell = np.einsum("pij,pik->jk", here, here) + np.diag(believed), np.einsum("pij,pij->j", there, there)
     scale = np.sqrt(np.maximum(np.diag(known), LITTLE * may_tell))

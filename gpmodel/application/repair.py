@@ -60,7 +60,8 @@ class Repaired:
 
     expected, before: RMS error, m, of the point at the poses of the fit, without the part that a registration absorbs,
     now and before the change.
-    more: (M, n) joint values of further poses until the error is ENOUGH; None if MOST_MORE do not suffice.
+    more: (M, n) joint values of further poses until the expected error is at most ENOUGH times that before the change;
+    None if MOST_MORE poses do not suffice.
     """
 
     saved: SavedModel
@@ -256,7 +257,8 @@ def _numbers(
 
 
 def _ahead(fit: _Fit, saved: SavedModel, lasting: Mask, before: Array, pool: Pool) -> tuple[float, float, Array | None]:
-    """Return the expected error, m, now and before, and the further poses until it is ENOUGH.
+    """Return the expected error, m, now and before, and the poses until it is at most ENOUGH times that before the
+    change.
 
     before: covariance (P + E, P + E) of the former model.
     """

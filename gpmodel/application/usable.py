@@ -23,8 +23,8 @@ MARGIN = 0.01
 short of the joint limits by about 1/N."""
 
 REACHES = (0.1, 0.05)
-"""Shares of a range of the fit by which a formula without a name is extrapolated: the first if the formula is steady
-there, else the second, else none. Twenty or forty poses leave as much of their limits unsampled."""
+"""Shares of an input's fitted range by which a formula outside the catalogue is extrapolated: the first if the formula
+is steady there, else the second, else none. Twenty or forty poses leave as much of their limits unsampled."""
 LOOKS = 400
 """Points at which a formula is evaluated within the ranges of its inputs, and beyond each edge and corner."""
 
@@ -110,8 +110,8 @@ def lasting(effect: Effect) -> bool:
 def usable(saved: SavedModel, *, session: bool = False, as_measured: bool = False) -> SavedModel:
     """Return the model for other poses: at the end of the session, without the errors of the instrument.
 
-    A formula without a name is constant beyond the ranges of its inputs, and so is a creep of the set-up after the
-    session. A reversible drift of set-up or instrument is omitted after the session.
+    A formula outside the catalogue is constant beyond the ranges of its inputs, and so is a creep of the set-up after
+    the session. A reversible drift of set-up or instrument is omitted after the session.
     as_measured: keep the other errors of the instrument. session: keep all effects, for rows of the session itself.
     """
     found = saved if session else _after_the_session(saved)

@@ -50,8 +50,8 @@ def preference(
 
     Effects of one kind keep their order. Effects at a joint that does not move are omitted, because the link before
     that joint has equivalent parameters.
-    growth: (E,) resemblance of each effect to a growth of the mechanism; lengths with the most of it come last. None if
-    a measurement determines the scale.
+    growth: (E,) similarity of each effect to a uniform scaling of the mechanism; the most similar lengths come last.
+    None if a measurement determines the scale.
     """
     zeros = {(slot, axis) for joint in mechanism.joints for slot, axis, _ in joint.drive}
     kinds = []

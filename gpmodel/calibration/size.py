@@ -1,8 +1,8 @@
 """Scale of a mechanism that touches and relative measurements leave undetermined.
 
-If all lengths of a mechanism, its tool and the positions of the touched bodies grow by one factor, no touch changes.
-The fit with the constants nearest to the description is then chosen. A bar, a ball of known diameter, an artefact or
-measured coordinates determine the scale.
+If all lengths of a mechanism, its tool and the positions of the touched bodies are scaled by one factor, no touch
+changes. The fit with the constants nearest to their nominal values is then chosen. A bar, a ball of known diameter, an
+artefact or measured coordinates determine the scale.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ TOLERANCE = 1e-3
 mrad for links and joint zeros. With ten times as much, touches of a two-armed robot made it 8 % larger. At half and at
 double, the constants that the measurements determine do not change."""
 LEAST, MOST, GRID = 3e-5, 3e-2, 60
-"""Grid of the standard deviation of constants about the description, m and rad: smallest (machined parts), largest
+"""Grid of the standard deviation of constants about their nominal values, m and rad: smallest (machined parts), largest
 (lost joint zeros), and number of values."""
 SMALLEST = 1e-4
 """Smallest share of noise in the measurements: rounding of coordinates in mm to 0.01 µm."""
@@ -67,7 +67,7 @@ def without_frame(kinds: Sequence[Observation]) -> bool:
 
 
 def share_of_size(model: ErrorModel, problem: Linearised) -> Array:
-    """Return how much each effect resembles a growth of the mechanism (E,): |cosine| of the two displacement fields.
+    """Return how similar each effect is to a uniform scaling of the mechanism (E,): |cosine| of the displacements.
 
     Displacements of the tool point over the poses are compared, after rigid motions of the root and the tool are
     projected out.
@@ -86,9 +86,10 @@ def share_of_size(model: ErrorModel, problem: Linearised) -> Array:
 def standing_for(
     model: ErrorModel, problem: Linearised, placement: Placement, held: IntArray, others: IntArray
 ) -> tuple[Array, Array]:
-    """Return the changes of the held effects that are equivalent to one unit of each other effect, and to growth.
+    """Return the changes of the held effects that are equivalent to one unit of each other effect, and to uniform
+    scaling.
 
-    Returns (H, O), unknowns per unknown, and (H,), unknowns per relative growth. Effects are equivalent if they move
+    Returns (H, O), unknowns per unknown, and (H,), unknowns per relative scaling. Effects are equivalent if they move
     the tool point of the nominal mechanism alike over the poses, up to rigid motions of the root and the tool.
     """
     count = len(problem.poses)
@@ -107,7 +108,7 @@ def standing_for(
 
 
 def spread(columns: Array, target: Array, placed: Array, most: float) -> tuple[float, float, Array]:
-    """Estimate the standard deviation of the constants about the description, m and rad, by Bayesian regression.
+    """Estimate the standard deviation of the constants about their nominal values, m and rad, by Bayesian regression.
 
     columns: (M, H) displacement per unknown of unit prior variance.
     target: (M,) measurements. placed: (M, P) columns of unknowns without a prior.

@@ -91,7 +91,7 @@ def _spread(kind: Observation, observed: Observed) -> float:
     unknowns.
 
     σ² = Σ |r|² / (ν F) over the rows of the smaller |r|, with ν degrees of freedom per row and F the share of the sum
-    that normal residuals have there. A median of components would fail: of the six of a ball bar, five are fitted to
+    that these rows of normal residuals have. A median of components would fail: of a ball bar's six, five are fitted to
     zero.
     """
     left = kind.residual(observed.tips, observed.own)

@@ -53,8 +53,8 @@ class Forward:
 def forward_of(saved: SavedModel, place: Place) -> Forward:
     """Return the forward model of `predict`, without effects that text cannot express at the end of the session.
 
-    With several arms, the model of the arm of the tool in `place`. Raises InputError for a mechanism that is not a
-    serial chain, or a load with unknown masses.
+    If the mechanism has several arms, the forward model is that of the arm with the tool of `place`. Raises InputError
+    for a mechanism that is not a serial chain, or a load with unknown masses.
     """
     whole = usable(saved)
     kept = placed_now(whole)

@@ -61,8 +61,8 @@ def lookup_grid(saved: SavedModel, place: Place, box: Array | None, count: int, 
 
     Orientation and arm configuration are those of the measured pose near the middle that is farthest from singular.
     Without a box, the largest cube of SIZES about a measured pose is used in which all points are reached and
-    corrected. Between nodes corrections are linear. Raises InputError if no node, or no point between nodes, can be
-    reached.
+    corrected. Corrections are interpolated linearly between nodes. Raises InputError if no node, or no point between
+    nodes, can be reached.
     """
     saved = placed_now(usable(saved))
     data = place.poses(measured_table(saved))

@@ -190,7 +190,8 @@ def _latex(file: str, check: Check) -> Export:
 
 
 def _executed(forward: Forward, check: Check) -> Array:
-    """Return the points (N, 3) predicted by the NumPy source of a forward model, run without texts of the table."""
+    """Return the points (N, 3), m, predicted by the NumPy source of a forward model, run without names from
+    the table."""
     module = types.ModuleType("exported")
     exec(compile(numpy_text(nameless(forward), ""), "model.py", "exec"), module.__dict__)
     inputs = dict(zip(forward.inputs, check.inputs.T, strict=True))

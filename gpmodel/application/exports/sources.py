@@ -121,7 +121,7 @@ def to_the_digits(forward: Forward) -> Forward:
 
 
 def _term(line: Line, language: Literal["numpy", "c99"]) -> str:
-    """Write coefficient * basis as source; inputs of a formula without a name are clipped to their ranges."""
+    """Write coefficient * basis as source; inputs of a formula outside the catalogue are clipped to their ranges."""
     columns = {name: f"s_{name}" for name in line.basis.inputs}
     if isinstance(line.basis, Clamped):
         for name, (low, high) in line.basis.ranges.items():
