@@ -180,9 +180,10 @@ def one_round(state: State, standard_fit: Calibration, calibration: Calibration)
         state.rounds.append(Round(number, (), exploration, ()))
         return calibration
     state.say(f"round {number}: selecting effects")
+    read = input_prices([*(r.exploration.histogram for r in state.rounds), exploration.histogram])
     problem = Problem(
         standard_fit, lambda found, start: state.fit_sample(state.model(found), start) if found else standard_fit,
-        poses, state.offers, state.search, state.criteria, _input_prices(state, exploration), lambda: state.late,
+        poses, state.offers, state.search, state.criteria, read, lambda: state.late,
     )  # fmt: skip
     fresh = frozenset(c.name for c in new)
     fitted, proposals = choose(problem, (*state.evolved, *new), fresh)
@@ -208,11 +209,6 @@ def _taken(state: State, accepted: Sequence[Hypothesis], number: int) -> tuple[s
         if finding.round == number:
             state.say(f"round {number}: added {finding.candidate.name}")
     return tuple(name for name in before if name not in {h.candidate.name for h in accepted})
-
-
-def _input_prices(state: State, exploration: Exploration) -> dict[str, float]:
-    """Return the price of each input, nats, from the inputs that evolved programs of all rounds use."""
-    return input_prices([*(r.exploration.histogram for r in state.rounds), exploration.histogram])
 
 
 def _earlier_nulls(state: State) -> list[np.ndarray]:

@@ -1,6 +1,6 @@
 """Score candidates by their gain in description length, and groups by their marginal likelihood."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,35 +42,17 @@ def saved(residual: Residual, gain: float | Array, unknowns: int, cost: float, i
 
 def scores(residual: Residual, pool: Sequence[Candidate]) -> tuple[Score, ...]:
     """Score every candidate. A candidate has no gain if the model explains its columns."""
-    out = []
-    for candidate, span, shares in _projected(residual, pool):
-        if shares.max() < residual.criteria.scored_share:
-            out.append(Score(0.0, -np.inf, float(shares.max())))
-            continue
-        gain, nats = _gains(residual, candidate, span, residual.values[:, None], NOISE_STEPS)
-        out.append(Score(float(gain[0]), float(nats[0]), float(shares.min())))
-    return tuple(out)
-
-
-def best_nats(residual: Residual, pool: Sequence[Candidate], trials: Array) -> Array:
-    """Return the largest gain (T,), nats, of any candidate on each of T residuals (M + B, T): the null of `scores`."""
-    best = np.full(trials.shape[1], -np.inf)
-    for candidate, span, shares in _projected(residual, pool):
-        if shares.max() >= residual.criteria.scored_share:
-            best = np.maximum(best, _gains(residual, candidate, span, trials, 0)[1])
-    return best
-
-
-def _projected(residual: Residual, pool: Sequence[Candidate]) -> Iterator[tuple[Candidate, Array, Array]]:
-    """Yield every candidate with its projected columns (M + B, E) and the unique share (E,) of each."""
-    for start in range(0, len(pool), CHUNK):
-        part = pool[start : start + CHUNK]
+    out: list[Score] = []
+    for part in (pool[start : start + CHUNK] for start in range(0, len(pool), CHUNK)):
         left, shares = residual.projected([e for c in part for e in c.effects])
-        at = 0
-        for candidate in part:
-            own = slice(at, at + len(candidate.effects))
-            at = own.stop
-            yield candidate, left[:, own], shares[own]
+        ends = np.cumsum([len(c.effects) for c in part])[:-1]
+        for candidate, span, own in zip(
+            part, np.array_split(left, ends, axis=1), np.array_split(shares, ends), strict=True
+        ):
+            explained = own.max() < residual.criteria.scored_share
+            gain, nats = (0.0, -np.inf) if explained else _gain(residual, candidate, span)
+            out.append(Score(gain, nats, float(own.max() if explained else own.min())))
+    return tuple(out)
 
 
 def deflated(residual: Residual, candidate: Candidate, inflations: Sequence[float]) -> list[float]:
@@ -78,8 +60,7 @@ def deflated(residual: Residual, candidate: Candidate, inflations: Sequence[floa
     if not inflations:
         return []
     span, _ = residual.projected(candidate.effects)
-    gains = (_gains(residual, candidate, span, residual.values[:, None], NOISE_STEPS, i) for i in inflations)
-    return [float(nats[0]) for _, nats in gains]
+    return [_gain(residual, candidate, span, inflation)[1] for inflation in inflations]
 
 
 def contribution(residual: Residual, candidate: Candidate) -> Array:
@@ -88,9 +69,9 @@ def contribution(residual: Residual, candidate: Candidate) -> Array:
     if not candidate.has_priors:
         return np.asarray(span @ np.linalg.lstsq(span, residual.values, rcond=None)[0])
     u, s = directions(residual, candidate, span)
-    along = u.T @ residual.values[:, None]
-    sigma2 = _noise(residual, s, (along**2, np.array([residual.energy])), NOISE_STEPS)
-    return np.asarray((u @ (s**2 / (s**2 + sigma2) * along))[:, 0])
+    along = u.T @ residual.values
+    sigma2 = _noise(residual, s, along**2)
+    return np.asarray(u @ (s**2 / (s**2 + sigma2) * along))
 
 
 def own_share(residual: Residual, candidate: Candidate) -> float:
@@ -111,45 +92,41 @@ def own_share(residual: Residual, candidate: Candidate) -> float:
     return float(np.linalg.norm(part[: residual.measured])) / moved if moved > 0.0 else 0.0
 
 
-def _gains(
-    residual: Residual, candidate: Candidate, span: Array, trials: Array, noise_steps: int, inflation: float = 1.0
-) -> tuple[Array, Array]:
-    """Compute the gain as a share of the squares, and in nats, (T,) of a candidate on each residual (M + B, T)."""
-    energies = np.sum(trials**2, axis=0)
+def _gain(residual: Residual, candidate: Candidate, span: Array, inflation: float = 1.0) -> tuple[float, float]:
+    """Compute the share of the sum of squares that a candidate removes, and its gain in description length, nats."""
     if candidate.has_priors:
         u, s = directions(residual, candidate, span)
-        parts = (u.T @ trials) ** 2
-        sigma2 = inflation * _noise(residual, s, (parts, energies), noise_steps)
-        gain = np.sum(s**2 / (s**2 + sigma2) * parts, axis=0) / energies
-        volume = 0.5 * np.sum(np.log1p(s**2 / sigma2), axis=0)
-        return gain, fit_nats(gain, residual.freedom) / inflation - volume - candidate.cost
+        parts = (u.T @ residual.values) ** 2
+        sigma2 = inflation * _noise(residual, s, parts)
+        gain = float(np.sum(s**2 / (s**2 + sigma2) * parts)) / residual.energy
+        volume = 0.5 * float(np.sum(np.log1p(s**2 / sigma2)))
+        return gain, float(fit_nats(gain, residual.freedom)) / inflation - volume - candidate.cost
     count = span.shape[1]
     q = ident.orthonormal(span) if count > 1 else span / np.linalg.norm(span, axis=0)
-    gain = np.sum((q.T @ trials) ** 2, axis=0) / energies
-    return gain, np.asarray(saved(residual, gain, count, candidate.cost, inflation))
+    gain = float(np.sum((q.T @ residual.values) ** 2)) / residual.energy
+    return gain, float(saved(residual, gain, count, candidate.cost, inflation))
 
 
 def directions(residual: Residual, candidate: Candidate, span: Array) -> tuple[Array, Array]:
-    """Decompose columns times priors as U s Vᵀ: U (M + B, E) and s (E, 1)."""
+    """Decompose columns times priors as U s Vᵀ: U (M + B, E) and s (E,)."""
     norms = np.linalg.norm(residual.columns(candidate.effects), axis=0)
     prior = np.array([e.prior for e in candidate.effects])
     weighted = span * norms * prior
     squares, turn = linalg.eigh(weighted.T @ weighted)
-    s = np.sqrt(np.maximum(squares, 1e-12 * squares[-1]))[:, None]
-    return weighted @ (turn / s.T), s
+    s = np.sqrt(np.maximum(squares, 1e-12 * squares[-1]))
+    return weighted @ (turn / s), s
 
 
-def _noise(residual: Residual, s: Array, trials: tuple[Array, Array], steps: int) -> Array:
-    """Estimate the variance (T,) of the noise under priors by the marginal likelihood.
+def _noise(residual: Residual, s: Array, parts: Array) -> float:
+    """Estimate the variance of the noise under priors by the marginal likelihood.
 
     With f = s² / (s² + σ²):  E = r·r - Σ f (u·r)²,  nats = dof/2 ln(r·r / E) - ½ Σ ln(1 + s²/σ²) - cost.
-    trials: squares (E, T) of u·r, and energies (T,) r·r. Source: MacKay (1992), evidence.
+    parts: squares (E,) of u·r. Source: MacKay (1992), evidence.
     """
-    parts, energies = trials
-    sigma2 = energies / residual.freedom
-    for _ in range(steps):
-        sigma2 = (energies - np.sum(s**2 / (s**2 + sigma2) * parts, axis=0)) / residual.freedom
-    return np.asarray(sigma2)
+    sigma2 = residual.energy / residual.freedom
+    for _ in range(NOISE_STEPS):
+        sigma2 = (residual.energy - float(np.sum(s**2 / (s**2 + sigma2) * parts))) / residual.freedom
+    return sigma2
 
 
 def fitted(variance: Array, s: Array, q: Array) -> Array:

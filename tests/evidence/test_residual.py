@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from effect_cases import MECHANISMS, bare, first_of_each_family, measure, mechanism, sized
-from residual_cases import NAMES, pool, seen
+from residual_cases import NAMES, best_nats, pool, seen
 
 import gpmodel as gp
 from gpmodel.calibration.gauss_newton import calibrate
@@ -14,7 +14,7 @@ from gpmodel.discovery.targets import targets
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import better_by, cross_validated
 from gpmodel.evidence.residual import residual_of
-from gpmodel.evidence.score import best_nats, saved, scores
+from gpmodel.evidence.score import saved, scores
 from gpmodel.evolution.chance import chance
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
@@ -41,14 +41,14 @@ def test_the_planted_effect_scores_best_or_its_column_is_that_of_the_best(plante
 @pytest.mark.parametrize("planted", NAMES)
 def test_the_planted_effect_stands_out_of_shuffled_residuals(planted: str) -> None:
     there, candidates = seen(planted), pool()
-    null = best_nats(there, candidates, there.shuffled(np.random.default_rng(0), 60))
+    null = best_nats(there, candidates, there.shuffled(np.random.default_rng(0), 24))
     assert chance(max(s.nats for s in scores(there, candidates)), null).p < 0.01
 
 
 @pytest.mark.long
 def test_nothing_stands_out_of_an_innocent_robot() -> None:
     there = seen("nothing")
-    null = best_nats(there, pool(), there.shuffled(np.random.default_rng(0), 60))
+    null = best_nats(there, pool(), there.shuffled(np.random.default_rng(0), 24))
     assert chance(max(s.nats for s in scores(there, pool())), null).p > 0.05
 
 

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from effect_cases import NOISE, bare, measure, mechanism, sized
 from instances import some
+from residual_cases import best_nats
 
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, residual_of
-from gpmodel.evidence.score import best_nats, scores
+from gpmodel.evidence.score import scores
 from gpmodel.families import session as memory
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates, catalogue

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from effect_cases import MECHANISMS, Truth, bare, measure, mechanism, random_placement
+from residual_cases import best_nats
 from scipy.linalg import expm
 
 from gpmodel.arrays import Array
@@ -15,7 +16,7 @@ from gpmodel.calibration.result import errors_on
 from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import residual_of
-from gpmodel.evidence.score import best_nats, scores
+from gpmodel.evidence.score import scores
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression

@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, reduce
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from gpmodel.model.error_model import prepare
 from gpmodel.selection.group import Shapes, group_of
 from gpmodel.selection.posterior import Active
 from gpmodel.selection.sparse_bayes import exchange as select
+from gpmodel.selection.sparse_bayes import reestimate
 
 COST = 4.0
 OFFERED = {
@@ -152,3 +154,57 @@ def test_a_group_without_influence_changes_nothing(name: str) -> None:
     model = select(problem(name, useless=(candidate("cold", *UNREAD), copy))[0])
     assert names(model) == selected
     assert model.utility == pytest.approx(ended(name, "nothing").utility, abs=DIGITS)
+
+
+SHARED = {
+    "a": ("J3.moving Ry", "J3"), "b": ("J3.moving Ry", "sin(J3)"), "c": ("J3.moving Ry", "cos(J3)"),
+    "ab": ("J3.moving Ry", "J3", "sin(J3)"), "bc": ("J3.moving Ry", "sin(J3)", "cos(J3)"),
+    "abc": ("J3.moving Ry", "J3", "sin(J3)", "cos(J3)"), "d": ("J2.moving Ry", "sin(J2)"),
+}  # fmt: skip
+"""Site and basis functions of groups that share effects."""
+
+
+@cache
+def sharing(planted: tuple[float, float, float]) -> tuple[Active, dict[str, int]]:
+    """A robot with some mrad of J3, sin(J3) and cos(J3), and the groups that share these effects."""
+    effects = candidate("planted", *SHARED["abc"]).effects
+    made = measure(ARM, effects, [1e-3 * size for size in planted], 2, count=80)
+    shapes = Shapes(made.poses.states)
+    groups = [group_of(candidate(name, *there), shapes) for name, there in SHARED.items()]
+    return started(made, [group for group in groups if group is not None])
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_an_effect_is_in_a_model_once_whatever_the_order_of_groups(seed: int) -> None:
+    model, number = sharing((0.0, 0.0, 0.0))
+    for name in np.random.default_rng(seed).permutation([*SHARED]):
+        before, (*own,) = model, model.pool.index[number[name]].tolist()
+        assert model.open[number[name]] == (not model.has[own].all())
+        if model.open[number[name]]:
+            model = model.added(number[name], 1e-8)
+        assert len(set(model.index.tolist())) == len(model.index)
+        assert set(model.index.tolist()) == {*before.index.tolist(), *own}
+        inside = [g for g in before.found if set(before.pool.index[g][before.chosen[g]].tolist()) <= set(own)]
+        assert not before.open[number[name]] or set(inside).isdisjoint(model.variances)
+
+
+@pytest.mark.parametrize("planted", [(0.3, 0.0, 0.0), (0.3, 0.03, 0.02), (0.1, 0.1, 0.1), (0.0, 0.3, 0.2)])
+def test_of_groups_that_share_effects_the_best_disjoint_ones_are_selected(planted: tuple[float, float, float]) -> None:
+    active, number = sharing(planted)
+    every = [some for count in range(4) for some in combinations([*SHARED], count)]
+    disjoint = [some for some in every if len(set("".join(some))) == len("".join(some))]
+    begun = [reduce(lambda model, name: model.added(number[name], 1e-8), some, active) for some in disjoint]
+    model = select(active)
+    selected = "".join(name for name in SHARED if number[name] in model.variances)
+    assert len(set(selected)) == len(selected)
+    assert model.objective > max(reestimate(one).objective for one in begun) - DIGITS
+
+
+def test_effects_that_are_included_stay_out_of_every_other_group() -> None:
+    active, number = sharing((0.3, 0.0, 0.0))
+    groups = list(active.pool.groups)
+    groups[number["b"]] = replace(groups[number["b"]], always_included=True)
+    model = replace(active, pool=type(active.pool)(active.pool.rows, groups, active.pool.prices))
+    model = model.added(number["b"], 1e-8).added(number["abc"], 1e-8)
+    assert number["b"] in model.variances
+    assert model.chosen[number["abc"]].tolist() == [0, 2]
