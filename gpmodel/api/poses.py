@@ -117,8 +117,8 @@ def _rivals(outlook: Outlook, record: Report | None) -> tuple[dict[str, tuple[Qu
 def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, rng: np.random.Generator) -> Asked:
     """Return the experimental-design problem of lowering the error at a task and distinguishing alternatives.
 
-    pool: candidate poses (P, n). Each next pose serves the goal farthest from being met, WITHIN or TOLD_APART.
-    Raises InputError as `Model.compensate`, and for an unreachable target.
+    pool: candidate poses (P, n). Each next pose serves the goal farthest from being met: precision (WITHIN) or distance
+    of explanations (TOLD_APART). Raises InputError as `Model.compensate`, and for an unreachable target.
     """
     saved, arm = model.saved, model.mechanism
     _, text, path = frame_to_extend(task, arm, "task")

@@ -59,8 +59,8 @@ def tips(saved: SavedModel, dataset: Dataset, *, nominal: bool) -> tuple[Poses, 
 def look_at(saved: SavedModel, dataset: Dataset, target: Array, *, nominal: bool) -> tuple[Array, Array]:
     """Return the pose error (N, 6), m and rad, to targets (N, 4, 4) in the root frame, and its Jacobian (N, 6, n).
 
-    The Jacobian is exact for the nominal mechanism. For the calibrated one its error is that of the geometry, since
-    nominal joint motions are used.
+    The Jacobian is that of the nominal mechanism. For the calibrated mechanism, the relative error of the Jacobian is
+    of the order of the geometric errors.
     """
     observed = tips(saved, dataset, nominal=nominal)[1]
     turn = target[:, :3, :3] @ np.swapaxes(observed.tip[:, :3, :3], 1, 2)

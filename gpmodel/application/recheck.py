@@ -35,7 +35,7 @@ from gpmodel.table.bundles import different_poses, sharing
 from gpmodel.table.dataset import Dataset
 
 PASSES = 8
-"""Largest number of Gauss-Newton steps for the registration; each step excludes new outliers. Three suffice."""
+"""Largest number of Gauss-Newton steps for the registration; each step excludes new outliers. Three steps suffice."""
 
 
 @dataclass(frozen=True)

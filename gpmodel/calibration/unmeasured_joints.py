@@ -22,7 +22,7 @@ TRUNCATION = 1e-2
 keep the table's values."""
 
 ELIMINATED = 1e-2
-"""Least share of a column that free joints do not absorb. A column with less is set to zero."""
+"""Least share of a column that free joints do not absorb. A column with a smaller share is set to zero."""
 
 ROUNDING = 1e-7
 """Singular value, relative to the largest, below which a combination is rounding: the square root of double
@@ -111,9 +111,9 @@ def without_eliminated(rows: Array, sizes: Array) -> Array:
 def observable(rows: Array, nominal: Array, sizes: Array) -> Array:
     """Project out of columns (M, K) the combinations that free joints absorb in the nominal mechanism.
 
-    nominal: (M', K) columns without any effect, where an absorbed combination is zero up to rounding. With effects such
-    a combination is small but not zero, and would be fitted to noise. sizes: (K,) column norms before elimination,
-    which make metres and radians comparable.
+    nominal: (M', K) columns without any effect, where an absorbed combination is zero up to rounding. With effects, an
+    absorbed combination is small but not zero, and a fit would fit noise with it. sizes: (K,) column norms before
+    elimination, which make metres and radians comparable.
     """
     scale = np.where(sizes > 0, sizes, 1.0)
     _, s, vt = np.linalg.svd(nominal / scale, full_matrices=True)
