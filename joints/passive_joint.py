@@ -36,7 +36,7 @@ class Rotation:
 
 @dataclass(frozen=True)
 class PassiveJoint:
-    """A spherical or universal joint: two or three rotations about axes that meet in one centre. A Mechanism.
+    """A spherical or universal joint: two or three rotations about axes that meet in one centre; a Mechanism.
 
     tooling_ball: (x, y, z) m, the nominal lever: the measured centre in the frame after the last rotation.
     gravity: (3,) m/s² in the socket's frame.
@@ -247,7 +247,7 @@ def read_joint(path: Path) -> PassiveJoint:
         [tooling_ball]
         centre = ["0 mm", "0 mm", "60 mm"]
 
-    `gpmodel joint mechanism --defaults` prints a complete file. It may contain sections of the design studies
+    `gpmodel joint mechanism --defaults` prints a complete file. A file may also contain sections of the design studies
     (`[preload]`, `[film]`, ...), which `gpmodel joint design` reads.
     Raises InputError for an unknown kind or key, a missing unit, no lever, a ball smaller than its socket's opening, a
     tooling ball inside the ball, or other than two or three rotations about different axes.

@@ -45,8 +45,8 @@ def orifice_spreading_resistance(geometry: FilmGeometry, displacement: ArrayLike
     """Return (6 mu / (pi h^3)) ln(r sin(phi) / (N a)) [Pa s/m^3] at the gap over the orifices, a their radius.
 
     N holes add this resistance, per unit of the flow of one hole, to the source spread evenly over their ring (log
-    potentials of N equal sources on a circle). It reduces the inlet pressure. The load is unchanged: if the gap does
-    not vary around the axis, the mean pressure around the axis is that of the evenly spread source.
+    potentials of N equal sources on a circle). The resistance reduces the inlet pressure. The load is unchanged: if
+    the gap does not vary around the axis, the mean pressure around the axis is that of the evenly spread source.
     """
     gap = film_gap(geometry, displacement, geometry.orifice_angle)
     ring = geometry.ball_radius * np.sin(geometry.orifice_angle)

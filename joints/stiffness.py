@@ -30,8 +30,8 @@ def layer_stiffness(elastic_modulus: ArrayLike, radius: ArrayLike, thickness: Ar
 def magnet_force(separation: ArrayLike, preload: float, stand_off: float) -> Array:
     """Return the pull F = P (s / (s + x))^2 [N] of the magnets at separation x.
 
-    It is the K_m/x^2 of Fig 4.16 with the distance measured from `stand_off` s below contact. The magnets are 1/32 in
-    behind the replica (thesis 2.2.4), so that the pull P at contact is finite and K_m = P s^2.
+    The pull is the K_m/x^2 of Fig 4.16 with the distance measured from `stand_off` s below contact. The magnets are
+    1/32 in behind the replica (thesis 2.2.4), so that the pull P at contact is finite and K_m = P s^2.
     """
     gap = not_negative("separation", separation, "m")
     return positive("preload", preload, "N") * (positive("stand-off", stand_off, "m") / (stand_off + gap)) ** 2
@@ -156,8 +156,8 @@ def fit_regimes(displacement: ArrayLike, force: ArrayLike) -> RegimeFit:
     """Fit a `RegimeCurve` to displacements [m] and tensions [N] (N,) by least squares.
 
     Peak force and stiffnesses are solved linearly for every trial of the three regime limits and the magnets'
-    stand-off. These are searched on a grid over the range of the data and then refined. Raises InputError below 12
-    rows.
+    stand-off. Limits and stand-off are searched on a grid over the range of the data and then refined. Raises
+    InputError below 12 rows.
     """
     x, f = _sorted(displacement, force)
     limits = np.linspace(x[0], x[-1], _GRID + 2)[1:-1]

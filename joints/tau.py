@@ -45,7 +45,7 @@ class Actuator:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Tau(OnLegs):
-    """A platform on six links of fixed length, in clusters of 3, 2 and 1 on three actuators. A Mechanism.
+    """A platform on six links of fixed length, in clusters of 3, 2 and 1 on three actuators; a Mechanism.
 
     actuators: A1 to A3; `base` is in their frames, after their motion.
     start: (3,) m, origin of the platform with all actuators at home, which defines the lengths of the links.

@@ -152,7 +152,7 @@ def _chain(tree: UrdfTree, chain: list[UrdfJoint], others: list[UrdfJoint], call
 
 def _carried(tree: UrdfTree, joint: UrdfJoint, chains: list[UrdfJoint]) -> tuple[float, Array]:
     """Return the mass, kg, and centre of mass (3,), m, of everything a joint carries up to the next joint of any chain.
-    Both are in the frame of the joint's child link, with joints off the chains at rest."""
+    Mass and centre are in the frame of the joint's child link, with joints off the chains at rest."""
     mass, moment, waiting = 0.0, np.zeros(3), [joint.child]
     inverse = np.linalg.inv(tree.frames[joint.child])
     while waiting:

@@ -111,7 +111,7 @@ class Formulas:
 
 
 def _centred(program: Program) -> Program:
-    """Replace logistic(c x) by tanh(c/2 x). They differ by a constant, which the geometric constants contain."""
+    """Replace logistic(c x) by tanh(c/2 x). The two differ by a constant, which the geometric constants contain."""
     root = program.outputs[0]
     if program.nodes[root].operator != "logistic":
         return program

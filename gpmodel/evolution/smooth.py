@@ -126,7 +126,7 @@ def _most_likely(targets: Targets, axes: _Axes, noise: Array) -> tuple[Array, Ar
 def factors(targets: Targets, columns: Array) -> tuple[float, Array]:
     """Fit a product of functions of each of K columns (K, N); return its residual variance and the factors (K, N).
 
-    Factors have mean square 1. They are fitted in turn, from many starts of all factors but the first.
+    Factors have mean square 1. Factors are fitted in turn, from many starts of all factors but the first.
     """
     bases = np.array([Sines.of("", column, LENGTH).values for column in columns])
     slowest = STARTS[min(len(columns), max(STARTS))]
@@ -213,7 +213,7 @@ def without(targets: Targets, values: Array) -> Targets:
 
 def weighted_sum(targets: Targets, columns: Array) -> Array:
     """Return the weights (K,) of two or more columns (K, N) in the sum of which a smooth function has the largest gain.
-    They are scaled so that one weight times the standard deviation of its column is 1."""
+    Weights are scaled so that one weight times the standard deviation of its column is 1."""
     spread, noise = columns.std(axis=1), targets.energy / targets.components
     scaled = columns / spread[:, None]
 

@@ -34,7 +34,7 @@ def remove(basis: Array, columns: Array) -> Array:
 def factored(gram: Array) -> tuple[Array, bool]:
     """Return the Cholesky factor of the normal matrix (K, K) of unit columns, for scipy's cho_solve.
 
-    The matrix is overwritten. It is passed transposed, since LAPACK stores matrices column by column.
+    The matrix is overwritten. The matrix is passed transposed, since LAPACK stores matrices column by column.
     """
     gram[np.diag_indices_from(gram)] += 1e-12
     factor: tuple[Array, bool] = linalg.cho_factor(gram.T, overwrite_a=True, check_finite=False)

@@ -74,7 +74,7 @@ def rotation_vector(rotations: Array) -> Array:
 def vector_change(vectors: Array) -> Array:
     """Return the inverse left Jacobian (..., 3, 3) of rotation vectors φ (..., 3), rad.
 
-    This is the derivative of φ by a small rotation about the axes of the outer frame:
+    The Jacobian is the derivative of φ by a small rotation about the axes of the outer frame:
 
     J⁻¹ = I - W / 2 + (1 - (t / 2) cot(t / 2)) W² / t²,  W = hat(φ), t = |φ| up to π.
 

@@ -309,7 +309,7 @@ def deviations(questions: Sequence[Question], order: IntArray) -> Array:
 def decided_after(question: Question, order: IntArray, odds: float) -> int | None:
     """Return after how many of the poses `order` (n,) one of two causes reaches the probability COVERAGE.
 
-    This happens with probability COVERAGE, whichever cause is true. None if the n poses do not suffice.
+    The cause reaches it with probability COVERAGE, whichever cause is true. None if the n poses do not suffice.
     odds: ratio of the probabilities of the two causes now.
     The inverse of the predicted standard deviation, s, is the distance of the causes in standard errors. Poses add ln
     odds ~ N(d²/2, d²) for the true cause, d² = s² - s₀², to -|ln odds| at worst: d²/2 - z d ≥ ln (COVERAGE / (1 -

@@ -83,8 +83,8 @@ def tool_displacements(
 ) -> tuple[Array, list[Array]]:
     """Return the measured points (K, 3), m, and their displacement by each group of effects (K, 6), m and rad.
 
-    The last three numbers are the rotation of the tool. All are in the root frame, at the K of N poses at which the
-    loops of the mechanism close with all effects and without any one group.
+    The last three numbers are the rotation of the tool. All numbers are in the root frame, at the K of N poses at
+    which the loops of the mechanism close with all effects and without any one group.
     """
     model, names = calibration.model, [{e.name for e in group} for group in groups]
     without = [np.where([e.name in own for e in model.effects], 0.0, calibration.theta) for own in names]
@@ -119,7 +119,7 @@ def of_specification(effects: Sequence[Effect], moved: ErrorsMm, data: Dataset) 
 def moves_alone(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]) -> list[float | None]:
     """Return the RMS displacement, mm, by each group of effects that nothing else in the model absorbs.
 
-    It is the residual of the displacement after projection on the columns of all other unknowns, registration and tool
+    The value is the residual of the displacement projected on the columns of all other unknowns, registration and tool
     included. None with free joints, which absorb more at every pose, and without a measured point.
     """
     problem = problem_at(fit, poses)

@@ -46,7 +46,7 @@ def bundles(dataset: Dataset) -> IntArray:
     """Return the number (N,) of the bundle of each row, 0 to B - 1; no split separates rows of a bundle.
 
     A bundle joins rows with the same `group` or `repeat` label, and rows that touched one point, bar or surface with at
-    most FEW_TOUCHES touches. It also joins rows whose joint values agree within SAME_JOINT or lie in one cluster,
+    most FEW_TOUCHES touches. A bundle also joins rows whose joint values agree within SAME_JOINT or lie in one cluster,
     whatever their set-up or payload. Bundles are numbered by joint values, so that the order of rows does not matter.
     """
     links = [_same_label(dataset, column) for column in ("group", "repeat")]
@@ -102,8 +102,8 @@ def different_readings(dataset: Dataset) -> Dataset:
 def sharing(dataset: Dataset) -> IntArray:
     """Return a number (N,) per row, equal for rows that may share a deviation that no model explains.
 
-    Such rows are of one cluster, or of one pose if poses do not lie in clusters, with one set-up and tool, whatever
-    their payload.
+    Rows that may share one are of one cluster, or of one pose if poses do not lie in clusters, with one set-up and
+    tool, whatever their payload.
     """
     near = np.arange(len(dataset)) if dataset.joints_approximate else _clusters(dataset.q)
     if len(np.unique(near)) == len(dataset):
@@ -247,8 +247,8 @@ FOLDS = 5
 7.10)."""
 
 JUDGED = 0
-"""Seed of every split, fold and permutation that tests a discovery. It is independent of the seed of the search, so
-that findings do not depend on which poses are held out (experiments/seeds)."""
+"""Seed of every split, fold and permutation that tests a discovery. This seed is independent of the seed of the
+search, so that findings do not depend on which poses are held out (experiments/seeds)."""
 
 
 def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tuple[IntArray, IntArray]:
