@@ -53,7 +53,7 @@ def alone_in(folder: Path) -> Iterator[None]:
         try:
             lock.acquire()
         except Timeout:
-            said = "another gpmodel is at work in it; wait for it, or choose another folder"
+            said = "another gpmodel process uses this folder; wait for its end, or choose another folder"
             raise InputError(f"{folder}: {said}") from None
         except NotImplementedError:
             pass  # a file system without locks
@@ -91,7 +91,7 @@ def finished_folder(out: Path) -> Iterator[Path]:
             if out.exists():
                 moves = {p: out / p.relative_to(draft) for p in sorted(draft.rglob("*")) if p.is_file()}
                 if clash := [t for t in moves.values() if t.is_dir() or t.parent.is_file()]:
-                    raise WriteError(f"{clash[0]}: a file and a folder of one name; expected another --out")
+                    raise WriteError(f"{clash[0]}: a file and a folder have this name; expected another --out")
                 for path, target in moves.items():
                     target.parent.mkdir(parents=True, exist_ok=True)
                     os.replace(path, target)

@@ -145,8 +145,9 @@ def check_arms(chains: tuple[SerialChain, ...], where: str) -> None:
             if parts.setdefault(link.name, said) != said:
                 arm = chain.tool_frame
                 raise InputError(
-                    f"{where}: joint '{link.name}' of arm '{arm}' is another one than before; expected the "
-                    "same place on the same joints in every arm, or a name of its own"
+                    f"{where}: joint '{link.name}' of arm '{arm}' differs from the joint of this name in another "
+                    "arm; expected the "
+                    "same joint at the same place in every arm, or another name"
                 )
 
 

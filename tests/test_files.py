@@ -41,7 +41,7 @@ def write_both(out: Path) -> None:
 
 def test_a_folder_where_a_file_belongs_leaves_all_as_it_was(tmp_path: Path) -> None:
     (tmp_path / "out" / "b").mkdir(parents=True)
-    with pytest.raises(WriteError, match="a file and a folder of one name"):
+    with pytest.raises(WriteError, match="a file and a folder have this name"):
         write_both(tmp_path / "out")
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["b"]
 
@@ -75,7 +75,7 @@ def test_an_error_of_another_file_is_not_told_of_the_folder(tmp_path: Path) -> N
 
 def test_one_process_at_a_time(tmp_path: Path) -> None:
     out = tmp_path / "a" / "b"
-    with files.alone_in(out), pytest.raises(InputError, match="another gpmodel is at work in it"), files.alone_in(out):
+    with files.alone_in(out), pytest.raises(InputError, match="another gpmodel process uses this folder"), files.alone_in(out):
         pass
     assert list(tmp_path.iterdir()) == []
     with files.alone_in(out):

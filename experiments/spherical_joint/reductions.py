@@ -74,7 +74,7 @@ def fit_sphere(points: Array, where: str = "points") -> SphereFit:
     if flaw := sphere_flaw(points, where):
         raise InputError(flaw)
     centre, radius = algebraic_sphere(points)
-    status, reason = "stalled", f"still moving after {MAX_ITERATIONS} iterations"
+    status, reason = "stalled", f"not converged after {MAX_ITERATIONS} iterations"
     iterations = 0
     while iterations < MAX_ITERATIONS and status == "stalled":
         iterations += 1

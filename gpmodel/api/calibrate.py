@@ -153,7 +153,7 @@ def calibrate(
 def _fleet_of(fleet: object, effects: tuple[object, ...]) -> FleetPart:
     """Return the fleet whose prior is used; raise InputError for another kind of file, or if effects are given too."""
     if effects:
-        raise InputError("a fleet defines the effects of its machines; expected no further ones", "effects")
+        raise InputError("the fleet already defines the effects; expected no further effects", "effects")
     return fleet_at(fleet, "fleet")
 
 

@@ -104,8 +104,8 @@ def _record(result: object) -> Report | Verification:
         ratio, noise = verified.chi_square / max(verified.degrees, 1), verified.noise_degrees
         if chance_of_less(ratio, verified.degrees, np.inf if noise is None else noise) < TOO_GOOD:
             raise InputError(
-                f"{verified.data.file}: nearer to the model than its noise allows (chi-square "
-                f"{verified.chi_square:.3g} of {verified.degrees}); expected positions that were measured, not computed"
+                f"{verified.data.file}: errors smaller than the noise of the model allows (chi-square "
+                f"{verified.chi_square:.3g} of {verified.degrees}); expected measured positions, not computed ones"
             )
         return verified
     record = record_of(result, "result")
@@ -116,5 +116,5 @@ def _record(result: object) -> Report | Verification:
     if isinstance(model, Model) and model.saved.measured is not None:
         measured = prepare(model.mechanism, model.saved.measured.dataset)
         for text in computed_positions(model.mechanism, measured):
-            raise InputError(f"{text}; no accuracy can be certified by them")
+            raise InputError(f"{text}; an accuracy cannot be certified with computed positions")
     return record

@@ -100,7 +100,7 @@ class CheckResult(Shown):
         """Return one line per finding, then the verdict."""
         data = self.dataset
         warned = sum(f.severity == "warning" for f in self.findings)
-        verdict = "fit to calibrate with" if self.valid else "nothing should be fitted to it"
+        verdict = "fit to calibrate with" if self.valid else "no model should be fitted to this table"
         if self.unfit:
             verdict = f"not fit to calibrate with: {'; '.join(self.unfit)}"
         return "\n".join(

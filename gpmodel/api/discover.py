@@ -195,7 +195,7 @@ def _started(known: FleetPart | None, arm: Mechanism, loop: "partial[Discovery]"
 def _type_of(like: object, joints: Sequence[str]) -> FleetPart | None:
     """Return the record of the machine's type, if any; raise InputError as `fleet_at`, or if joints are given too."""
     if like is not None and joints:
-        raise InputError("has all that a machine of the type has; expected it or joints, not both", "like")
+        raise InputError("cannot be combined with joints; expected one of the two", "like")
     return None if like is None else fleet_at(like, "like")
 
 
@@ -216,9 +216,9 @@ def _placed(
     if not machine.no_brother:
         said = f"Prior of {len(like.machines)} machines of the type{has}. {machine.in_words(poses)}"
         return placed, poses, like, translate(said, names_of(table))
-    said = f"This machine {machine.no_brother}; their prior is left out."
+    said = f"This machine {machine.no_brother}; the prior of the type is not used."
     if machine.too_few:
-        raise InputError(f"{said} Without it these {len(poses)} poses are too few", "like")
+        raise InputError(f"{said} Without the prior, {len(poses)} poses are too few; expected more poses", "like")
     return *checked_poses(arm, table, geometry), None, said
 
 
@@ -291,7 +291,7 @@ def _repeating(search: Search, named: bool) -> list[Search]:
 def check_split(holdout: object, folds: object) -> None:
     """Raise InputError if holdout and folds are both given, or one is out of range."""
     if holdout is not None and folds is not None:
-        raise InputError("every pose is held out once; expected holdout or folds, not both", "folds")
+        raise InputError("cannot be combined with holdout; expected one of the two", "folds")
     if holdout is not None:
         share(holdout, "holdout", positive=True)
 

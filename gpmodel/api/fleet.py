@@ -71,7 +71,10 @@ def machines_of(mechanism: MechanismLike | None, tables: str | Path | Mapping[st
         dataset = out[serial][1].dataset
         rows = dataset.sha256, dataset.row.tobytes()
         if dataset.sha256 and rows in seen:
-            raise InputError(f"machines '{seen[rows]}' and '{serial}' have the same table; expected one for each")
+            raise InputError(
+                f"machines '{seen[rows]}' and '{serial}' have the same table; expected a different "
+                "table for each machine"
+            )
         seen[rows] = serial
     if len(out) < 2:
         raise InputError(f"{len(out)} machine; expected at least 2 of one type", "tables")
@@ -249,7 +252,9 @@ def _effects(given: tuple[object, ...] | None, search: FleetSearch) -> tuple[Mod
     """Return the common groups of effects, further effects of each machine, and a sentence on their origin."""
     tasks = search.tasks
     if given is None and not all(len(task.rows[1]) for task in tasks):
-        raise InputError("0 leaves no poses that confirm what is found; expected more, or effects by name", "holdout")
+        raise InputError(
+            ("0 leaves no poses to confirm the findings; expected a share above 0, or effects by name"), "holdout"
+        )
     if given is not None:
         groups = [named_group(effect, tasks[0].mechanism, tasks[0].poses) for effect in given]
         return groups, [()] * len(tasks), f"named: {', '.join(n for n, _ in groups) or 'none'}"

@@ -86,23 +86,27 @@ def next_questions(
     of_point = outlook.of_the_point()
     point = Asked("i-optimal", (of_point,), (of_point,), "± of the predicted point over the workspace [mm]", 1e3)
     if criterion == "spread":
-        return replace(point, said="spread, away from what is measured", choose=(), taken=outlook.measured.dataset.q)
+        return replace(point, said="spread, away from the measured poses", choose=(), taken=outlook.measured.dataset.q)
     if criterion == "i-optimal":
         return point
     findings, (told, alike) = findings_of(outlook, record), _rivals(outlook, record)
     if told and criterion in (None, "rivals"):
-        said = f"rivals: {'; '.join(told)}" + (f"; no poses tell {alike}" if alike else "")
+        said = f"rivals: {'; '.join(told)}" + (f"; no poses separate {alike}" if alike else "")
         apart = tuple(question for question, _ in told.values())
-        return Asked(said, apart, apart, "closest rivals apart [sigma]", inverse=True, pairs=told)
+        return Asked(said, apart, apart, "separation of the closest alternatives [sigma]", inverse=True, pairs=told)
     if criterion == "rivals":
-        none = f"no poses tell {alike}" if alike else "no finding has one of the catalogue that predicts about as well"
+        none = (
+            f"no poses separate {alike}"
+            if alike
+            else ("no finding has an alternative cause in the catalogue; expected another criterion")
+        )
         raise InputError(f"rivals: {none}", "criterion")
     if not findings and criterion == "effect":
-        raise InputError("effect: the model has no effect in addition to its geometry", "criterion")
+        raise InputError("effect: the model has geometric constants only; expected a model with effects", "criterion")
     if not findings:
         return point
     sizes: tuple[Question, ...] = tuple(outlook.of_finding(finding) for finding in findings)
-    said = f"effect: {'; '.join(f.name for f in findings)}" + (f"; no poses tell {alike}" if alike else "")
+    said = f"effect: {'; '.join(f.name for f in findings)}" + (f"; no poses separate {alike}" if alike else "")
     return Asked(said, sizes, sizes, "± of the worst known effect [%]", 100.0)
 
 
@@ -125,7 +129,7 @@ def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, r
     targets = targets_in(placed_now(usable(saved)), text, path, rng, in_order=False)
     lost = np.union1d(targets.unreachable, np.flatnonzero(beyond_limits(arm, targets.dataset.q)))
     if len(lost):
-        more = f"; so are {len(lost) - 1} more" if len(lost) > 1 else ""
+        more = f" ({len(lost)} targets in all)" if len(lost) > 1 else ""
         row = targets.dataset.row[lost[0]]
         raise InputError(f"{path.name}, row {row}: the target is out of reach of {arm.name}{more}", "task")
     outlook = Outlook.over(saved, pool, rng)
@@ -134,7 +138,7 @@ def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, r
     others = (in_units_of(1.0 / TOLD_APART, question) for question, _ in told.values())
     chosen = (in_units_of(WITHIN * at_best(there), there), *others)
     said = "; ".join([f"task: {len(targets.dataset)} targets of {path.name}", *told])
-    said += f"; no poses tell {alike}" if alike else ""
+    said += f"; no poses separate {alike}" if alike else ""
     return Asked(said, chosen, (there,), "± of the predicted point at the task [mm]", 1e3, pairs=told)
 
 
@@ -151,9 +155,13 @@ def of_rejected(saved: SavedModel, record: Report | None, pool: Array, number: i
     names, name = names_of(outlook.measured.dataset), rejected[number - 1].name
     effects = next((e for c, e in outlook.candidates.items() if translate(c, names) == name), None)
     if effects is None:
-        raise InputError(f"{number}, {name}, has no name in the catalogue; expected one that has", "rejected")
+        raise InputError(
+            (f"{number}, {name}, is not in the catalogue; expected a candidate of the catalogue"), "rejected"
+        )
     question = outlook.of_more(effects)
-    return Asked(f"rejected candidate: {name}", (question,), (question,), "± of what it moves the point by [mm]", 1e3)
+    return Asked(
+        f"rejected candidate: {name}", (question,), (question,), ("± of the displacement by the candidate [mm]"), 1e3
+    )
 
 
 def tellable_causes(model: Model, record: Report) -> frozenset[str]:
@@ -247,13 +255,13 @@ class PosesResult(Shown):
         apart = f", no two closer than {self.spacing:.2f} of a range" if len(self.q) > 1 else ""
         lines = [f"{len(self.q)} poses of {self.mechanism.name}{apart}", wrapped(self.said, 0)]
         if not knows_its_shape(self.mechanism):
-            lines.append("its geometry is not known here: look for collisions before you move")
+            lines.append("the shapes of the links are not known: check each pose for collisions before moving")
         rows = np.unique(np.linspace(0, len(self.curve) - 1, min(ROWS, len(self.curve))).round().astype(int))
         few = self.curve.iloc[rows].set_axis(["poses", "chosen", "random"], axis=1)
         lines.append(f"{self.curve.columns[1]}:")
         lines.append(few.to_string(index=False, na_rep="-", float_format="{:.4g}".format))
         for pair, n in self.decided.items():
-            when = f"not decided by {len(self.q)}" if n is None else f"decided by the first {n}"
+            when = f"not separated by {len(self.q)}" if n is None else f"separated by the first {n}"
             lines.append(wrapped(f"{when} poses: {pair}", 0))
         return "\n".join([*lines, f"no set of {len(self.q)} poses can be below {self.limit:.4g}"])
 
@@ -301,7 +309,7 @@ def choose_poses(
     model, record = (None, None) if after is None else read_result(after)
     _one_of(model, criterion=criterion, rejected=rejected, task=task, like=like)
     if model is None and mechanism is None:
-        raise InputError("missing, expected a mechanism, or a result to go on after", "mechanism")
+        raise InputError("missing, expected a mechanism, or a result in `after`", "mechanism")
     arm, collides = mechanism_of(mechanism) if model is None else model.mechanism, switch(collisions, "collisions")
     reach = Reach(_box(above, box), _tool(tool_point, model), _sight(instrument, normal, cone), collides)
     spread_of = quantity(noise, "length", "noise", positive=True, most=NOISIEST)
@@ -334,11 +342,11 @@ def _one_of(model: Model | None, **given: object) -> None:
     named = [name for name, value in given.items() if value is not None]
     of_result = [name for name in named if name in ("rejected", "task")]
     if model is None and of_result:
-        raise InputError("belongs to a result; expected one to go on after", of_result[0])
+        raise InputError("needs a result; expected a result in `after` too", of_result[0])
     if model is not None and "like" in named:
-        raise InputError("is of a machine before it is measured; expected it or a result to go on after", "like")
+        raise InputError("is for a machine without measurements; expected `like` or `after`, not both", "like")
     if len(named) > 1:
-        raise InputError(f"decides the poses alone; expected {' or '.join(named)}, not both", named[-1])
+        raise InputError(f"cannot be combined; expected {' or '.join(named)}, not both", named[-1])
 
 
 def _of_type(fleet: FleetPart, arm: Mechanism, pool: Array) -> Asked:
@@ -391,6 +399,6 @@ def _sight(instrument: str | Sequence[float] | None, normal: Sequence[float], co
     half = CONE if cone is None else number(cone, "cone", 1e-6, 180.0)
     if instrument is None:
         if cone is not None:
-            raise InputError("concerns the line to the instrument; expected --instrument too", "cone")
+            raise InputError("needs the position of the instrument; expected --instrument too", "cone")
         return None
     return Sight(np.array(point(instrument, "instrument")), axis, float(np.radians(half)))

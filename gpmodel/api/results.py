@@ -86,7 +86,7 @@ def _kept(model: Model, folder: Path) -> Iterator[None]:
         save_model(model, folder)
         if not isinstance(error, InputError):
             raise
-        said = f"no report could be made ({error}); the model with its findings is in {folder / MODEL}"
+        said = f"no report could be made ({error}); the model with the findings is in {folder / MODEL}"
         raise InputError(said) from None
 
 

@@ -49,7 +49,7 @@ class SavedResult(RecordedResult):
         values = zip(saved.model.effects, saved.theta, strict=True)  # corrections of constants inside formulas are zero
         effects = tuple(effect for effect, value in values if not effect.constant and value)
         if not effects:
-            raise InputError(f"{self.folder}: the model has no findings, expected a result with some", "findings")
+            raise InputError(f"{self.folder}: the model has no findings, expected a result with findings", "findings")
         if formula is None:
             return effects
         able = [k for k, record in enumerate(self.findings, 1) if record.front]
@@ -57,7 +57,7 @@ class SavedResult(RecordedResult):
         if len(wanted) != 1:
             asked = f"finding {finding}: no formula" if finding is not None else f"{len(able)} findings have formulas"
             listed = ", ".join(map(str, able)) or "none"
-            raise InputError(f"{asked}, expected the number of one that has: {listed}", "finding")
+            raise InputError(f"{asked}, expected the number of a finding with formulas: {listed}", "finding")
         record = self.findings[wanted[0] - 1]
         if not 1 <= whole(formula, "formula") <= len(record.front):
             raise InputError(f"{formula}, expected 1 to {len(record.front)}", "formula")

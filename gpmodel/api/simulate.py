@@ -119,7 +119,7 @@ def simulate(
     scene = None
     if instrument != "tracker":
         if given is not None:
-            raise InputError(f"{instrument} draws its own poses; expected their number", "poses")
+            raise InputError(f"the simulation of {instrument} draws the poses; expected the number of poses", "poses")
         scene = scene_of(instrument, arm, random_poses(arm, POOL * count, rng), count, tool_point, rng)
     q = scene.q if scene else random_poses(arm, count, rng) if given is None else given.q
     _check_columns(columns, q, arm)
@@ -142,7 +142,7 @@ def _check_columns(columns: Sequence[tuple[str, str, Array]], q: Array, arm: Mec
         read = dataset_of(pd.concat([joint_table(arm, q), inputs], axis=1), arm, need_measurement=False)
         measured = [name for name, *_ in columns if name not in (*read.extra_units, *LABELS, "payload")]
         if measured:
-            raise InputError(f"'{measured[0]}' is what an instrument reads, expected another name")
+            raise InputError(f"'{measured[0]}' is the name of a measured column, expected another name")
 
 
 def _truth(made: Simulation) -> SavedModel:

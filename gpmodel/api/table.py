@@ -99,7 +99,7 @@ def read_table(
     dataset = dataset_of(table, arm, need_measurement=True, described=given)
     check_told_of(dataset, given)
     if choice_of(arm).payload_com is not None and choice_of(arm).payload is None and not dataset.payload_given:
-        said = f"nothing is carried in {dataset.source}; expected a payload, or a column 'payload [kg]', beside it"
+        said = f"{dataset.source} has no payload; expected a payload or a column 'payload [kg]' too"
         raise InputError(said, "payload_com")
     return replace(dataset, in_order=True) if in_order else dataset
 
@@ -129,7 +129,9 @@ def check_told_of(dataset: Dataset, given: Collection[str]) -> None:
     """Raise InputError naming the argument if cameras, a board or surfaces are described that the table lacks."""
     for name, columns in (("cameras", ("u", "v")), ("board", ("u", "v")), ("surfaces", TOUCHED)):
         if name in given and not {*dataset.readings, *dataset.labels} & {*columns}:
-            raise InputError(f"{dataset.source} has no column {' or '.join(columns)} that it describes", name)
+            raise InputError(
+                (f"{dataset.source} has no column {' or '.join(columns)}; expected a table with this column"), name
+            )
 
 
 def dataset_of(

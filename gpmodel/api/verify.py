@@ -67,9 +67,12 @@ class RepairedModel(Shown):
             f"Expected error of the tool point: {now}; {was} before the change.",
         ]
         if more is None:
-            lines.append(f"These poses are not enough, nor are {MOST_MORE} more: calibrate again.")
+            lines.append(f"These poses are too few, and {MOST_MORE} more would also be too few: calibrate again.")
         elif len(more):
-            lines.append(f"These poses are not enough to be as good as before: measure {len(more)} more, add them:")
+            lines.append(
+                f"The error before the change is not reached yet. Measure {len(more)} more poses and "
+                "add them to the table:"
+            )
             lines.append(table_text(more, CONTROLLER_DECIMALS).rstrip("\n"))
         return "\n".join(lines)
 
@@ -110,31 +113,34 @@ class NextCheck(Shown):
         lines = [] if self.judged is None else [*sentences(self.judged.record)]
         limit = wording.length(self.limit)
         if self.judged is None:
-            lines.append(f"{self.poses} of the {FIRST} different poses that a check begins with.")
+            lines.append(f"The table has {self.poses} different poses. A check needs at least {FIRST}.")
         elif self.unseen:
             worst = max(self.unseen, key=lambda one: one.moves)
             by = f"by {wording.length(1e3 * worst.moves)}" if np.isfinite(worst.moves) else "by centimetres"
-            others = f", those of {len(self.unseen) - 1} more joints too" if len(self.unseen) > 1 else ""
+            others = f"; {len(self.unseen) - 1} more joints have undetectable changes" if len(self.unseen) > 1 else ""
             lines.append(
-                f"Not decided after {self.poses} poses: the zero of {worst.joint} could have changed and moved the "
-                f"tool {by} unseen{others}; the limit is {limit}."
+                f"Not decided after {self.poses} poses: a change of the zero of {worst.joint} that moves the tool {by} "
+                f"is not detectable yet{others}. The limit is {limit}."
             )
         elif self.judged.holds:
             lines.append(
                 f"Decided after {self.poses} poses: a change of any joint's zero that moves the tool by {limit} would "
-                "have been seen. Of a machine that did not change, one check in twenty says that it did."
+                "have been detected. For unchanged machines, one check in twenty reports a change."
             )
         elif self.decided:
             lines.append(f"Decided after {self.poses} poses.")
             lines.append(
-                "No repaired model: no change that is named explains the poses; calibrate again."
+                "No repaired model: no single change explains the poses. Calibrate again."
                 if self.repaired is None
                 else self.repaired.summary()
             )
         else:
-            lines.append(f"What changed is not decided after {self.poses} poses.")
+            lines.append(f"The change is not identified after {self.poses} poses.")
         if self.next is not None:
-            lines += ["Measure next, and add it to the table:", table_text(self.next, CONTROLLER_DECIMALS).rstrip("\n")]
+            lines += [
+                ("Measure this pose next, and add the measurement to the table:"),
+                table_text(self.next, CONTROLLER_DECIMALS).rstrip("\n"),
+            ]
         return "\n".join(lines)
 
 

@@ -136,7 +136,7 @@ def not_reached(mechanism: Mechanism, corrected: pd.DataFrame) -> str:
         return ""
     point = corrected.iloc[rows[0]][[c for c in corrected.columns if split_header(str(c))[0] in ("x", "y", "z")]]
     target = ", ".join(f"{name} {cell}" for name, cell in point.items())
-    more = f"; so are {len(rows) - 1} more" if len(rows) > 1 else ""
+    more = f" ({len(rows)} targets in all)" if len(rows) > 1 else ""
     return f"row {rows[0] + 1}: {target or 'the target'} is out of reach of {mechanism.name}{more}"
 
 

@@ -65,7 +65,7 @@ def cartesian_problem(fit: Calibration, poses: Poses, rows: IntArray, norm: str 
     """
     rows = rows[np.isfinite(poses.dataset.position[rows]).all(axis=1)]
     if not len(rows):
-        raise InputError(f"{poses.dataset.source}: no pose has x, y and z; a compensator needs all three")
+        raise InputError(f"{poses.dataset.source}: no pose has x, y and z; expected all three for a compensator")
     chosen = resolved(fit, poses.subset(rows))
     tip = observe(fit.model, chosen, fit.theta, fit.placement).tip[:, :3, 3]
     register = np.stack([fit.placement.registration[name] for name in chosen.dataset.label("setup").tolist()])

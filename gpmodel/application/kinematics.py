@@ -180,15 +180,17 @@ def matched(saved: SavedModel, dataset: Dataset) -> Dataset:
     """
     for name, unit in saved.input_units.items():
         if name not in dataset.extras:
-            raise InputError(f"{dataset.source}: column '{name} [{unit}]' is missing; the model reads it")
+            raise InputError(f"{dataset.source}: column '{name} [{unit}]' is missing; the model needs this column")
         if dataset.extra_units[name] != unit:
             given = dataset.extra_units[name]
-            raise InputError(f"{dataset.source}: column '{name}' is in [{given}]; the model was made with [{unit}]")
+            raise InputError(
+                f"{dataset.source}: column '{name}' is in [{given}]; expected [{unit}], as in the fit of the model"
+            )
     if not dataset.payload_given:
         dataset = with_payload(dataset, choice_of(saved.mechanism).payload)
         read = {name for effect in saved.model.effects for name in effect.inputs}
         if "payload" in read:
-            raise InputError(f"{dataset.source}: column 'payload [kg]' is missing; the model reads it")
+            raise InputError(f"{dataset.source}: column 'payload [kg]' is missing; the model needs this column")
     labels = dict(dataset.labels)
     for column, known in (("setup", saved.placement.registration), ("tool", saved.placement.tool)):
         labelled = set(dataset.label(column).tolist())
@@ -207,7 +209,7 @@ def matched_with_readings(saved: SavedModel, dataset: Dataset) -> Dataset:
     registration and tool point.
     """
     if mixed := mixed_up(saved.mechanism, dataset):
-        raise InputError(f"{dataset.source}: {mixed}; the model is one of {saved.mechanism.name}")
+        raise InputError(f"{dataset.source}: {mixed}; expected a table of {saved.mechanism.name}")
     fitting, rows = matched(saved, dataset), comparable_rows(dataset)
     rows = rows[:: max(1, len(rows) // MOST_ROWS)]
     known = all(joint.measured for joint in saved.mechanism.joints) and not branched(saved.mechanism)
@@ -219,8 +221,8 @@ def matched_with_readings(saved: SavedModel, dataset: Dataset) -> Dataset:
         most, errors = typical(frames, dataset.position[rows])
         if (left := root_mean_square(errors[most])) > POOR_LENGTH:
             raise InputError(
-                f"{dataset.source}: the positions are of another machine: the model of {saved.mechanism.name} leaves "
-                f"{1e3 * left:.3g} mm of them with a registration and tool point of their own; expected less than "
+                f"{dataset.source}: the positions do not fit the model of {saved.mechanism.name}, which leaves "
+                f"{1e3 * left:.3g} mm after a new fit of registration and tool point; expected less than "
                 f"{1e3 * POOR_LENGTH:g} mm"
             )
     return fitting

@@ -225,7 +225,7 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
         raise InputError(f"mechanism '{about.name}' has changed since this model was made; calibrate again")
     effects, others = _effects(part.effects), _effects(part.others)
     if odd := [name for e in (*effects, *others) for name in e.inputs if not name.isidentifier()]:
-        raise InputError(f"a basis reads {odd[0]!r}, which is no name of a column")
+        raise InputError(f"a basis function has the input {odd[0]!r}, expected the name of a column")
     if unknown := [s for e in (*effects, *others) for s in e.slots if s not in places(mechanism)]:
         raise InputError(f"slot '{unknown[0]}' is unknown; available: {choices(unknown[0], places(mechanism))}")
     return SavedModel(

@@ -274,7 +274,7 @@ def read_sealed(path: Path, of: Sealed[Part]) -> tuple[Part, str]:
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     if content.get(SEAL) != seal(content):
-        raise InputError(f"{path}: its content is not what was written, by its {SEAL}; make it again")
+        raise InputError(f"{path}: the content was changed after writing (wrong {SEAL}); create the file again")
     return part, str(content[SEAL])
 
 
@@ -298,7 +298,10 @@ def _check_report(path: Path, digest: str) -> None:
         return
     said = report.get(REPORTED) if isinstance(report, dict) else None
     if said and said != digest:
-        raise InputError(f"{path}: is not the model that {REPORT} next to it states ({REPORTED} {str(said)[:12]}…)")
+        raise InputError(
+            f"{path}: does not match {REPORT} in the same folder ({REPORTED} {str(said)[:12]}…); "
+            "expected the model of this report"
+        )
 
 
 def _content(path: Path, expected: str) -> object:

@@ -48,13 +48,15 @@ def of_the_ball(name: str, joint: SavedModel, machine: Mechanism) -> tuple[Effec
     """
     balls = {ball.name: ball for ball in balls_of(machine) if ball.name}
     if name not in balls:
-        raise InputError(f"'{name}' is no ball of {machine.name}; it has {choices(name, balls)}", "joint")
+        raise InputError(f"'{name}' is no ball of {machine.name}; expected {choices(name, balls)}", "joint")
     rig = joint.mechanism
     if isinstance(rig, Reaching) and len(joint.placement.tool) == 1:  # the lever ends at the fitted tool point
         rig = rig.reaching(next(iter(joint.placement.tool.values()))[:3, 3])
     single = balls_of(rig)
     if len(single) != 1 or single[0].name:
-        raise InputError(f"{name}: a result of {joint.mechanism.name}, expected one of a ball joint alone", "joint")
+        raise InputError(
+            (f"{name}: a result of {joint.mechanism.name}, expected a result of a single ball joint"), "joint"
+        )
     there = balls[name]
     handed = [
         _handed(effect, float(theta), float(stderr), single[0], there)
@@ -63,7 +65,10 @@ def of_the_ball(name: str, joint: SavedModel, machine: Mechanism) -> tuple[Effec
     found = tuple(effect for effect in handed if effect is not None)
     if not found:
         known = ", ".join(e.name for e in joint.model.effects if not e.constant) or "constants alone"
-        raise InputError(f"{name}: of that joint {known} is known, expected a shift over the tilt of its ball", "joint")
+        raise InputError(
+            (f"{name}: the result of this joint has {known}, expected a shift that depends on the tilt of the ball"),
+            "joint",
+        )
     return found
 
 

@@ -301,7 +301,7 @@ def recheck(session: Session) -> Recheck:
     count = different_poses(session.poses.dataset)
     if found.degrees < LEAST_FREEDOM or count < LEAST_POSES:
         raise InputError(
-            f"{session.poses.dataset.source}: {count} different poses leave too little to judge the model by after the "
+            f"{session.poses.dataset.source}: {count} different poses are too few to test the model after the "
             f"registration; expected at least {LEAST_POSES} poses"
         )
     return found

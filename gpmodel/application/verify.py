@@ -103,8 +103,9 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
     found, instrument = _with_or_without_the_instrument(saved, _as_counted(saved, dataset))
     if (share := np.sqrt(found.chi_square / found.degrees)) < COMPUTED:
         raise InputError(
-            f"{dataset.source}: the positions were computed, not measured: they miss the model's own predictions by "
-            f"{share:.2g} of its noise; expected positions measured afterwards"
+            f"{dataset.source}: the positions were computed, not measured: they differ from the predictions of "
+            "the model by "
+            f"{share:.2g} of the noise; expected positions measured afterwards"
         )
     alone = calibrate(ErrorModel(saved.mechanism, ()), found.session.poses)
     for text in computed(root_mean_square(alone.fitted_error), found.session.poses.dataset):
@@ -146,8 +147,8 @@ def _as_counted(saved: SavedModel, dataset: Dataset) -> Dataset:
     for kind in observations(dataset):
         if kind.readings.any() and kind.metres and kind.unit not in read:
             raise InputError(
-                f"{dataset.source}: the model was fitted to {' and '.join(read.values())}, which says nothing of the "
-                f"noise of {kind.name}; expected a table of the same instrument, or a model fitted to both"
+                f"{dataset.source}: the model was fitted to {' and '.join(read.values())}, so that the "
+                f"noise of {kind.name} is unknown; expected a table of the same instrument, or a model fitted to both"
             )
     return counted(dataset, {kind.name: kind.metres for kind in fitted if kind.metres})
 

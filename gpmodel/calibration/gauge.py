@@ -106,8 +106,8 @@ def choose(
         fold = folds(problem.poses.dataset, FOLDS, np.random.default_rng(seed))[problem.pose_of_row]
         if not np.ptp(fold):
             raise InputError(
-                f"{problem.poses.dataset.source}: the poses fitted are all of one group; expected at least 2 groups, "
-                "to choose the condition limit between, or a condition limit"
+                f"{problem.poses.dataset.source}: all fitted poses belong to one group; expected at least 2 groups "
+                "for the cross-validation of the condition limit, or a given condition limit"
             )
         local = of_one_fold(problem.columns[:, :fixed], fold)
         beside = np.hstack([problem.columns[:, :fixed][:, ~local], columns[:, varying]])

@@ -101,8 +101,8 @@ a second-order amount."""
 
 REASONS = {
     "converged": f"the last step moved no pose by more than {STEP_TOLERANCE * 1e6:g} µm",
-    "stalled": f"still moving after {MAX_ITERATIONS} iterations: poses too alike, or joint values wrong",
-    "diverged": "steps grew: wrong joint units, signs or order, or too few poses",
+    "stalled": f"not converged after {MAX_ITERATIONS} iterations: poses too similar, or wrong joint values",
+    "diverged": "diverged: wrong joint units, signs or order, or too few poses",
 }
 """Explanation of each status with which iterations end."""
 

@@ -143,15 +143,15 @@ class Rival:
     def words(self, kinds: Sequence[str]) -> str:
         """State the alternative in one sentence, with the poses that would distinguish it. kinds: of the joints."""
         size, rival = measured(self.value, None, self.unit), measured(self.amplitude, None, self.candidate.unit)
-        said = f"{self.constant} of {size} could equally be {self.candidate.name} of {rival}"
+        said = f"{self.constant} of {size} may instead be {self.candidate.name} of {rival}"
         if self.session:
-            return f"{said}; the same poses with another {' and '.join(self.session)} would tell them apart"
+            return f"{said}; the same poses with another {' and '.join(self.session)} would separate the two causes"
         if self.difference.max() < ident.NEGLIGIBLE:
-            return f"{said}; no joint values tell them apart"
+            return f"{said}; no joint values separate the two causes"
         factor = np.array([180.0 / np.pi if kind == "revolute" else 1e3 for kind in kinds])
         unit = " and ".join(u for kind, u in (("revolute", "deg"), ("prismatic", "mm")) if kind in kinds)
         at = "; ".join(", ".join(f"{v:.0f}" for v in factor * row) for row in self.poses)
-        return f"{said}; these joint values ({unit}) would tell them apart best: {at}"
+        return f"{said}; measurements at these joint values ({unit}) separate the two causes best: {at}"
 
 
 def rivals_of_constants(calibration: Calibration, poses: Poses, pool: Iterable[Candidate]) -> tuple[Rival, ...]:

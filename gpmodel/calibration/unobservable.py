@@ -105,13 +105,13 @@ def held_at_description(fit: Calibration, poses: Poses, *, searched: bool = Fals
     radius, inside, outside = errors_by_region(fit, poses, unknown)
     yield (
         f"expected error of a predicted point: {1e3 * inside:.2g} mm RMS within {radius:.2g} m of the middle of the "
-        f"measured points, {1e3 * outside:.2g} mm outside; the residual tells neither"
+        f"measured points, {1e3 * outside:.2g} mm outside; the residual does not indicate these errors"
     )
     if unknown.stands_out:
-        cause = "" if searched else "; gpmodel discover names the effects that cause it"
+        cause = "" if searched else "; gpmodel discover searches for the causes"
         yield (
-            f"the residual of the constants holds more than noise: smooth functions of the joint values, part of the "
-            f"model, explain it down to {1e3 * unknown.noise:.2g} mm a reading{cause}"
+            f"the residual of the constants exceeds the noise: smooth functions of the joint values, part of the "
+            f"model, reduce the residual to {1e3 * unknown.noise:.2g} mm per measurement{cause}"
         )
     weak = fit.sigma > TOLERANCE * problem.sizes[problem.placement + at] * fit.unique_share[at]
     if weak.any():
@@ -120,7 +120,7 @@ def held_at_description(fit: Calibration, poses: Poses, *, searched: bool = Fals
         more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
         lengths = np.array([fit.model.effects[i].unit == "m" for i in at])
         yield (
-            f"these readings do not show {int((weak & lengths).sum())} of {int(lengths.sum())} lengths and "
+            f"these measurements do not determine {int((weak & lengths).sum())} of {int(lengths.sum())} lengths and "
             f"{int((weak & ~lengths).sum())} of {int((~lengths).sum())} angles to 1 mm or 1 mrad, which stay near the "
             f"description: {', '.join(names[:LISTED])}{more}"
         )
@@ -156,15 +156,15 @@ def unseen(kinds: tuple[Observation, ...]) -> Iterator[str]:
     read = [kind for kind in kinds if kind.readings.any()]
     if not read or any(kind.absolute for kind in read):
         return
-    what = f"what was read ({', '.join(kind.name for kind in read)})"
+    what = f"the measurements ({', '.join(kind.name for kind in read)})"
     if not any(map(shows_size, read)):
         yield (
-            f"{what} fits a machine that is larger as a whole as well: its lengths stay, on the whole, as described; a "
-            "bar, a ball of known diameter, an artefact or a camera with its board would show it"
+            f"{what} do not determine the scale of the machine, which is that of the description; a bar, a "
+            "ball of known diameter, an artefact or a camera with a board would determine the scale"
         )
     if all(isinstance(kind, Pixels | Inclination) for kind in read):
-        yield f"{what} does not show the tool point: it stays at the flange; touches of one point would show it"
+        yield f"{what} do not determine the tool point, which stays at the flange; touches of one point would do so"
     yield (
-        f"{what} does not show where the base stands: what is predicted is in the frame of the root; points of a "
-        "tracker, three at least, would place it in theirs"
+        f"{what} do not determine the pose of the base: predictions are in the frame of the root; three "
+        "or more points of a tracker would determine the pose"
     )

@@ -141,7 +141,7 @@ def guess(sheet: Sheet, mechanism: Mechanism, turned: bool = False) -> Guess:
     if label is not None:
         column, roles = label
         columns |= dict.fromkeys(roles, f"c{column + 1}")
-        lines[column] = f"{' and '.join(roles)}: its values tell apart rows that fit a registration of their own"
+        lines[column] = f"{' and '.join(roles)}: rows with different values have different registrations"
     orientation = _orientation(sheet, mechanism, best, lines)
     columns |= _inputs(sheet, lines, columns)
     text = [f"{i + 1:3} {name or '(no name)'}: {lines.get(i, 'left out')}" for i, name in enumerate(sheet.names)]
@@ -187,7 +187,10 @@ def _nothing(sheet: Sheet, mechanism: Mechanism) -> str:
             f"{sheet.source}: {numbers} columns of numbers; expected {count} joint values ({names}) and x, y, z a row"
         )
     if len(sheet.cells) < FEWEST_ROWS:
-        return f"{sheet.source}: {len(sheet.cells)} rows; expected {FEWEST_ROWS} at least to tell columns by, or --map"
+        return (
+            f"{sheet.source}: {len(sheet.cells)} rows; expected at least {FEWEST_ROWS} to identify the "
+            "columns, or --map"
+        )
     return (
         f"{sheet.source}: no {count} columns as joint values ({names}) and 3 as positions fit {mechanism.name} by any "
         "unit, sign or coupling; expected measured positions of this mechanism, a row a pose, or --map MAP.toml"
@@ -207,10 +210,8 @@ def _one_set_of_joints(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: 
             shown = [" to ".join(names[i] for i in (s[0], s[-1])) for s in (first, other)]
             alike = all(sheet.cells[a].equals(sheet.cells[b]) for a, b in zip(first, other, strict=True))
             if not alike and said[first] == said[other]:
-                doubts.append(
-                    f"joint values are in {shown[0]} and in {shown[1]}; expected those that the encoders showed"
-                )
-            lines |= {i: f"left out: {shown[0]} are taken for the joint values" for i in other if i not in first}
+                doubts.append(f"joint values are in {shown[0]} and in {shown[1]}; expected the encoder values only")
+            lines |= {i: f"left out: {shown[0]} are used as joint values" for i in other if i not in first}
     return sorted((fit for fit in fits if fit.joints == first), key=lambda fit: fit.points)
 
 
@@ -225,8 +226,8 @@ def _measured(sheet: Sheet, mechanism: Mechanism, fits: list[Fit], lines: dict[i
     if not left:
         names = ", ".join(sheet.names[i] or f"column {i + 1}" for i in fits[0].points)
         raise InputError(
-            f"{sheet.source}: the positions {names} are computed by the controller from its joint values: the standard "
-            f"model leaves less than {1e6 * FINEST:g} um; expected positions of an instrument"
+            f"{sheet.source}: the positions {names} are computed by the controller from the joint values: the "
+            f"residual of the standard model is below {1e6 * FINEST:g} um; expected positions of an instrument"
         )
     return left
 
@@ -269,8 +270,8 @@ def _reflectors(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: dict[in
         if same is not None and not shared:
             shown = [" ".join(sheet.names[i] or f"column {i + 1}" for i in f.points) for f in (same, fit)]
             if said[same.points] == said[fit.points] and not _congruent(sheet, same, fit):
-                doubts.append(f"positions are in {shown[0]} and in {shown[1]}; expected one that was measured")
-        lines |= {i: "left out: the point is read from other columns" for i in fit.points if not shared}
+                doubts.append(f"positions are in {shown[0]} and in {shown[1]}; expected the measured positions only")
+        lines |= {i: "left out: the positions are taken from other columns" for i in fit.points if not shared}
     return sorted(taken, key=lambda f: f.points)
 
 
@@ -296,7 +297,7 @@ def _joints(sheet: Sheet, mechanism: Mechanism, fit: Fit, doubts: list[str], lin
     out: dict[str, str] = {}
     turned = np.eye(len(fit.joints), len(fit.joints) + 1) if fit.turned is None else fit.turned
     if "swapped" in fit.reading:
-        doubts.append(f"{fit.reading}, against their names; expected the file's names corrected")
+        doubts.append(f"{fit.reading}, which contradicts the names; expected corrected names in the file")
     for joint, row, unit, column in zip(mechanism.joints, turned, fit.units, fit.joints, strict=True):
         if row.tolist() == np.eye(len(row))[len(out)].tolist():
             out[joint.name] = _ref(sheet, column, unit)
@@ -308,14 +309,14 @@ def _joints(sheet: Sheet, mechanism: Mechanism, fit: Fit, doubts: list[str], lin
             out[joint.name] = f"{text.removeprefix('+ ').replace('- ', '0 - ', text.startswith('- '))} [{unit}]"
         _, own, sure = header_of(sheet, column)
         if sure and own != unit and si_of(own, joint.kind):
-            doubts.append(f"'{sheet.names[column]}' fits as [{unit}], its header says [{own}]")
+            doubts.append(f"'{sheet.names[column]}' fits as [{unit}], but the header has [{own}]")
         lines[column] = f"{joint.name} [{unit}]" + f", read as {out[joint.name]}" * (
             out[joint.name] != _ref(sheet, column, unit)
         )
     if fit.reading:
         lines[fit.joints[0]] += f"; {fit.reading}"
     if fit.left > POOR_LENGTH:
-        doubts.append(f"registration and tool leave {1e3 * fit.left:.3g} mm, more than arms are off")
+        doubts.append(f"after registration and tool {1e3 * fit.left:.3g} mm remain, more than the error of an arm")
     return out
 
 
@@ -325,9 +326,10 @@ def _point(sheet: Sheet, fit: Fit, doubts: list[str], lines: dict[int, str]) -> 
         _, own, sure = header_of(sheet, column)
         lines[column] = f"{axis} [{fit.unit}]"
         if sure and own != fit.unit and si_of(own, "prismatic"):
-            doubts.append(f"'{sheet.names[column]}' fits as [{fit.unit}], its header says [{own}]")
+            doubts.append(f"'{sheet.names[column]}' fits as [{fit.unit}], but the header has [{own}]")
     lines[fit.points[0]] += (
-        f"; registration leaves {1e3 * fit.left:.3g} mm, tool point {np.round(1e3 * fit.found.tool, 1).tolist()} mm"
+        f"; residual after registration {1e3 * fit.left:.3g} mm, tool point "
+        f"{np.round(1e3 * fit.found.tool, 1).tolist()} mm"
     )
     return {axis: _ref(sheet, column, fit.unit) for axis, column in zip("xyz", fit.points, strict=True)}
 
@@ -349,7 +351,7 @@ def _orientation(sheet: Sheet, mechanism: Mechanism, fit: Fit, lines: dict[int, 
         lines |= dict.fromkeys(columns, "left out: orientation computed by the controller, not measured")
         return None
     lines |= dict.fromkeys(
-        columns, f"orientation, {convention} {unit}; it misses the mechanism's by {1e3 * left:.2g} mrad"
+        columns, f"orientation, {convention} {unit}; deviation from the mechanism {1e3 * left:.2g} mrad"
     )
     return OrientationColumns(tuple(_ref(sheet, i, unit) for i in columns), convention)
 
@@ -392,7 +394,7 @@ def _inputs(sheet: Sheet, lines: dict[int, str], taken: dict[str, str]) -> dict[
         elif values.isna().any() or values.nunique() < 2:
             lines[i] = "left out: constant" if values.nunique() < 2 else "left out: not in every row"
         elif unit is None or not known_unit(unit) or any(si_of(unit, kind) for kind in SI_UNIT):
-            lines[i] = "left out: no unit" if unit is None else f"left out: a reading in {unit} that no model needs"
+            lines[i] = "left out: no unit" if unit is None else f"left out: a measurement in {unit} that no model needs"
         elif word not in out and word not in taken:
             out[word], lines[i] = _ref(sheet, i, unit), f"input {word} [{unit}]"
     return out

@@ -48,8 +48,8 @@ def another_centre(model: ErrorModel, data: Dataset) -> str | None:
     found = [(name, fit.placement.anchors[f"lens {name}"], c["centre_px"]) for name, c in stated.items()]
     said = [f"camera {n} has {x[0]:.0f}, {x[1]:.0f} px, described as {c[0]:.0f}, {c[1]:.0f}" for n, x, c in found]
     return (
-        f"centre_px is wrong, as of a turned or cut image: {'; '.join(said)}; with it the standard model leaves "
-        f"{1e3 * left:.3g} mm RMS"
+        f"centre_px is wrong (was the image rotated or cropped?): {'; '.join(said)}; residual with the "
+        f"fitted centre: {1e3 * left:.3g} mm RMS"
     )
 
 
@@ -104,14 +104,14 @@ def check_dataset(
         tell(f"fitting registration and the standard model to {len(rows)} rows")
     bare = calibrate(ErrorModel(mechanism, ()), poses)
     fit = calibrate(ErrorModel(mechanism, standard), poses, start=without_outlier_marks(bare))
-    another = f"{mechanism.name} is not described as it was measured"
+    another = f"the description of {mechanism.name} does not match the measurements"
     wrong = [Remark("warning", text, another) for text in built_wrong(fit, poses)]
     wrong += [Remark("warning", text, "too few poses") for text in _too_few_held(mechanism, poses.dataset, standard)]
     wrong += [Remark("warning", *said) for said in _poor(fit, poses)]
     sizes = [Remark(*said) for said in scaled(fit, poses)]
     warnings = [Remark("warning", text) for text in warnings_of(mechanism, poses, fit)]
     said = notes(mechanism, poses, (bare, fit), noise_floor(data))
-    sampled = (f"judged on {len(rows)} of {len(data)} rows, in even stretches",) if many else ()
+    sampled = (f"tested on {len(rows)} of {len(data)} rows, in equally spaced blocks",) if many else ()
     remarks = [*wrong, *sizes, *warnings, *(Remark("note", text) for text in (*sampled, *said))]
     return sorted(remarks, key=lambda remark: remark.severity == "note")
 
@@ -123,7 +123,7 @@ def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
     """
     for text in poor_fit(fit):
         if lens := another_centre(fit.model, poses.dataset):
-            yield lens, "the lens is not the image's"
+            yield lens, "centre_px does not match the images"
             continue
         pool = candidates(fit.model.mechanism, poses.states, [f for f in catalogue if f.name in YIELDING])
         soft = ErrorModel(fit.model.mechanism, (*fit.model.effects, *(e for c in pool for e in c.effects)))
@@ -132,9 +132,9 @@ def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
         )
         if left > POOR:
             rows = of_the_rows(fit.model.mechanism, poses.dataset, left)
-            yield "; ".join(filter(None, (text, rows))), "the standard model leaves too much"
+            yield "; ".join(filter(None, (text, rows))), "the residual of the standard model is too large"
         else:
-            yield f"{text}. With base and joints that yield {1e3 * left:.3g} mm are left", ""
+            yield f"{text}. With compliance of base and joints, {1e3 * left:.3g} mm remain", ""
 
 
 def evenly(count: int) -> IntArray:
@@ -211,7 +211,7 @@ def _shown(kind: str, value: float) -> str:
 
 def _all_alike(data: Dataset) -> str | None:
     if np.ptp(data.q, axis=0).max() <= SAME_JOINT:
-        count = f"all {len(data)} poses are alike" if len(data) > 1 else "there is only one pose"
+        count = f"all {len(data)} poses are equal" if len(data) > 1 else "there is only one pose"
         return f"{data.source}: {count}; expected joint values that differ from row to row"
     return None
 
@@ -247,15 +247,16 @@ def _unlike_readings(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
         if isinstance(kind, Distance):
             of, expected = kind.values[kind.readings[:, 0], None], "distances of the tool point from one fixed point"
         elif isinstance(kind, Touches):
-            of, expected = observed.tip[kind.readings.any(axis=1), :3, 3], "what the tool point touched in these poses"
+            of, expected = observed.tip[kind.readings.any(axis=1), :3, 3], "touches of the tool point at these poses"
         elif isinstance(kind, Pixels):
-            of, expected = kind.values[kind.readings.all(axis=1)], "what these cameras see of these boards"
+            of, expected = kind.values[kind.readings.all(axis=1)], "images of these boards by these cameras"
         else:
             continue
         left, spread = root_mean_square(kind.residual(observed.tips, observed.own)[kind.readings]), spread_of(of)
         if left > UNLIKE * spread:
             scale, unit = (1e3, "mm") if kind.unit == "m" else (1.0, kind.unit)
             yield (
-                f"{data.source}, column '{kind.name}': does not fit {mechanism.name}, {scale * left:.3g} {unit} are "
-                f"left of a spread of {scale * spread:.3g} {unit}; expected {expected}"
+                f"{data.source}, column '{kind.name}': does not fit {mechanism.name}: the residual is "
+                f"{scale * left:.3g} {unit}, "
+                f"with a spread of {scale * spread:.3g} {unit}; expected {expected}"
             )

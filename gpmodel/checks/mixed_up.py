@@ -73,7 +73,7 @@ def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
         return _degrees_read_as_radians(largest)
     if text is None and hopeless and all(j.measured for j in mechanism.joints):
         return (
-            f"the positions do not fit {mechanism.name}: registration and tool leave {1e3 * now:.3g} mm of their "
+            f"the positions do not fit {mechanism.name}: {1e3 * now:.3g} mm remain after registration and tool, of a "
             f"spread of {1e3 * spread:.3g} mm; expected the right mechanism, joint order, signs and units"
         )
     return text
@@ -103,7 +103,7 @@ def _better(
         return None
     least = min(left for left, _ in found)
     said = ", or ".join(text for left, text in sorted(found) if left < ALIKE * least)
-    return f"{said}; registration alone then leaves {1e3 * least:.3g} mm, as it stands {1e3 * now:.3g} mm"
+    return f"{said}; residual after registration: {1e3 * least:.3g} mm instead of {1e3 * now:.3g} mm"
 
 
 def _best_of(mechanism: Mechanism, readings: Iterable[Reading], limit: float) -> tuple[float, str] | None:
@@ -180,8 +180,9 @@ def _late_column(mechanism: Mechanism, q: Array, p: Array, now: float) -> str | 
             most, errors = typical(frames, p[1:-1])
             if root_mean_square(errors[most]) < now / FAR_BETTER:
                 return (
-                    f"column '{mechanism.joints[i].name}' looks a row {'late' if shift > 0 else 'early'}; put its "
-                    "values beside those of the other joints again"
+                    f"column '{mechanism.joints[i].name}' is probably a row {'late' if shift > 0 else 'early'}; "
+                    "align the "
+                    "column with the other joints"
                 )
     return None
 
@@ -215,8 +216,7 @@ def _lost_row(found: Registered, frames: Array, p: Array, row: IntArray) -> str 
     where = f"from about row {row[at]} on " if at else ""
     way = "before" if then > first or (first == then and then == 2) else "after"
     return (
-        f"{where}every position looks as if it belonged to the pose {way}: a row was lost; put joint values and "
-        "positions side by side again"
+        f"{where}every position probably belongs to the pose {way} (a row was lost); align joint values and positions"
     )
 
 
@@ -233,12 +233,13 @@ def _bad_rows(frames: Array, p: Array, row: IntArray, found: Registered) -> str 
         left = root_mean_square(other.errors(frames[bad][same], p[bad][same]))
         if same.mean() > 1.0 - OUTLIER_SHARE and left < root_mean_square(error[bad]) / FAR_BETTER:
             return (
-                f"two set-ups or tools in one table: {int(bad.sum())} rows ({rows}) fit a registration of their own; "
+                f"two set-ups or tools in one table: {int(bad.sum())} rows ({rows}) need another registration; "
                 "name each set-up in a column 'setup', or each tool in a column 'tool'"
             )
     return (
-        f"{int(bad.sum())} of {len(p)} readings are up to {1e3 * error[bad].max():.3g} mm off (rows {rows}): too many "
-        "to leave out; expected positions measured in these poses"
+        f"{int(bad.sum())} of {len(p)} measurements have errors up to {1e3 * error[bad].max():.3g} mm (rows "
+        f"{rows}): too many "
+        "to exclude; expected positions measured at these poses"
     )
 
 
@@ -275,14 +276,16 @@ def rotations_flaw(mechanism: Mechanism, data: Dataset) -> str | None:
         return None
     misses = {name: miss(turned, rotations) for name, rotations in _conventions(vectors)}
     best = min(misses, key=lambda name: round(misses[name], 6))
-    said = f"rx, ry, rz miss the mechanism's rotations by {np.degrees(now):.3g} deg"
+    said = f"rx, ry, rz differ from the rotations of the mechanism by {np.degrees(now):.3g} deg"
     if misses[best] > min(COARSE, now / FAR_BETTER):
         return (
-            f"{said}, in no convention by less than {np.degrees(misses[best]):.3g}; expected rotation vectors (axis "
-            "times angle) in the axes of x, y, z, each of the pose of its row"
+            f"{said}, in every other convention by at least {np.degrees(misses[best]):.3g}; expected rotation "
+            "vectors (axis "
+            "times angle) in the axes of x, y, z, measured at the pose of the row"
         )
     return (
-        f"{said}; as {best} they fit to {1e3 * misses[best]:.3g} mrad: import them in that convention (gpmodel import "
+        f"{said}; read as {best}, by {1e3 * misses[best]:.3g} mrad: import the table in this convention "
+        "(gpmodel import "
         "--map, [orientation])"
     )
 

@@ -204,12 +204,13 @@ def notes(
     """
     (bare, fit), data = fits, poses.dataset
     yield (
-        f"registration and tool alone leave {1e3 * root_mean_square(bare.fitted_error):.4g} mm RMS, the standard model "
-        f"{1e3 * root_mean_square(fit.fitted_error):.4g} mm, on the poses it is fitted to"
+        f"residual of the fitted poses: registration and tool {1e3 * root_mean_square(bare.fitted_error):.4g} "
+        "mm RMS, standard model "
+        f"{1e3 * root_mean_square(fit.fitted_error):.4g} mm"
     )
     if np.isfinite(turned := orientation_left(fit, poses)):
         first = orientation_left(bare, poses)
-        yield f"of the orientations these leave {1e3 * first:.3g} and {1e3 * turned:.3g} mrad RMS"
+        yield f"residual of the orientations: {1e3 * first:.3g} and {1e3 * turned:.3g} mrad RMS"
     different, values = different_poses(data), measured_values(data)
     each = f"{values / fit.rank:.1f} each"
     yield f"{different} different poses and {values} measured values for {fit.rank} unknowns: {each}"
@@ -234,9 +235,9 @@ def notes(
     )
     yield known
     if data.instrument is not None:
-        stated = f"the instrument's specification, {data.instrument}, leads to expect a noise of one coordinate of"
+        stated = f"the instrument's specification, {data.instrument}, implies a noise of one coordinate of"
         expected = 1e3 * data.instrument.noise(data.position)
-        yield f"{stated} {expected:.4f} mm; the standard model leaves {1e3 * fit.sigma:.4f} mm"
+        yield f"{stated} {expected:.4f} mm; the residual of the standard model is {1e3 * fit.sigma:.4f} mm"
     if wanted := list(_wanted(mechanism, data, (values, fit.rank), floor)):
         yield f"to measure next: {'; '.join(wanted)}"
 
@@ -246,10 +247,10 @@ def not_read(mechanism: Mechanism, data: Dataset) -> Iterator[str]:
     following = followers(mechanism)
     for name in data.ignored:
         if (joint := identifier(name)) in following:
-            yield f"{joint} follows {following[joint]}; its column is not read"
+            yield f"{joint} follows {following[joint]}; the column of {joint} is ignored"
     described = bare_of(mechanism)
     if isinstance(described, Described):
-        yield from (f"not read of {mechanism.name}: {text}" for text in described.not_read)
+        yield from (f"ignored in the description of {mechanism.name}: {text}" for text in described.not_read)
 
 
 def _loads(mechanism: Mechanism, data: Dataset) -> str:

@@ -30,8 +30,8 @@ def computed(left: float, data: Dataset) -> Iterator[str]:
     step = rounding(data)
     if written_to_a_digit(data) and left < min(ENOUGH * step, FINEST):
         yield (
-            f"these positions are computed, not measured: registration and tool leave {1e6 * left:.2g} µm, the "
-            "rounding of their digits; expected positions of an instrument, not those the controller shows"
+            f"these positions are computed, not measured: the residual is {1e6 * left:.2g} µm, the "
+            "rounding of the digits; expected positions of an instrument, not of the controller"
         )
 
 
@@ -39,10 +39,10 @@ def rounded(left: float, data: Dataset) -> Iterator[str]:
     """Yield a warning if rounding explains the residual. left: RMS residual of the standard model, m."""
     largest, (step, turn) = rounding(data), _last_digits(data)
     if FINEST < left < ENOUGH * largest:
-        ends = [f"joint values end at {np.degrees(turn):.3g} deg"] if turn else []
-        ends += [f"positions end at {1e3 * step:.3g} mm"] if step else []
+        ends = [f"joint values are rounded to {np.degrees(turn):.3g} deg"] if turn else []
+        ends += [f"positions are rounded to {1e3 * step:.3g} mm"] if step else []
         yield (
-            f"rounding explains what is left: {' and '.join(ends)}, which makes up to "
+            f"rounding explains the residual: {' and '.join(ends)}, which causes up to "
             f"{1e3 * largest:.3g} mm RMS; expected more digits"
         )
 
@@ -113,11 +113,11 @@ def of_joints(
     for factor, given, meant in units if scaled else ():
         what = f"joint values given as {given} look like {'degrees' if meant == 'deg' else 'radians'}"
         if only is None:
-            yield Reading(f"{what}: write [{meant}] in their headers", np.where(revolute, q * factor, q), p)
+            yield Reading(f"{what}: write [{meant}] in the headers", np.where(revolute, q * factor, q), p)
         for i in np.flatnonzero(revolute & chosen).tolist():
             yield Reading(f"column '{joints[i].name}' looks like [{meant}], given as {given}", _scaled(q, i, factor), p)
     for i in np.flatnonzero(chosen).tolist():
-        yield Reading(f"column '{joints[i].name}' looks counted the other way round", _scaled(q, i, -1.0), p)
+        yield Reading(f"column '{joints[i].name}' probably has the opposite sign", _scaled(q, i, -1.0), p)
     for i, k in combinations(range(len(joints)), 2):
         if chosen[i] and chosen[k]:
             order = np.arange(len(joints))
@@ -129,7 +129,7 @@ def of_joints(
                 coupled = q.copy()
                 coupled[:, i] += sign * q[:, k]
                 name, other = joints[i].name, joints[k].name
-                yield Reading(f"column '{name}' looks as if it were to be '{name}' {word} '{other}'", coupled, p)
+                yield Reading(f"column '{name}' should probably be '{name}' {word} '{other}'", coupled, p)
 
 
 def of_signs(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
@@ -138,7 +138,7 @@ def of_signs(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
     for size in range(2, len(names) + 1):
         for chosen in combinations(range(len(names)), size):
             flipped = np.where(np.isin(np.arange(len(names)), chosen), -q, q)
-            yield Reading(f"columns {_listed([names[i] for i in chosen])} look counted the other way round", flipped, p)
+            yield Reading(f"columns {_listed([names[i] for i in chosen])} probably have the opposite sign", flipped, p)
 
 
 def of_zeros_and_signs(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
@@ -199,8 +199,8 @@ def _formulas(mechanism: Mechanism, chosen: Sequence[tuple[int, Array]]) -> str:
         terms = [f" {'-' if row[k] < 0 else '+'} '{names[k]}'" for k in own_first]
         terms += [f" {'-' if row[-1] < 0 else '+'} {abs(row[-1]):g} deg"] * bool(row[-1])
         formula = f"{terms[0].replace(' + ', '').replace(' - ', '-')}{''.join(terms[1:])}"
-        said.append(f"column '{names[i]}' looks as if it were to be {formula}")
-    zero = ": the description counts from another zero" * any(bool(row[-1]) for _, row in chosen)
+        said.append(f"column '{names[i]}' should probably be {formula}")
+    zero = ": the description has another joint zero" * any(bool(row[-1]) for _, row in chosen)
     return f"{' and '.join(said)}{zero}"
 
 

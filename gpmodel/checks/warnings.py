@@ -83,7 +83,8 @@ def _jump(residual: Array, poses: Poses, at_tool: Array) -> str | None:
         return None
     return (
         f"residuals change along the rows, most clearly after row {best[1]} (by {1e3 * abs(best[2]):.3g} mm); "
-        f"drift, or something moved: a column '{best[3]}' would fit each part its own {PLACED[best[3]]}"
+        f"the cause is drift, or a change of the set-up: a column '{best[3]}' gives each part a separate "
+        f"{PLACED[best[3]]}"
     )
 
 
@@ -104,7 +105,7 @@ def _serial(residual: Array, poses: Poses) -> str | None:
         return None
     return (
         f"residuals of neighbouring rows are alike (correlation {correlation:.2f}, Durbin-Watson "
-        f"{2 - 2 * correlation:.2f}): the order of the rows matters, by drift or because neighbours are near in space"
+        f"{2 - 2 * correlation:.2f}): the cause is drift, or neighbouring rows have similar poses"
     )
 
 
@@ -165,8 +166,8 @@ def poor_fit(fit: Calibration, called: str = "the standard model") -> Iterator[s
         touched = [name for name in TOUCHED if any(key.startswith(f"{name} ") for key in fit.placement.anchors)]
         wrong = f"a wrong label or length ({', '.join(touched)})" if touched else "a wrong column"
         yield (
-            f"{called} leaves {1e3 * left:.3g} mm RMS; calibrated machines leave less than {1e3 * POOR:g} "
-            f"mm: {wrong}, rows of different poses, a coarse instrument, or joints and base that yield under load"
+            f"residual of {called}: {1e3 * left:.3g} mm RMS; calibrated machines have less than {1e3 * POOR:g} "
+            f"mm. Possible causes: {wrong}, rows of different poses, a coarse instrument, compliance of joints and base"
         )
 
 
@@ -177,7 +178,7 @@ def _unmeasured(data: Dataset) -> Iterator[str]:
         one = len(missing) == 1
         yield (
             f"{' and '.join(missing)} {'is' if one else 'are'} not measured in any row: errors along "
-            f"{'it' if one else 'them'} are fitted to nothing and proven by nothing"
+            f"{'this axis' if one else 'these axes'} can be neither fitted nor tested"
         )
 
 
@@ -192,8 +193,9 @@ def _turned(fit: Calibration, poses: Poses) -> Iterator[str]:
     """Yield a warning for a large residual of the standard model in the orientations."""
     if (left := orientation_left(fit, poses)) > POOR_TURN:
         yield (
-            f"the standard model leaves {1e3 * left:.3g} mrad RMS of the orientations; calibrated machines leave less "
-            f"than {1e3 * POOR_TURN:g} mrad: a tool that turned in its holder, or rotations of another convention"
+            f"residual of the orientations: {1e3 * left:.3g} mrad RMS; calibrated machines have less "
+            f"than {1e3 * POOR_TURN:g} mrad. Possible causes: a tool that rotated in its holder, or another "
+            "convention of rotations"
         )
 
 
@@ -220,7 +222,7 @@ def built_wrong(fit: Calibration, poses: Poses) -> Iterator[str]:
         if abs(value) > BUILT_WRONG and abs(value) > SURE * sigma:
             unit = "mm" if effect.unit == "m" else "mrad"
             yield (
-                f"{effect.name} comes out {1e3 * value:.4g} ± {1e3 * sigma:.2g} {unit} from the description of "
+                f"{effect.name} deviates by {1e3 * value:.4g} ± {1e3 * sigma:.2g} {unit} from the description of "
                 f"{fit.model.mechanism.name}; expected less than 10: another machine, or a wrong length or zero in its "
                 "description"
             )
@@ -253,8 +255,9 @@ def _implausible_repeats(data: Dataset) -> Iterator[str]:
     far = away > outlier_limit(away[again])
     if far.any():
         yield (
-            f"rows {some(data.row[far].tolist())} repeat a pose but lie up to {1e3 * away.max():.3g} mm from its "
-            f"other rows where {1e3 * np.median(away[again]):.3g} mm is usual"
+            f"rows {some(data.row[far].tolist())} repeat a pose, but differ by up to {1e3 * away.max():.3g} mm "
+            "from the "
+            f"other repeats; {1e3 * np.median(away[again]):.3g} mm is usual"
         )
 
 
@@ -262,9 +265,12 @@ def _small_ranges(mechanism: Mechanism, data: Dataset) -> Iterator[str]:
     for i, joint in enumerate(mechanism.joints):
         span = float(np.ptp(data.q[:, i]))
         if span <= SAME_JOINT:
-            yield f"{joint.name} does not move; errors of it and of its neighbours cannot be told apart"
+            yield f"{joint.name} does not move; errors of {joint.name} and of its neighbours cannot be separated"
         elif joint.kind == "revolute" and span < SMALL_RANGE:
-            yield f"{joint.name} moves only {np.degrees(span):.3g} deg; effects that depend on it look like constants"
+            yield (
+                f"{joint.name} moves only {np.degrees(span):.3g} deg; effects that depend on {joint.name} "
+                "cannot be separated from constants"
+            )
 
 
 def _repeats(data: Dataset) -> Iterator[str]:
@@ -272,7 +278,7 @@ def _repeats(data: Dataset) -> Iterator[str]:
     copied = np.flatnonzero(first < np.arange(len(data)))
     if len(copied):
         pairs = [f"{data.row[first[k]]} and {data.row[k]}" for k in copied]
-        yield f"rows {some(pairs)} hold the same measurement twice; copied rows make errors look smaller"
+        yield f"rows {some(pairs)} contain a measurement twice; copied rows make the stated errors too small"
 
 
 def _outliers(fit: Calibration, data: Dataset) -> Iterator[str]:
@@ -280,6 +286,6 @@ def _outliers(fit: Calibration, data: Dataset) -> Iterator[str]:
         worst = 1e3 * fit.error[fit.outliers].max()
         usual = 1e3 * np.median(fit.fitted_error)
         yield (
-            f"{left_out(data.row[fit.outliers].tolist(), len(data))}: up to {worst:.3g} mm off where {usual:.3g} mm is "
-            "usual with complete geometry"
+            f"{left_out(data.row[fit.outliers].tolist(), len(data))}: errors up to {worst:.3g} mm; {usual:.3g} mm is "
+            "usual with the standard model"
         )

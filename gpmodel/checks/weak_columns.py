@@ -63,9 +63,10 @@ def foreign_column(mechanism: Mechanism, data: Dataset, fit: Calibration, k: int
     if FAR_LESS * sigma > fit.sigma or off < FAR_OFF:
         return None
     return (
-        f"column '{mechanism.joints[k].name}' does not belong to these positions: with its angles free the standard "
-        f"model leaves {1e3 * sigma:.3g} mm, as it stands {1e3 * fit.sigma:.3g} mm, and they differ by "
-        f"{np.degrees(off):.3g} deg; expected the values of the pose of each row"
+        f"column '{mechanism.joints[k].name}' does not match these positions: with fitted angles, the "
+        "residual of the standard "
+        f"model is {1e3 * sigma:.3g} mm instead of {1e3 * fit.sigma:.3g} mm, and the angles change by "
+        f"{np.degrees(off):.3g} deg; expected the joint values of the pose of each row"
     )
 
 
@@ -138,8 +139,8 @@ def misread(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -
         foreign = (foreign_column(mechanism, data.subset(rows), fit, k) for k in turning)
         return next((text for text in foreign if text), None)
     return (
-        f"{best[2].meaning}; the standard model then leaves {1e3 * best[1]:.3g} mm, "
-        f"as it stands {1e3 * own[0][0]:.3g} mm"
+        f"{best[2].meaning}; the residual of the standard model is then {1e3 * best[1]:.3g} mm "
+        f"instead of {1e3 * own[0][0]:.3g} mm"
     )
 
 
@@ -224,10 +225,17 @@ def scaled(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str, str]]:
     best = max((f for f in each if f.wrong and f.less > BETTER), key=lambda f: f.less, default=whole)
     if best is None:
         return
-    by = " against the lengths described" if best is whole else f": divided by that {best.less:.3g} times less is left"
+    by = (
+        " against the lengths described"
+        if best is whole
+        else (f": with this factor removed, the residual is {best.less:.3g} times smaller")
+    )
     if best.wrong:
-        unfit = "columns of another scale" if abs(best.value - 1.0) > IMPOSSIBLE else ""
-        text = f"{best.columns} scaled by {best.size}{by}; expected 1: see the unit, length standard or gear ratio"
+        unfit = "columns with a wrong scale" if abs(best.value - 1.0) > IMPOSSIBLE else ""
+        text = (
+            f"{best.columns} scaled by {best.size}{by}; expected 1: check the unit, the length standard or "
+            "the gear ratio"
+        )
         yield "warning", text, unfit
     else:
         yield "note", f"scale of x, y and z{by}: {best.size}", ""

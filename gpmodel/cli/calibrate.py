@@ -73,7 +73,7 @@ def found_in(folder: Path | None, formula: str | None) -> tuple[Effect, ...]:
     """Return the effects of a result; `formula` K or N=K selects an alternative formula K (of finding N)."""
     if folder is None:
         if formula is not None:
-            raise InputError("takes a formula of a result, expected --findings as well", "formula")
+            raise InputError("needs a result, expected --findings RESULT too", "formula")
         return ()
     finding, _, number = (formula or "").rpartition("=")
     if formula is None:

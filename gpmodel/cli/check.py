@@ -30,7 +30,7 @@ def effects(mechanism: LoadedMechanism) -> None:
 
 def _instances(row: dict[object, object]) -> str:
     if not row["instances"]:
-        return f"none on this mechanism: it would need {row['inputs'] or 'other joints'}"
+        return f"none on this mechanism; required: {row['inputs'] or 'other joints'}"
     first, *others = textwrap.wrap(str(row["inputs"] or "nothing"), WIDTH, break_on_hyphens=False)
     reads = f"{first} ..." if others else first
     carrying = " with a payload" if row["payload"] else ""

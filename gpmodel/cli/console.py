@@ -63,7 +63,7 @@ def place_for(out: Path | None, default_name: str, source: Path | None = None) -
     with contextlib.suppress(InputError):
         names = {split_header(str(name))[0] for name in read_frame(path)[0]}
     if "sigma" not in names and any(map(MEASURED.fullmatch, names)):
-        raise InputError(f"{path}: holds measurements, which would be lost; expected another name", "out")
+        raise InputError(f"{path}: contains measurements, which would be overwritten; expected another name", "out")
     return path
 
 
@@ -103,30 +103,32 @@ def session_note(names: tuple[str, ...], session: bool) -> str:
     """Describe how effects of the fitted session were applied; the sinusoids of one effect are named once."""
     said = ", ".join(dict.fromkeys(re.sub(r"( [TR][xyz])?, wave \d+$", "", name) for name in names))
     if session:
-        return f"row k is taken for row k of the session the model was fitted to: {said}"
-    return f"as at the end of the session the model was fitted to: {said}; --session takes row k for row k"
+        return f"row k of this table is treated as row k of the fitted session: {said}"
+    return (
+        f"predicted for the end of the fitted session: {said}; with --session, row k is treated as row k of the session"
+    )
 
 
 def what_next(folder: Path, record: Report) -> str:
     """List the main file of a calibration or a discovery, and commands to use next."""
     model, place = shell_quoted(folder / MODEL), shell_quoted(folder)
-    then = [(f"gpmodel predict {model} POSES", "where the real tool will be"),
-            (f"gpmodel compensate {model} TARGETS", "joint values that make it go where it should")]  # fmt: skip
+    then = [(f"gpmodel predict {model} POSES", "predicted tool positions"),
+            (f"gpmodel compensate {model} TARGETS", "corrected joint values")]  # fmt: skip
     if record.effects:
-        then += [(f"gpmodel explain {place} 1", "the first finding in words"),
-                 (f"gpmodel poses --after {place} -n 12", "what to measure next to know it better")]  # fmt: skip
-    then += [(f"gpmodel certificate {place}", "the accuracy as a page to print or save as PDF")]
+        then += [(f"gpmodel explain {place} 1", "explanation of the first finding"),
+                 (f"gpmodel poses --after {place} -n 12", "poses to measure next")]  # fmt: skip
+    then += [(f"gpmodel certificate {place}", "accuracy certificate, to print or save as PDF")]
     if (folder / "exports").is_dir():
-        then += [(f"gpmodel export {place}", "URDF, DH rows, NumPy, C99, a grid of a box of yours")]
+        then += [(f"gpmodel export {place}", "URDF, DH rows, NumPy, C99, lookup grid")]
     if record.kind == "calibrate":
-        then += [("gpmodel discover TABLE --mechanism M", "what the model is still missing")]
+        then += [("gpmodel discover TABLE --mechanism M", "search for missing effects")]
     widest = max(len(command) for command, _ in then)
     below = widest + max(len(what) for _, what in then) + 4 > wording.WIDTH
     lines = [f"  {command}\n      {what}" if below else f"  {command:<{widest}}  {what}" for command, what in then]
     if record.noise_floor_mm is None:
         size = next((NOISE[r.unit] for r in record.readings if r.unit in NOISE), "0.03mm")
         option = f"--noise {size}" if record.kind == "discover" else "--instrument '15um + 6um/m'"
-        lines.append(f"  {option} or repeats in the table tell the noise floor")
+        lines.append(f"  give {option} or measure repeats, to know the noise floor")
     return "\n".join([f"report: {folder / 'report.html'}", "next:", *lines])
 
 

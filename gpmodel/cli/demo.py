@@ -35,9 +35,9 @@ REPEATED = 5
 
 @click.command()
 @click.option("--out", "folder", type=PATH, default=Path("demo-report"), show_default=True)
-@click.option("--mine", metavar="MECH", help="Simulate a table of this mechanism: what a calibration of it would show.")
+@click.option("--mine", metavar="MECH", help="Mechanism to simulate and calibrate, instead of the shipped table.")
 @click.option("--files", is_flag=True, help="Write example files for all commands instead: an arm, tables, targets.")
-@click.option("--no-open", is_flag=True, help="Leave the page closed.")
+@click.option("--no-open", is_flag=True, help="Do not open the page.")
 @seed_option
 @workers_option
 @quiet_option

@@ -35,7 +35,7 @@ FEW = math.ceil(ENOUGH_HELD / USUAL)
 @shared.table_argument
 @shared.mechanism_options()
 @click.option("--runs", type=click.IntRange(0), default=Search().runs, show_default=True,
-              help="GP runs of each representation in a round; 0: catalogue, smooth terms, formulas.")  # fmt: skip
+              help="GP runs of each representation in a round; 0: no genetic programming.")  # fmt: skip
 @shared.representation_option("linear")
 @click.option("--minutes", "--stop-after", "minutes", type=shared.Number(above=0.0), metavar="T",
               help="Time after which no new round begins. [default: no limit]")  # fmt: skip

@@ -40,7 +40,7 @@ VARIED = ("operators", "crossover", "mutation", "length", "depth")
 @click.option("--generations", type=click.IntRange(0), help="[default: 100]")
 @click.option("--seconds", type=shared.Number(above=0.0), help="Time limit of a run.")
 @click.option("--runs", type=click.IntRange(1), default=5, show_default=True, help="Runs of each representation.")
-@click.option("--operators", help="thesis, smooth, slot, physics, or names.")
+@click.option("--operators", help="Operator set (thesis, smooth, slot, physics) or names.")
 @click.option("--truncation", type=shared.Number(above=0.0), help="Fraction of the population that breeds: 0.05.")
 @click.option("--tournament", type=click.IntRange(1), help="Tournament size, instead of truncation.")
 @click.option(
@@ -98,7 +98,7 @@ def evolve(
 def selection_of(truncation: float | None, tournament: int | None) -> SelectionScheme | None:
     """Return the requested selection scheme, None without either option. Raises InputError for both options."""
     if truncation is not None and tournament is not None:
-        raise InputError("--tournament as well, expected one of the two", "truncation")
+        raise InputError("cannot be combined with --tournament, expected one of the two", "truncation")
     try:
         if truncation is not None:
             return Truncation(truncation)
@@ -124,5 +124,5 @@ def strategies_named(
         chosen.append(replace(strategy, **own))
     for choice in varied:
         if not any(hasattr(strategy, choice) for strategy in chosen):
-            raise InputError(f"{names} has none", choice)
+            raise InputError(f"does not apply to {names}, expected a representation with this option", choice)
     return tuple(chosen)

@@ -53,7 +53,7 @@ def fleet(
     if mechanism is None:
         mechanism = load_mechanism(folder_of_tables(tables).said_mechanism)
     if "none" in effects and len(effects) > 1:
-        raise InputError("none together with other effects; expected it alone", "effects")
+        raise InputError("none together with other effects; expected none alone", "effects")
     named = [name for name in effects if name != "none"] if effects else None
     with (
         progress_line(quiet or named is not None) as say,
@@ -70,5 +70,5 @@ def fleet(
         echo(found.summary())
         if folder is not None:
             echo(f"overview: {folder / PAGE}\nof each machine: {folder / MACHINES}/*/model.json")
-            echo("next, of a further machine:")
+            echo("next, for a further machine:")
             echo(f"  gpmodel calibrate TABLE --mechanism M --fleet {shell_quoted(folder / NAME)}")

@@ -69,11 +69,11 @@ def import_table(
     """
     file = files[0]
     if out is not None and out.exists() and any(out.samefile(f) for f in files if f.exists()):
-        raise InputError(f"--out {out}: is the file itself; expected another name")
+        raise InputError(f"--out {out}: is the imported file; expected another name")
     given = {"map_file": map_file, "mechanism": mechanism, "joints": joints, "square": square, "topic": topic,
              "nominal": nominal, "guessing": guessing or None, "yes": yes or None, "join": join}  # fmt: skip
     if len(files) > 1 and map_file is None and not guessing:
-        raise InputError(f"{files[1]}: a second file; expected --guess or --map with it")
+        raise InputError(f"{files[1]}: a second file; expected --guess or --map too")
     read: tuple[str, ...]
     if guessing:
         made, read = _guessed(files, mechanism, (join, yes, quiet), out), ("guessing", "mechanism", "yes", "join")
@@ -91,11 +91,9 @@ def import_table(
     elif is_figaroh(file):
         made, read = _mapped(files, figaroh_map(file, mechanism), ""), ("mechanism",)
     else:
-        raise InputError(
-            f"{file}: of no layout that is known here; expected --map MAP.toml, or --guess with --mechanism M"
-        )
+        raise InputError(f"{file}: unknown layout; expected --map MAP.toml, or --guess with --mechanism M")
     if surplus := [name for name, value in given.items() if value is not None and name not in read]:
-        raise InputError(f"does not apply to {file.name}; leave it out", surplus[0])
+        raise InputError(f"does not apply to {file.name}; omit the option", surplus[0])
     _check(made, file)
     for text in () if quiet else made.left_out:
         echo(f"left out, {text}", err=True)
@@ -118,7 +116,7 @@ def _guessed(
     """
     (join, yes, quiet), file = said, files[0]
     if mechanism is None:
-        raise InputError("needs --mechanism M, whose joints the columns are of", "guessing")
+        raise InputError("needs the joints of a mechanism; expected --mechanism M too", "guessing")
     sheet, found = guess_files(files, mechanism, join)
     table = import_file(sheet, found.map)
     dataset_from(table, Path(sheet.source), mechanism)
@@ -127,8 +125,8 @@ def _guessed(
         echo(f"doubt: {doubt}", err=True)
     if found.doubts and not yes:
         if not sys.stdin.isatty():
-            raise InputError(f"{file.name}: {'; '.join(found.doubts)}; --yes takes the reading above")
-        click.confirm("Is the reading above right?", abort=True, err=True)
+            raise InputError(f"{file.name}: {'; '.join(found.doubts)}; expected --yes to accept the proposal above")
+        click.confirm("Accept the proposal above?", abort=True, err=True)
     return Imported(table, {"map": found.map.content()})
 
 
@@ -156,7 +154,7 @@ def _write(made: Imported, file: Path, out: Path | None, quiet: bool) -> None:
         path = None if out is None else path_for(out, f"{file.stem}.table.csv")
         ours = path is not None and path.with_suffix(".map.toml").exists()
         if path is not None and path.is_file() and not ours and path.read_bytes() != table_text(made.content).encode():
-            raise InputError(f"{path}: is there, with other content; expected another name", "out")
+            raise InputError(f"{path}: exists with other content; expected another name", "out")
         path = write_frame(made.content, out, f"{file.stem}.table.csv")
         said = f"{len(made.content)} rows, {len(made.content.columns)} columns"
     beside = {} if path is None else {name: path.with_suffix(f".{name}.toml") for name in made.described}

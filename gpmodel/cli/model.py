@@ -221,7 +221,7 @@ def _leave(found: NextCheck, out: Path, judged: Path) -> Path | None:
     alone = out.suffix == ".json"
     file = out if alone else out / "repaired.json"
     if file.resolve() == judged.resolve():
-        raise InputError(f"{out} is the model that is judged, expected another file", "out")
+        raise InputError(f"{out} is the tested model, expected another file", "out")
     if found.judged is not None and not alone:
         found.judged.report(out)
     if found.repaired is None:

@@ -65,7 +65,7 @@ def _input(text: str) -> tuple[str, str]:
 @click.command()
 @mechanism_options(required=False)
 @click.option("-n", "--count", type=click.IntRange(1, MOST),
-              help="Number of poses. [default: 40, or as many as decide between rivals]")  # fmt: skip
+              help="Number of poses. [default: 40, or as many as separate the causes]")  # fmt: skip
 @click.option("--after", metavar="RESULT", type=PATH, help="Next poses after a result of calibrate or discover.")
 @click.option("--rejected", type=click.IntRange(1), metavar="N",
               help="With --after: poses that decide rejected candidate N.")  # fmt: skip
@@ -110,7 +110,7 @@ def poses(
     collides with itself are excluded, if its URDF has geometry.
     """
     if after is not None and mechanism is not None:
-        raise InputError(f"is that of the model in {after}; leave --mechanism away", "mechanism")
+        raise InputError(f"is already given by the model in {after}; omit --mechanism", "mechanism")
     path = place_for(out, "poses.csv")
     with progress_line(quiet) as say:
         chosen = choose_poses(

@@ -53,12 +53,12 @@ def _resume(result: str, ctx: click.Context, _: click.Parameter, folder: Path | 
         if _made_by(done) != command:
             said = f"{folder} has no unfinished search; expected the folder of an interrupted {command}"
             raise InputError(said, "resume")
-        echo(f"nothing is left to do in {folder}; report: {done.with_suffix('.html')}")
+        echo(f"the search in {folder} is finished; report: {done.with_suffix('.html')}")
         ctx.exit()
     try:
         typed = found["request"]
         if typed["command"] != command:
-            raise InputError(f"{folder}: its unfinished search is of {typed['command']}, expected one of {command}")
+            raise InputError(f"{folder}: the unfinished run belongs to {typed['command']}, expected a run of {command}")
         files = {kind: os.path.normpath(folder / path) for kind, path in typed["files"].items()}
         joints = [f"{kind.removeprefix(JOINT)}={path}" for kind, path in files.items() if kind.startswith(JOINT)]
         ctx.default_map = {**typed["options"], **files, **({"joints": joints} if joints else {}), "folder": folder}
@@ -81,7 +81,7 @@ def keeping(
         yield None
         return
     if ctx.default_map and folder_for(out).resolve() != Path(ctx.default_map["folder"]).resolve():
-        raise InputError("the results go to the folder of --resume; leave --out away", "folder")
+        raise InputError("the results go to the folder of --resume; omit --out", "folder")
     with alone_in(folder_for(out)):
         files = _files(params)
         options = {k: v for k, v in params.items() if v is not None and k not in files and k not in NO_NUMBERS[:-1]}
@@ -106,7 +106,7 @@ def _identity(ctx: click.Context, mechanism: LoadedMechanism, settings: object) 
     for kind, path in files.items():
         name = label.get(kind, f"--{kind}")
         if ctx.default_map and not path.exists():
-            raise InputError(f"{path}: {name} of this search is no longer there; say where it is now")
+            raise InputError(f"{path}: {name} of this search is missing; expected the option with the new path")
         if kind == "tables":
             content |= {f"the file {table.name}": _sha256(table) for table in files_of(path)}
         elif kind != "mechanism":
@@ -128,7 +128,7 @@ def _resumable(command: str, files: Unfinished) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"what is finished is kept; go on with: {again}") from None
+        raise KeyboardInterrupt(f"finished parts are saved; resume with: {again}") from None
     except WriteError as error:
         raise WriteError(f"{error}, then: {again}") from None
     except InputError:

@@ -44,7 +44,7 @@ def discover_by_folds(
     poses, everything, _ = drop_duplicate_rows(poses, np.arange(len(poses)), nothing, Teller(silent))
     units = int(bundles(poses.dataset).max()) + 1
     if not 2 <= count <= units:
-        raise InputError(f"{count}, expected 2 to {units}, the groups of poses there are", "folds")
+        raise InputError(f"{count}, expected 2 to {units}, the number of groups of poses", "folds")
     fold = folds(poses.dataset, count, np.random.default_rng(JUDGED))
 
     def without(again: Loop, k: int) -> Discovery:

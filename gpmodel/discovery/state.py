@@ -133,12 +133,12 @@ def usable_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -
     known = heldout[known_rows(data.subset(train), data.subset(heldout))]
     if not len(known):
         raise InputError(
-            f"{data.source}: every held-out pose is of a set-up or tool that no training pose is of; expected groups "
+            f"{data.source}: every held-out pose has a set-up or tool without training poses; expected groups "
             "of poses that lie within set-ups and tools, or another share to hold out"
         )
     if len(known) == len(heldout):
         return poses, train, heldout
-    say(f"{len(heldout) - len(known)} held-out poses are of a set-up or tool that no training pose is of: left out")
+    say(f"{len(heldout) - len(known)} held-out poses have a set-up or tool without training poses: left out")
     return _only(poses, train, known)
 
 
@@ -147,7 +147,7 @@ def drop_duplicate_rows(poses: Poses, train: IntArray, heldout: IntArray, say: T
     copied = copies(poses.dataset)
     if not copied.any():
         return poses, train, heldout
-    say(f"{copied.sum()} rows copy the measurement of another to the last digit: left out")
+    say(f"{copied.sum()} rows are exact copies of the measurement of another row: left out")
     return _only(poses, train[~copied[train]], heldout[~copied[heldout]])
 
 

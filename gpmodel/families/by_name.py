@@ -22,7 +22,9 @@ def effects_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effe
     pose.
     """
     if "=" in name and name.count(":") != 2:
-        raise InputError(f"effect '{name}': '=VALUE' is simulate's; here the value is fitted, expected the name alone")
+        raise InputError(
+            f"effect '{name}': '=VALUE' is for simulate only; here the value is fitted, expected the name alone"
+        )
     if name.count(":") == 2:
         effects = tuple(in_mechanism_names(effect, mechanism, states) for effect in _written_out(name))
     else:
@@ -57,7 +59,8 @@ def one_effect_named(name: str, mechanism: Mechanism, states: States) -> tuple[E
     instances = [c.name for c in catalogue.of_family(name, mechanism, states)]
     if len(instances) > 1:
         raise InputError(
-            f"effect '{name}' is {len(instances)} here; name one of {'; '.join(instances[:MOST_INSTANCES])}"
+            f"effect '{name}' has {len(instances)} instances here; expected one of "
+            f"{'; '.join(instances[:MOST_INSTANCES])}"
         )
     return effects_named(name, mechanism, states)
 
@@ -71,5 +74,5 @@ def _of_catalogue(name: str, mechanism: Mechanism, states: States) -> tuple[Effe
     instances = catalogue.of_family(name, mechanism, states)
     if len(instances) > MOST_INSTANCES:
         few = "; ".join(c.name for c in instances[:MOST_INSTANCES])
-        raise InputError(f"effect '{name}' is {len(instances)} here; name one, for example {few}")
+        raise InputError(f"effect '{name}' has {len(instances)} instances here; expected one, for example {few}")
     return tuple(e for c in instances for e in c.effects) or catalogue.build(name, mechanism, states)

@@ -127,12 +127,12 @@ class Further:
         if self.likeness.brother:
             return ""
         times, chance = wording.significant(self.likeness.times, 2), wording.chance(self.likeness.chance)
-        return f"is no brother of its type: {times} times as far from the mean as its machines, p {chance}"
+        return f"is unlike the machines of its type: {times} times as far from the mean, p {chance}"
 
     def in_words(self, poses: Poses) -> str:
         """State the value of the prior as a number of poses, and the effects in which the machine differs from its
         type."""
-        found = f" It is unlike its type in {', '.join(self.outlying)}." if self.outlying else ""
+        found = f" This machine is unlike its type in {', '.join(self.outlying)}." if self.outlying else ""
         if self.no_brother:
             return f"This machine {self.no_brother}.{found}"
         if self.alone is None:
@@ -141,8 +141,9 @@ class Further:
         alone = _known(self.alone, poses) * self.final.sigma / self.alone.sigma
         worth = round(max(len(poses) * ((alone / both) ** 2 - 1.0), 0.0))
         return (
-            f"The {len(poses)} poses tell the point to {length(1e3 * alone)} alone, with the prior to "
-            f"{length(1e3 * both)}: it is worth about {worth} pose{'s' * (worth != 1)} more.{found}"
+            f"± of the tool point: {length(1e3 * alone)} by the {len(poses)} poses alone, {length(1e3 * both)} "
+            "with the "
+            f"prior, which replaces about {worth} pose{'s' * (worth != 1)}.{found}"
         )
 
 

@@ -82,7 +82,10 @@ def folder_of_tables(folder: Path) -> Folder:
     for path in files:
         serial = serials.get(path.name, path.stem)
         if serial in tables:
-            raise InputError(f"{folder}: {tables[serial].name} and {path.name} are both of machine '{serial}'")
+            raise InputError(
+                f"{folder}: {tables[serial].name} and {path.name} are both of machine '{serial}'; "
+                "expected one table per machine"
+            )
         tables[serial] = path
     return Folder(tables, mechanism)
 
@@ -115,7 +118,7 @@ def _said(path: Path) -> tuple[str | None, dict[str, str]]:
         raise InputError(f"{path}: '{unknown[0]}' is unknown; expected {EXPECTED}")
     mechanism, serials = content.get("mechanism"), content.get("serials", {})
     if not isinstance(mechanism, str | None) or not isinstance(serials, dict):
-        raise InputError(f"{path}: mechanism or serials are of another kind; expected {EXPECTED}")
+        raise InputError(f"{path}: mechanism or serials have the wrong type; expected {EXPECTED}")
     if not all(isinstance(s, str) and s for s in serials.values()):
         raise InputError(f"{path}: a serial is no text; expected {EXPECTED}")
     beside = path.parent / (mechanism or "")

@@ -151,7 +151,7 @@ def clock_of(dataset: Dataset) -> str | None:
             row = np.sort(dataset.row)[int(np.argmax(steps < 0)) + 1]
             raise InputError(
                 f"{dataset.source}: rows are stated to be in the order of measurement, but '{name}' falls at row "
-                f"{row}; sort the rows, or leave that statement out"
+                f"{row}; sort the rows, or omit --in-order"
             )
     return "row" if dataset.in_order else None
 

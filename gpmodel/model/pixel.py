@@ -68,7 +68,7 @@ def lens_from(homographies: list[Array]) -> Array:
     cx, cy = -b13 / b11, -b23 / b22
     size = b33 - b13**2 / b11 - b23**2 / b22
     if size / b11 <= 0 or size / b22 <= 0:
-        raise InputError("its views do not say its focal length; expected the board tilted in several directions")
+        raise InputError("the views do not determine the focal length; expected the board tilted in several directions")
     return 1e3 * np.array([np.sqrt(size / b11), np.sqrt(size / b22), cx, cy])
 
 
@@ -139,7 +139,9 @@ def hand_eye(moved: Array, seen: Array) -> tuple[Array, Array]:
         ]
         _, size, vt = np.linalg.svd(np.vstack(rows))
         if size[-2] < TURNING * size[0]:
-            raise InputError("the board turns about one axis only; expected poses that turn it about two more")
+            raise InputError(
+                "the board turns about one axis only; expected poses that rotate the board about two more axes"
+            )
         sign = np.sign(np.linalg.det(vt[-1][:9].reshape(3, 3)))
         turn, eye_turn = [se3.nearest_rotation(sign * vt[-1][k : k + 9].reshape(3, 3)) for k in (0, 9)]
         off = np.linalg.norm(moved[:, :3, :3] @ turn - eye_turn @ seen[:, :3, :3], axis=(1, 2))
@@ -333,7 +335,10 @@ class Pixels:
         if missing := [k for k in camera.solved if k < 4 and out[k] == 0.0]:
             found = [*self._homographies(i)]
             if not found:
-                raise InputError(f"camera '{camera.name}': no flat board shows its focal length; expected focal_px")
+                raise InputError(
+                    f"camera '{camera.name}': the views of a flat board do not determine the focal "
+                    "length; expected focal_px"
+                )
             out[missing] = lens_from(found)[missing]
         return out
 

@@ -143,7 +143,7 @@ def unused_torques(mechanism: Mechanism, dataset: Dataset) -> Iterator[str]:
         if not np.ptp(dataset.extras[column]) > 0:
             yield (
                 f"{dataset.source}: column '{column}' is {dataset.extras[column][0]:g} in every row and is not used "
-                f"as the torque of {joint.name}; expected what the joint bears at each pose"
+                f"as the torque of {joint.name}; expected the torque of the joint at each pose"
             )
 
 
@@ -214,8 +214,8 @@ class States:
                 return whole if self.rows is None else whole[self.rows]
         if not self.past and memory.read_by(name):
             raise InputError(
-                f"input '{name}' depends on the rows before; expected rows said to be in the order in which the poses "
-                "are taken, or a column of times that never falls",
+                f"input '{name}' depends on earlier rows; expected --in-order (rows in the order in which the poses "
+                "are taken), or a column of times that never decreases",
                 "in_order",
             )
         raise InputError(f"input '{name}' is not known here; available: {choices(name, self.columns)}")

@@ -103,7 +103,7 @@ def candidates(mechanism: Mechanism, count: int, rng: np.random.Generator, reach
     if found < count:
         worst = max(failed, key=lambda name: failed[name])
         raise InputError(
-            f"{found} of {tried} random poses of {mechanism.name} can be taken, {failed[worst]} are {worst}; "
+            f"{found} of {tried} random poses of {mechanism.name} are feasible, {failed[worst]} are {worst}; "
             "expected a wider box, cone or range"
         )
     return np.vstack(chosen)[:count]

@@ -101,7 +101,7 @@ def _reached(scene: Scene, real: Real, empty: Dataset, noise: float, rng: np.ran
         move = np.einsum("nij,ni->nj", reach, np.linalg.solve(gram, miss[:, :, None])[:, :, 0])
         move *= np.minimum(1.0, 0.3 / np.maximum(np.abs(move).max(axis=1, keepdims=True), 1e-12))
         q[short] = np.clip(q[short] + move, *limits)
-    raise InputError("some poses do not reach what they should touch; try another seed or more poses")
+    raise InputError("some poses do not reach the touched surface; expected another seed or more poses")
 
 
 INSTRUMENT_DISTANCE = 3.0

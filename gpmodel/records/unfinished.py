@@ -100,8 +100,8 @@ class Unfinished:
         before = unfinished(self.out)
         if before and (differing := _differing(before["identity"], self.identity)):
             raise InputError(
-                f"{self.out}: its unfinished search is of something else: {'; '.join(differing)}. Put back what it "
-                f"began with, or choose another folder (or remove {self.folder})"
+                f"{self.out}: the unfinished search has other inputs: {'; '.join(differing)}. Restore the inputs, "
+                f"or choose another folder (or remove {self.folder})"
             )
 
     def begin(self) -> None:
@@ -133,7 +133,7 @@ class Unfinished:
         except FileNotFoundError:
             return None
         except (*_BROKEN, OSError) as error:
-            Teller(self.say)(f"{path}: {error}; set aside as {set_aside(path).name}, what it held is done again")
+            Teller(self.say)(f"{path}: {error}; set aside as {set_aside(path).name}, this part is repeated")
             return None
 
     def close(self) -> None:

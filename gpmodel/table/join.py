@@ -26,7 +26,9 @@ def sheets_of(paths: Sequence[Path], header: bool = True) -> list[Sheet]:
     Raises InputError as `read_sheets`, and if there are more than two files."""
     sheets = [sheet for path in paths for sheet in read_sheets(path, header)[: max(2 // len(paths), 1)]]
     if len(paths) > 2:
-        raise InputError(f"{paths[2]}: a third file; expected one, or joint values in one and positions in the other")
+        raise InputError(
+            f"{paths[2]}: a third file; expected one file, or one file of joint values and one of positions"
+        )
     return sheets
 
 

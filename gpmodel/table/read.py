@@ -200,7 +200,7 @@ def _joint_columns(
     small = {name.casefold(): name for name in expected}
     if wrong := [column for column in columns if column not in expected and column.casefold() in small]:
         meant = ", ".join(f"'{small[column.casefold()]}'" for column in wrong)
-        raise LayoutError(f"{path.name}: {_columns(wrong)}: written {meant} where it is meant so; expected that")
+        raise LayoutError(f"{path.name}: {_columns(wrong)}: not a joint; expected {meant}, in this spelling")
     missing = [name for name in expected if name not in columns]
     if missing and missing[0] in empty:
         raise InputError(f"{path.name}, column '{missing[0]}': empty in every row; expected a number in every row")
@@ -236,7 +236,7 @@ def _check_headers(columns: dict[str, tuple[str | None, pd.Series]], joints: dic
     said = []
     if capitals:
         small = ", ".join(f"'{name.lower()}'" for name in capitals)
-        said.append(f"{_columns(capitals)}: written {small} where it is meant so; expected that, or another name")
+        said.append(f"{_columns(capitals)}: reserved names in lower case; expected {small}, or another name")
     if bare:
         pure = ", or [1] for a pure number" if any(text.endswith("[unit]'") for text in bare.values()) else ""
         said.append(f"{_columns(list(bare))}: no unit; write {', '.join(bare.values())}{pure}")

@@ -61,7 +61,7 @@ def test_a_formula_of_the_front_takes_the_place_of_the_finding(result: SavedResu
         (4, None, "4, expected 1 to 3"),
         (0, 2, "0, expected 1 to 3"),
         (1, 1, "finding 1: no formula"),
-        (1, 7, "that has: 2"),
+        (1, 7, "a finding with formulas: 2"),
     ],
 )
 def test_a_formula_or_finding_that_is_not_there_is_refused(
@@ -84,7 +84,7 @@ def test_a_formula_is_asked_for_by_numbers(written: str, tmp_path: Path) -> None
 
 def test_a_formula_is_of_a_result() -> None:
     assert found_in(None, None) == ()
-    with pytest.raises(InputError, match="expected --findings as well"):
+    with pytest.raises(InputError, match="expected --findings RESULT too"):
         found_in(None, "2")
 
 
@@ -159,7 +159,7 @@ def touched(instrument: str, column: str, value: str, folder: Path) -> Path:
 def test_wrong_labels_are_named_in_the_verdict(tmp_path: Path) -> None:
     verdict = gp.calibrate("ur5", touched("spheres", "on_sphere", "A", tmp_path)).verdict
     assert "touched.csv: the fit leaves" in verdict
-    assert "mm RMS; calibrated machines leave less than 2 mm: a wrong label or length (on_sphere)" in verdict
+    assert "mm RMS; calibrated machines have less than 2 mm: a wrong label or length (on_sphere)" in verdict
 
 
 def test_a_bar_of_another_length_is_refused(tmp_path: Path) -> None:

@@ -62,7 +62,7 @@ def test_a_machine_that_did_not_change_is_good_after_a_few_different_poses() -> 
     assert found.holds
     assert FIRST <= found.poses == len(q) <= 12
     assert len(np.unique(q.round(6), axis=0)) == len(q)
-    assert "would have been seen" in found.summary()
+    assert "would have been detected" in found.summary()
     assert found.repaired is None
 
 

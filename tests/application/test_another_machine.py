@@ -15,8 +15,8 @@ from gpmodel.application.model_file import save_model
 @pytest.mark.parametrize(
     ("other", "range_share", "said"),
     [
-        ("ur10", 1.0, "the model is one of irb6400r"),
-        ("irb6400r-2.8", 0.3, "are of another machine: the model of irb6400r leaves"),
+        ("ur10", 1.0, "expected a table of irb6400r"),
+        ("irb6400r-2.8", 0.3, "do not fit the model of irb6400r, which leaves"),
     ],
 )
 def test_positions_of_another_machine_are_refused_though_its_joints_have_the_same_names(

@@ -254,6 +254,6 @@ def test_the_exported_urdf_of_an_arm_with_a_parallel_bar_fits_its_own_table(tmp_
     done = run("calibrate", tmp_path / "t.csv", *options[:2], "--out", tmp_path / "result")
     assert done.exit_code == 0, done.stderr
     said = run("check", tmp_path / "t.csv", "--mechanism", tmp_path / "result" / "calibrated.urdf").stdout
-    left = re.search(r"registration and tool alone leave ([\d.]+) mm RMS", said)
+    left = re.search(r"residual of the fitted poses: registration and tool ([\d.]+) mm RMS", said)
     assert left is not None
     assert float(left[1]) < 0.11

@@ -50,12 +50,14 @@ MADE = {
     "wrist.toml": WRIST,
 }
 REFUSED = {
-    ("irb6400r", "exports/robodk.csv"): "J3 moves with J2 as well; expected joints that move by their own value alone",
-    ("wrist.toml", "exports/robodk.csv"): "J5 moves with J4 as well",
-    ("odd.urdf", "exports/robodk.csv"): "expected one motion a joint",
-    ("odd.urdf", "exports/dh_modified.toml"): "expected one motion a joint",
-    ("odd.urdf", "exports/dh_standard.toml"): "expected one motion a joint",
-    ("ur5e.urdf", "exports/robodk.csv"): "deg from parallel, which puts their common normal beyond 10 m; expected it",
+    ("irb6400r", "exports/robodk.csv"): "J3 also moves with J2; expected joints that move independently",
+    ("wrist.toml", "exports/robodk.csv"): "J5 also moves with J4",
+    ("odd.urdf", "exports/robodk.csv"): "expected one motion per joint",
+    ("odd.urdf", "exports/dh_modified.toml"): "expected one motion per joint",
+    ("odd.urdf", "exports/dh_standard.toml"): "expected one motion per joint",
+    ("ur5e.urdf", "exports/robodk.csv"): (
+        "deg from parallel, which puts their common normal beyond 10 m; expected a nearer"
+    ),
 }
 REFUSED |= dict.fromkeys(
     [(arm, "exports/ur_kinematics.yaml") for arm in ("irb6400r", "wrist.toml", "odd.urdf", "panda")],

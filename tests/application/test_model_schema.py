@@ -136,7 +136,7 @@ BASES = {
     "code": ("__import__('os').system('true')", "cannot read"),
     "a long sum": ("+".join(["J1"] * 20_000), "effects[0].terms[0].basis: Expected `str` of length <= 20000"),
     "many terms": ("+".join(["J1"] * 400), "300 within each other"),
-    "a column that is no name": ("'x; system(1)'", "reads 'x; system(1)', which is no name of a column"),
+    "a column that is no name": ("'x; system(1)'", "has the input 'x; system(1)', expected the name of a column"),
     "minus signs": ("-" * 5000 + "1", "not an expression"),
     "a bomb": ("a = J1;" + 17 * "a = a+a*J2;" + "a", "when it is written out"),
 }
@@ -177,9 +177,9 @@ def test_a_mechanism_beyond_its_bounds_is_named(
 
 def test_a_model_that_was_changed_is_refused(content: dict[str, Any], tmp_path: Path) -> None:
     changed = content | {"sigma_m": 2 * content["sigma_m"]}
-    refused(json.dumps(changed), "its content is not what was written", tmp_path / "model.json")
+    refused(json.dumps(changed), "the content was changed after writing", tmp_path / "model.json")
     bare = {k: v for k, v in content.items() if k != SEAL}
-    refused(json.dumps(bare), "its content is not what was written", tmp_path / "model.json")
+    refused(json.dumps(bare), "the content was changed after writing", tmp_path / "model.json")
     (tmp_path / "model.json").write_text(json.dumps(content, indent=7, sort_keys=True))
     load_model(tmp_path / "model.json")
 
@@ -214,7 +214,7 @@ def test_the_report_beside_it_must_tell_of_it(content: dict[str, Any], tmp_path:
     (tmp_path / "report.json").write_text(json.dumps({"model_sha256": content[SEAL]}))
     load_model(path)
     (tmp_path / "report.json").write_text(json.dumps({"model_sha256": 64 * "0"}))
-    refused(json.dumps(content), "is not the model that report.json next to it states", path)
+    refused(json.dumps(content), "does not match report.json in the same folder", path)
     load_model(path.rename(tmp_path / "t.truth.json"))  # as `simulate --out` in the folder of a result writes it
 
 

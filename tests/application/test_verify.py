@@ -185,7 +185,7 @@ def test_what_cannot_be_judged_is_refused_in_a_line(fitted: Fitted, tmp_path: Pa
     (tmp_path / "bare.csv").write_text(good.read_text().replace("x [mm]", "p [mm]").replace("y [mm]", "q [mm]")
                                        .replace("z [mm]", "r [mm]"))  # fmt: skip
     for table, more, said in (
-        (few, (), "expected at least 4 poses"), (same, (), "1 different poses leave too little"),
+        (few, (), "expected at least 4 poses"), (same, (), "1 different poses are too few"),
         (tmp_path / "bare.csv", (), "nothing measured"),
         (good, ("--tolerance", "0.1"), "--tolerance"), (tmp_path / "none.csv", (), "cannot be read"),
     ):  # fmt: skip

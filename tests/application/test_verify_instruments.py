@@ -123,14 +123,14 @@ def test_the_command_takes_the_files_of_the_fit_and_leaves_its_pages(tmp_path: P
 @pytest.mark.long
 def test_a_table_of_another_instrument_is_refused_by_its_name() -> None:
     (camera, pixels), (probe, touches) = fitted("camera"), fitted("planes")
-    with pytest.raises(gp.InputError, match="fitted to on_plane, which says nothing of the noise of pixel"):
+    with pytest.raises(gp.InputError, match="fitted to on_plane, so that the noise of pixel is unknown"):
         probe.verify(pixels)
-    with pytest.raises(gp.InputError, match="fitted to pixel, which says nothing of the noise of on_plane"):
+    with pytest.raises(gp.InputError, match="fitted to pixel, so that the noise of on_plane is unknown"):
         camera.verify(touches)
 
 
 @pytest.mark.long
 def test_a_board_that_no_column_sees_is_not_passed_over() -> None:
     model, data = fitted("inclinometer")
-    with pytest.raises(gp.InputError, match=r"board: later.csv has no column u or v that it describes"):
+    with pytest.raises(gp.InputError, match=r"board: later.csv has no column u or v; expected"):
         model.verify(data, board={"board": {}})

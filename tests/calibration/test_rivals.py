@@ -75,9 +75,9 @@ def test_a_constant_in_the_noise_has_no_rivals_and_many_poses_leave_no_lobes() -
 def test_the_sentences_say_what_it_could_be_and_where_to_measure() -> None:
     said = [rival.words(["revolute"] * 3) for rival in hidden_rivals(*fitted(31, 0))]
     assert said
-    assert all("could equally be " in text for text in said)
+    assert all("may instead be " in text for text in said)
     assert any(text.startswith("J1 Tz of −24.4 µm") for text in said)
-    assert any("these joint values (deg) would tell them apart best: " in text for text in said)
+    assert any("measurements at these joint values (deg) separate the two causes best: " in text for text in said)
 
 
 def measured_arm(share: float, extra: np.ndarray | None = None) -> tuple[Calibration, Poses, Mechanism]:
@@ -102,10 +102,10 @@ def test_every_rival_says_what_tells_it_apart_in_a_hall_that_stays_at_thirty_deg
     few = [c for c in catalogue.candidates(arm, poses.states) if len(c.effects) <= UNKNOWNS and ROW not in c.inputs]
     assert {"instrument_range", "unknown_masses", "joint_bending", "thermal_zero"} <= {c.family for c in few}
     ends = {
-        "told": "would tell them apart best: ",
+        "told": "separate the two causes best: ",
         "warm": "with another temperature would",
         "instrument": "with another instrument would",
-        "never": "no joint values tell",
+        "never": "no joint values separate",
     }
     seen = dict.fromkeys(ends, 0)
     for rival in rivals_of_constants(fit, poses, few):
@@ -125,7 +125,7 @@ def test_a_scale_of_the_instrument_could_be_a_length_where_it_is_small_enough_to
     fit, poses, arm = measured_arm(0.2)
     scales = [c for c in catalogue.candidates(arm, poses.states) if c.name == "range scale of the instrument"]
     rival = next(r for r in rivals_of_constants(fit, poses, scales) if r.apart < 0.1)
-    assert rival.words(["revolute"] * 6).endswith("with another instrument would tell them apart")
+    assert rival.words(["revolute"] * 6).endswith("with another instrument would separate the two causes")
     prior = scales[0].effects[0].prior
     believed, not_believed = (replace(rival, sizes=np.array([PLAUSIBLE * prior * share])) for share in (0.9, 1.1))
     assert believed.plausible

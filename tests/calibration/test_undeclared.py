@@ -77,7 +77,7 @@ def test_errors_are_foreseen_inside_and_outside_and_said_first(guilty: bool) -> 
     _, *foreseen = errors_by_region(fit, poses, unknown)
     said = list(held_at_description(fit, poses))
     assert said[0].startswith(f"expected error of a predicted point: {1e3 * foreseen[0]:.2g} mm RMS within")
-    assert said[-1].startswith("these readings do not show ")
+    assert said[-1].startswith("these measurements do not determine ")
     ratio = 1e3 * np.array(foreseen) / np.array(errors[1])
     assert np.all((ratio > 0.8) & (ratio < 3.0))
 
@@ -86,7 +86,7 @@ def test_errors_are_foreseen_inside_and_outside_and_said_first(guilty: bool) -> 
 def test_a_residual_of_more_than_noise_is_said_and_noise_is_not(guilty: bool) -> None:
     fits, poses, _ = touched(guilty)
     said = " ".join(held_at_description(fits[1], poses))
-    assert ("holds more than noise" in said) == ("gpmodel discover names" in said) == guilty
+    assert ("exceeds the noise" in said) == ("gpmodel discover searches" in said) == guilty
     assert "discover" not in " ".join(held_at_description(fits[1], poses, searched=True))
 
 

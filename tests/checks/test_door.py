@@ -40,7 +40,7 @@ def noisy() -> pd.DataFrame:
 WARNED: dict[str, tuple[Callable[[], pd.DataFrame], str]] = {
     "a column of noise": (
         noisy,
-        r"the standard model leaves \d+(\.\d+)? mm RMS; calibrated machines",
+        r"residual of the standard model: \d+(\.\d+)? mm RMS; calibrated machines",
     ),
     "no z": (lambda: GOOD.drop(columns="z [mm]"), "z is not measured in any row"),
     "too few once some are held out": (lambda: GOOD.iloc[:12], "with 30 % of the poses held out too few are left"),
@@ -75,7 +75,7 @@ def test_touches_of_one_plane_that_the_points_are_not_on_are_refused(tmp_path: P
     for command in ("check", "calibrate"):
         said = one_line(run(command, path, "--mechanism", "irb6400r"), 2)
         assert "column 'on_plane': does not fit irb6400r" in said
-        assert said.endswith("expected what the tool point touched in these poses")
+        assert said.endswith("expected touches of the tool point at these poses")
 
 
 @pytest.mark.long
@@ -141,14 +141,14 @@ OPTIONS = {
         "irb6400r",
         "--payload-com",
         "0,0,9mm",
-    ): "--payload-com: nothing is carried in",
+    ): "--payload-com: t.csv has no payload",
     ("simulate", "--mechanism", "ur5", "--out", "t.xlsx"): "--out: t.xlsx: a table is written as .csv; expected such",
     ("simulate", "--mechanism", "ur5", "--out", "t.png"): "--out: t.png: a table is written as .csv; expected such",
     ("poses", "--mechanism", "ur5", "--above=-5km"): "--above: -5km, expected at most 1000 m, the unit may be wrong",
-    ("poses", "--after", "R", "--mechanism", "panda"): "--mechanism: is that of the model in R",
+    ("poses", "--after", "R", "--mechanism", "panda"): "--mechanism: is already given by the model in R",
     ("check", "t.csv", "--mechanism", "ur5", "--payload-com", "a,b,c"): "'a' is no number",
-    ("calibrate", "t.csv", "--mechanism", "irb6400r", "--holdout", 0.001): "of 60 poses holds out 1, which prove",
-    ("calibrate", "t.csv", "--mechanism", "irb6400r", "--effect", "base_compliance=1e-6"): "'=VALUE' is simulate's",
+    ("calibrate", "t.csv", "--mechanism", "irb6400r", "--holdout", 0.001): "of 60 poses holds out 1 of the poses",
+    ("calibrate", "t.csv", "--mechanism", "irb6400r", "--effect", "base_compliance=1e-6"): "'=VALUE' is for simulate",
 }
 
 
@@ -179,7 +179,7 @@ def test_a_comment_on_top_is_called_no_header(tmp_path: Path) -> None:
 def test_of_many_rows_a_part_is_judged_and_that_is_said() -> None:
     arm, made = robot(MOST_FITTED + 500, 3)
     said = check_dataset(arm, made.dataset)
-    assert f"judged on {MOST_FITTED} of {MOST_FITTED + 500} rows, in even stretches" in [f.text for f in said]
+    assert f"tested on {MOST_FITTED} of {MOST_FITTED + 500} rows, in equally spaced blocks" in [f.text for f in said]
     rows = evenly(200_000)
     assert len(rows) == MOST_FITTED
     assert (rows[0], rows[-1]) == (0, 199_999)
@@ -320,7 +320,7 @@ def test_readings_of_which_many_are_bad_are_refused(share: float, tmp_path: Path
     path = write(placed(rows, numbers(GOOD_ROWS, POINTS)[rows] + off), tmp_path / "bad.csv")
     for command in ("check", "calibrate"):
         said = one_line(run(command, path, "--mechanism", "irb6400r"), 2)
-        assert "of 90 readings are up to" in said
+        assert "of 90 measurements have errors up to" in said
 
 
 def test_check_ends_with_2_where_a_table_is_not_fit_to_calibrate_with(tmp_path: Path) -> None:

@@ -126,17 +126,17 @@ def test_the_coupling_of_a_pendant_is_undone(tmp_path: Path) -> None:
     data, found = read(write(tmp_path / "t.csv", [",".join([*numbered("J{}"), "x", "y", "z"])], np.round(shown, 4), p))
     same(data)
     assert found.map.columns["J3"] == "c2 + c3 [deg]"
-    assert "'J3' looks as if it were to be 'J3' + 'J2'" in found.lines[0]
+    assert "'J3' should probably be 'J3' + 'J2'" in found.lines[0]
 
 
 @pytest.mark.parametrize("unit", some(["deg", "rad"], "deg"))
 @pytest.mark.parametrize(
     ("signs", "zeros", "said"),
     [
-        pytest.param((1, 1, 1, 1, 1, 1), (0, 90, 0, 0, 0, 0), "another zero", marks=pytest.mark.long),
-        pytest.param((1, 1, 1, 1, -1, 1), (0, -90, 0, 0, 0, 0), "another zero", marks=pytest.mark.long),
-        pytest.param((1, 1, 1, 1, 1, 1), (0, 90, -90, 0, 0, 0), "another zero", marks=pytest.mark.long),
-        ((1, -1, 1, 1, -1, 1), (0, 0, 0, 0, 0, 0), "to be -"),
+        pytest.param((1, 1, 1, 1, 1, 1), (0, 90, 0, 0, 0, 0), "another joint zero", marks=pytest.mark.long),
+        pytest.param((1, 1, 1, 1, -1, 1), (0, -90, 0, 0, 0, 0), "another joint zero", marks=pytest.mark.long),
+        pytest.param((1, 1, 1, 1, 1, 1), (0, 90, -90, 0, 0, 0), "another joint zero", marks=pytest.mark.long),
+        ((1, -1, 1, 1, -1, 1), (0, 0, 0, 0, 0, 0), "be -"),
     ],
 )
 def test_zeros_and_signs_of_a_controller_are_undone(
@@ -231,7 +231,7 @@ def refused() -> dict[str, tuple[Callable[[Path], Path], str]]:
         "positions of the controller": (text_of(q, own, head=names), "are computed by the controller"),
         "rows of other poses": (text_of(q, other, head=names), "by any unit, sign or coupling"),
         "a joint is missing": (text_of(q[:, :5], p, head=names[1:]), "8 columns of numbers; expected 6 joint values"),
-        "five rows": (text_of(q[:5], p[:5], head=names), "5 rows; expected 6 at least"),
+        "five rows": (text_of(q[:5], p[:5], head=names), "5 rows; expected at least 6"),
     }
 
 
@@ -251,10 +251,10 @@ def doubtful() -> dict[str, tuple[Callable[[Path], Path], str]]:
     swapped[1], swapped[2] = swapped[2], swapped[1]
     return {
         "two sets of joints": (
-            text_of(q, near, p, head=[*numbered("J{}"), *numbered("axis {}"), *"xyz"]), "those that the encoders"),
+            text_of(q, near, p, head=[*numbered("J{}"), *numbered("axis {}"), *"xyz"]), "the encoder values only"),
         "a unit against the header": (
-            text_of(q, p, head=[*numbered("J{} [rad]"), "x", "y", "z"]), "fits as [deg], its header says [rad]"),
-        "joints swapped": (text_of(q, p, head=swapped), "look swapped, against their names"),
+            text_of(q, p, head=[*numbered("J{} [rad]"), "x", "y", "z"]), "fits as [deg], but the header has [rad]"),
+        "joints swapped": (text_of(q, p, head=swapped), "look swapped, which contradicts the names"),
     }  # fmt: skip
 
 

@@ -64,12 +64,12 @@ def turned(joint: int) -> np.ndarray:
     return 1 - 2 * np.eye(6)[joint - 1]
 
 
-LOOKS = "column 'joint_{0}' looks as if it were to be {1}"
+LOOKS = "column 'joint_{0}' should probably be {1}"
 CASES: dict[str, tuple[Callable[[Simulation], Dataset], str]] = {
-    "coupled": (coupled, "column 'joint_3' looks as if it were to be 'joint_3' + 'joint_2'"),
+    "coupled": (coupled, "column 'joint_3' should probably be 'joint_3' + 'joint_2'"),
     "J2 and J4": (far_apart_swapped, "columns 'joint_2' and 'joint_4' look swapped"),
-    "one reading lost": (one_lost, "on every position looks as if it belonged to the pose"),
-    "KUKA's signs": (columns(flip), "columns 'joint_1', 'joint_4' and 'joint_6' look counted the other way round"),
+    "one reading lost": (one_lost, "on every position probably belongs to the pose"),
+    "KUKA's signs": (columns(flip), "columns 'joint_1', 'joint_4' and 'joint_6' probably have the opposite sign"),
     "reverse order": (columns(lambda q: q[:, ::-1]), "the joint columns look in reverse order"),
     "three exchanged": (
         columns(lambda q: q[:, [0, 2, 3, 1, 4, 5]]),
@@ -77,14 +77,14 @@ CASES: dict[str, tuple[Callable[[Simulation], Dataset], str]] = {
     ),
     "a zero": (
         columns(lambda q: q - zeros(2)),
-        LOOKS.format(2, "'joint_2' + 90 deg: the description counts from another zero"),
+        LOOKS.format(2, "'joint_2' + 90 deg: the description has another joint zero"),
     ),
     "a zero and a sign": (columns(lambda q: q * turned(2) - zeros(2)), "to be -'joint_2' - 90 deg"),
     "coupled from another zero": (
         columns(lambda q: q - zeros(2) + np.outer(q[:, 1] - np.pi / 2, np.eye(6)[2])),
         LOOKS.format(2, "'joint_2' + 90 deg"),
     ),
-    "a late column": (columns(late), "column 'joint_4' looks a row late"),
+    "a late column": (columns(late), "column 'joint_4' is probably a row late"),
     "two stands": (two_stands, "two set-ups or tools in one table: 25 rows"),
 }
 

@@ -39,8 +39,8 @@ def noisy(made: Simulation) -> Dataset:
 
 VERDICTS: dict[str, tuple[Callable[[Simulation], Dataset], tuple[str, ...]]] = {
     "sound": (lambda made: made.dataset, ()),
-    "another arm": (longer, ("irb6400r is not described as it was measured",)),
-    "50 mm of noise in x": (noisy, ("the standard model leaves too much",)),
+    "another arm": (longer, ("the description of irb6400r does not match the measurements",)),
+    "50 mm of noise in x": (noisy, ("the residual of the standard model is too large",)),
     "none to hold out": (lambda made: made.dataset.subset(np.arange(12)), ("too few poses",)),
 }
 
@@ -52,7 +52,7 @@ def test_the_verdict_says_why_a_table_is_not_fit_to_calibrate_with(case: str) ->
     arm, made = robot(60)
     judged = check(arm, make(made))
     assert judged.unfit == why
-    assert any("yield under load" in remark.text for remark in judged.findings) is (make is noisy)
+    assert any("compliance of joints" in remark.text for remark in judged.findings) is (make is noisy)
     verdict = judged.summary().splitlines()[-1]
     assert verdict.startswith(f"not fit to calibrate with: {why[0]}; " if why else "fit to calibrate with")
 
@@ -61,7 +61,7 @@ def test_a_soft_robot_is_fit_to_calibrate_with() -> None:
     arm, made = robot(60, effects=("base_compliance=2e-6",))
     judged = check(arm, made.dataset)
     assert judged.unfit == ()
-    assert any("With base and joints that yield" in remark.text for remark in judged.findings)
+    assert any("With compliance of base and joints" in remark.text for remark in judged.findings)
 
 
 def test_a_bad_robot_is_described_as_it_was_measured_though_parallel_joints_share_its_errors() -> None:
@@ -87,7 +87,7 @@ def column(data: Dataset, change: Callable[[np.ndarray], np.ndarray]) -> Dataset
 
 
 WRONG: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
-    "flipped": (np.negative, "looks counted the other way round"),
+    "flipped": (np.negative, "probably has the opposite sign"),
     "degrees as radians": (np.degrees, "looks like [deg], given as radians"),
 }
 
@@ -113,7 +113,7 @@ def test_a_wrist_of_other_poses_is_named(change: str, offset: float) -> None:
         column(data, rng.permutation if change == "shuffled" else lambda q: np.roll(q, 1)),
         geometric_effects(mechanism),
     )
-    assert f"column '{mechanism.joints[5].name}' does not belong to these positions" in (text or "")
+    assert f"column '{mechanism.joints[5].name}' does not match these positions" in (text or "")
 
 
 @pytest.mark.parametrize("offset", some([0.0, 3e-4, 1.5e-3], 3e-4, 1.5e-3))
@@ -143,14 +143,14 @@ def written(data: Dataset, convention: str) -> Dataset:
 @pytest.mark.parametrize(
     ("convention", "said"),
     [
-        ("wxyz read as xyzw", "as quaternion wxyz they fit"),
-        ("xyz", "as fixed XYZ of rx, ry, rz they fit"),
-        ("ZYX", "as intrinsic ZYX of rx, ry, rz they fit"),
-        ("zyz", "as fixed ZYZ of rx, ry, rz they fit"),
-        ("inverse", "as the inverse they fit"),
-        ("radians read as degrees", "as rotation vector in radians they fit"),
-        ("left-handed", "as left-handed, y mirrored they fit"),
-        ("shuffled", "in no convention by less than"),
+        ("wxyz read as xyzw", "as quaternion wxyz, by"),
+        ("xyz", "as fixed XYZ of rx, ry, rz, by"),
+        ("ZYX", "as intrinsic ZYX of rx, ry, rz, by"),
+        ("zyz", "as fixed ZYZ of rx, ry, rz, by"),
+        ("inverse", "read as the inverse, by"),
+        ("radians read as degrees", "read as rotation vector in radians, by"),
+        ("left-handed", "read as left-handed, y mirrored, by"),
+        ("shuffled", "in every other convention by at least"),
     ],
 )
 def test_rotations_in_another_convention_are_refused_with_the_one_that_fits(convention: str, said: str) -> None:
@@ -271,7 +271,7 @@ def test_nothing_is_fitted_to_computed_positions(fit: Callable[..., object]) -> 
 @pytest.mark.parametrize(("decimals", "of"), [(1, "deg"), (0, "mm")])
 def test_a_residual_that_rounding_explains_is_said_to_be_rounding(decimals: int, of: str) -> None:
     said = " ".join(gp.check("ur5", rounded(decimals, of)).summary().split())
-    assert "rounding explains what is left" in said
+    assert "rounding explains the residual" in said
     assert "rounding" not in gp.check("ur5", SOUND).summary()
 
 
@@ -281,12 +281,12 @@ def test_no_accuracy_is_certified_by_computed_positions(tmp_path: Path, monkeypa
         fit = gp.calibrate("ur5", of_the_controller(3), holdout=0)
         write_numbers(fit.record, fit.model, tmp_path)
     for result in (fit, tmp_path):
-        with pytest.raises(gp.InputError, match=r"are computed, not measured.*no accuracy can be certified by them"):
+        with pytest.raises(gp.InputError, match=r"are computed, not measured.*an accuracy cannot be certified"):
             gp.certificate(result)
 
 
 def test_no_accuracy_is_certified_by_predictions_of_the_model() -> None:
     verified = gp.calibrate("ur5", SOUND, holdout=0).model.verify(table(40, 5, name="ur5"))
     predicted = replace(verified, record=replace(verified.record, chi_square=1e-9))
-    with pytest.raises(gp.InputError, match="nearer to the model than its noise allows"):
+    with pytest.raises(gp.InputError, match="errors smaller than the noise of the model allows"):
         gp.certificate(predicted)

@@ -76,7 +76,7 @@ IMPORTS: dict[str, tuple[dict[str, str], tuple[str, ...], str]] = {
         ("--map", "m.toml"),
         "row 1: quaternion of norm 0, expected 1",
     ),
-    "a guess without a mechanism": ({"f.txt": "a,b\n1,2\n"}, ("--guess",), "--guess: needs --mechanism M"),
+    "a guess without a mechanism": ({"f.txt": "a,b\n1,2\n"}, ("--guess",), "--guess: needs the joints of a mechanism"),
     "a guess of nothing": (
         {"f.txt": "a,b\n1,2\n"},
         ("--guess", "--mechanism", "irb6400r"),
@@ -86,7 +86,7 @@ IMPORTS: dict[str, tuple[dict[str, str], tuple[str, ...], str]] = {
     "an option that is not read": (
         {"f.txt": "a,b\n1,2\n", "m.toml": MAP},
         ("--map", "m.toml", "--square", "24mm"),
-        "--square: does not apply to f.txt; leave it out",
+        "--square: does not apply to f.txt; omit the option",
     ),
 }
 

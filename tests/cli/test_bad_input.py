@@ -87,7 +87,7 @@ TABLES: dict[str, tuple[Callable[[], pd.DataFrame], tuple[str, ...]]] = {
     "one pose": (lambda: GOOD.iloc[:1], ("only one pose",)),
     "fewer poses than unknowns": (lambda: GOOD.iloc[:8], ("8 distinct poses give 24 measured values for 27 unknowns",)),
     "few poses repeated often": (repeated, ("5 distinct poses", "27 unknowns")),
-    "all poses alike": (alike, ("all 40 poses are alike",)),
+    "all poses alike": (alike, ("all 40 poses are equal",)),
     "beyond the limits": (cell("J2 [deg]", 3, "86"), ("column 'J2'", "row 4", "86 deg", "-70 deg to 85 deg")),
     "degrees given as radians": (
         lambda: GOOD.rename(columns={c: c.replace("deg", "rad") for c in JOINTS}),
@@ -95,7 +95,7 @@ TABLES: dict[str, tuple[Callable[[], pd.DataFrame], tuple[str, ...]]] = {
     ),
     "radians given as degrees": (scaled(JOINTS, np.pi / 180), ("degrees", "look like radians", "write [rad]")),
     "one joint in the other unit": (scaled(["J4 [deg]"], np.pi / 180), ("column 'J4' looks like [rad]",)),
-    "joint with the wrong sign": (scaled(["J2 [deg]"], -1.0), ("column 'J2' looks counted the other way",)),
+    "joint with the wrong sign": (scaled(["J2 [deg]"], -1.0), ("column 'J2' probably has the opposite sign",)),
     "x and y swapped": (swapped, ("look swapped",)),
     "z mirrored": (scaled(["z [mm]"], -1.0), ("wrong sign",)),
     "metres given as millimetres": (
@@ -193,7 +193,7 @@ def test_one_group_left_to_fit_is_refused(tmp_path: Path) -> None:
     side = ["left" if i % 2 else "right" for i in range(len(GOOD))]
     path = write(GOOD.assign(group=side, setup=side), tmp_path / "measured.csv")
     line = one_line(run("calibrate", path, "--mechanism", "irb6400r", "--out", tmp_path / "out"), 2)
-    assert "measured.csv: the poses fitted are all of one group" in line
+    assert "measured.csv: all fitted poses belong to one group" in line
     assert not (tmp_path / "out").exists()
 
 
@@ -221,7 +221,10 @@ def test_out_that_is_a_file_is_refused_and_kept(tmp_path: Path) -> None:
 OPTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "unknown effect": (("--effect", "gremlins"), ("'gremlins' is unknown", "base_compliance")),
     "effect not on this robot": (("--effect", "gear_harmonic J9"), ("gear_harmonic J9", "has no instance")),
-    "effect of too many instances": (("--effect", "transmission_ripple"), ("transmission_ripple", "name one")),
+    "effect of too many instances": (
+        ("--effect", "transmission_ripple"),
+        ("transmission_ripple", "expected one, for example"),
+    ),
     "effect at an unknown slot": (("--effect", "J9.moving:Rz:1"), ("slot 'J9.moving' is unknown", "J6.moving")),
     "effect about an unknown axis": (("--effect", "J1.moving:Rw:1"), ("axis 'Rw' is unknown", "Tx")),
     "effect of an unknown input": (

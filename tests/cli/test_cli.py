@@ -57,7 +57,7 @@ def test_the_families_of_effects_are_listed_with_source_inputs_and_an_example() 
     for family in catalogue:
         assert f"\n{family.name}\n" in f"\n{shown}"
     assert "reading torque_J2; --effect 'joint compliance, J2'" in " ".join(shown.split())
-    none = [block.split("\n")[0] for block in re.split(r"\n(?=\S)", shown) if "it would need other joints" in block]
+    none = [block.split("\n")[0] for block in re.split(r"\n(?=\S)", shown) if "required: other joints" in block]
     assert none == ["linear_axis", "cyclic_error", "ball_lobes", "support_sag", "preload"]
     assert max(map(len, shown.splitlines())) <= 80
 
@@ -186,7 +186,7 @@ def test_predict_takes_the_end_of_the_session_and_says_so(tmp_path: Path) -> Non
         assert run("calibrate", path, "--mechanism", "irb6400r", "--effect", effect, "--out", out).exit_code == 0
         other, same = (run("predict", out / "model.json", path, *more) for more in ((), ("--session",)))
         assert other.stderr.count("as at the end of the session") == said
-        assert same.stderr.count("row k is taken for row k") == said
+        assert same.stderr.count("row k is treated as row k") == said
         assert (other.stdout != same.stdout) == bool(said)
         assert run("predict", out / "model.json", path, "--quiet").stderr == ""
 

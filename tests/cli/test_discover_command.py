@@ -135,7 +135,12 @@ def test_finding_nothing_is_a_success_which_is_said_with_what_was_tried_and_what
     assert report["effects"] == []
     assert report["verdict"].startswith("Nothing was added")
     assert said_in(report["verdict"], result.stdout)
-    for said in ("held out", "tell the noise floor", f"report: {tmp_path / 'o' / 'report.html'}", "gpmodel compensate"):
+    for said in (
+        "held out",
+        "to know the noise floor",
+        f"report: {tmp_path / 'o' / 'report.html'}",
+        "gpmodel compensate",
+    ):
         assert said in result.stdout
 
 

@@ -77,9 +77,9 @@ def test_an_interrupted_search_goes_on_with_resume_alone_to_the_same_numbers(tab
     assert f"gpmodel evolve --resume {out}" in interrupted.stderr
     assert [p.name for p in out.iterdir()] == [FOLDER]
     assert len(list((out / FOLDER).glob("run-*.json"))) == 5
-    assert "its unfinished search is of evolve" in one_line(main_with("discover", "--resume", out, "--quiet"), 2)
+    assert "the unfinished run belongs to evolve" in one_line(main_with("discover", "--resume", out, "--quiet"), 2)
     other = main_with("evolve", table, *options, "--out", out, "--seed", 1, "--quiet")
-    assert "unfinished search is of something else: --seed is 1, was 0" in one_line(other, 2)
+    assert "unfinished search has other inputs: --seed is 1, was 0" in one_line(other, 2)
     resumed = main_with("evolve", "--resume", out)
     assert resumed.exit_code == 0
     assert "5 finished runs" in resumed.stderr
@@ -98,7 +98,10 @@ def test_an_interrupted_search_goes_on_with_resume_alone_to_the_same_numbers(tab
         (["--representation", "forest"], "expected linear or tree"),
         (["--operators", "thesis,sinus"], "unknown 'sinus'"),
         (["--population", "20"], "too small to select"),
-        (["--truncation", "0.1", "--tournament", "3"], "truncation: --tournament as well, expected one of the two"),
+        (
+            ["--truncation", "0.1", "--tournament", "3"],
+            "truncation: cannot be combined with --tournament, expected one of the two",
+        ),
         (["--representation", "tree", "--length", "80"], "length: tree has none"),
         (["--depth", "0"], "depth: 0, expected 1 to 40"),
     ],

@@ -91,7 +91,7 @@ def test_a_further_machine_starts_from_it(result: tuple[str, Path], tables: Path
     done = run("calibrate", tables / "R-01.csv", "--mechanism", MECHANISM, "--fleet", result[1] / "fleet.json",
                "--out", tmp_path / "out")  # fmt: skip
     assert done.exit_code == 0, done.stderr
-    assert "it is worth about" in " ".join(done.stdout.split())
+    assert "which replaces about" in " ".join(done.stdout.split())
     assert (tmp_path / "out" / "model.json").exists()
 
 

@@ -74,7 +74,7 @@ def interrupted(tables: Path) -> Path:
     with mock.patch.object(Searched, "found", lambda task: searches(task)):
         stopped = run("fleet", tables, "--out", out, "--workers", 1)
     assert stopped.exit_code == 130
-    assert f"go on with: gpmodel fleet --resume '{out}'" in stopped.stderr.splitlines()[-1]
+    assert f"resume with: gpmodel fleet --resume '{out}'" in stopped.stderr.splitlines()[-1]
     assert {p.name for p in (out / FOLDER).iterdir()} == {REQUEST, "machine-0001.json"}
     return out
 
@@ -142,9 +142,9 @@ def test_what_changed_since_is_said_and_nothing_is_touched(case: str, cut: Path,
 
 
 def test_another_command_another_process_and_nothing_to_resume_are_one_line(cut: Path, tmp_path: Path) -> None:
-    assert "its unfinished search is of fleet" in one_line(run("discover", "--resume", cut, "--quiet"), 2)
+    assert "the unfinished run belongs to fleet" in one_line(run("discover", "--resume", cut, "--quiet"), 2)
     with alone_in(cut):
-        assert "another gpmodel is at work in it" in one_line(run("fleet", "--resume", cut, "--quiet"), 2)
+        assert "another gpmodel process uses this folder" in one_line(run("fleet", "--resume", cut, "--quiet"), 2)
     assert "has no unfinished search" in one_line(run("fleet", "--resume", tmp_path / "tables"), 2)
     assert "Missing argument 'DIR'" in one_line(run("fleet"), 2)
     assert "--payload" in one_line(run("fleet", tmp_path / "tables", "--payload", "3kg"), 2)

@@ -49,7 +49,7 @@ TABLES: dict[str, tuple[Callable[[], pd.DataFrame | str], str]] = {
     "a long name": (lambda: GOOD.assign(**{"a" * 10**6 + " [mm]": "1"}), "a header of 1000"),
     "a joint in another case": (
         lambda: GOOD.assign(**{"j1 [deg]": "1"}),
-        "column 'j1': written 'J1' where it is meant",
+        "column 'j1': not a joint; expected 'J1'",
     ),
     "an empty joint": (lambda: GOOD.assign(**{"J2 [deg]": ""}), "column 'J2': empty in every row; expected a number"),
     "a label that steers": (lambda: GOOD.assign(setup="a\x1b[2J"), "column 'setup', row 1: control characters"),
@@ -127,7 +127,7 @@ def test_a_measured_table_is_not_replaced(words: list[object], model: Path, tmp_
     words = [{"MODEL": model, "POSES": poses}.get(str(word), word) for word in words]
     before = measured.read_bytes()
     line = one_line(run(*words, "--out", measured), 2)
-    assert "measured.csv: holds measurements, which would be lost; expected another name" in line
+    assert "measured.csv: contains measurements, which would be overwritten; expected another name" in line
     assert measured.read_bytes() == before
     for _ in range(2):  # its own output is replaced
         assert run(*words, "--out", tmp_path / "own.csv").exit_code == 0

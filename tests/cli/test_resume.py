@@ -64,7 +64,7 @@ def test_result_and_table_may_move_together(cut: Path, expected: str, tmp_path: 
 @pytest.mark.long
 def test_a_table_that_moved_alone_is_said_again(cut: Path, tmp_path: Path) -> None:
     moved = shutil.move(tmp_path / "cell.csv", tmp_path / "moved.csv")
-    assert "cell.csv: the table of this search is no longer there" in one_line(run("discover", "--resume", cut), 2)
+    assert "cell.csv: the table of this search is missing" in one_line(run("discover", "--resume", cut), 2)
     assert run("discover", moved, "--resume", cut, "--quiet").exit_code == 0
 
 
@@ -93,7 +93,7 @@ def test_what_changed_since_is_said_and_nothing_is_touched(case: str, cut: Path,
 def test_the_same_asked_again_goes_on_and_something_else_is_refused(cut: Path, expected: str, tmp_path: Path) -> None:
     arguments = [tmp_path / "cell.csv", "--mechanism", "irb6400r", *OPTIONS, "--out", cut]
     line = one_line(run("discover", *arguments, "--quiet", "--seed", 5), 2)
-    assert "unfinished search is of something else: --seed is 5, was 0" in line
+    assert "unfinished search has other inputs: --seed is 5, was 0" in line
     again = run("discover", *arguments)
     assert again.exit_code == 0
     assert "going on from 5 finished runs" in again.stderr
@@ -147,11 +147,11 @@ def test_files_that_options_name_move_with_the_result_and_are_part_of_what_was_a
     (there / "rig" / "model.json").write_text("other")
     assert "--joint L3.fixed has changed" in one_line(run("discover", "--resume", "there/out", "--quiet"), 2)
     (there / "two.toml").unlink()
-    assert "there/two.toml: --cameras of this search is no longer there" in one_line(
+    assert "there/two.toml: --cameras of this search is missing" in one_line(
         run("discover", "--resume", "there/out", "--quiet"), 2
     )
 
 
 def test_two_at_once_do_not_touch_each_other(cut: Path) -> None:
     with alone_in(cut):
-        assert "another gpmodel is at work in it" in one_line(run("discover", "--resume", cut, "--quiet"), 2)
+        assert "another gpmodel process uses this folder" in one_line(run("discover", "--resume", cut, "--quiet"), 2)

@@ -155,7 +155,7 @@ def test_printed_text_steers_no_terminal(capsys: pytest.CaptureFixture[str]) -> 
 def test_calibrate_keeps_out_of_a_folder_where_a_search_is_running(given: Path, tmp_path: Path) -> None:
     with alone_in(tmp_path / "out"):
         line = one_line(run("calibrate", given / "table.csv", "--mechanism", "irb6400r", "--out", tmp_path / "out"), 2)
-    assert "another gpmodel is at work in it" in line
+    assert "another gpmodel process uses this folder" in line
     assert not (tmp_path / "out").exists()
 
 

@@ -59,7 +59,7 @@ def test_more_folds_than_groups_are_refused() -> None:
 
 def test_folds_and_a_share_exclude_each_other() -> None:
     table = gp.simulate("irb6400r", poses=40, seed=1).table
-    with pytest.raises(InputError, match="folds: every pose is held out once; expected holdout or folds, not both"):
+    with pytest.raises(InputError, match="folds: cannot be combined with holdout; expected one of the two"):
         gp.discover("irb6400r", table, folds=4, holdout=0.3)
 
 

@@ -180,7 +180,7 @@ def test_rows_that_copy_others_count_once() -> None:
         search=Search(runs=0, workers=1), progress=said.append,
     )  # fmt: skip
     once = discover(truth.model.mechanism, truth.poses, train, heldout, search=Search(runs=0, workers=1))
-    assert said[0].text == "10 rows copy the measurement of another to the last digit: left out"
+    assert said[0].text == "10 rows are exact copies of the measurement of another row: left out"
     assert twice.final.theta.tolist() == once.final.theta.tolist()
 
 

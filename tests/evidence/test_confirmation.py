@@ -129,12 +129,12 @@ def test_held_out_poses_of_a_set_up_never_trained_on_are_left_out_or_refused_bef
     train, heldout = np.flatnonzero(setup == "s0"), np.flatnonzero(setup == "s1")
     arm = truth.model.mechanism
     said: list[Progress] = []
-    with pytest.raises(InputError, match="every held-out pose is of a set-up or tool that no training pose is of"):
+    with pytest.raises(InputError, match="every held-out pose has a set-up or tool without training poses"):
         discover(arm, truth.poses, train, heldout, progress=said.append)
     assert said == []
     mixed = np.concatenate([heldout, train[:9]])
     answer = discover(arm, truth.poses, train[9:], mixed, search=replace(QUICK, max_effects=0), progress=said.append)
-    assert str(said[0]).startswith(f"{len(heldout)} held-out poses are of a set-up or tool that no training pose is of")
+    assert str(said[0]).startswith(f"{len(heldout)} held-out poses have a set-up or tool without training poses")
     assert answer.poses.dataset.row[answer.heldout].tolist() == truth.poses.dataset.row[train[:9]].tolist()
     assert answer.poses.dataset.row[answer.train].tolist() == truth.poses.dataset.row[train[9:]].tolist()
 

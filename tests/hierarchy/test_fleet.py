@@ -162,7 +162,7 @@ def test_the_file_is_read_back_and_refused_where_it_was_changed(found: FleetResu
     content = json.loads((tmp_path / "fleet.json").read_text())
     content["parameters"][0]["mean"] += 1.0
     (tmp_path / "fleet.json").write_text(json.dumps(content))
-    with pytest.raises(gp.InputError, match="is not what was written"):
+    with pytest.raises(gp.InputError, match="was changed after writing"):
         read_fleet(tmp_path / "fleet.json")
     content["parameters"][0]["values"].pop()
     content[SEAL] = seal(content)
@@ -174,7 +174,7 @@ def test_the_file_is_read_back_and_refused_where_it_was_changed(found: FleetResu
 def test_the_fleet_of_another_mechanism_is_refused(found: FleetResult) -> None:
     with pytest.raises(gp.InputError, match="fleet: is of machines of another type, irb6400r"):
         prior_model(found.record, gp.load_mechanism("ur10"))
-    with pytest.raises(gp.InputError, match="effects: a fleet defines"):
+    with pytest.raises(gp.InputError, match="effects: the fleet already defines"):
         gp.calibrate(MECHANISM, machines(50, 1)["R-01"], [BASE], fleet=found.record)
 
 

@@ -81,7 +81,7 @@ def test_what_a_machine_alone_has_is_found_beside_its_type(arms: Path) -> None:
 
 def test_a_machine_that_is_no_brother_is_searched_without_the_prior(arms: Path) -> None:
     found = like(arms, further(arms, 40, geometry=30.0 * GEOMETRY))
-    assert "is no brother of its type" in found.verdict
+    assert "is unlike the machines of its type" in found.verdict
     assert [rung.step for rung in found.record.ladder] == ["registration", "standard"]
 
 
@@ -93,7 +93,7 @@ def test_bad_input_is_one_line(arms: Path, tmp_path: Path) -> None:
     few = "poses", "--mechanism", "ur5", "--quiet", "--like"
     assert "--like: is of machines of another type" in one_line(run(*few, arms), 2)
     with_criterion = run(*few, arms, "--criterion", "spread")
-    assert "--like: decides the poses alone" in one_line(with_criterion, 2)
+    assert "--like: cannot be combined" in one_line(with_criterion, 2)
     both = run("discover", tmp_path / "other.csv", *said, arms, "--joint", "J1=somewhere")
-    assert "expected it or joints, not both" in one_line(both, 2)
+    assert "cannot be combined with joints" in one_line(both, 2)
     assert not (tmp_path / "out").exists()

@@ -25,7 +25,7 @@ def flat(frame: pd.DataFrame) -> pd.DataFrame:
 
 BAD = {
     "too few": (lambda f: f.head(3), "3 measured poses; expected at least 4"),
-    "one pose": (lambda f: pd.concat([f.head(1)] * 12), "all 12 poses are alike"),
+    "one pose": (lambda f: pd.concat([f.head(1)] * 12), "all 12 poses are equal"),
     "coplanar": (flat, "lie in one plane"),
     "an angle missing": (
         lambda f: f.drop(columns="J3 [deg]"),

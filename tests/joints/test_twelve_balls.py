@@ -158,13 +158,13 @@ def refused(joint: str, result: gp.Model, folder: Path, machine: str = "hexapod"
 @pytest.mark.long
 def test_a_result_of_another_joint_or_for_no_ball_is_refused_in_one_line(tmp_path: Path) -> None:
     plain = joint_of(0.0, kind="nothing")
-    assert "expected a shift over the tilt of its ball" in refused("L3.fixed", plain, tmp_path)
-    assert "'L7.fixed' is no ball of hexapod; it has L" in refused("L7.fixed", plain, tmp_path)
-    assert "'L1.fixed' is no ball of irb6400r; it has none" in refused("L1.fixed", plain, tmp_path, "irb6400r")
+    assert "expected a shift that depends on the tilt of the ball" in refused("L3.fixed", plain, tmp_path)
+    assert "'L7.fixed' is no ball of hexapod; expected L" in refused("L7.fixed", plain, tmp_path)
+    assert "'L1.fixed' is no ball of irb6400r; expected none" in refused("L1.fixed", plain, tmp_path, "irb6400r")
     text, _ = table("hexapod", 0, False, 30)
     machine, poses = measured("hexapod", text)
     own = gp.Model(saved_model(calibrate(ErrorModel(machine, geometric_effects(machine)), poses), poses))
-    assert "a result of wide hexapod, expected one of a ball joint alone" in refused("L1.fixed", own, tmp_path)
+    assert "a result of wide hexapod, expected a result of a single ball joint" in refused("L1.fixed", own, tmp_path)
     with pytest.raises(InputError, match=r"'L3\.fixed', expected BALL=RESULT"):
         measured_joints(["L3.fixed"], gp.load_mechanism("hexapod"))
 

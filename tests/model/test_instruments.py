@@ -73,7 +73,7 @@ def test_size_that_nothing_shows_stays_as_described_and_is_named() -> None:
     fit = calibrate(ErrorModel(made.truth.mechanism, geometric_effects(made.truth.mechanism)), ready(made))
     assert np.sqrt(np.mean(tool_error(made, fit) ** 2)) < 0.5e-3
     said = " ".join(unseen(made.table.observations))
-    assert "what was read (same_point) fits a machine that is larger" in said
+    assert "the measurements (same_point) do not determine the scale" in said
     assert "larger" not in " ".join(unseen(simulated("bar", 160).table.observations))
 
 

@@ -85,7 +85,7 @@ def test_standing_columns_are_there_only_where_the_rows_are_in_order() -> None:
     assert any(n.startswith("lag_temperature_") for n in new)
     assert all(read_by(n) and np.isfinite(states[n]).all() and states.units[n] for n in new)
     assert states.units["last_move_J2"] == "1"
-    with pytest.raises(InputError, match=r"'last_move_J2' depends on the rows before; expected rows said"):
+    with pytest.raises(InputError, match=r"'last_move_J2' depends on earlier rows; expected --in-order"):
         plain["last_move_J2"]
     with pytest.raises(InputError, match="'lag_colour_4' is not known here"):
         states["lag_colour_4"]
@@ -279,7 +279,7 @@ def test_a_constant_torque_is_left_alone_with_one_line() -> None:
     (line,) = unused_torques(ARM_TORQUE, data)
     assert line == (
         "table: column 'torque_J2' is 40 in every row and is not used as the torque of J2; "
-        "expected what the joint bears at each pose"
+        "expected the torque of the joint at each pose"
     )
 
 

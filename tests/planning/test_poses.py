@@ -198,7 +198,7 @@ def test_the_next_poses_shrink_what_they_are_for_more_than_random_ones(tmp_path:
     value, random = (asked.curve.iloc[-1, k] for k in (1, 2))
     assert value < random < asked.curve.iloc[0, 1]
     assert asked.said == "rejected candidate: joint compliance, J3"
-    for number, said in ((2, "no name in the catalogue"), (3, "expected 1 to 2")):
+    for number, said in ((2, "is not in the catalogue"), (3, "expected 1 to 2")):
         line = one_line(run("poses", "--after", tmp_path / "fit", "--rejected", number, "--quiet"), 2)
         assert line.startswith("gpmodel: --rejected: ")
         assert said in line
@@ -229,7 +229,7 @@ def test_a_task_that_cannot_be_reached_or_belongs_to_nothing_is_refused_in_one_l
     task.write_text("J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg]\n0,0,0,0,170,0\n", encoding="utf-8")
     assert "row 1: the target is out of reach" in one_line(run(*ask, task), 2)
     assert "not both" in one_line(run(*ask, task, "--criterion", "effect"), 2)
-    assert "belongs to a result" in one_line(run("poses", "--mechanism", "irb6400r", "--task", task), 2)
+    assert "needs a result" in one_line(run("poses", "--mechanism", "irb6400r", "--task", task), 2)
     task.write_text("x [mm],y [mm],z [mm]\n1200,0,900\n1300,100,900\n", encoding="utf-8")
     found = choose_poses(count=3, after=tmp_path / "model.json", task=task)
     assert found.said == "task: 2 targets of task.csv"

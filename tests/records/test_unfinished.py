@@ -126,7 +126,7 @@ def test_a_damaged_request_is_named_and_set_aside(tmp_path: Path) -> None:
 def test_what_differs_is_said(tmp_path: Path) -> None:
     kept(tmp_path)
     before = sorted(p.name for p in (tmp_path / FOLDER).iterdir())
-    with pytest.raises(InputError, match=r"something else: the table has changed; --seed is 4, was 3\."):
+    with pytest.raises(InputError, match=r"other inputs: the table has changed; --seed is 4, was 3\."):
         files(tmp_path, **{"--seed": 4, "the table": 64 * "b"}).begin()
     assert sorted(p.name for p in (tmp_path / FOLDER).iterdir()) == before
 

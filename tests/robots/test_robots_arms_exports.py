@@ -99,7 +99,7 @@ def test_what_an_export_of_two_arms_cannot_be_is_one_line(model: Model, of_one_a
     refused = of_one_arm[1].refused
     assert refused["exports/ur_kinematics.yaml"] == "torso has several arms; expected one, as in ur_description"
     assert refused["exports/robodk.csv"] == "torso has several arms; expected a serial chain"
-    with pytest.raises(InputError, match="no tool is of one arm of torso alone"):
+    with pytest.raises(InputError, match="no tool belongs to a single arm of torso"):
         forward_of(model.saved, Place("", "left_tool"))
 
 

@@ -101,9 +101,9 @@ def test_the_column_of_a_joint_that_follows_another_is_not_read_and_check_says_s
         ("swing", "lift", "turn", "follow", "x"), ("rad", "m", "rad", "deg", "mm"), strict=True)})  # fmt: skip
     data = dataset_from(frame, Path("t.csv"), arm)
     assert (data.ignored, data.extras) == (("follow",), {})
-    assert list(not_read(arm, data)) == ["follow follows swing; its column is not read"]
+    assert list(not_read(arm, data)) == ["follow follows swing; the column of follow is ignored"]
     described = replace(arm, not_read=("<calibration> of joint turn",))
-    assert list(not_read(described, data))[1:] == ["not read of odd: <calibration> of joint turn"]
+    assert list(not_read(described, data))[1:] == ["ignored in the description of odd: <calibration> of joint turn"]
 
 
 def test_frame_chooses_the_chain(odd: Path) -> None:

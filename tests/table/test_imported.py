@@ -39,7 +39,7 @@ def test_a_table_of_figaroh_passes_check(measured: Dataset, tmp_path: Path) -> N
     np.testing.assert_allclose(table.rotation, Rotation.from_euler("xyz", turned).as_rotvec())
     plain = figaroh(measured, tmp_path / "plain.csv")
     said = one_line(run("import", plain, "--mechanism", ARM, "--out", out), 2)
-    assert "is there, with other content; expected another name" in said
+    assert "exists with other content; expected another name" in said
     out = tmp_path / "plain_table.csv"
     assert run("import", plain, "--mechanism", ARM, "--out", out).exit_code == 0
     done = run("check", out, "--mechanism", ARM)

@@ -71,7 +71,9 @@ def arm_of(mechanism: Mechanism, tip: str) -> Chain:
     if tree is None:
         return chain_of(mechanism)
     if not tip:
-        raise InputError(f"no tool is of one arm of {mechanism.name} alone; expected tools of their own in 'tool'")
+        raise InputError(
+            f"no tool belongs to a single arm of {mechanism.name}; expected a separate tool for each arm in 'tool'"
+        )
     alone = tree.alone(tip)
     own = chain_of(alone)
     weights = np.zeros((len(own.slots), len(mechanism.joints)))
@@ -98,5 +100,5 @@ def chain_of(mechanism: Mechanism) -> Chain:
     found = Chain(slots, rest, tuple(axes), weights)
     q = random_poses(mechanism, PROBES, np.random.default_rng(0))
     if not np.allclose(found.transforms(q), mechanism.transforms(q), atol=ROUNDING, rtol=0):
-        raise InputError(f"{mechanism.name}: no chain of single motions; expected a serial chain")
+        raise InputError(f"{mechanism.name}: a joint has several motions; expected a serial chain")
     return found

@@ -136,7 +136,9 @@ def _couplings(chain: Chain, joints: tuple[Joint, ...]) -> tuple[list[int], list
     """Return the sign of every joint's own motion, and (joint, the joint it follows, factor)."""
     weights = chain.weights[list(chain.moving)]
     if weights.shape != (len(joints), len(joints)) or not np.isin(np.diag(weights), (-1.0, 1.0)).all():
-        raise InputError("DH rows: expected one motion a joint, by the joint's own value or minus it")
+        raise InputError(
+            "DH rows: a joint has several motions, or a factor; expected one motion per joint with factor 1 or -1"
+        )
     others = [(i, j, float(w)) for (i, j), w in np.ndenumerate(weights) if i != j and w]
     return [int(w) for w in np.diag(weights)], others
 
@@ -179,7 +181,7 @@ def robodk_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array],
     if others:
         i, j, _ = others[0]
         raise InputError(
-            f"{names[i]} moves with {names[j]} as well; expected joints that move by their own value alone, "
+            f"{names[i]} also moves with {names[j]}; expected joints that move independently, "
             "exports/dh_modified.toml has the coupling"
         )
     base, between, tool = along_z(chain, twists)
@@ -188,7 +190,8 @@ def robodk_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array],
         if abs(step.beta) > ROUNDING:
             raise InputError(
                 f"axes of {' and '.join(pair)} are {np.degrees(tilt(frame)):.2g} deg from parallel, which puts their "
-                f"common normal beyond {FAR:g} m; expected it nearer, exports/dh_modified.toml has a fifth column"
+                f"common normal beyond {FAR:g} m; expected a nearer normal, exports/dh_modified.toml has a fifth "
+                "column instead"
             )
     lines = commented(note)
     lines += ["# H = base * rotx(rx) transl(tx, 0, tz) rotz(rz) of every row * tool; sense times the joint's value is"]

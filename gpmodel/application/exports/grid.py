@@ -73,7 +73,13 @@ def lookup_grid(saved: SavedModel, place: Place, box: Array | None, count: int, 
     pose, within = _largest(held, float(np.ptp(points, axis=0).max())) if box is None else (held[0], box)
     grid = _over(pose, within, count, rng)
     if not len(grid.error):
-        raise InputError("no point of it is reached with the tool and the arm held as measured nearby", "box")
+        raise InputError(
+            (
+                "no point of the box is reachable with tool and arm oriented as at the measured poses; "
+                "expected another box"
+            ),
+            "box",
+        )
     return grid
 
 

@@ -127,7 +127,10 @@ def _made(saved: SavedModel, makers: Mapping[str, Callable[[str], Export]]) -> E
     for file, make in makers.items():
         try:
             if unmeasured:
-                raise InputError(f"{', '.join(unmeasured)} of {saved.mechanism.name} is not measured")
+                raise InputError(
+                    f"{', '.join(unmeasured)} of {saved.mechanism.name} is not measured; expected a "
+                    "mechanism with measured joints"
+                )
             made.append(make(file))
         except InputError as error:
             refused[file] = error.said

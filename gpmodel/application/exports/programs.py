@@ -40,7 +40,7 @@ def program_text(mechanism: Mechanism, corrected: pd.DataFrame, language: Langua
     q, status = _joints(mechanism, corrected), [str(s) for s in corrected.get("status", [""] * len(corrected))]
     there: Mask = np.asarray(np.isfinite(q).all(axis=1))
     if not there.any():
-        raise InputError(f"none of the {len(q)} targets has corrected joint values; expected one at least")
+        raise InputError(f"none of the {len(q)} targets has corrected joint values; expected at least one")
     name = re.sub(r"\W", "_", name, flags=re.ASCII)[:NAME]
     name = name if name[:1].isalpha() else f"p_{name}"[:NAME]
     notes = [harmless(line) for line in (f"Corrected by gpmodel for {mechanism.name}.", *_said(there, status))]
@@ -74,8 +74,8 @@ def _joints(mechanism: Mechanism, corrected: pd.DataFrame) -> Array:
     columns = [str(c) for c in corrected.columns if str(c).startswith("corrected_")]
     if len(columns) != len(mechanism.joints) or len(columns) > AXES:
         raise InputError(
-            f"{len(columns)} columns corrected_JOINT and {len(mechanism.joints)} joints; expected what compensate "
-            f"gives for a robot of {AXES} joints at most"
+            f"{len(columns)} columns corrected_JOINT and {len(mechanism.joints)} joints; expected the table of "
+            f"compensate for a robot with at most {AXES} joints"
         )
     out = []
     for column, joint in zip(columns, mechanism.joints, strict=True):

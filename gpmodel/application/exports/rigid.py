@@ -121,7 +121,7 @@ def written(mechanism: Mechanism, twists: Mapping[str, Array]) -> tuple[str, str
     """
     bare = bare_of(mechanism)
     if not isinstance(bare, ExportsUrdf):
-        raise InputError(f"{bare.name} cannot be written as URDF")
+        raise InputError(f"{bare.name} cannot be written as URDF; expected a mechanism that implements write_urdf")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "calibrated.urdf"
         frame = bare.write_urdf(path, twists)

@@ -100,7 +100,9 @@ def _ur_chain(text: str) -> tuple[JointOrigin, ...]:
         raise InputError(f"no arm of ur_description; expected links {', '.join(f'{name}_link' for name in UR_LINKS)}")
     for o, last in zip(chain, (None, *chain), strict=False):
         if o.axis != (0.0, 0.0, 1.0) or (last and o.parent != last.child):
-            raise InputError(f"'{o.name}' is not as in ur_description; expected a turn about z on the link before")
+            raise InputError(
+                f"'{o.name}' is not as in ur_description; expected a rotation about z of the previous link"
+            )
     return chain
 
 

@@ -17,7 +17,7 @@ from gpmodel.table.dataset import Dataset
 def measured_table(saved: SavedModel) -> Dataset:
     """Return the table of the fit, matched to the model; raise InputError if the model does not contain a table."""
     if saved.measured is None:
-        raise InputError("model: does not hold the table it was fitted to; calibrate or discover again")
+        raise InputError("model: the file does not contain the table of the fit; run calibrate or discover again")
     return remembered(saved, matched(saved, saved.measured.dataset))
 
 
