@@ -75,7 +75,11 @@ def test_an_error_of_another_file_is_not_told_of_the_folder(tmp_path: Path) -> N
 
 def test_one_process_at_a_time(tmp_path: Path) -> None:
     out = tmp_path / "a" / "b"
-    with files.alone_in(out), pytest.raises(InputError, match="another gpmodel process uses this folder"), files.alone_in(out):
+    with (
+        files.alone_in(out),
+        pytest.raises(InputError, match="another gpmodel process uses this folder"),
+        files.alone_in(out),
+    ):
         pass
     assert list(tmp_path.iterdir()) == []
     with files.alone_in(out):

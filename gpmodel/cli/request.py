@@ -53,7 +53,7 @@ def _resume(result: str, ctx: click.Context, _: click.Parameter, folder: Path | 
         if _made_by(done) != command:
             said = f"{folder} has no unfinished search; expected the folder of an interrupted {command}"
             raise InputError(said, "resume")
-        echo(f"the search in {folder} is finished; report: {done.with_suffix('.html')}")
+        echo(f"nothing is left to do in {folder}; report: {done.with_suffix('.html')}")
         ctx.exit()
     try:
         typed = found["request"]

@@ -269,7 +269,7 @@ def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tup
     usual = min(FEWEST_HELD, int(USUAL * len(dataset)))
     if mask.sum() < usual:
         raise InputError(
-            f"{fraction:g} of {len(dataset)} poses holds out {int(mask.sum())} poses, too few for a test; "
+            f"{fraction:g} of {len(dataset)} poses holds out {int(mask.sum())}, too few for a test; "
             "expected at least "
             f"{FEWEST_HELD}, as with {np.ceil(100 * FEWEST_HELD / len(dataset)) / 100:g}",
             "holdout",

@@ -173,7 +173,7 @@ def test_the_command_says_the_next_pose_until_it_is_decided(fitted: Fitted, tmp_
     model.save(tmp_path / "model.json")
     first = run("verify", tmp_path / "model.json", "--next")
     assert first.exit_code == 4
-    assert f"0 of the {FIRST}" in first.output
+    assert f"has 0 different poses. A check needs at least {FIRST}" in first.output
     _, q = checked()
     table = tmp_path / "later.csv"
     table.write_text(table_text(frame_of(measured(made, q[:-1], 0, 0.0), made.model.mechanism)), encoding="utf-8")

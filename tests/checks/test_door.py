@@ -147,7 +147,7 @@ OPTIONS = {
     ("poses", "--mechanism", "ur5", "--above=-5km"): "--above: -5km, expected at most 1000 m, the unit may be wrong",
     ("poses", "--after", "R", "--mechanism", "panda"): "--mechanism: is already given by the model in R",
     ("check", "t.csv", "--mechanism", "ur5", "--payload-com", "a,b,c"): "'a' is no number",
-    ("calibrate", "t.csv", "--mechanism", "irb6400r", "--holdout", 0.001): "of 60 poses holds out 1 of the poses",
+    ("calibrate", "t.csv", "--mechanism", "irb6400r", "--holdout", 0.001): "of 60 poses holds out 1, too few",
     ("calibrate", "t.csv", "--mechanism", "irb6400r", "--effect", "base_compliance=1e-6"): "'=VALUE' is for simulate",
 }
 

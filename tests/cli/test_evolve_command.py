@@ -102,7 +102,7 @@ def test_an_interrupted_search_goes_on_with_resume_alone_to_the_same_numbers(tab
             ["--truncation", "0.1", "--tournament", "3"],
             "truncation: cannot be combined with --tournament, expected one of the two",
         ),
-        (["--representation", "tree", "--length", "80"], "length: tree has none"),
+        (["--representation", "tree", "--length", "80"], "length: does not apply to tree"),
         (["--depth", "0"], "depth: 0, expected 1 to 40"),
     ],
 )

@@ -174,7 +174,11 @@ def test_arms_that_share_a_joint_are_rows_of_one_name(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("d_mm = 900\nalpha_deg = 15", "d_mm = 800", "joint 'torso' of arm 'right' differs from the joint of this name"),
+        (
+            "d_mm = 900\nalpha_deg = 15",
+            "d_mm = 800",
+            "joint 'torso' of arm 'right' differs from the joint of this name",
+        ),
         ('name = "right"', 'name = "left"', "arms 'left', 'left'; expected different names"),
         ('[[arm]]\nname = "right"', "[[arm]]", "name is '', expected a text"),
         ('convention = "standard"', 'convention = "standard"\n[tool]', "unknown key tool"),
