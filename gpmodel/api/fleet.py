@@ -253,7 +253,7 @@ def _effects(given: tuple[object, ...] | None, search: FleetSearch) -> tuple[Mod
     tasks = search.tasks
     if given is None and not all(len(task.rows[1]) for task in tasks):
         raise InputError(
-            ("0 leaves no poses to confirm the findings; expected a share above 0, or effects by name"), "holdout"
+            "0 leaves no poses to confirm the findings; expected a share above 0, or effects by name", "holdout"
         )
     if given is not None:
         groups = [named_group(effect, tasks[0].mechanism, tasks[0].poses) for effect in given]

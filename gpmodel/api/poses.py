@@ -95,11 +95,7 @@ def next_questions(
         apart = tuple(question for question, _ in told.values())
         return Asked(said, apart, apart, "separation of the closest alternatives [sigma]", inverse=True, pairs=told)
     if criterion == "rivals":
-        none = (
-            f"no poses separate {alike}"
-            if alike
-            else ("no finding has an alternative cause in the catalogue; expected another criterion")
-        )
+        none = f"no poses separate {alike}" if alike else "no finding has an alternative cause in the catalogue"
         raise InputError(f"rivals: {none}", "criterion")
     if not findings and criterion == "effect":
         raise InputError("effect: the model has geometric constants only; expected a model with effects", "criterion")
@@ -155,13 +151,9 @@ def of_rejected(saved: SavedModel, record: Report | None, pool: Array, number: i
     names, name = names_of(outlook.measured.dataset), rejected[number - 1].name
     effects = next((e for c, e in outlook.candidates.items() if translate(c, names) == name), None)
     if effects is None:
-        raise InputError(
-            (f"{number}, {name}, is not in the catalogue; expected a candidate of the catalogue"), "rejected"
-        )
+        raise InputError(f"{number}, {name}, is not in the catalogue; expected one of its candidates", "rejected")
     question = outlook.of_more(effects)
-    return Asked(
-        f"rejected candidate: {name}", (question,), (question,), ("± of the displacement by the candidate [mm]"), 1e3
-    )
+    return Asked(f"rejected candidate: {name}", (question,), (question,), "± of the displacement [mm]", 1e3)
 
 
 def tellable_causes(model: Model, record: Report) -> frozenset[str]:

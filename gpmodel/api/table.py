@@ -130,7 +130,7 @@ def check_told_of(dataset: Dataset, given: Collection[str]) -> None:
     for name, columns in (("cameras", ("u", "v")), ("board", ("u", "v")), ("surfaces", TOUCHED)):
         if name in given and not {*dataset.readings, *dataset.labels} & {*columns}:
             raise InputError(
-                (f"{dataset.source} has no column {' or '.join(columns)}; expected a table with this column"), name
+                f"{dataset.source} has no column {' or '.join(columns)}; expected a table with this column", name
             )
 
 

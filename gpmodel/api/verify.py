@@ -138,7 +138,7 @@ class NextCheck(Shown):
             lines.append(f"The change is not identified after {self.poses} poses.")
         if self.next is not None:
             lines += [
-                ("Measure this pose next, and add the measurement to the table:"),
+                "Measure this pose next, and add the measurement to the table:",
                 table_text(self.next, CONTROLLER_DECIMALS).rstrip("\n"),
             ]
         return "\n".join(lines)

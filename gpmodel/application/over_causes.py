@@ -55,7 +55,7 @@ def of_the_ball(name: str, joint: SavedModel, machine: Mechanism) -> tuple[Effec
     single = balls_of(rig)
     if len(single) != 1 or single[0].name:
         raise InputError(
-            (f"{name}: a result of {joint.mechanism.name}, expected a result of a single ball joint"), "joint"
+            f"{name}: a result of {joint.mechanism.name}, expected a result of a single ball joint", "joint"
         )
     there = balls[name]
     handed = [
@@ -66,7 +66,7 @@ def of_the_ball(name: str, joint: SavedModel, machine: Mechanism) -> tuple[Effec
     if not found:
         known = ", ".join(e.name for e in joint.model.effects if not e.constant) or "constants alone"
         raise InputError(
-            (f"{name}: the result of this joint has {known}, expected a shift that depends on the tilt of the ball"),
+            f"{name}: the result of this joint has {known}, expected a shift that depends on the tilt of the ball",
             "joint",
         )
     return found

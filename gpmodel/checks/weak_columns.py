@@ -228,7 +228,7 @@ def scaled(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str, str]]:
     by = (
         " against the lengths described"
         if best is whole
-        else (f": with this factor removed, the residual is {best.less:.3g} times smaller")
+        else f": with this factor removed, the residual is {best.less:.3g} times smaller"
     )
     if best.wrong:
         unfit = "columns with a wrong scale" if abs(best.value - 1.0) > IMPOSSIBLE else ""

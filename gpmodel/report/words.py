@@ -185,7 +185,7 @@ def story(report: Report) -> Iterator[str]:
             continue
         later = {name for h in report.histograms[number:] for name in h.significant}
         gone = "" if later & set(others) else f"; given {wording.listed(chosen)}, no program refers to {it}"
-        yield (f"The programs used {names} as a proxy; {wording.listed(chosen)} {explain} the same error better{gone}.")
+        yield f"The programs used {names} as a proxy; {wording.listed(chosen)} {explain} the same error better{gone}."
 
 
 def found(report: Report, effect: EffectRecord) -> str:

@@ -32,7 +32,7 @@ from gpmodel.report.words import (
         (
             "instrument",
             "Tx",
-            ("translation along x of the frame of the instrument, applied to its measurements before registration"),
+            "translation along x of the frame of the instrument, applied to its measurements before registration",
         ),
         ("J2.moving, J3.moving", "Rz", ""),
     ],
