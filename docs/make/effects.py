@@ -192,19 +192,25 @@ def _page(
     lines = [f"# {family.name}", "", f"{family.explanation[0].upper()}{family.explanation[1:]}.", ""]
     lines += [f"*Source:* {family.source}.", ""]
     if advice := repair_advice().get(family.name):
-        lines += ["## For the one who repairs", "", *(f"- {heading}: {said}" for heading, said in advice.lines), ""]
+        lines += ["## For maintenance", "", *(f"- {heading}: {said}" for heading, said in advice.lines), ""]
     if shown is None:
-        lines += ["It has no instance on the machines shown here: it needs a column that their tables do not have.", ""]
+        lines += [
+            "This family has no instance on the machines of this page: it needs further columns in the table.",
+            "",
+        ]
     else:
         lines += _instance(family, *shown)
-    lines += ["## What looks like it", ""]
+    lines += ["## Similar effects", ""]
     rivals = _rivals(family.name, signatures)
     if not signatures[family.name]:
-        lines += ["Not worked out: it has no instance on the IRB 6400R.", ""]
+        lines += ["Not computed: this family has no instance on the IRB 6400R.", ""]
     elif not rivals:
-        lines += [f"On {POSES} random poses of the IRB 6400R nothing else in the catalogue comes near.", ""]
+        lines += [f"On {POSES} random poses of the IRB 6400R no other effect of the catalogue is similar.", ""]
     else:
-        lines += ["On the same poses, with all constant geometry taken off; 1 cannot be told apart.", ""]
+        lines += [
+            "Correlation after fitting all geometric constants; effects with correlation 1 cannot be separated.",
+            "",
+        ]
         lines += ["| rival | as | beside | correlation |", "|---|---|---|---|"]
         lines += [f"| [{o}]({o}.md) | {name} | {own} | {alike:.2f} |" for o, name, own, alike in rivals]
     return "\n".join(lines) + "\n"
@@ -218,7 +224,7 @@ def _instance(family: gp.Family, place: Scene, candidate: gp.Candidate) -> list[
     terms = "; ".join(f"{t.basis} at {t.slot} {t.axis}" for t in first.terms[:SHOWN])
     more = f" and {len(candidate.effects) - 1} more" if len(candidate.effects) > 1 else ""
     return [
-        f"![What {candidate.name} does to the tool](pictures/{family.name}.svg)",
+        f"![Displacement of the tool by {candidate.name}](pictures/{family.name}.svg)",
         "",
         f"*{candidate.name}* on {place.title}: the arrows are displacements of the tool at {POSES} random poses,",
         "scaled so that the longest always has the same length.",
@@ -229,6 +235,6 @@ def _instance(family: gp.Family, place: Scene, candidate: gp.Candidate) -> list[
         f"| unit | {first.unit} |",
         f"| reads | {', '.join(reads) or 'nothing'} |",
         f"| its first term | `{terms}`{more} |",
-        f"| seen after calibration | {100 * kept:.0f} % of it; constant geometry takes up the rest |",
+        f"| part that remains after calibration | {100 * kept:.0f} %; geometric constants absorb the rest |",
         "",
     ]
