@@ -2,6 +2,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
+# Images of containers often set it. Each process of the tests would then compile every module again.
+export PYTHONDONTWRITEBYTECODE =
+
 .PHONY: install demo test long conclusions bench lint types wheel docs pictures clean
 
 $(BIN)/gpmodel: pyproject.toml
