@@ -122,6 +122,7 @@ def true_tips(truth: Truth, poses: Poses) -> Array:
     return observe(truth.model, poses, truth.theta, truth.placement).tip[:, :3, 3]
 
 
+@cache
 def first_of_each_family(name: str, count: int = 90, seed: int = 0) -> dict[str, Candidate]:
     """One candidate a family with an instance on the mechanism: the last one, on a distal joint where there is one.
 
