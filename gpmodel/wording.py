@@ -161,11 +161,11 @@ def percent(share: float | None) -> str:
     return f"{100 * share:.{1 if 0 < abs(share) < 0.01 else 0}f} %"
 
 
-def chance(probability: float | None, shuffles: int | None = None, of: str = "shuffles") -> str:
-    """Write a probability with two digits and the number of shuffles (permutations) that it is estimated from.
+def chance(probability: float | None, shuffles: int | None = None, of: str = "permutations") -> str:
+    """Write a probability with two digits and the number of permutations that it is estimated from.
 
-    A probability below 1 / (shuffles + 1) is marked as extrapolated. Below 1e-6 only that bound is stated, because the
-    distribution fitted to the tail is not valid there.
+    A probability below 1 / (permutations + 1) is marked as extrapolated. Below 1e-6 only that bound is stated, because
+    the distribution fitted to the tail is not valid there.
     """
     if probability is None or not math.isfinite(probability):
         return UNKNOWN

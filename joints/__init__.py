@@ -46,7 +46,7 @@ def load_mechanism(
     if machine is None:
         return None
     if frame not in (None, "TCP"):
-        raise InputError(f"{name}: no frame named {frame!r} to measure at; it has 'TCP'")
+        raise InputError(f"{name}: no frame named {frame!r}, expected 'TCP'")
     return machine if payload_com is None else replace(machine, payload_com=vector(payload_com))
 
 

@@ -199,7 +199,9 @@ def sources_of(s: Settings) -> tuple[ErrorSource, ...]:
     entries = [(e, want) for want in ("translation", "rotation") for e in s[want]]
     for e, want in entries:
         if 1 <= e["index"] <= PARAMETERS and parameter(e["index"]).axis.startswith("R") != (want == "rotation"):
-            raise InputError(f"error budget: [[{want}]] index {e['index']} is {parameter(e['index']).name}")
+            raise InputError(
+                f"error budget: [[{want}]] index {e['index']} is {parameter(e['index']).name}, expected a {want}"
+            )
     return tuple(ErrorSource(e["index"], e["range"], e["kind"], e["distribution"], e["source"]) for e, _ in entries)
 
 
@@ -214,7 +216,9 @@ def error_budget(
     chosen = tuple(s for s in sources if s.kind == kind)
     if not chosen or poses < 1 or draws < 1 or poses * draws > MOST_DRAWS:
         said = f"{len(chosen)} {kind} sources, {poses} poses, {draws} draws"
-        raise InputError(f"error budget: {said}; expected some, {MOST_DRAWS} of all poses at most")
+        raise InputError(
+            f"error budget: {said}; expected at least one of each, and at most {MOST_DRAWS} draws over all poses"
+        )
     q = spread_poses(joint, poses, rng)
     parameters = np.zeros((poses, draws, PARAMETERS))
     for source in chosen:

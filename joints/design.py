@@ -81,9 +81,11 @@ def read_design(path: Path | None = None) -> tuple[PassiveJoint, dict[str, Setti
     file = path.name if path else "design.toml"
     joint = read_joint(path) if path and "kind" in given else spherical_joint()
     if [r.axis for r in joint.rotations] != ["x", "y", "z"]:
-        raise InputError(f"{file}: a design is of a ball in a socket, expected rotations about x, y and z")
+        raise InputError(f"{file}: a design describes a ball in a socket; expected rotations about x, y and z")
     if "kind" not in given and (unknown := [key for key in given if key not in SECTIONS]):
-        raise InputError(f"{file}: unknown key '{unknown[0]}', expected kind or one of {choices(unknown[0], SECTIONS)}")
+        raise InputError(
+            f"{file}: unknown key '{unknown[0]}', expected 'kind' or one of {choices(unknown[0], SECTIONS)}"
+        )
     if flat := [key for key in SECTIONS if not isinstance(given.get(key, {}), dict)]:
         raise InputError(f"{file}: {flat[0]} = {given[flat[0]]!r}, expected a table [{flat[0]}]")
     sections = {name: dict(given.get(name, {})) for name in SECTIONS}

@@ -128,7 +128,9 @@ def fit_response(frequency: ArrayLike, measured: ArrayLike, impedance: ArrayLike
     f = positive("frequency", frequency, "Hz").ravel()
     response, resists = np.asarray(measured, complex).ravel(), np.asarray(impedance, complex).ravel()
     if f.size != response.size or np.unique(f).size < 3:
-        raise InputError(f"frequency response: {f.size} frequencies and {response.size} values, expected 3 or more")
+        raise InputError(
+            f"frequency response: {f.size} frequencies and {response.size} values, expected equal numbers, at least 3"
+        )
     size = np.abs(response)
     require(np.isfinite(size) & (size > 0), "receptance", size, "finite and not 0 m/N")
     columns = np.column_stack([np.ones(f.size), -((2 * np.pi * f) ** 2), resists]) * size[:, None]

@@ -248,5 +248,7 @@ def held(machine: Machine, file: str) -> Machine:
     except InputError as error:
         raise InputError(f"{file}: {error}; expected longer legs or smaller rings") from None
     if weakest < WEAKEST:
-        raise InputError(f"{file}: at half stroke the legs leave the platform loose; expected rings that are not alike")
+        raise InputError(
+            f"{file}: at half stroke the legs do not fix the platform; expected different rings at base and platform"
+        )
     return machine

@@ -92,12 +92,12 @@ class MagnetSeat:
             place = f"magnet ring {number} at {np.degrees(ring.angle):.4g} deg"
             if ring.count > fits:
                 raise InputError(
-                    f"{place}: {ring.count} magnets of {ring.diameter * 1e3:.4g} mm do not fit, at most {fits}"
+                    f"{place}: {ring.count} magnets of {ring.diameter * 1e3:.4g} mm do not fit, expected at most {fits}"
                 )
             rim = ring.angle + self.half_width(ring.diameter)
             if rim > socket_angle + 1e-12:
                 raise InputError(
-                    f"{place}: its rim at {np.degrees(rim):.4g} deg lies outside the socket,"
+                    f"{place}: the rim at {np.degrees(rim):.4g} deg is outside the socket,"
                     f" expected at most {np.degrees(socket_angle):.4g} deg"
                 )
         ordered = sorted(rings, key=lambda ring: ring.angle)
@@ -161,7 +161,9 @@ def rank_designs(
     ]
     fitting = [design for design in candidates if design is not None]
     if not fitting:
-        raise InputError("preload optimisation: no magnet ring fits any socket, expected at least one")
+        raise InputError(
+            "preload optimisation: no magnet ring fits any socket; expected smaller magnets or larger sockets"
+        )
     return sorted(fitting, key=lambda design: (-round(design.preload, 9), -design.published_pressure))
 
 
@@ -178,7 +180,9 @@ def continuous_optimum(magnet: Magnet, seat: MagnetSeat, largest_socket: float) 
         designs.append(preload_design(angle + half, angle, magnet, seat))
     best = max((design for design in designs if design), key=lambda design: design.preload, default=None)
     if best is None:
-        raise InputError("preload optimisation: no magnet ring fits the socket, expected at least one")
+        raise InputError(
+            "preload optimisation: no magnet ring fits the socket; expected smaller magnets or a larger socket"
+        )
     return best
 
 

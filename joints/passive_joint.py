@@ -56,14 +56,18 @@ class PassiveJoint:
 
     def __post_init__(self) -> None:
         if not np.linalg.norm(self.tooling_ball) > 1e-6:
-            raise InputError(f"{self.name}: the tooling ball is at radius 0 from the joint's centre; expected a shaft")
+            raise InputError(
+                f"{self.name}: the tooling ball is at the centre of the joint; expected a tooling ball on a shaft"
+            )
         if len(self.rotations) not in (2, 3):
             raise InputError(f"{self.name}: {len(self.rotations)} rotations, expected 2 (universal) or 3 (spherical)")
         if len({r.name for r in self.rotations}) < len(self.rotations):
-            raise InputError(f"{self.name}: rotations {', '.join(r.name for r in self.rotations)}, expected own names")
+            raise InputError(
+                f"{self.name}: rotations {', '.join(r.name for r in self.rotations)}, expected different names"
+            )
         if any(a.axis == b.axis for a, b in pairwise(self.rotations)):
             axes = ", ".join(r.axis for r in self.rotations)
-            raise InputError(f"{self.name}: rotations about {axes}, expected another axis than the one before")
+            raise InputError(f"{self.name}: rotations about {axes}, expected different axes for successive rotations")
 
     def with_angles(self, *, measured: bool) -> "PassiveJoint":
         """Return the joint with every angle measured, or none."""
@@ -266,7 +270,9 @@ def _built(s: Settings, file: str) -> PassiveJoint:
     positive(f"{file}: tooling_ball.diameter", 2 * radius, "m")
     lever = float(np.linalg.norm(centre))
     if not lever > 1e-6:
-        raise InputError(f"{file}: tooling_ball.centre is {lever:g} m from the joint's centre; expected a lever")
+        raise InputError(
+            f"{file}: tooling_ball.centre is {lever:g} m from the centre of the joint; expected a larger distance"
+        )
     if "ball" in s:
         _check_ball(s, lever, file)
     rotations = tuple(_rotation(entry, f"{file}: rotation[{i}]") for i, entry in enumerate(s["rotation"]))
@@ -285,7 +291,7 @@ def _check_ball(s: Settings, lever: float, file: str) -> None:
     reach = (ball + s["tooling_ball"]["diameter"]) / 2
     if lever < reach:
         raise InputError(
-            f"{file}: tooling_ball.centre is {1e3 * lever:g} mm from the joint's centre, inside the ball; "
+            f"{file}: tooling_ball.centre is {1e3 * lever:g} mm from the centre of the joint, inside the ball; "
             f"expected at least {1e3 * reach:g} mm"
         )
 

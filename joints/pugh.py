@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.errors import InputError
+from gpmodel.errors import InputError, choices
 
 
 @dataclass(frozen=True)
@@ -66,11 +66,13 @@ def pugh_chart(
     for criterion, row in marks.items():
         where = f"Pugh chart '{title}', {criterion}"
         if len(row) != len(concepts):
-            raise InputError(f"{where}: {len(row)} marks, expected {len(concepts)}, one a concept")
+            raise InputError(f"{where}: {len(row)} marks, expected {len(concepts)}, one per concept")
         rows.append([read_mark(str(mark), where) for mark in row])
     given = dict(weights or {})
     unknown = [name for name in given if name not in marks]
     if unknown:
-        raise InputError(f"Pugh chart '{title}': weight of unknown criterion '{unknown[0]}', expected one of its rows")
+        raise InputError(
+            f"Pugh chart '{title}': unknown criterion '{unknown[0]}', expected one of {choices(unknown[0], marks)}"
+        )
     weight = np.array([float(given.get(name, 1.0)) for name in marks])
     return PughChart(title, tuple(concepts), tuple(marks), np.array(rows, int), weight)

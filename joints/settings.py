@@ -65,11 +65,11 @@ def quantity(text: Any, like: str, where: str) -> float:
     given, example = (split_quantity(t) if isinstance(t, str) else None for t in (text, like))
     unit = factor_like(given[1], example[1]) if given and example else None
     if given is None or example is None or unit is None:
-        raise InputError(f"{where}: {text!r}, expected a quantity with its unit, such as '{like}'")
+        raise InputError(f"{where}: {text!r}, expected a quantity with a unit, such as '{like}'")
     value, usual = given[0] * unit, example[0] * (factor_like(example[1], example[1]) or 1.0)
     most, name = (LONGEST, "m") if factor_like(given[1], "m") else (MOST, "in SI")
     if not abs(value) <= (most := max(most, usual)):
-        raise InputError(f"{where}: {text!r}, expected at most {most:g} {name}, the unit may be wrong")
+        raise InputError(f"{where}: {text!r}, expected at most {most:g} {name}; the unit is probably wrong")
     return value
 
 
@@ -114,7 +114,7 @@ def _value(default: Any, given: Any, file: str, place: str) -> Any:
             return _overlay(default, value, file, f"{place}.")
         case list():
             if not value:
-                raise InputError(f"{where} = [], expected a list that is not empty")
+                raise InputError(f"{where} = [], expected at least one entry")
             return [_entry(default[0], entry, file, f"{place}[{i}]") for i, entry in enumerate(value)]
         case int() | float():
             require(abs(value) < float("inf"), where, value, "a finite number")

@@ -170,7 +170,7 @@ def _actuator(entry: Settings, where: str) -> Actuator:
     if len(entry[key]) != 2 or not lower < 0.0 < upper:
         raise InputError(
             f"{where}.{key}: {len(entry[key])} values from {lower:g} to {upper:g}, expected the lowest and the highest "
-            "coordinate, zero between them"
+            "coordinate, with zero between the two"
         )
     frame = se3.frame(FRAMES[entry["axis"]], vector(entry["at"]))
     return Actuator(kind, frame @ along(5, np.array([entry["stands"]]))[0], lower, upper)

@@ -146,8 +146,7 @@ def check_arms(chains: tuple[SerialChain, ...], where: str) -> None:
                 arm = chain.tool_frame
                 raise InputError(
                     f"{where}: joint '{link.name}' of arm '{arm}' differs from the joint of this name in another "
-                    "arm; expected the "
-                    "same joint at the same place in every arm, or another name"
+                    "arm; expected equal placement, axis and limits in every arm, or another name"
                 )
 
 

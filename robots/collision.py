@@ -34,7 +34,7 @@ def parse_model(path: Path) -> pin.Model:
     except (ValueError, RuntimeError) as error:
         complaint = next((line for line in said if line.strip()), str(error).splitlines()[0])
         raise InputError(
-            f"{path}: not a URDF that can be read ({complaint.strip().removeprefix('Error:').strip()})"
+            f"{path}: the URDF cannot be read ({complaint.strip().removeprefix('Error:').strip()})"
         ) from error
 
 

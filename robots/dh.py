@@ -114,12 +114,12 @@ def _chain(top: TomlTable, common: _Common, frame: str) -> SerialChain:
         lower = row.quantity("lower", dimension, -math.inf)
         upper = row.quantity("upper", dimension, math.inf)
         if not lower < upper:
-            raise InputError(f"{row.where}: the lower limit is not below the upper one")
+            raise InputError(f"{row.where}: lower = {lower:g} is not below upper = {upper:g} (rad or m)")
         limits.append((lower, upper))
         row.done()
     names = tuple(link.name for link in links)
     if len(set(names)) < len(names):
-        raise InputError(f"{top.where}: joint names {', '.join(names)} repeat; expected each once")
+        raise InputError(f"{top.where}: joint names {', '.join(names)} repeat; expected different names")
     coupling = _coupled(top, names, np.array(signs, dtype=np.float64))
     top.done()
     return SerialChain(
@@ -143,7 +143,7 @@ def _coupled(top: TomlTable, names: tuple[str, ...], signs: Array) -> Array:
         if pair[0] == pair[1]:
             raise InputError(f"{table.where}: {pair[0]} follows itself; expected another joint")
         if pair in pairs:
-            raise InputError(f"{table.where}: {pair[0]} follows {pair[1]} already; expected one [[coupling]] a pair")
+            raise InputError(f"{table.where}: {pair[0]} follows {pair[1]} already; expected one [[coupling]] per pair")
         factor = checked(table.number("factor"), "angle", f"{table.where}: factor")
         coupling[names.index(pair[0]), names.index(pair[1])] = factor
         pairs[pair] = table.where
@@ -155,7 +155,7 @@ def _coupled(top: TomlTable, names: tuple[str, ...], signs: Array) -> Array:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
         circle = " follows ".join(reversed(error.args[1]))
-        raise InputError(f"{list(pairs.values())[-1]}: {circle}; expected joints that follow in no circle") from None
+        raise InputError(f"{list(pairs.values())[-1]}: {circle}; expected couplings without a cycle") from None
     return coupling
 
 

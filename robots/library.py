@@ -106,7 +106,7 @@ def load_mechanism(
     if chain is None or payload_com is None:
         return chain
     if isinstance(chain, Branches):
-        raise InputError(f"{chain.name}: a payload on several arms; expected one frame to measure at")
+        raise InputError(f"{chain.name}: a payload on several arms; expected one measured frame")
     return replace(chain, payload_com=_vector(payload_com))
 
 
@@ -140,7 +140,7 @@ def _measured_at(chain: SerialChain | Branches, frame: str | None) -> SerialChai
     asked = [part.strip() for part in frame.split(",")]
     if unknown := [name for name in asked if name not in known]:
         has = choices(unknown[0], map(repr, known))
-        raise InputError(f"{chain.name}: no frame named {unknown[0]!r} to measure at; it has {has}")
+        raise InputError(f"{chain.name}: no measured frame named {unknown[0]!r}; expected one of {has}")
     chosen = tuple(known[name] for name in dict.fromkeys(asked))
     return chosen[0] if len(chosen) == 1 else Branches(chain.name, chosen)
 

@@ -39,9 +39,7 @@ def read_urdf(
     tree = read_tree(path)
     frame = default_frame(tree) if frame is None else frame
     if frame not in tree.frames:
-        raise InputError(
-            f"{name or path}: no link named {frame!r} to measure at; its links are {choices(frame, tree.frames)}"
-        )
+        raise InputError(f"{name or path}: no link named {frame!r}; expected one of {choices(frame, tree.frames)}")
     chain = [joint for joint in tree.route(frame) if joint.kind != "fixed"]
     for joint in chain:
         if joint.kind not in MOVING:
@@ -50,7 +48,9 @@ def read_urdf(
                 "joints up to the measured link"
             )
     if not chain:
-        raise InputError(f"{name or path}: no moving joint between the root and link {frame!r}; choose another frame")
+        raise InputError(
+            f"{name or path}: no moving joint between the root and link {frame!r}; expected another measured link"
+        )
     if len(chain) > LONGEST_CHAIN:
         raise InputError(f"{name or path}: {len(chain)} moving joints to {frame!r}, expected at most {LONGEST_CHAIN}")
     others = [joint for arm in arms for joint in tree.route(arm) if joint.kind != "fixed"]
@@ -118,7 +118,10 @@ def _chain(tree: UrdfTree, chain: list[UrdfJoint], others: list[UrdfJoint], call
         if joint.mimic is not None and leader not in leaders:
             leader, factor, offset = joint.mimic.leader, joint.mimic.multiplier, joint.mimic.offset
         if leader not in leaders:
-            raise InputError(f"{path}: joint {joint.name!r} mimics {leader!r}, which itself mimics another joint")
+            raise InputError(
+                f"{path}: joint {joint.name!r} mimics {leader!r}, which itself mimics another "
+                "joint; expected a joint without <mimic>"
+            )
         coupling[row, leaders.index(leader)] = sign * factor
         after = tree.frames[joint.child] @ alignment
         mass, com = _carried(tree, joint, [*chain, *others])
@@ -136,7 +139,10 @@ def _chain(tree: UrdfTree, chain: list[UrdfJoint], others: list[UrdfJoint], call
         before = after
     words = [link.name for link in links]
     if twice := next((word for word in words if words.count(word) > 1), ""):
-        raise InputError(f"{path}: two joints of the chain are '{twice}' once other signs are underscores; rename one")
+        raise InputError(
+            f"{path}: two joints of the chain are named '{twice}' after other characters are replaced by underscores; "
+            "expected different names"
+        )
     return SerialChain(
         name=name,
         links=tuple(links),
@@ -173,8 +179,8 @@ def _limits(joint: UrdfJoint, path: Path) -> tuple[float, float]:
         )
     if joint.kind == "revolute" and max((abs(x) for x in (lower, upper) if np.isfinite(x)), default=0.0) > MOST_TURN:
         raise InputError(
-            f"{path}: joint '{joint.name}': limits {lower:g} to {upper:g} rad look like degrees; expected rad, or a "
-            "continuous joint where it has none"
+            f"{path}: joint '{joint.name}': limits {lower:g} to {upper:g} rad look like degrees; expected rad, or type "
+            "continuous for a joint without limits"
         )
     return lower, upper
 

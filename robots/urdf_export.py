@@ -135,7 +135,7 @@ def _add_motions(robot: ET.Element, mechanism: Chain, row: int, parent: str, ori
     own = names.index(link.name)
     if abs(weights[own]) != 1.0:
         raise InputError(
-            f"{mechanism.name}: {link.name} moves by {weights[own]:g} times its own value; expected 1 or -1 in a URDF"
+            f"{mechanism.name}: {link.name} moves by {weights[own]:g} times the joint value; expected factor 1 or -1"
         )
     others = [column for column in np.flatnonzero(weights).tolist() if column != own]
     ends = [*(f"{link.name}_before_{names[column]}_link" for column in others), f"{link.name}_link"]

@@ -31,7 +31,7 @@ class _Plain(ET.TreeBuilder):
 
     def doctype(self, name: str, public: str | None, system: str | None) -> None:
         """Raise ValueError."""
-        raise ValueError(f"document type {name!r}")
+        raise ValueError(f"document type {name!r}; expected elements only")
 
 
 def parse_xml(path: Path) -> ET.Element:
@@ -47,7 +47,7 @@ def parse_xml(path: Path) -> ET.Element:
         raise InputError(f"{path}: the root element is <{root.tag}>, expected <robot> as in a URDF file")
     for element in (*root, *root.iterfind("link/*"), *root.iterfind("link/inertial/*"), *root.iterfind("joint/*")):
         if (tag := str(element.tag)) not in ELEMENTS and tag.lower() in ELEMENTS:
-            raise InputError(f"{path}: <{tag}> is no element of a URDF; expected <{tag.lower()}>")
+            raise InputError(f"{path}: element <{tag}> is unknown; expected <{tag.lower()}>")
     if len(root.findall("joint")) > MOST_JOINTS:
         raise InputError(f"{path}: more than {MOST_JOINTS} joints; expected the description of one machine")
     if any("xacro" in str(element.tag) for element in root.iter()):
@@ -161,15 +161,17 @@ def read_tree(path: Path) -> UrdfTree:
         masses = {_name(link): _mass(link) for link in links}
         joints = tuple(_joint(joint) for joint in robot.findall("joint"))
         if not masses:
-            raise ValueError("no <link> elements")
+            raise ValueError("no <link> elements; expected at least one")
         if len(masses) < len(links) or len({joint.name for joint in joints}) < len(joints):
-            raise ValueError("two links or two joints have one name")
+            raise ValueError("two links or two joints have equal names; expected different names")
         unknown = [end for joint in joints for end in (joint.parent, joint.child) if end not in masses]
         children = [joint.child for joint in joints]
         twice = [link for link in children if children.count(link) > 1]
         roots = [link for link in masses if link not in children]
         if unknown:
-            raise ValueError(f"no link is named '{unknown[0]}'")
+            raise ValueError(
+                f"a joint refers to an unknown link '{unknown[0]}'; expected one of {choices(unknown[0], masses)}"
+            )
         moving = {joint.name for joint in joints if joint.kind in MOVING}
         for joint in joints:
             if joint.mimic and joint.mimic.leader not in moving:
@@ -178,13 +180,19 @@ def read_tree(path: Path) -> UrdfTree:
                     f"expected one of {choices(joint.mimic.leader, sorted(moving))}"
                 )
         if twice or len(roots) != 1:
-            said = f"'{twice[0]}' hangs on two joints" if twice else f"{', '.join(roots) or 'none'} without a parent"
-            raise ValueError(f"links are no tree: {said}; expected one without, and a joint for every other")
+            said = (
+                f"'{twice[0]}' is the child of two joints"
+                if twice
+                else f"{', '.join(roots) or 'none'} without a parent"
+            )
+            raise ValueError(
+                f"links form no tree: {said}; expected one without a parent, and one parent of every other link"
+            )
         tree = UrdfTree(_title(robot.get("name", "")), roots[0], masses, joints)
         if len(tree.frames) < len(masses):
-            raise ValueError("joints form a loop")
+            raise ValueError("joints form a loop; expected a tree")
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not a URDF that can be read ({error})") from error
+        raise InputError(f"{path}: the URDF cannot be read: {error}") from error
     return tree
 
 
@@ -201,7 +209,7 @@ def origin_of(element: ET.Element) -> Array:
 
 def _name(element: ET.Element) -> str:
     if not (name := element.get("name", "")):
-        raise ValueError(f"a <{element.tag}> has no name")
+        raise ValueError(f"a <{element.tag}> has no name; expected an attribute 'name'")
     return name
 
 
@@ -216,7 +224,7 @@ def _mass(link: ET.Element) -> tuple[float, Array]:
         return 0.0, np.zeros(3)
     mass = inertial.find("mass")
     if mass is None:
-        raise ValueError(f"the <inertial> of link '{_name(link)}' has no <mass>")
+        raise ValueError(f"the <inertial> of link '{_name(link)}' has no <mass>; expected a mass in kg")
     value = _number(mass.get("value", ""), "a mass")
     return checked_mass(value, f"link '{_name(link)}' weighs"), origin_of(inertial)[:3, 3]
 
@@ -234,7 +242,7 @@ def _joint(joint: ET.Element) -> UrdfJoint:
     limits = (-math.inf, math.inf)
     if kind in ("revolute", "prismatic") and (limit is not None or mimic is None):
         if limit is None:
-            raise ValueError(f"joint '{name}' has no <limit>; expected its limits")
+            raise ValueError(f"joint '{name}' has no <limit>; expected lower and upper limit")
         lower, upper = (_number(limit.get(side, "0"), f"the {side} limit of '{name}'") for side in ("lower", "upper"))
         limits = (lower, upper)
         if kind == "revolute":  # some files have a large number for no limit

@@ -1,4 +1,4 @@
-"""The page of the gallery, made of the list of its robots."""
+"""Make the page of the gallery from the list of robots."""
 
 import re
 import shlex
@@ -7,17 +7,17 @@ from gallery import ROBOTS
 
 INTRODUCTION = """# Gallery
 
-Eight machines with something that nobody declared, simulated at a known truth: 0.3 mm of wrong geometry everywhere and
-0.03 mm of noise. The pictures are the first screens of their reports as they come out, found by the catalogue and
-curves alone in seconds. From the root of the repository, `make pictures` takes them anew.
+Eight simulated machines, each with one undeclared effect of known size, random geometric errors of 0.3 mm and noise of
+0.03 mm. Each picture is the first screen of the report on the machine. The search used the catalogue and smooth terms
+only and took seconds. From the root of the repository, `make pictures` takes the pictures again.
 """
 
 WIDTH = 78
-"""Characters of a line of a command."""
+"""Longest line of a command, characters."""
 
 
 def pages() -> dict[str, str]:
-    """The one page."""
+    """Return the page, by its path."""
     parts = [INTRODUCTION]
     for robot in ROBOTS:
         commands = "\n".join(_in_lines(["gpmodel", *command]) for command in robot.commands)
@@ -30,7 +30,7 @@ def pages() -> dict[str, str]:
 
 
 def _in_lines(words: list[str]) -> str:
-    """A command that goes on over lines which a page can show, broken before options."""
+    """Break a command before options into lines of at most WIDTH characters."""
     lines = [""]
     for option in re.split(r" (?=--)", shlex.join(words)):
         if len(lines[-1]) + len(option) > WIDTH:

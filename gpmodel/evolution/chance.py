@@ -16,11 +16,11 @@ _NODES = 21
 @dataclass(frozen=True)
 class Chance:
     """A p-value. p: probability of the score under the null. shuffles: number of permutations.
-    of: what was permuted."""
+    of: the noun that follows this number in a text."""
 
     p: float
     shuffles: int
-    of: str = "shuffles"
+    of: str = "permutations"
 
 
 def chance(value: float, null: Array) -> Chance:

@@ -49,16 +49,20 @@ def parse(text: str, what: str = "program") -> Program:
         with _ALONE:
             statements = ast.parse(text.strip()).body
     except SyntaxError as error:
-        raise InputError(f"{what} {_short(text)}: {error.msg} near column {error.offset}") from None
+        raise InputError(
+            f"{what} {_short(text)}: {error.msg} near column {error.offset}; expected for example sin(2*J4)"
+        ) from None
     except (ValueError, RecursionError, MemoryError):
-        raise InputError(f"{what} {_short(text)}: not an expression; write for example sin(2*J4)") from None
+        raise InputError(f"{what} {_short(text)}: expected an expression, for example sin(2*J4)") from None
     _check_size(statements, f"{what} {_short(text)}")
     if not statements:
         raise InputError(f"{what} {_short(text)}: expected an expression, for example sin(2*J4)")
     try:
         return _read(statements, f"{what} {_short(text)}")
     except RecursionError:
-        raise InputError(f"{what} {_short(text)}: too deeply nested") from None
+        raise InputError(
+            f"{what} {_short(text)}: too many nested parentheses; expected at most {DEEPEST} levels"
+        ) from None
 
 
 def _read(statements: list[ast.stmt], whole: str) -> Program:
@@ -88,7 +92,7 @@ def _check_size(statements: list[ast.stmt], whole: str) -> None:
         depth, parts = depth + 1, parts + len(level)
         level = [n for node in level for n in ast.iter_child_nodes(node) if isinstance(n, ast.expr)]
         if depth > DEEPEST or parts > MOST_PARTS:
-            raise InputError(f"{whole}: more than {MOST_PARTS} parts, or {DEEPEST} within each other")
+            raise InputError(f"{whole}: expected at most {MOST_PARTS} parts and {DEEPEST} nested levels")
 
 
 class _Reader:
@@ -123,18 +127,21 @@ class _Reader:
             case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in BY_NAME:
                 return self.call(name, arguments)
         said = ast.unparse(node)
-        raise InputError(f"{self.whole}: cannot read {said!r}; functions are {choices(said.split('(')[0], BY_NAME)}")
+        raise InputError(
+            f"{self.whole}: cannot read {said!r}; expected numbers, inputs and the functions "
+            f"{choices(said.split('(')[0], BY_NAME)}"
+        )
 
     def number(self, value: float) -> int:
         """Return the index of a constant. Raises InputError if the constant is too large."""
         if abs(value) > LARGEST_NUMBER:
-            raise InputError(f"{self.whole}: holds a number that is too large, expected at most {LARGEST_NUMBER:g}")
+            raise InputError(f"{self.whole}: a number is too large, expected at most {LARGEST_NUMBER:g}")
         return self.builder.constant(float(value))
 
     def call(self, name: str, arguments: list[ast.expr]) -> int:
         """Return the index of a function call. Raises InputError for a wrong number of arguments."""
         if len(arguments) != BY_NAME[name].arity:
-            raise InputError(f"{self.whole}: {name} takes {BY_NAME[name].arity} arguments, {len(arguments)} given")
+            raise InputError(f"{self.whole}: {len(arguments)} arguments of {name}, expected {BY_NAME[name].arity}")
         return self.builder.apply(name, *(self.read(argument) for argument in arguments))
 
 
@@ -182,7 +189,9 @@ class Expression:
 
     def __post_init__(self) -> None:
         if not isinstance(self.text, str):
-            raise InputError(f"a {type(self.text).__name__} is no expression; write for example 'sin(2*J4)'", "text")
+            raise InputError(
+                f"a {type(self.text).__name__} is not an expression; expected a text, for example 'sin(2*J4)'", "text"
+            )
         _parsed(self.text)
 
     @property
@@ -223,12 +232,14 @@ def _parsed(text: str) -> Program:
     """Return the program of a text. The program is cached, because each round writes thousands of candidates anew."""
     program = parse(text, "basis")
     if len(program.outputs) != 1:
-        raise InputError(f"basis {text!r}: {len(program.outputs)} values, expected one; write for example sin(2*J4)")
+        raise InputError(f"basis {text!r}: {len(program.outputs)} values; expected one, for example sin(2*J4)")
     sizes = list[int]()
     for node in program.nodes:
         sizes.append(1 + sum(sizes[k] for k in node.arguments))
     if sizes[program.outputs[0]] > LARGEST_WRITTEN:
-        raise InputError(f"basis {text[:40]!r}…: more than {LARGEST_WRITTEN} parts when it is written out")
+        raise InputError(
+            f"basis {text[:40]!r}…: more than {LARGEST_WRITTEN} parts after named parts are inserted; expected fewer"
+        )
     return program
 
 

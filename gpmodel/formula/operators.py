@@ -142,10 +142,10 @@ def operator_set(names: str | Iterable[str]) -> tuple[Operator, ...]:
     unknown = sorted(chosen.difference(offered))
     if unknown:
         raise InputError(
-            f"unknown {', '.join(map(repr, unknown))}; sets are {', '.join(SETS)}; operators are "
+            f"unknown {', '.join(map(repr, unknown))}; expected one of the sets {', '.join(SETS)}, or operators of "
             f"{choices(unknown[0], offered)}",
             "operators",
         )
     if not chosen:
-        raise InputError("none given, expected at least one", "operators")
+        raise InputError("no operators, expected at least one", "operators")
     return tuple(operator for operator in ARITHMETIC if operator.name in chosen)

@@ -134,7 +134,7 @@ class Program:
         leaves = [node for node in changed if not node.arguments]
         for node in leaves:
             if node.operator == "constant" and not isfinite(float(node.value or 0.0)):
-                raise InputError(f"program: constant {node.value} is not finite")
+                raise InputError(f"program: constant {node.value} is not finite; expected a finite number")
         other = Program(changed, self.outputs)
         return other if len(set(leaves)) == len(leaves) else other.rebuilt(Builder.add)
 
@@ -225,7 +225,7 @@ class Builder:
     def constant(self, value: float) -> int:
         """Return the index of the node for a constant. Raises InputError if the constant is not finite."""
         if not isfinite(value):
-            raise InputError(f"program: constant {value} is not finite")
+            raise InputError(f"program: constant {value} is not finite; expected a finite number")
         return self._intern(Node("constant", (), float(value)))
 
     def apply(self, operator: str, *arguments: int) -> int:
@@ -233,7 +233,7 @@ class Builder:
         if operator not in BY_NAME:
             raise InputError(f"program: unknown operator {operator!r}, available: {choices(operator, BY_NAME)}")
         if len(arguments) != BY_NAME[operator].arity:
-            raise InputError(f"program: {operator} takes {BY_NAME[operator].arity} arguments, {len(arguments)} given")
+            raise InputError(f"program: {len(arguments)} arguments of {operator}, expected {BY_NAME[operator].arity}")
         return self._intern(Node(operator, arguments))
 
     def add(self, node: Node, copies: list[int]) -> int:

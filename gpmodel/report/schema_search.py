@@ -229,7 +229,7 @@ class EffectRecord:
     causes: the 95 % credible set, the most probable first; None if not computed. without_name: probability in the set
     of a cause without a name.
     rivals: other candidates in the set, with their cross-validated error.
-    p_value: chance of the gain, from `shuffles` permutations of `shuffled`.
+    p_value: chance of the gain, from `shuffles` permutations. shuffled: their noun in the text.
     gain: share of the residual sum of squares that it removes, given everything else in the model.
     tool_rms_mm, tool_max_mm: displacement of the measured point over the measured poses; tool_turn_mrad: RMS rotation.
     alone_rms_mm: the part of the displacement that nothing else in the model absorbs, registration and tool included.
@@ -262,7 +262,7 @@ class EffectRecord:
     cv_before_mm: NotNegative | None = None
     p_value: Share | None = None
     shuffles: Count | None = None
-    shuffled: str = "shuffles"
+    shuffled: str = "permutations"
     tests: tuple[TestRecord, ...] = ()
     gain: float | None = None
     sign_stable: bool | None = None

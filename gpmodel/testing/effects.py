@@ -38,13 +38,19 @@ def check_family(
     """
     scene, placement = _scene(mechanism, inputs or {}, poses, seed)
     found = tuple(instances(family, mechanism, scene.states))
-    assert found, f"family '{family.name}' has no instance on {mechanism.name} with these columns"
+    assert found, (
+        f"family '{family.name}' has no candidate for {mechanism.name} with these columns; expected at least one"
+    )
     names = [candidate.name for candidate in found]
-    assert len(set(names)) == len(names), f"family '{family.name}': two candidates have one name"
-    assert len(family.source) > 5, f"family '{family.name}': has no source; the bar is a cited mechanism or a discovery"
+    assert len(set(names)) == len(names), (
+        f"family '{family.name}': two candidates have equal names; expected different names"
+    )
+    assert len(family.source) > 5, (
+        f"family '{family.name}': has no source; expected a reference or a measured discovery"
+    )
     for candidate in found:
-        assert candidate.effects, f"candidate '{candidate.name}' has no effect"
-        assert candidate.cost >= 0.0, f"candidate '{candidate.name}' has a negative cost"
+        assert candidate.effects, f"candidate '{candidate.name}' has no effect; expected at least one"
+        assert candidate.cost >= 0.0, f"candidate '{candidate.name}' has a negative cost; expected 0 or more"
         for effect in candidate.effects:
             _check_effect(effect, mechanism, scene, placement)
 
@@ -59,24 +65,30 @@ def check_effect(
 def _check_effect(effect: Effect, mechanism: Mechanism, poses: Poses, placement: Placement) -> None:
     where = f"effect '{effect.name}'"
     unknown = set(effect.slots) - set(places(mechanism))
-    assert not unknown, f"{where}: slot '{min(unknown)}' is none of {mechanism.name}"
-    assert effect.unit, f"{where}: has no unit"
+    assert not unknown, f"{where}: unknown slot '{min(unknown)}'; expected a slot of {mechanism.name}"
+    assert effect.unit, f"{where}: has no unit; expected a unit such as rad"
     for term in effect.terms:
         for name in term.basis.inputs:
-            assert _has(poses.states, name), f"{where}: reads '{name}', which these poses do not have"
+            assert _has(poses.states, name), f"{where}: unknown input '{name}'; expected a column of these poses"
         values = np.asarray(term.basis(poses.states), dtype=float)
-        assert values.shape in ((), (len(poses),)), f"{where}: its basis gives shape {values.shape}, not one a pose"
-        assert np.isfinite(values).all(), f"{where}: '{term.basis}' is infinite or undefined at some poses"
+        assert values.shape in ((), (len(poses),)), (
+            f"{where}: the basis has shape {values.shape}; expected one value per pose"
+        )
+        assert np.isfinite(values).all(), (
+            f"{where}: '{term.basis}' is infinite or undefined at some poses; expected finite values"
+        )
         _check_text(where, str(term.basis), values, poses.states)
     model = ErrorModel(mechanism, (effect,))
     bare = ErrorModel(mechanism, ())
     column = effect_columns((effect,), bare, poses, observe(bare, poses, np.zeros(0), placement))[:, :3, 0]
     largest = max(float(np.abs(effect.twist(poses.states, slot)).max()) for slot in effect.slots)
-    assert largest > 0.0, f"{where}: is zero at every pose"
+    assert largest > 0.0, f"{where}: the effect is zero at every pose; expected a motion"
     step = np.array([1e-6 / largest])
     ahead, behind = (observe(model, poses, side * step, placement).tip[:, :3, 3] for side in (1, -1))
     miss = np.abs(column - (ahead - behind) / (2 * step)).max()
-    assert miss < 1e-5 * np.abs(column).max() + 1e-9, f"{where}: its column is not the derivative of the prediction"
+    assert miss < 1e-5 * np.abs(column).max() + 1e-9, (
+        f"{where}: the column is not equal to the derivative of the prediction"
+    )
 
 
 def _has(states: States, name: str) -> bool:
@@ -89,7 +101,9 @@ def _has(states: States, name: str) -> bool:
 
 def _check_text(where: str, text: str, values: Array, states: States) -> None:
     again = np.asarray(Expression(text)(states), dtype=float)
-    assert np.allclose(again, values, rtol=1e-12, atol=0), f"{where}: '{text}' read back as text gives other values"
+    assert np.allclose(again, values, rtol=1e-12, atol=0), (
+        f"{where}: the values change when '{text}' is parsed again; expected equal values"
+    )
 
 
 def _scene(mechanism: Mechanism, inputs: Mapping[str, Array], count: int, seed: int) -> tuple[Poses, Placement]:

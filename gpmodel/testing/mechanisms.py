@@ -29,10 +29,10 @@ def check_representation(representation: Representation, *, population: int = 64
     layout = breeding.layout
     first = breeding.initial(population, np.random.default_rng(seed))
     again = breeding.initial(population, np.random.default_rng(seed))
-    assert len(first) == population, f"initial gives {len(first)} programs, {population} were asked for"
+    assert len(first) == population, f"initial returns {len(first)} programs, expected {population}"
     rows = np.arange(population)
     children = breeding.offspring(first, rows, rows[::-1].copy(), np.random.default_rng(seed + 1))
-    assert len(children) == population, f"offspring gives {len(children)} children of {population} pairs"
+    assert len(children) == population, f"offspring returns {len(children)} children, expected {population}"
     for what, programs in (("initial", first), ("offspring", children)):
         code = programs.decoder(layout)(slice(0, population))
         found = engine.values(code, layout.fixed_rows(inputs.values)).copy()
@@ -45,10 +45,12 @@ def check_representation(representation: Representation, *, population: int = 64
             same = np.allclose(found[row][well], expected[well], rtol=1e-6, atol=1e-7)
             assert same, f"{what}: the code of program {row}, {program}, gives other values than the program"
     text = [str(first.program(row, layout)) for row in range(population)]
-    assert text == [str(again.program(row, layout)) for row in range(population)], "initial depends on more than a seed"
+    assert text == [str(again.program(row, layout)) for row in range(population)], (
+        "two calls of initial with one seed differ; expected equal programs"
+    )
     moved = first.take(rows[::-1].copy()).join(first)
     there = [str(moved.program(row, layout)) for row in (0, population)]
-    assert there == [text[-1], text[0]], "take and join do not keep programs as they are"
+    assert there == [text[-1], text[0]], "take and join change programs; expected unchanged programs"
     _check_search(representation, inputs, seed)
 
 
@@ -59,7 +61,7 @@ def _check_search(representation: Representation, inputs: Inputs, seed: int) -> 
     for threads in (1, 2):
         settings = Settings(representation, budget=Budget(256, 20, seconds=1e9, threads=threads))
         best.append(evolve(problem, settings, np.random.default_rng(seed)).best)
-    assert str(best[0].program) == str(best[1].program), "what is found depends on the number of threads"
+    assert str(best[0].program) == str(best[1].program), "the best program depends on the number of threads"
     assert best[0].gain > 0.999, f"a - b is not found by 256 programs in 20 generations: {best[0].program}"
 
 
@@ -95,17 +97,19 @@ def check_mechanism(mechanism: Mechanism, *, down: Sequence[float] = DOWN, poses
 
 def _check_slots(mechanism: Mechanism) -> None:
     slots = mechanism.slots
-    assert (slots[0], slots[-1]) == ("base", "tool"), f"slots {slots}: the first is 'base', the last is 'tool'"
-    assert len(set(slots)) == len(slots), f"slots {slots}: every name once"
+    assert (slots[0], slots[-1]) == ("base", "tool"), f"slots {slots}: expected 'base' first and 'tool' last"
+    assert len(set(slots)) == len(slots), f"slots {slots}: expected different names"
     for joint in mechanism.joints:
-        assert joint.kind in ("revolute", "prismatic"), f"{joint.name}: kind '{joint.kind}' is unknown"
-        assert joint.lower < joint.upper, f"{joint.name}: its lower limit is not below its upper one"
-        assert joint.drive, f"{joint.name}: has no drive, so that its value moves nothing"
+        assert joint.kind in ("revolute", "prismatic"), (
+            f"{joint.name}: kind '{joint.kind}', expected 'revolute' or 'prismatic'"
+        )
+        assert joint.lower < joint.upper, f"{joint.name}: the lower limit is not below the upper limit"
+        assert joint.drive, f"{joint.name}: has no drive; expected a slot and axis that the joint value moves"
         for side in ("fixed", "moving"):
             assert f"{joint.name}.{side}" in slots, f"{joint.name}: slot '{joint.name}.{side}' is missing"
         for slot, axis, _ in joint.drive:
-            assert slot in slots, f"{joint.name}: its drive acts at '{slot}', which is no slot"
-            assert axis in AXES, f"{joint.name}: its drive acts along '{axis}', which is none of {AXES}"
+            assert slot in slots, f"{joint.name}: the drive acts at '{slot}', expected a slot of the mechanism"
+            assert axis in AXES, f"{joint.name}: the drive acts along '{axis}', expected one of {AXES}"
 
 
 def _check_transforms(mechanism: Mechanism, q: Array) -> None:
@@ -116,7 +120,7 @@ def _check_transforms(mechanism: Mechanism, q: Array) -> None:
     orthogonal = np.allclose(turns @ np.swapaxes(turns, -1, -2), np.eye(3), atol=1e-9)
     assert orthogonal, "transforms are not rigid: a rotation is not orthogonal"
     assert np.allclose(np.linalg.det(turns), 1.0), "transforms are not rigid: a rotation is a mirror"
-    assert np.allclose(transforms[..., 3, :], (0, 0, 0, 1)), "transforms: the last row of each is (0, 0, 0, 1)"
+    assert np.allclose(transforms[..., 3, :], (0, 0, 0, 1)), "transforms: expected the last row (0, 0, 0, 1) in each"
     alone = mechanism.transforms(q[1:2])
     assert np.allclose(alone, transforms[:, 1:2], atol=1e-12), "transforms of a pose depend on the other poses"
 
@@ -136,16 +140,18 @@ def _check_drives(mechanism: Mechanism, q: Array) -> None:
         rates = (weight * rate(mechanism.slots.index(slot), axis) for slot, axis, weight in joint.drive)
         miss = np.abs(sum(rates) - numeric).max()
         assert miss < 1e-6, (
-            f"{joint.name}: a small change of its value moves the tool otherwise than its drive says, by {miss:.2g} a "
-            "unit (a sign, an axis, or the side of the motion)"
+            f"{joint.name}: a small change of the joint value moves the tool by another amount than the drive; "
+            f"difference {miss:.2g} per unit (a sign, an axis, or the side of the motion)"
         )
 
 
 def _check_loops(mechanism: Mechanism, loops: ClosedLoops, q: Array, rng: np.random.Generator) -> None:
     places = range(len(mechanism.slots))
-    assert {slot for slot, _ in loops.constants} <= set(mechanism.slots), "constants act at slots that are not there"
+    assert {slot for slot, _ in loops.constants} <= set(mechanism.slots), (
+        "constants act at unknown slots; expected slots of the mechanism"
+    )
     straight, frames = loops.assembled(q, {}), chain(mechanism.transforms(q))
-    assert np.allclose(straight, frames, atol=1e-9), "without errors the closed loops are not where transforms lead"
+    assert np.allclose(straight, frames, atol=1e-9), "without errors the closed loops differ from the transforms"
     twists = {slot: ERROR * rng.normal(size=(len(q), 6)) for slot in places}
     frames = loops.assembled(q, twists)
     for slot in places:
@@ -164,7 +170,7 @@ def _check_loads(mechanism: Mechanism, q: Array, down: Array) -> None:
     added = _payload_loads(mechanism, q)
     assert added, "loads are empty with a payload: a payload needs no masses of the links"
     missing = {f"torque_{j.name}" for j in mechanism.joints} - set(added)
-    assert not missing, f"loads lack {sorted(missing)}"
+    assert not missing, f"loads do not contain {sorted(missing)}"
     base = chain(mechanism.transforms(q))[0]
     force, moment = (
         np.einsum("nij,nj->ni", base[:, :3, :3], np.column_stack([added[f"{kind}_base_{a}"] for a in "xyz"]))
@@ -173,7 +179,7 @@ def _check_loads(mechanism: Mechanism, q: Array, down: Array) -> None:
     weight = force / PAYLOAD
     size = np.linalg.norm(weight, axis=1)
     assert ((size > GRAVITY[0]) & (size < GRAVITY[1])).all(), (
-        f"a payload of {PAYLOAD:g} kg adds {PAYLOAD * size.mean():.4g} N at the base, expected its weight"
+        f"a payload of {PAYLOAD:g} kg adds {PAYLOAD * size.mean():.4g} N at the base, expected the weight"
     )
     assert np.allclose(weight / size[:, None], down, atol=1e-3), (
         f"the force of a payload on the base points along {np.round(weight[0] / size[0], 3).tolist()} of the root, "
@@ -185,8 +191,8 @@ def _check_loads(mechanism: Mechanism, q: Array, down: Array) -> None:
         work = PAYLOAD * np.einsum("ni,ni->n", height, weight)
         miss = np.abs(added[f"torque_{joint.name}"] - work).max()
         assert miss < 1e-4 * PAYLOAD * 10.0, (
-            f"torque_{joint.name} of a payload misses minus the slope of its potential energy by {miss:.3g} of "
-            f"{np.abs(work).max():.3g} (positive where gravity pushes the coordinate up)"
+            f"torque_{joint.name} of a payload differs from minus the derivative of the potential energy by "
+            f"{miss:.3g} of {np.abs(work).max():.3g} (positive where gravity pushes the coordinate up)"
         )
 
 
@@ -204,7 +210,7 @@ def _payload_centre(mechanism: Mechanism, q: Array, base: Array, moment: Array, 
     columns = np.cross(np.swapaxes(tool[:, :3, :3], 1, 2), weight[:, None, :]).swapaxes(1, 2)
     centre: Array = np.linalg.lstsq(columns.reshape(-1, 3), left.ravel(), rcond=None)[0].astype(np.float64)
     miss = np.abs(columns.reshape(-1, 3) @ centre - left.ravel()).max()
-    assert miss < 1e-6, "moments of a payload at the base are no weight times a lever arm fixed to the tool"
+    assert miss < 1e-6, "moments of a payload at the base differ from weight times a lever arm fixed to the tool"
     return centre
 
 

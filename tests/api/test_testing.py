@@ -60,11 +60,11 @@ class Spoiled:
 
 
 FLAWS = {
-    "slots": "the first is 'base'",
+    "slots": "expected 'base' first",
     "rigid": "not rigid",
-    "drive": "J1: a small change of its value moves the tool otherwise",
+    "drive": "J1: a small change of the joint value moves the tool",
     "reactions": "the sign of loads",
-    "torque": "torque_J2 of a payload misses minus the slope",
+    "torque": "torque_J2 of a payload differs from minus the derivative",
     "none": "loads are empty",
 }
 
@@ -104,7 +104,7 @@ def test_a_family_from_outside_with_a_column_of_its_own_passes() -> None:
     arm = gp.load_mechanism("irb6400r")
     family = gp.Family("cable_drag", "the cable pulls at the wrist", "own measurements, 2024", drag)
     testing.check_family(family, arm, inputs={"temperature [degC]": np.linspace(20.0, 30.0, 24)})
-    with pytest.raises(AssertionError, match="reads 'temperature', which these poses do not have"):
+    with pytest.raises(AssertionError, match="unknown input 'temperature'; expected a column"):
         testing.check_family(family, arm)
 
 
@@ -121,10 +121,10 @@ class Kink:
 
 
 EFFECTS = {
-    "slot 'J9' is none of": gp.effect_at("e", "J9", "Rz"),
+    "unknown slot 'J9'; expected a slot of": gp.effect_at("e", "J9", "Rz"),
     "is infinite or undefined": gp.effect_at("e", "J4.moving", "Rz", gp.Expression("1/(row - 3)")),
     "is zero at every pose": gp.effect_at("e", "J4.moving", "Rz", gp.Expression("J4 - J4")),
-    "read back as text gives other values": gp.effect_at("e", "J4.moving", "Rz", Kink()),
+    "is parsed again; expected equal values": gp.effect_at("e", "J4.moving", "Rz", Kink()),
 }
 
 

@@ -199,7 +199,7 @@ def test_a_mechanism_is_a_value_a_name_or_a_file_everywhere(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("value", [NOTHING, NUMBER, LIST, OBJECT, b"sin(J4)", {}])
 def test_an_expression_is_a_text(value: object) -> None:
-    with pytest.raises(gp.InputError, match=r"is no expression; write for example 'sin\(2\*J4\)'"):
+    with pytest.raises(gp.InputError, match=r"is not an expression; expected a text, for example 'sin\(2\*J4\)'"):
         gp.Expression(value)  # type: ignore[arg-type]
 
 

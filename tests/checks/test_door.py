@@ -97,7 +97,7 @@ MECHANISMS = {
     "a frame turned by 1e300": (ARM.replace('"0.5 0 0"', '"0.5 0 0" rpy="1e300 0 0"'), "1e+300 rad; expected at most"),
     "two parents": (
         ARM.replace("</robot>", '<joint name="c" type="fixed"><parent link="l0"/><child link="l2"/></joint></robot>'),
-        "'l2' hangs on two joints",
+        "'l2' is the child of two joints",
     ),
     "two roots": (ARM.replace("</robot>", '<link name="l9"/></robot>'), "l0, l9 without a parent; expected one"),
 }
@@ -222,8 +222,8 @@ def urdf(tmp_path: Path, old: str = "", new: str = "") -> Path:
     ("old", "new", "said"),
     [
         ('"-2" upper="2"', '"-150" upper="150"', "joint 'j': limits -150 to 150 rad look like degrees; expected rad"),
-        ("joint", "Joint", "<Joint> is no element of a URDF; expected <joint>"),
-        ("<axis", "<Axis", "<Axis> is no element of a URDF; expected <axis>"),
+        ("joint", "Joint", "element <Joint> is unknown; expected <joint>"),
+        ("<axis", "<Axis", "element <Axis> is unknown; expected <axis>"),
     ],
 )
 def test_a_urdf_in_degrees_or_capitals_is_refused(tmp_path: Path, old: str, new: str, said: str) -> None:

@@ -79,7 +79,7 @@ CASES: dict[str, tuple[Callable[[Simulation], Dataset], str]] = {
         columns(lambda q: q - zeros(2)),
         LOOKS.format(2, "'joint_2' + 90 deg: the description has another joint zero"),
     ),
-    "a zero and a sign": (columns(lambda q: q * turned(2) - zeros(2)), "to be -'joint_2' - 90 deg"),
+    "a zero and a sign": (columns(lambda q: q * turned(2) - zeros(2)), "should probably be -'joint_2' - 90 deg"),
     "coupled from another zero": (
         columns(lambda q: q - zeros(2) + np.outer(q[:, 1] - np.pi / 2, np.eye(6)[2])),
         LOOKS.format(2, "'joint_2' + 90 deg"),

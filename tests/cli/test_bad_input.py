@@ -232,7 +232,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("'temperature' is not known", "torque_J6"),
     ),
     "effect that is no expression": (("--effect", "J1.moving:Rz:sin("), ("was never closed",)),
-    "effect that runs code": (("--effect", "J1.moving:Rz:__import__('os')"), ("cannot read", "functions are")),
+    "effect that runs code": (("--effect", "J1.moving:Rz:__import__('os')"), ("cannot read", "the functions ")),
     "effect infinite at a pose": (("--effect", "J1.moving:Rz:1/(row-3)"), ("infinite or undefined",)),
     "effect named twice": (
         ("--effect", "gear_harmonic J4", "--effect", "gear_harmonic J4"),

@@ -21,7 +21,7 @@ COUPLING = '\n[[coupling]]\njoint = "{}"\nfollows = "{}"\nfactor = {}\n'
 DESCRIPTIONS = {
     "joints without end": (ARM + "\n[[joint]]\na_mm = 100\n" * 64, "70 [[joint]] rows; expected at most 64"),
     "one pair twice": (ARM + COUPLING.format("J3", "J2", -1), "J3 follows J2 already"),
-    "a cycle": (ARM + COUPLING.format("J2", "J3", 1), "expected joints that follow in no circle"),
+    "a cycle": (ARM + COUPLING.format("J2", "J3", 1), "expected couplings without a cycle"),
     "a factor of no machine": (ARM + COUPLING.format("J5", "J4", 1e300), "factor: 1e+300"),
     "steering characters": ('note = "a\\u001b[2J"\n' + ARM, "control characters in 'a\\x1b[2J'"),
     "a line in a name": ('name = "a\\nb"\n', "control characters in 'a\\nb'"),

@@ -158,7 +158,7 @@ def test_measured_response_is_read_beside_the_table(tmp_path: Path) -> None:
         (
             "preload",
             '[[ring]]\ncount = 20\nforce = "17.8 N"\nangle = "45 deg"\ndiameter = "12.7 mm"',
-            "20 magnets of 12.7 mm do not fit, at most 8",
+            "20 magnets of 12.7 mm do not fit, expected at most 8",
         ),
         ("contact", 'force = "-5 N"', "contact force = -5"),
         ("contact", '[support]\nminor_radius = "0 mm"', "minor radius = 0"),

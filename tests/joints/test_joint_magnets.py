@@ -105,8 +105,8 @@ def test_the_largest_preload_wins_whatever_the_order_of_the_grid() -> None:
 @pytest.mark.parametrize(
     ("rings", "words"),
     [
-        ([(12, 45)], "12 magnets of 12.7 mm do not fit, at most 8"),
-        ([(4, 70)], "its rim at 84.03 deg lies outside the socket, expected at most 75 deg"),
+        ([(12, 45)], "12 magnets of 12.7 mm do not fit, expected at most 8"),
+        ([(4, 70)], "the rim at 84.03 deg is outside the socket, expected at most 75 deg"),
         ([(6, 40), (6, 55)], "magnet rings at 40 and 55 deg overlap, expected at least 28.06 deg"),
     ],
 )
@@ -305,8 +305,8 @@ def test_marks(text: str, mark: int) -> None:
     [
         (["a"], {"x": ["+-"]}, None, r"Pugh chart 't', x: mark '\+-', expected 0"),
         (["a"], {"x": [""]}, None, "mark ''"),
-        (["a", "b"], {"x": ["+"]}, None, "1 marks, expected 2, one a concept"),
-        (["a"], {"x": ["+"]}, {"z": 2.0}, "weight of unknown criterion 'z'"),
+        (["a", "b"], {"x": ["+"]}, None, "1 marks, expected 2, one per concept"),
+        (["a"], {"x": ["+"]}, {"z": 2.0}, "unknown criterion 'z', expected one of x"),
         ([], {}, None, "no concepts or no criteria"),
     ],
 )

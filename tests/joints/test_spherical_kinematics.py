@@ -103,7 +103,7 @@ def test_it_is_loaded_by_name_with_no_joint_measured() -> None:
 
 
 def test_impossible_joints_are_refused_in_one_line() -> None:
-    with pytest.raises(InputError, match="radius 0"):
+    with pytest.raises(InputError, match="at the centre of the joint"):
         replace(JOINT, tooling_ball=(0.0, 0.0, 0.0))
     with pytest.raises(InputError, match="no frame named 'flange'"):
         load_mechanism("spherical-joint", frame="flange")
@@ -292,5 +292,5 @@ def test_a_tooling_ball_of_radius_zero_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "budget.toml"
     path.write_text('tooling_ball = ["0 mm", "0 mm", "0 mm"]\n')
     _, settings = read_budget(path)
-    with pytest.raises(InputError, match="radius 0"):
+    with pytest.raises(InputError, match="at the centre of the joint"):
         budget_joint(JOINT, settings)

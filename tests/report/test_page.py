@@ -173,7 +173,7 @@ def test_the_histogram_says_which_of_its_tests_failed() -> None:
         "J1 is not significant (fails the test of strength): 8 of 8 programs contain this input, 1 of 8"
     )
     assert second.startswith("J2 is significant: 7 of 8")
-    assert "0.003 extrapolated from 8 shuffles" in second
+    assert "0.003 extrapolated from 8 permutations" in second
     report = dataclasses.replace(discovered(), histograms=(counted,))
     one = EffectRecord("a", inputs=("J2",), round=1)
     assert beforehand(report, one) == "indicated J2 beforehand"

@@ -44,8 +44,8 @@ def test_places_are_said_in_words(slot: str, axis: str, said: str) -> None:
 @pytest.mark.parametrize(
     ("probability", "shuffles", "said"),
     [
-        (1e-88, 8, "< 0.000001 extrapolated from 8 shuffles"),
-        (0.02, 199, "0.02 from 199 shuffles"),
+        (1e-88, 8, "< 0.000001 extrapolated from 8 permutations"),
+        (0.02, 199, "0.02 from 199 permutations"),
         (0.02, None, "0.02"),
         (None, 8, "–"),
     ],

@@ -187,7 +187,7 @@ def test_arms_that_share_a_joint_are_rows_of_one_name(tmp_path: Path) -> None:
 def test_arms_that_cannot_be_are_one_line(old: str, new: str, said: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=said):
         load_mechanism(str(written(ARMS_DH.replace(old, new), tmp_path)))
-    with pytest.raises(InputError, match="no frame named 'third' to measure at; it has 'left', 'right'"):
+    with pytest.raises(InputError, match="no measured frame named 'third'; expected one of 'left', 'right'"):
         load_mechanism(str(written(ARMS_DH, tmp_path)), frame="left,third")
 
 

@@ -139,7 +139,7 @@ def test_default_frame_stops_before_a_gripper_that_turns() -> None:
         ("<html/>", "expected <robot>"),
         ('<robot name="r"/>', "no <link> elements"),
         ('<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>', "xacro"),
-        (JOINT.replace('child link="b"', 'child link="c"'), "no link is named 'c'"),
+        (JOINT.replace('child link="b"', 'child link="c"'), "an unknown link 'c'; expected one of"),
         (JOINT.replace("0 0 1", "0 zero 1"), "'0 zero 1'|'zero'"),
         (JOINT.replace("0 0 1", "0 0 0"), "axis 0 0 0"),
         (JOINT.replace("revolute", "hinged"), "hinged"),
@@ -218,7 +218,7 @@ BOMBS = {
     "entities": (f"{BILLION}]><robot>&a11;</robot>", "document type"),
     "a file of the machine": ('<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/hostname">]><robot>&x;</robot>', "document"),
     "a document elsewhere": ('<!DOCTYPE robot SYSTEM "http://localhost/r.dtd"><robot/>', "document type"),
-    "depth": (f"<robot>{100_000 * '<a>'}{100_000 * '</a>'}</robot>", "not a URDF that can be read"),
+    "depth": (f"<robot>{100_000 * '<a>'}{100_000 * '</a>'}</robot>", "the URDF cannot be read"),
     "joints": (chain_of(5000), "more than 300 joints"),
     "a long chain": (chain_of(65), "65 moving joints to 'l65', expected at most 64"),
 }
