@@ -114,7 +114,9 @@ def _chain(top: TomlTable, common: _Common, frame: str) -> SerialChain:
         lower = row.quantity("lower", dimension, -math.inf)
         upper = row.quantity("upper", dimension, math.inf)
         if not lower < upper:
-            raise InputError(f"{row.where}: lower = {lower:g} is not below upper = {upper:g} (rad or m)")
+            raise InputError(
+                f"{row.where}: the lower limit {lower:g} is not below the upper limit {upper:g} (rad or m)"
+            )
         limits.append((lower, upper))
         row.done()
     names = tuple(link.name for link in links)

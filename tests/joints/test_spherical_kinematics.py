@@ -241,7 +241,7 @@ ENTRY = 'range = "1 um"\nkind = "systematic"\ndistribution = "normal"\nsource = 
         (f"[[translation]]\nindex = 31\n{ENTRY}", "index 31; expected 1 to 30"),
         (f"[[translation]]\nindex = 12\n{ENTRY}", "index 12 is 12 Rz Ts_Tbr"),
         (f"[[translation]]\nindex = 14\n{ENTRY}".replace("1 um", "-1 um"), "0 or more"),
-        (f"[[translation]]\nindex = 14\n{ENTRY}".replace("1 um", "1"), "quantity with its unit"),
+        (f"[[translation]]\nindex = 14\n{ENTRY}".replace("1 um", "1"), "quantity with a unit"),
         (f"[[translation]]\nindex = 14\n{ENTRY}".replace("normal", "bell"), "uniform or normal"),
         (f"[[translation]]\nindex = 14\n{ENTRY}".replace("systematic", "both"), "systematic or stochastic"),
         ("[[translation]]\nindex = 14\n", "has no 'range'"),
