@@ -69,7 +69,7 @@ def quantity(text: Any, like: str, where: str) -> float:
     value, usual = given[0] * unit, example[0] * (factor_like(example[1], example[1]) or 1.0)
     most, name = (LONGEST, "m") if factor_like(given[1], "m") else (MOST, "in SI")
     if not abs(value) <= (most := max(most, usual)):
-        raise InputError(f"{where}: {text!r}, expected at most {most:g} {name}; the unit is probably wrong")
+        raise InputError(f"{where}: {text!r}, expected at most {most:g} {name}, the unit may be wrong")
     return value
 
 

@@ -163,7 +163,7 @@ def test_measured_response_is_read_beside_the_table(tmp_path: Path) -> None:
         ("contact", 'force = "-5 N"', "contact force = -5"),
         ("contact", '[support]\nminor_radius = "0 mm"', "minor radius = 0"),
         ("thermal", 'tolerance = "0 um"', "tolerance = 0"),
-        ("film", 'clearance = "5 km"', "clearance: '5 km', expected at most 100 m; the unit is probably wrong"),
+        ("film", 'clearance = "5 km"', "clearance: '5 km', expected at most 100 m, the unit may be wrong"),
         ("dynamics", 'ball_radius = "1e300 mm"', "ball_radius: '1e300 mm', expected at most 100 m"),
         ("preload", 'seat_radius = "1e300 m"', "seat_radius: '1e300 m', expected at most 100 m"),
         ("film", 'preload = "1e300 N"', "preload: '1e300 N', expected at most"),
