@@ -289,7 +289,7 @@ def without_outliers(observed: Observed, dataset: Dataset, use: Mask) -> Mask:
     error = pose_error(observed, dataset)
     far = error > outlier_limit(error[use])
     far &= use & ~in_company(far, dataset.q, measured_minus(observed, dataset))
-    return use & ~(far & among_worst(error, spared=int((~use).sum())))
+    return use & ~(far & among_worst(error, use))
 
 
 def _rotation_weight(problem: Linearised, poses: Poses) -> float:

@@ -113,8 +113,10 @@ def choose(problem: Problem, evolved: Sequence[Candidate], fresh: frozenset[str]
     grids = grids_of(problem.offers, mechanism, states)
     grids = [c for c in grids if not stands_still((slot for slot, _, _ in c.joint.drive), still)]
 
+    declared = {e.terms for e in problem.standard.model.effects if not e.constant}
+
     def wanted(group: Group) -> bool:
-        return not all(stands_still(e.slots, still) for e in group.effects)
+        return not all(e.terms in declared or stands_still(e.slots, still) for e in group.effects)
 
     cost = partial(problem.search.cost, places=len(sites_of(mechanism)))
     offering = Offering((of_offers(problem.offers), of_evolved(evolved, cost)), *problem.smooth_sites, grids, wanted)

@@ -71,7 +71,7 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_a
     if errors_alone:
         return Judged(tuple(judged[name] for name in candidates), calibration)
     number = {last.chosen.active.pool.groups[g].name: g for g in last.chosen.active.found}
-    failed = (number[name] for name, hypothesis in judged.items() if not hypothesis.accepted)
+    failed = (g for name, g in number.items() if name not in judged or not judged[name].accepted)
     model = reestimate(reduce(Active.without, failed, last.chosen.active))
     residual(calibration)  # once, before workers share it
     judged = of_each(candidates, with_causes)

@@ -50,13 +50,16 @@ def outlier_limit(errors: Array, sigmas: float = OUTLIER_SIGMAS) -> float:
     return middle + sigmas * max(MAD_SIGMAS * float(np.median(np.abs(errors - middle))), SMALLEST_SPREAD)
 
 
-def among_worst(errors: Array, spared: int = 0) -> Mask:
+def among_worst(errors: Array, use: Mask | None = None) -> Mask:
     """Mark the largest errors (N,) that may still be excluded as outliers.
 
-    At most the share OUTLIER_SHARE, and at least one, is excluded altogether. spared: number of poses excluded already.
+    At most the share OUTLIER_SHARE of all poses, and at least one, is excluded altogether.
+    use: poses (N,) that are not excluded yet; None for all.
     """
-    most = max(1, int(OUTLIER_SHARE * len(errors))) - spared
-    return np.isin(np.arange(len(errors)), np.argsort(errors)[::-1][:most])
+    use = np.ones(len(errors), dtype=bool) if use is None else use
+    most = max(1, int(OUTLIER_SHARE * len(errors))) - int((~use).sum())
+    worst = np.argsort(np.where(use, errors, -np.inf))[::-1]
+    return np.isin(np.arange(len(errors)), worst[: max(most, 0)])
 
 
 def in_company(far: Mask, places: Array, errors: Array) -> Mask:

@@ -85,7 +85,7 @@ def _near(model: Active, g: int) -> Iterable[tuple[int, float]]:
     gains, variances, _ = Scan(fewer).gains(model.net_gain(g) - NEAR + fewer.prices)
     smooth = [h for h, group in enumerate(model.pool.groups) if group.found_by == SMOOTH_TERM]
     net = gains - fewer.prices
-    net[[g, *np.flatnonzero(~fewer.open), *smooth]] = -np.inf
+    net[[*model.variances, *smooth]] = -np.inf
     for h in np.argsort(-net, kind="stable")[:MOST].tolist():
         if net[h] < model.net_gain(g) - NEAR:
             return

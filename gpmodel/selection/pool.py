@@ -152,7 +152,6 @@ class GroupPool:
                 places.append(number[effect.terms])
             self.index.append(np.array(places, dtype=np.int64))
         self.sizes = np.array([len(index) for index in self.index], dtype=np.int64)
-        self.held_effects = np.zeros(len(self.effects), dtype=bool)
         self.spreads = [np.array(g.spreads) for g in self.groups]
         self.cost = np.array([prices.to_describe(g) for g in self.groups])
         self.price = np.array([prices.to_enter(g) for g in self.groups])

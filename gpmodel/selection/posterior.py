@@ -7,12 +7,12 @@ that S and q of any group need only the products XᵀA.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg
 
-from gpmodel.arrays import Array, IntArray, Mask
+from gpmodel.arrays import Array, IntArray
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evolution.variances import DECADES, best
 from gpmodel.selection.group import FEW, Group
@@ -40,17 +40,9 @@ class Active:
         return self.pool.prices.limits
 
     def added(self, g: int, variance: float, part: Sequence[int] | None = None) -> "Active":
-        """The model with group g, all its effects or a part of them, at a prior variance of `variance`.
-
-        An effect is in the model once. A group replaces those of which it has every effect, and comes in without the
-        effects of others.
-        """
-        effects = np.arange(len(self.pool.index[g])) if part is None else np.array(part)
-        own = set(self.pool.index[g][effects].tolist())
-        inside = [h for h in self.found if own.issuperset(self.pool.index[h][self.chosen[h]].tolist())]
-        left = reduce(Active.without, inside, self)
-        effects = effects[~left.has[self.pool.index[g][effects]]]
-        return replace(self, variances={**left.variances, g: variance}, chosen={**left.chosen, g: effects})
+        """Return the model with group g at a prior variance. part: its effects that come in; None for all effects."""
+        effects = np.arange(len(self.pool.index[g]))[slice(None) if part is None else part]
+        return replace(self, variances={**self.variances, g: variance}, chosen={**self.chosen, g: effects})
 
     def beside(self, group: Group, variance: float) -> "Active":
         """Return the model with a new group, in a pool without other groups."""
@@ -63,22 +55,6 @@ class Active:
         """Return the model without group g."""
         left = {k: v for k, v in self.variances.items() if k != g}
         return replace(self, variances=left, chosen={k: v for k, v in self.chosen.items() if k != g})
-
-    @cached_property
-    def has(self) -> Mask:
-        """Mark the distinct effects (E,) that are in the model or held."""
-        has = self.pool.held_effects.copy()
-        for g, those in self.chosen.items():
-            has[self.pool.index[g][those]] = True
-        return has
-
-    @property
-    def open(self) -> Mask:
-        """Mark the groups (G,) outside the model with an effect that is not in it."""
-        first = np.cumsum(self.pool.sizes) - self.pool.sizes
-        new = np.logical_or.reduceat(~self.has[np.concatenate(self.pool.index)], first)
-        new[list(self.variances)] = False
-        return new
 
     @cached_property
     def pools(self) -> dict[frozenset[int], GroupPool]:

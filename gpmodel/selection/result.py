@@ -100,17 +100,27 @@ class Selection:
 
 
 def summarised(offered: Offered, active: Active, state: Expansion) -> Selection:
-    """Return the result of a selection."""
-    kept: list[Kept] = []
-    for g in active.found:
-        group, variance, pick = active.pool.groups[g], active.variances[g], active.chosen[g].tolist()
-        effects, spreads = tuple(group.effects[k] for k in pick), tuple(group.spreads[k] for k in pick)
-        group = replace(group, effects=effects, spreads=spreads)
+    """Return the result of a selection.
+
+    An effect that several groups share belongs to the group of largest gain, with the sum of the prior variances. A
+    group without effects of its own is left out.
+    """
+    pool, kept, total = active.pool, list[Kept](), np.zeros(len(active.pool.effects))
+    for g, variance in active.variances.items():
+        total[pool.index[g][active.chosen[g]]] += variance * pool.spreads[g][active.chosen[g]] ** 2
+    owned = {k for g in active.variances.keys() - {*active.found} for k in pool.index[g][active.chosen[g]].tolist()}
+    for g in sorted(active.found, key=lambda g: -active.gains[g][0]):
+        group, variance = pool.groups[g], active.variances[g]
+        pick = [k for k in active.chosen[g].tolist() if pool.index[g][k] not in owned]
+        owned.update(pool.index[g][pick].tolist())
+        effects, spreads = tuple(group.effects[k] for k in pick), np.sqrt(total[pool.index[g][pick]] / variance)
         said = variance * active.own(g)[0]
         determined = float(np.sum(said / (1.0 + said)))
-        shared = float(active.pool.price[g] - active.prices[g])
-        kept.append(Kept(group, active.gains[g][0], variance, determined, shared))
-    return Selection(tuple(sorted(kept, key=lambda k: -k.gain)), offered, active, state)
+        shared = float(pool.price[g] - active.prices[g])
+        if pick:
+            group = replace(group, effects=effects, spreads=tuple(spreads.tolist()))
+            kept.append(Kept(group, active.gains[g][0], variance, determined, shared))
+    return Selection(tuple(kept), offered, active, state)
 
 
 MOST_NUMBERS = 1_000_000

@@ -88,7 +88,6 @@ class PoolBeside(GroupPool):
         self.classes = tuple(replace(c, inner=held.sigma2 * s, rhs=held.sigma2 * q) for c, s, q in scan.classes)
         self.price = pool.price.copy()
         self.price[list(held.variances)] = np.inf
-        self.held_effects = held.has
         volume = 2.0 * np.sum(np.log(np.diag(held.lower))) - len(held.rhs) * np.log(held.sigma2)
         self.constant = -held.paid - 0.5 * float(volume)
         self.reading_held, self.kinds_held = float(pool.reading[list(held.found)].sum()), held.of_kind

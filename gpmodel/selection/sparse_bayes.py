@@ -74,7 +74,7 @@ def grow(model: Active, listed: IntArray | None = None, reading: bool = False, g
         price = model.prices + reading * model.pool.reading
         gains, variances, fit = Scan(model, among).gains(price)
         net = gains - price
-        net[[*np.flatnonzero(~model.open), *refused]] = -np.inf
+        net[[*model.variances, *refused]] = -np.inf
         if net.max() < 0.0:
             net = with_own_noise(net, fit, model.mismatch)
         g = int(np.argmax(net))
@@ -126,7 +126,7 @@ def _exchanged(model: Active, removed: frozenset[int], first: Mask) -> Iterator[
     free = replace(fewer, variances={g: a * FREE if g in small else a for g, a in fewer.variances.items()})
     gains, variances, fit = Scan(free).gains(fewer.prices + pool.reading)
     net = with_own_noise(gains - fewer.prices - pool.reading, fit, free.mismatch)
-    net[[*np.flatnonzero(~fewer.open), *_forbidden(pool, removed)]] = -np.inf
+    net[[*fewer.variances, *_forbidden(pool, removed)]] = -np.inf
 
     def regrown(net: Array, begin: Array) -> Active | None:
         best = int(np.argmax(begin))

@@ -1,5 +1,6 @@
 """Contracts of the selection of groups, over a table of instances: whatever the start and the order, one answer."""
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, reduce
@@ -16,6 +17,7 @@ from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import prepare
 from gpmodel.selection.group import Shapes, group_of
 from gpmodel.selection.posterior import Active
+from gpmodel.selection.result import summarised
 from gpmodel.selection.sparse_bayes import exchange as select
 from gpmodel.selection.sparse_bayes import reestimate
 
@@ -174,37 +176,33 @@ def sharing(planted: tuple[float, float, float]) -> tuple[Active, dict[str, int]
     return started(made, [group for group in groups if group is not None])
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_an_effect_is_in_a_model_once_whatever_the_order_of_groups(seed: int) -> None:
-    model, number = sharing((0.0, 0.0, 0.0))
-    for name in np.random.default_rng(seed).permutation([*SHARED]):
-        before, (*own,) = model, model.pool.index[number[name]].tolist()
-        assert model.open[number[name]] == (not model.has[own].all())
-        if model.open[number[name]]:
-            model = model.added(number[name], 1e-8)
-        assert len(set(model.index.tolist())) == len(model.index)
-        assert set(model.index.tolist()) == {*before.index.tolist(), *own}
-        inside = [g for g in before.found if set(before.pool.index[g][before.chosen[g]].tolist()) <= set(own)]
-        assert not before.open[number[name]] or set(inside).isdisjoint(model.variances)
-
-
 @pytest.mark.parametrize("planted", [(0.3, 0.0, 0.0), (0.3, 0.03, 0.02), (0.1, 0.1, 0.1), (0.0, 0.3, 0.2)])
-def test_of_groups_that_share_effects_the_best_disjoint_ones_are_selected(planted: tuple[float, float, float]) -> None:
+def test_groups_that_share_effects_end_no_lower_than_the_best_disjoint_ones(planted: tuple[float, ...]) -> None:
     active, number = sharing(planted)
     every = [some for count in range(4) for some in combinations([*SHARED], count)]
     disjoint = [some for some in every if len(set("".join(some))) == len("".join(some))]
     begun = [reduce(lambda model, name: model.added(number[name], 1e-8), some, active) for some in disjoint]
-    model = select(active)
-    selected = "".join(name for name in SHARED if number[name] in model.variances)
-    assert len(set(selected)) == len(selected)
-    assert model.objective > max(reestimate(one).objective for one in begun) - DIGITS
+    assert select(active).objective > max(reestimate(one).objective for one in begun) - DIGITS
 
 
-def test_effects_that_are_included_stay_out_of_every_other_group() -> None:
-    active, number = sharing((0.3, 0.0, 0.0))
-    groups = list(active.pool.groups)
-    groups[number["b"]] = replace(groups[number["b"]], always_included=True)
-    model = replace(active, pool=type(active.pool)(active.pool.rows, groups, active.pool.prices))
-    model = model.added(number["b"], 1e-8).added(number["abc"], 1e-8)
-    assert number["b"] in model.variances
-    assert model.chosen[number["abc"]].tolist() == [0, 2]
+@pytest.mark.parametrize("seed", range(8))
+def test_an_effect_belongs_to_one_selected_group_with_all_of_its_prior_variance(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    model, number = sharing((0.3, 0.1, 0.0))
+    for name in rng.permutation([*SHARED])[: rng.integers(1, len(SHARED) + 1)]:
+        model = model.added(number[name], 10.0 ** rng.uniform(-9, -7))
+    pool = model.pool
+    result = summarised(None, model, None)  # type: ignore[arg-type]
+    priors = [(e.terms, e.prior**2) for kept in result.kept for e in kept.effects]
+    expected: dict[object, float] = defaultdict(float)
+    for g in model.found:
+        for effect in pool.groups[g].with_prior(model.variances[g]):
+            expected[effect.terms] += effect.prior**2
+    assert len(priors) == len(expected)
+    assert dict(priors) == pytest.approx(expected)
+    gains = [model.gains[number[kept.group.name]][0] for kept in result.kept]
+    assert gains == sorted(gains, reverse=True)
+    for kept in result.kept:  # what it lost, a group of larger gain has
+        lost = {e.terms for e in pool.groups[number[kept.group.name]].effects} - {e.terms for e in kept.group.effects}
+        stronger = {e.terms for k, gain in zip(result.kept, gains, strict=True) if gain > kept.gain for e in k.effects}
+        assert lost <= stronger
