@@ -2,7 +2,7 @@
 
 Exact: K. L. Johnson, Contact Mechanics (1985), section 4.2, with the elliptic integrals in Carlson's form, so that
 circles and long ellipses are equally accurate. Published: A. Slocum, Precision Machine Design (1992), exponential fits.
-The thesis prints lambda (Fig 3.23) and uses alpha and beta in Table 3.3.
+Fig 3.23 of the thesis shows the parameter lambda of these fits; Table 3.3 uses the parameters alpha and beta.
 """
 
 from collections.abc import Sequence

@@ -110,7 +110,10 @@ def left_out(fit: Calibration, problem: Linearised, use: IntArray) -> tuple[Arra
 def _over_worlds(
     columns: Array, covariance: Array, noise: Tails, excess: float, rng: np.random.Generator
 ) -> ErrorBounds:
-    """Return the bounds by simulation. columns: (N, 3, K) of the predicted points. excess: factor on the noise."""
+    """Return bounds on the error by simulation.
+
+    columns: derivatives (N, 3, K) of the predicted points by K unknowns. excess: factor on the noise.
+    """
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     drawn = root @ rng.normal(size=(len(root), WORLDS))

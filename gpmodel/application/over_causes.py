@@ -144,9 +144,8 @@ def _stated(found: Discovery, fit: Calibration, findings: Sequence[Candidate]) -
     """Return a fit to all poses with its uncertainty over the causes of each finding; without findings, over one more
     effect.
 
-    Causes are the credible sets of the findings and all small effects of the catalogue. Their probabilities are those
-    of this fit, p(h | y) ∝ exp(nats of h), because a constant of the model can absorb an effect too weak to be a
-    finding.
+    Causes are the credible sets of the findings and all small effects of the catalogue. The probability of cause h is
+    p(h | y) ∝ exp(log evidence of h in this fit). Small effects count, since a constant of the model can absorb them.
     """
     offered = catalogue.candidates(found.mechanism, found.poses.states)
     sets = [finding.hypothesis.causes for finding in found.findings]

@@ -47,7 +47,7 @@ def foreign_column(mechanism: Mechanism, data: Dataset, fit: Calibration, k: int
     """Describe the column of revolute joint k if the positions fit far better with a free angle at each pose, or return
     None.
 
-    The free angle of a pose is the one whose point is nearest to the measured one; the point moves on a circle. Angles
+    The predicted point moves on a circle with the angle. The free angle brings it nearest to the measured point. Angles
     and standard model are fitted in turn, from `fit`, the standard model of the table. σ of the residual counts one
     unknown a pose.
     """

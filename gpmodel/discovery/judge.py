@@ -1,4 +1,4 @@
-"""Test each selected group given all others, eliminate groups that fail, and find the credible set of the rest."""
+"""Test each selected group given all others, eliminate groups that fail, and weigh the causes of each remaining one."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

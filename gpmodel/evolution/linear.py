@@ -23,15 +23,15 @@ from gpmodel.formula.program import Builder, Program
 
 @dataclass(frozen=True)
 class Linear:
-    """Settings of programs as sequences of ``length`` genes; the defaults search a basis function at a slot.
+    """Settings of programs that are sequences of ``length`` instructions (genes) on registers.
 
     operators: name of a set (``gpmodel.formula.operators.SETS``) or names.
     constants: fixed constants.
     own_constants: number of further constants that each program carries.
-    registers, outputs: number of registers, and of registers that are offered as basis functions.
+    registers, outputs: number of registers; number of registers whose final values are basis functions.
     start_inputs: registers start with the inputs in turn rather than with 0.
     direct: binary operators may take an element of the input array as well as a register.
-    crossover, mutation: rates per gene (Fig 5.3).
+    crossover, mutation: rates per gene (Fig 5.3 of the thesis).
     Raises InputError for a value out of range.
     """
 

@@ -123,13 +123,13 @@ class Layout:
 
     @cached_property
     def written_of(self) -> NDArray[np.uint32]:
-        """Bit set that an instruction writes, over ``256 op-code + gene``: one register or the accumulator."""
+        """Bit mask of the register (or accumulator) that each instruction writes. Index: ``256 op-code + gene``."""
         codes, bits = self._codes_and_bits()
         return np.where(codes == STORE, bits, ACCUMULATOR).astype(np.uint32)
 
     @cached_property
     def read_of(self) -> NDArray[np.uint32]:
-        """Bit set that an instruction reads, over ``256 op-code + gene``."""
+        """Bit mask of the registers that each instruction reads. Index: ``256 op-code + gene``."""
         codes, bits = self._codes_and_bits()
         operands = np.where(codes == STORE, np.uint32(0), bits)
         return (operands | np.where(codes >= STORE, ACCUMULATOR, np.uint32(0))).astype(np.uint32)

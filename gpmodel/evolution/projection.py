@@ -31,12 +31,12 @@ ROUNDING_SHARE = 1e-8
 class Targets:
     """Statistics of the residual at S sites and N poses, from which gains are computed; the model has K columns.
 
-    weight: D (S, N).
-    cross: B (S, K, N).
-    pull: g (S, N).
-    energy: r.r, the residual sum of squares.
+    weight: D (S, N), squared sensitivity of the measurements of a pose to a unit basis function at a site.
+    cross: B (S, K, N), products of these sensitivities with the columns of the model.
+    pull: g (S, N), products of these sensitivities with the residual.
+    energy: r·r, sum of squares of the residual r.
     names: names of the sites.
-    samples: number of measured values, N if 0.
+    samples: number of measured values; 0 stands for N.
     Arrays are stored row by row, so that sums round alike in every process. Raises InputError if shapes disagree or a
     number is not finite.
     """

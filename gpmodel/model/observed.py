@@ -16,13 +16,12 @@ class Observed:
     """Predicted measurements and their derivatives.
 
     tips: predicted poses of the tip.
-    frames: (S + 1, N, 4, 4) of the slots, then of the instrument, in the instrument's frame, each after its error
-    twist.
-    twists: error twist (N, 6), m and rad, by slot index; after the index of the instrument that of the tool.
-    kinds: the observations.
-    own: unknowns (k,) of the observations, by key.
+    frames: (S + 1, N, 4, 4) frames of S slots, then of the instrument, in the instrument's frame, with their errors.
+    twists: error twist (N, 6), m and rad, of each slot; twists[S] of the instrument, twists[S + 1] of the tool.
+    kinds: kinds of measurements, such as positions or pixels.
+    own: unknowns (k,) that belong to a kind of measurement, by its key.
     carried: derivative of the tool's twist by that of a slot, for closed loops; None for a chain.
-    lineage: (S, S) whether a twist at one slot moves the frame of another.
+    lineage: (S, S) true if a twist at one slot moves the frame of another.
     tip_slot: (N,) slot that carries the tip.
     """
 

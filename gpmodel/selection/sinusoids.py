@@ -2,7 +2,7 @@
 
 The columns of a sinusoid are x = r ∘ sin(rate (q - start)) and r ∘ cos(rate (q - start)), with r (M,) the sensitivity
 of the rows to the joint, times its load if the amplitude is proportional to it. Products with x are sums over the
-poses, so that no column is formed for each frequency. Poses of one exchangeable block share one angle.
+poses, so that no column is formed for each frequency. Repeats of a pose share one angle.
 """
 
 from collections.abc import Iterable, Sequence
