@@ -53,16 +53,16 @@ TABLES: dict[str, tuple[Callable[[], pd.DataFrame], tuple[str, ...]]] = {
     "all of a header at once": (
         lambda: GOOD.rename(columns={"x [mm]": "X", "y [mm]": "y", "J2 [deg]": "J2"}).assign(Z="1", Q0="0.1"),
         (
-            "columns 'X', 'Z': written 'x', 'z'",
+            "columns 'X', 'Z': reserved names in lower case; expected 'x', 'z'",
             "columns 'J2', 'y', 'Q0': no unit; write 'J2 [deg]', 'y [mm]', 'Q0",
         ),
     ),
     "length unit on a joint": (renamed(J1_deg="J1 [mm]"), ("column 'J1'", "no unit of angle")),
     "joint missing": (lambda: GOOD.drop(columns="J4 [deg]"), ("'J4' is missing", "J1, J2")),
     "joint extra": (lambda: GOOD.assign(**{"J7 [deg]": "0"}), ("'J7' is one too many", "J6")),
-    "x in capitals": (renamed(x_mm="X [mm]"), ("column 'X'", "written 'x'")),
-    "a payload in capitals": (lambda: GOOD.assign(**{"Payload [kg]": "9"}), ("column 'Payload'", "written 'payload'")),
-    "groups in capitals": (lambda: GOOD.assign(Group="a"), ("column 'Group'", "written 'group'")),
+    "x in capitals": (renamed(x_mm="X [mm]"), ("column 'X'", "column 'X': reserved names in lower case; expected 'x'")),
+    "a payload in capitals": (lambda: GOOD.assign(**{"Payload [kg]": "9"}), ("column 'Payload'", "expected 'payload'")),
+    "groups in capitals": (lambda: GOOD.assign(Group="a"), ("column 'Group'", "expected 'group'")),
     "torque in a unit of mass": (lambda: GOOD.assign(**{"torque_J2 [kg]": "9"}), ("column 'torque_J2' [kg]", "[N*m]")),
     "repeats that are none": (
         lambda: GOOD.assign(repeat=[str(i // 2) for i in range(len(GOOD))]),
