@@ -184,7 +184,7 @@ def test_pixels_that_no_camera_saw_are_refused(tmp_path: Path) -> None:
     good = pd.read_csv(table, dtype=str)
     crossed = {"u [px]": "v [px]", "v [px]": "u [px]"}
     for frame, said in (
-        (good.rename(columns=crossed), "column 'pixel': does not fit irb6400r, "),
+        (good.rename(columns=crossed), "column 'pixel': does not fit irb6400r: the residual is "),
         (good.rename(columns={"v [px]": "w [px]"}), "no row has both u and v; expected columns 'u [px]' and 'v [px]'"),
     ):
         for command in ("check", "calibrate"):

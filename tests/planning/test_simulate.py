@@ -63,7 +63,7 @@ def test_noise_is_what_was_asked_for() -> None:
         ("=3", "expected NAME=VALUE"),
         ("base_compliance=x", "is no value"),
         ("base_compliance=3 kg", "is no value"),
-        ("joint_compliance=1e-7", "name one of"),
+        ("joint_compliance=1e-7", "expected one of joint compliance, J2"),
         ("gremlins=3", "'gremlins' is unknown"),
         ("J9.moving:Rz:1=3", "slot 'J9.moving' is unknown"),
         ("J1.moving:Rz:1/(row-2)=1e-4", "infinite or undefined"),

@@ -85,7 +85,7 @@ def test_written_arm_weighs_the_same(tmp_path: Path) -> None:
 
 def test_a_joint_that_moves_by_twice_its_value_is_refused(tmp_path: Path) -> None:
     chain = replace(robot("irb6400r", tmp_path), coupling=np.diag([1.0, 1.0, 2.0, 1.0, 1.0, 1.0]))
-    with pytest.raises(InputError, match="J3 moves by 2 times its own value; expected 1 or -1"):
+    with pytest.raises(InputError, match="J3 moves by 2 times the joint value; expected factor 1 or -1"):
         chain.write_urdf(tmp_path / "out.urdf")
 
 
