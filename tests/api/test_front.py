@@ -158,8 +158,11 @@ def touched(instrument: str, column: str, value: str, folder: Path) -> Path:
 @pytest.mark.long
 def test_wrong_labels_are_named_in_the_verdict(tmp_path: Path) -> None:
     verdict = gp.calibrate("ur5", touched("spheres", "on_sphere", "A", tmp_path)).verdict
-    assert "touched.csv: the fit leaves" in verdict
-    assert "mm RMS; calibrated machines have less than 2 mm: a wrong label or length (on_sphere)" in verdict
+    assert "touched.csv: residual of the fit: " in verdict
+    assert (
+        "mm RMS; calibrated machines have less than 2 mm. Possible causes: a wrong label or length (on_sphere)"
+        in verdict
+    )
 
 
 def test_a_bar_of_another_length_is_refused(tmp_path: Path) -> None:

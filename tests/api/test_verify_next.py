@@ -112,7 +112,7 @@ def test_poses_that_a_repaired_model_lacks_make_it_as_good_as_before(fitted: Fit
     assert {n.name for n in first.found.numbers} == {f"tool point {axis}" for axis in "xyz"}
     assert first.found.expected > 1.2 * first.found.before
     assert first.more is not None
-    assert f"measure {len(first.more)} more" in first.summary()
+    assert f"Measure {len(first.more)} more poses" in first.summary()
     last = found(np.vstack([q, np.radians(first.more.to_numpy(dtype=float))])).repaired
     assert last is not None
     assert last.found.expected < 1.21 * last.found.before

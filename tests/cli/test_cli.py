@@ -185,8 +185,8 @@ def test_predict_takes_the_end_of_the_session_and_says_so(tmp_path: Path) -> Non
         out = tmp_path / str(said)
         assert run("calibrate", path, "--mechanism", "irb6400r", "--effect", effect, "--out", out).exit_code == 0
         other, same = (run("predict", out / "model.json", path, *more) for more in ((), ("--session",)))
-        assert other.stderr.count("as at the end of the session") == said
-        assert same.stderr.count("row k is treated as row k") == said
+        assert other.stderr.count("predicted for the end of the fitted session") == said
+        assert same.stderr.count("row k of this table is treated as row k") == said
         assert (other.stdout != same.stdout) == bool(said)
         assert run("predict", out / "model.json", path, "--quiet").stderr == ""
 
