@@ -135,7 +135,7 @@ TERMS: dict[str, tuple[object, str]] = {
 BASES = {
     "code": ("__import__('os').system('true')", "cannot read"),
     "a long sum": ("+".join(["J1"] * 20_000), "effects[0].terms[0].basis: Expected `str` of length <= 20000"),
-    "many terms": ("+".join(["J1"] * 400), "300 within each other"),
+    "many terms": ("+".join(["J1"] * 400), "300 nested levels"),
     "a column that is no name": ("'x; system(1)'", "has the input 'x; system(1)', expected the name of a column"),
     "minus signs": ("-" * 5000 + "1", "expected an expression"),
     "a bomb": ("a = J1;" + 17 * "a = a+a*J2;" + "a", "after named parts are inserted"),

@@ -51,7 +51,7 @@ def test_a_family_is_all_its_instances() -> None:
     ("name", "said"),
     [
         ("gremlins", "'gremlins' is unknown"),
-        ("transmission_ripple", "name one"),
+        ("transmission_ripple", "expected one, for example"),
         ("thermal_growth", "no instance"),
         ("J9.fixed:Tx:1", "slot 'J9.fixed'"),
         ("J1.fixed:T:1", "axis 'T'"),

@@ -178,7 +178,7 @@ def test_what_has_loops_says_so_and_what_has_none_does_not() -> None:
         ('[base]\nradius = "0 mm"', "base.radius"),
         ('[leg]\nshortest = "700 mm"', "expected above shortest"),
         ('[leg]\nshortest = "50 mm"\nlongest = "60 mm"', "do not meet"),
-        ('[base]\npair = "60 deg"\n[platform]\npair = "60 deg"', "loose"),
+        ('[base]\npair = "60 deg"\n[platform]\npair = "60 deg"', "the legs do not fix the platform"),
         ('[platform]\nradius = "200"', "unit"),
         ("[platform]\nsize = 3", "unknown key"),
     ],

@@ -172,7 +172,7 @@ def test_a_result_of_another_joint_or_for_no_ball_is_refused_in_one_line(tmp_pat
 def test_bad_descriptions_and_poses_are_refused_in_one_line(tmp_path: Path) -> None:
     for changes, said in [
         ({'stands = "75 deg"': 'stands = "75 mm"'}, "stands"),
-        ({'turn = ["-29 deg", "29 deg"]': 'turn = ["5 deg", "29 deg"]'}, "zero between them"),
+        ({'turn = ["-29 deg", "29 deg"]': 'turn = ["5 deg", "29 deg"]'}, "zero between the two"),
         ({'drive = "turned"': 'drive = "slid"'}, "expected turned or pushed"),
         ({'axis = "z"': 'axis = "w"'}, "expected x, y or z"),
         ({'[[link]]\nbase = ["350 mm", "0 mm", "0 mm"]\nplatform = ["0 mm", "-50 mm", "-90 mm"]': ""}, "expected 6"),
