@@ -56,7 +56,7 @@ class SimulationResult(Shown):
         return f"{len(self.table)} poses of {self.truth.mechanism.name}\n{self.truth.summary()}"
 
     def save(self, file: str | Path, **more: object) -> Path:
-        """Write the table as .csv and the true model as .truth.json beside it; return the path of the model.
+        """Write the table as .csv and the true model as .truth.json next to the table; return the path of the model.
 
         Cameras and boards are described in .cameras.toml and .board.toml.
         more: additional JSON content of the model's file, ignored on reading.

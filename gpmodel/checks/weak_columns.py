@@ -201,7 +201,7 @@ class Factor:
 
     @property
     def wrong(self) -> bool:
-        """Whether neither chance nor an instrument or a gear explains the factor."""
+        """True if neither chance nor an instrument or a gear explains the factor."""
         return self.chance < CHANCE and abs(self.value - 1.0) > SMALLEST
 
 

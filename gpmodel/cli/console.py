@@ -48,7 +48,7 @@ def place_for(out: Path | None, default_name: str, source: Path | None = None) -
 
     Raises InputError if the file contains measurements that would be lost. Files written by simulate, predict and
     compensate
-    may be replaced: simulate writes a .truth.json beside its table, the others a column sigma.
+    may be replaced: simulate writes a .truth.json next to the table, the others a column sigma.
     source: a table that may be replaced, because its columns are kept.
     """
     path = None if out is None else path_for(out, default_name)

@@ -37,7 +37,7 @@ def simulate(
     mechanism: LoadedMechanism, effects: tuple[str, ...], poses: int, noise: str | None, instrument: str,
     geometry_sigma: str,    inputs: tuple[str, ...], seed: int, out: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
-    """Simulate a table of poses measured on a mechanism with known errors, and write the true model beside it.
+    """Simulate a table of poses measured on a mechanism with known errors, and write the true model in the same folder.
 
     The true model (NAME.truth.json) can be used by `predict` and `compensate`. NAME of an effect is a catalogue name or
     slot:axis:expression. Without --out the table is printed and no file is written.

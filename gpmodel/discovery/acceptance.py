@@ -35,7 +35,7 @@ class Hypothesis:
 
     @property
     def accepted(self) -> bool:
-        """Whether the candidate passed every test."""
+        """True if the candidate passed every test."""
         return self.verdict.accepted
 
     @property

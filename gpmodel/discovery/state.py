@@ -59,7 +59,7 @@ class Round:
 
     @property
     def stands_out(self) -> bool:
-        """Whether any candidate or input exceeds the permutation null, regardless of the other tests."""
+        """True if any candidate or input exceeds the permutation null, regardless of the other tests."""
         return bool(self.exploration.histogram.significant) or any(h.verdict.passed("chance") for h in self.hypotheses)
 
 
@@ -116,7 +116,7 @@ class Discovery:
 
     @property
     def confirmed(self) -> bool:
-        """Whether the held-out poses confirm the findings; true without findings."""
+        """True if the held-out poses confirm the findings, or without findings."""
         return self.confirmation is None or self.confirmation.passed
 
 

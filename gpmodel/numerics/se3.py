@@ -7,7 +7,6 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from gpmodel.arrays import Array
-from gpmodel.numerics import se3
 
 JACOBIAN_TERMS = 16
 """Terms of the series of the Jacobian: exact to rounding for rotations up to 1 rad, far above every error twist."""
@@ -158,19 +157,19 @@ def roll_pitch_yaw(rotation: Array) -> Array:
 
 def frame_of(value: Array) -> Array:
     """Return the transform (4, 4) of a pose as six numbers: position (3,), m, and rotation vector (3,), rad."""
-    out = se3.exp(np.concatenate([np.zeros(3), value[3:6]]))
+    out = exp(np.concatenate([np.zeros(3), value[3:6]]))
     out[:3, 3] = value[:3]
     return out
 
 
 def numbers_of(frame: Array) -> Array:
     """Return a transform (4, 4) as six numbers: position (3,), m, and rotation vector (3,), rad."""
-    return np.concatenate([frame[:3, 3], se3.rotation_vector(frame[:3, :3])])
+    return np.concatenate([frame[:3, 3], rotation_vector(frame[:3, :3])])
 
 
 def turned(value: Array, twist: Array) -> Array:
     """Return a pose as six numbers after a twist (6,), m and rad, about its own axes: T exp(twist)."""
-    return numbers_of(frame_of(value) @ se3.exp(twist))
+    return numbers_of(frame_of(value) @ exp(twist))
 
 
 def by_pose(points: Array) -> Array:
@@ -178,4 +177,4 @@ def by_pose(points: Array) -> Array:
 
     The points do not move with the frame, and ξ is in the axes of the frame: y' = exp(-ξ) y.
     """
-    return np.concatenate([np.broadcast_to(-np.eye(3), (len(points), 3, 3)), se3.hat(points)], axis=2)
+    return np.concatenate([np.broadcast_to(-np.eye(3), (len(points), 3, 3)), hat(points)], axis=2)

@@ -90,9 +90,8 @@ def _undecided(report: Report) -> Iterator[str]:
     for effect in report.effects:
         others = effect.others
         if others and effect.probability is not None and effect.probability < SURE:
-            more = (
-                f" and {len(others) - 1} more causes" if len(others) > 2 else " and one more cause" * (len(others) - 1)
-            )
+            count = len(others) - 1
+            more = f" and {count if count > 1 else 'one'} more cause{'s' * (count > 1)}" if count else ""
             yield f"These poses do not separate {effect.name} from {others[0].names[0]}{more}."
 
 

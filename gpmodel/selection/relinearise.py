@@ -78,8 +78,10 @@ def refit(state: Expansion) -> Refit:
 
 
 def inliers(error: Array, use: Mask, sigmas: float) -> Mask:
-    """Return the poses (N,) within `sigmas` robust standard deviations of the median error; at most a tenth is
-    excluded. error: (N,) m. use: (N,) poses from which median and deviation are computed."""
+    """Mark the poses (N,) within `sigmas` robust standard deviations of the median error, and all but OUTLIER_SHARE.
+
+    error: (N,) m. use: (N,) poses from which median and deviation are computed.
+    """
     return ~((error > outlier_limit(error[use], sigmas)) & among_worst(error))
 
 

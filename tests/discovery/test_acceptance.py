@@ -52,7 +52,7 @@ def test_nothing_is_accepted_where_permuted_residuals_do_as_well() -> None:
 @pytest.mark.long
 def test_nothing_is_accepted_of_a_robot_without_an_undeclared_effect() -> None:
     there = seen("nothing")
-    null = best_nats(there, unnamed(), there.shuffled(np.random.default_rng(1), 24))
+    null = best_nats(there, unnamed(), there.shuffled(np.random.default_rng(1), 60))
     assert not strongest("nothing", null=null).accepted
 
 

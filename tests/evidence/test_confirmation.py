@@ -110,7 +110,7 @@ def test_repeats_are_one_unit_never_parted_and_permuted_together(labelled: bool)
 def test_repeats_of_an_innocent_robot_are_no_evidence(labelled: bool, seed: int) -> None:
     residual = innocent(labelled, seed)
     pool = candidates(residual.calibration.model.mechanism, residual.poses.states)
-    null = best_nats(residual, pool, residual.shuffled(np.random.default_rng(0), 24))
+    null = best_nats(residual, pool, residual.shuffled(np.random.default_rng(0), 60))
     assert chance(max(s.nats for s in scores(residual, pool)), null).p > 0.01
 
 

@@ -41,15 +41,22 @@ def test_the_planted_effect_scores_best_or_its_column_is_that_of_the_best(plante
 @pytest.mark.parametrize("planted", NAMES)
 def test_the_planted_effect_stands_out_of_shuffled_residuals(planted: str) -> None:
     there, candidates = seen(planted), pool()
-    null = best_nats(there, candidates, there.shuffled(np.random.default_rng(0), 24))
+    null = best_nats(there, candidates, there.shuffled(np.random.default_rng(0), 60))
     assert chance(max(s.nats for s in scores(there, candidates)), null).p < 0.01
 
 
 @pytest.mark.long
 def test_nothing_stands_out_of_an_innocent_robot() -> None:
     there = seen("nothing")
-    null = best_nats(there, pool(), there.shuffled(np.random.default_rng(0), 24))
+    null = best_nats(there, pool(), there.shuffled(np.random.default_rng(0), 60))
     assert chance(max(s.nats for s in scores(there, pool())), null).p > 0.05
+
+
+def test_the_best_of_all_is_that_of_each_residual_by_itself() -> None:
+    there, candidates = seen(NAMES[0]), pool()[::5]
+    trials = there.shuffled(np.random.default_rng(3), 3)
+    one_by_one = [max(s.nats for s in scores(replace(there, values=trial), candidates)) for trial in trials.T]
+    np.testing.assert_allclose(best_nats(there, candidates, trials), one_by_one, rtol=1e-6)
 
 
 def test_a_gain_is_the_share_of_the_squares_that_least_squares_removes() -> None:
