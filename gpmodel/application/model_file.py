@@ -24,7 +24,7 @@ from gpmodel.model.memory import clock_of, read_by
 from gpmodel.model.sites import table_names
 from gpmodel.model.states import measured_torques
 from gpmodel.table.dataset import Dataset
-from gpmodel.texts import SEAL, seal
+from gpmodel.texts import SEAL, parse_json, seal
 
 
 @dataclass(frozen=True)
@@ -192,13 +192,13 @@ def check_table(dataset: Dataset) -> None:
 
 
 def save_model(path: Path, saved: SavedModel, **more: object) -> None:
-    """Write model.json and read it back. Raises InputError if writing or reading fails."""
-    write_text(path, model_text(saved, **more))
+    """Write model.json, after a test that its text can be read. Raises InputError if reading or writing fails."""
+    text = model_text(saved, **more)
     try:
-        load_model(path, saved.mechanism)
-    except InputError as error:
-        said = str(error).removeprefix(f"{path}: ")
-        raise InputError(f"{path.name} was written and cannot be read back: {said}") from None
+        _read(converted(parse_json(text), ModelPart, "model"), saved.mechanism)
+    except (InputError, ValueError) as error:
+        raise InputError(f"{path.name} is not written, since it could not be read back: {error}") from None
+    write_text(path, text)
 
 
 def load_model(path: Path, mechanism: Mechanism | None = None) -> SavedModel:

@@ -15,6 +15,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES, LARGEST
+from gpmodel.mechanism.source import LONGEST_JOINT
 from gpmodel.texts import SEAL, parse_json, read_limited, seal
 
 KIND, SCHEMA = "gpmodel model", 3
@@ -49,7 +50,7 @@ PLAIN = r'^[^"\\\x00-\x1f\x7f\x85\u2028\u2029\ud800-\udfff]*\Z'
 Name = Annotated[str, msgspec.Meta(max_length=1000, pattern=PLAIN)]
 """Text that cannot end a line, a comment or a string of source code generated from a model."""
 Label = Annotated[str, msgspec.Meta(min_length=1, max_length=1000, pattern=PLAIN)]
-Word = Annotated[str, msgspec.Meta(max_length=200, pattern=r"^[^\W\d]\w*\Z")]
+Word = Annotated[str, msgspec.Meta(max_length=LONGEST_JOINT, pattern=r"^[^\W\d]\w*\Z")]
 """Name of a column, usable in an expression."""
 Unit = Annotated[str, msgspec.Meta(max_length=50, pattern=r"^(?!.*\*/)[\w°%·*/^.() -]*\Z")]
 FileName = Annotated[

@@ -56,6 +56,8 @@ FILES = (".urdf", ".toml")
 LARGEST_FILE = 16 << 20
 """Largest size of the description of a mechanism, bytes. The largest of example-robot-data, a humanoid with its hands,
 has 0.3 MB."""
+LONGEST_JOINT = 200
+"""Largest number of characters in the name of a joint, in a description and in a saved model."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,9 @@ class MechanismChoice:
             if taken := [joint.name for joint in bare.joints if joint.name in RESERVED]:
                 said = f"joint '{taken[0]}' has the name of another column of a table; expected another name"
                 raise InputError(f"{name}: {said}, as axis_{taken[0]}")
+            if longer := [joint.name for joint in bare.joints if len(joint.name) > LONGEST_JOINT]:
+                said = f"the name of joint '{longer[0][:20]}...' has {len(longer[0])} characters"
+                raise InputError(f"{name}: {said}; expected at most {LONGEST_JOINT}")
             return LoadedMechanism(choice, bare)
         except InputError as error:
             if not self.description:

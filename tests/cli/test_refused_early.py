@@ -26,6 +26,10 @@ DESCRIPTIONS = {
     "steering characters": ('note = "a\\u001b[2J"\n' + ARM, "control characters in 'a\\x1b[2J'"),
     "a line in a name": ('name = "a\\nb"\n', "control characters in 'a\\nb'"),
     "a joint called x": (ARM.replace('name = "J1"', 'name = "x"'), "joint 'x' has the name of another column"),
+    "a long name of a joint": (
+        ARM.replace('name = "J1"', f'name = "{"a" * 201}"'),
+        "has 201 characters; expected at most 200",
+    ),
 }
 
 
