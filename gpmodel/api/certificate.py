@@ -19,7 +19,7 @@ from gpmodel.extras import extra_for
 from gpmodel.files import finished_folder, to_json, write_text
 from gpmodel.model.error_model import prepare
 from gpmodel.numerics.interval import chance_of_less
-from gpmodel.report.particulars import Particulars, read_particulars
+from gpmodel.report.origin import Particulars, read_particulars
 from gpmodel.report.schema import Report
 from gpmodel.report.verification import TOO_GOOD, Verification, read_verification
 
@@ -41,7 +41,7 @@ class CertificateResult(Shown):
         """Content of the certificate, as text. Raises InputError if this installation lacks the report extra."""
         with extra_for("a certificate", "report"):
             from gpmodel.report import certificate as of_report
-            from gpmodel.report import verification_certificate as of_verification
+            from gpmodel.report import verification_words as of_verification
 
         record, said, tolerance = self.record, self.said, self.tolerance_mm
         if isinstance(record, Verification):

@@ -123,9 +123,10 @@ class CompareResult:
     def report(self, folder: str | Path) -> None:
         """Write compare.html into `folder`. Raises InputError if the file cannot be written."""
         with extra_for("the page of a comparison", "report"):
-            from gpmodel.report.compare_page import html
+            from gpmodel.report.compare import html
 
-        write_text(file_path(folder, "folder") / "compare.html", html(self.found))
+            page = html(self.found)
+        write_text(file_path(folder, "folder") / "compare.html", page)
 
     def save(self, file: str | Path) -> None:
         """Write verdict, sources and rows as JSON. Raises InputError if the file cannot be written."""

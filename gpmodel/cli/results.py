@@ -11,7 +11,7 @@ from gpmodel.api.saved import compare as changes
 from gpmodel.api.saved import explain as finding
 from gpmodel.cli.options import PATH, page_option, quiet_option
 from gpmodel.cli.terminal import echo
-from gpmodel.report.particulars import Particulars
+from gpmodel.report.origin import Particulars
 from gpmodel.report.saved import read_report
 
 

@@ -20,8 +20,16 @@ from gpmodel.model.observation import Orientation, observations
 from gpmodel.model.sites import names_of, translate
 from gpmodel.numerics.least_squares import outlier_limit, root_mean_square
 from gpmodel.report import fitted
-from gpmodel.report.origin import Origin, data_record, floor_mm, instrument_record, mechanism_record, versions
-from gpmodel.report.particulars import positioning, repeatability
+from gpmodel.report.origin import (
+    Origin,
+    data_record,
+    floor_mm,
+    instrument_record,
+    mechanism_record,
+    positioning,
+    repeatability,
+    versions,
+)
 from gpmodel.report.schema import REGISTRATION, Kind, MimicRecord, PredictedRecord, Report, StepRecord
 from gpmodel.report.schema_search import PlotRecord, ReadingRecord
 

@@ -14,8 +14,8 @@ from gpmodel.arrays import Array
 from gpmodel.numerics.interval import coverage_factor
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.report import words
+from gpmodel.report.origin import REPEATS, Particulars
 from gpmodel.report.page import render
-from gpmodel.report.particulars import REPEATS, Particulars
 from gpmodel.report.picture import AFTER, AFTER_LIGHT, BEFORE, INK, MUTED, Picture, numbers
 from gpmodel.report.poses import pose_errors
 from gpmodel.report.schema import STANDARD, ParameterRecord, Report

@@ -1,4 +1,4 @@
-"""Pictures of the search: input counts and gains of candidates, each with its permutation null."""
+"""Pictures of the search, of evolved programs and of the fitted model."""
 
 from __future__ import annotations
 
@@ -10,14 +10,34 @@ import numpy as np
 
 from gpmodel.arrays import IntArray
 from gpmodel.evolution.input_histogram import Histogram
-from gpmodel.report.picture import AFTER, AXIS, BEFORE, INK, MUTED, NULL, PAPER, Picture, numbers, rows_only, signed
-from gpmodel.report.schema import Report
-from gpmodel.report.schema_search import RoundRecord
-from gpmodel.report.words import significant_inputs
-from gpmodel.wording import shortened
+from gpmodel.evolution.runs import Run
+from gpmodel.numerics.rank import RankChoice
+from gpmodel.report.picture import (
+    AFTER,
+    AXIS,
+    BEFORE,
+    INK,
+    MOST_VECTORS,
+    MUTED,
+    NULL,
+    PAPER,
+    Picture,
+    broken,
+    forest,
+    linked,
+    log_axis,
+    numbers,
+    rows_only,
+    signed,
+)
+from gpmodel.report.schema import ParameterRecord, Report
+from gpmodel.report.schema_search import CompensationRecord, RoundRecord, ShapeRecord
+from gpmodel.report.words import operators, significant_inputs
+from gpmodel.wording import millimetres, pretty_unit, short_name, shortened
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 FILLED = (True, False, True, False)
 """Fill of the bars of each representation."""
@@ -26,6 +46,13 @@ MOST_INPUTS = 18
 
 
 def pictures(report: Report) -> Iterator[Picture]:
+    """Yield the pictures of search, evolved programs and fitted model for which the report has data."""
+    yield from _of_search(report)
+    yield from _of_programs(report)
+    yield from _of_model(report)
+
+
+def _of_search(report: Report) -> Iterator[Picture]:
     """Yield the pictures of the search for which the report has data."""
     histograms = [h for h in report.histograms if h.inputs]
     for k, histogram in enumerate(histograms, 1):
@@ -125,3 +152,183 @@ def _search(figure: Figure, rounds: Sequence[RoundRecord], chosen: Collection[st
     for colour, label, mark in ((AFTER, "added", "o"), (BEFORE, "not added", "o"), (NULL, "chance", "|")):
         axes.scatter([], [], color=colour, marker=mark, s=30, label=label)
     figure.legend(loc="outside upper right", ncols=3, labelcolor=MUTED, handletextpad=0.3)
+
+
+COLOURS = (AFTER, BEFORE, INK)
+"""Colours of the outputs of a program."""
+MOST_PANELS = 6
+"""Largest number of panels of the best program, three in a row."""
+
+
+def _of_programs(report: Report) -> Iterator[Picture]:
+    """Yield the pictures of evolved programs for which the report has data."""
+    if any(run.history for run in report.runs):
+        yield Picture(
+            "fitness", "Gain over the generations", 4.9, 2.6,
+            f"Gain of the best program so far in each of {len(report.runs)} runs, over the generations.",
+            "Share of the scored residual that the best program so far removes.",
+            partial(_fitness, runs=report.runs),
+        )  # fmt: skip
+        rows = operators(report.histograms[0])[1:]
+        if rows:
+            yield Picture(
+                "operators", "Operators of the best programs", 4.9, 1.0 + 0.2 * len(rows),
+                f"Best programs that use each of {len(rows)} operators.", ("Number of runs whose best program "
+                "contains the operator."),
+                partial(_operators, rows=rows),
+            )  # fmt: skip
+    best = report.compensation
+    if best is not None and best.inputs and np.any(numbers(best.values)):
+        shown = min(len(best.inputs), MOST_PANELS)
+        yield Picture(
+            "compensation", f"The best program ({best.run}) over its inputs", 10.2, 2.5 * (1 + (shown - 1) // 3),
+            f"Outputs of the best program at the training poses, over {', '.join(best.inputs[:shown])}.",
+            "Each dot is a training pose. Angles are in rad; other columns are scaled to order one.",
+            partial(_compensation, best=best),
+        )  # fmt: skip
+
+
+def _fitness(figure: Figure, runs: Sequence[Run]) -> None:
+    axes = figure.subplots()
+    kinds = list(dict.fromkeys(run.representation for run in runs))
+    for run in runs:
+        style = "-" if run.representation == kinds[0] else "--"
+        generation, gain = (numbers(run.history[name]) for name in ("generation", "gain"))
+        axes.plot(generation, 100.0 * gain, style, color=NULL if run.shuffled else AFTER, lw=1.2, alpha=0.8)
+    for shuffled, colour in ((False, AFTER), (True, NULL)):
+        for kind, style in zip(kinds, ("-", "--"), strict=False):
+            axes.plot([], [], style, color=colour, label=f"{kind}{', shuffled' if shuffled else ''}")
+    axes.set_xlabel("generation")
+    axes.set_ylabel("removed, %")
+    axes.grid(axis="y")
+    figure.legend(loc="outside upper right", ncols=2, labelcolor=MUTED)
+
+
+def _operators(figure: Figure, rows: Sequence[tuple[str, ...]]) -> None:
+    axes = figure.subplots()
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    for place, (_, *counts) in enumerate(rows):
+        left = 0
+        for filled, count in zip(FILLED, map(int, counts), strict=False):
+            axes.barh(place, count, 0.6, left=left, color=AFTER if filled else PAPER, ec=AFTER, lw=0.8)
+            left += count
+    axes.set_yticks(range(len(rows)), [row[0] for row in rows])
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+    axes.locator_params(axis="x", integer=True)
+    axes.set_xlabel("best programs that use it")
+    axes.grid(axis="x")
+
+
+def _compensation(figure: Figure, best: CompensationRecord) -> None:
+    shown = min(len(best.inputs), MOST_PANELS)
+    panels = figure.subplots(1 + (shown - 1) // 3, min(shown, 3), squeeze=False, sharey=True)
+    for axes, name, column in zip(panels.flat, best.inputs, best.columns, strict=False):
+        for colour, output, values in zip(COLOURS, best.outputs, best.values, strict=False):
+            axes.plot(numbers(column), numbers(values), ".", ms=4, color=colour, label=shortened(output, 30))
+        axes.set_xlabel(name)
+        axes.grid(axis="y")
+    for axes in panels.flat[shown:]:
+        axes.set_visible(False)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=3, labelcolor=MUTED)
+
+
+MOST_PARAMETERS = 36
+"""Largest number of parameters in a picture."""
+KINDS = (("parameters_angles", "Angles", "rad", 1e6, "µrad"), ("parameters_lengths", "Lengths", "m", 1e6, "µm"))
+"""Name, title, unit, scale and printed unit of the _of_model of parameters."""
+
+
+FEWEST_RANKS = 4
+"""Least number of points of a curve of error against rank."""
+
+
+def _of_model(report: Report) -> Iterator[Picture]:
+    """Yield the pictures of the fitted model for which the report has data."""
+    for shape in report.plots.shapes[: len(report.effects)]:
+        name = report.effects[shape.effect].name
+        x_name = f"{shape.x_name}, {pretty_unit(shape.x_unit)}".rstrip(", ")
+        if shape.x:
+            yield Picture(
+                f"shape_{shape.effect + 1}", f"Shape of {name}", 4.9, 3.3,
+                f"Partial residual of {name} over {x_name}, with the fitted curve if this is the only input.",
+                "Dots: partial residuals, the measured values minus all other terms of the model."
+                + (" Line: the fitted effect." if shape.curve_x else ""),
+                partial(_shape, shape=shape, x_name=x_name),
+            )  # fmt: skip
+    curve = list(report.rank_curve)
+    if len(curve) >= FEWEST_RANKS:
+        best = min(curve, key=lambda c: c.cv_rms)
+        yield Picture(
+            "rank_curve", "Error over the condition limit", 4.9, 3.3,
+            f"Cross-validated error over the condition limit; lowest {millimetres(1e3 * best.cv_rms)} mm with "
+            f"{best.rank} unknowns at a limit of {best.condition_limit:g}.",
+            "Number of unknowns that these poses determine. The number at a dot is the rank at this condition limit.",
+            partial(_rank, curve=curve, chosen=report.condition_limit),
+        )  # fmt: skip
+    for name, title, unit, scale, shown_unit in KINDS:
+        chosen = [p for p in report.parameters if p.kept and p.value is not None and p.stderr and p.unit == unit]
+        strongest = sorted(chosen, key=lambda p: -abs(p.value or 0.0) / (p.stderr or 1.0))[:MOST_PARAMETERS]
+        rest = (
+            ""
+            if len(strongest) == len(chosen)
+            else f" The figure has the {len(strongest)} most significant of {len(chosen)}."
+        )
+        if chosen:
+            chosen = [p for p in chosen if any(p is s for s in strongest)]
+            yield Picture(
+                name, title, 4.9, 0.75 + 0.175 * len(chosen),
+                f"{title} with one standard deviation, {len(chosen)} parameters, as in the table below.",
+                f"Value ± σ. Hollow: within 2 σ of zero.{rest}",
+                partial(_parameters, parameters=chosen, scale=scale, unit=shown_unit),
+            )  # fmt: skip
+
+
+def _shape(figure: Figure, shape: ShapeRecord, x_name: str) -> None:
+    axes = figure.subplots()
+    x, y = numbers(shape.x), numbers(shape.partial)
+    held = np.array(shape.heldout or np.zeros(len(x)), dtype=bool)
+    size, many = float(np.clip(1800 / len(x), 3, 18)), len(x) > MOST_VECTORS
+    axes.axhline(0, color=AXIS, lw=0.8)
+    rows = np.array(shape.rows or range(len(x)))
+    train = axes.scatter(x[~held], y[~held], s=size, fc=PAPER, ec=BEFORE, lw=1.0, label="train", rasterized=many)
+    linked(train, rows[~held].tolist(), many or not shape.rows)
+    if held.any():
+        full = axes.scatter(x[held], y[held], s=size, color=MUTED, lw=0, label="held out", zorder=3, rasterized=many)
+        linked(full, rows[held].tolist(), many or not shape.rows)
+    curve_x, curve_y = broken(numbers(shape.curve_x), numbers(shape.curve_y))
+    if len(curve_x):
+        axes.plot(curve_x, curve_y, color=AFTER, lw=2.4, label="fitted", zorder=4)
+    axes.set(xlabel=x_name, ylabel=f"partial residual, {shape.y_unit}".rstrip(", "))
+    signed(axes.xaxis, axes.yaxis)
+    axes.grid(axis="both")
+    figure.legend(loc="outside upper right", ncols=3, labelcolor=MUTED, handletextpad=0.4)
+
+
+def _rank(figure: Figure, curve: Sequence[RankChoice], chosen: float | None) -> None:
+    axes = figure.subplots()
+    limit, rank, error = np.array([(c.condition_limit, c.rank, 1e3 * c.cv_rms) for c in curve]).T
+    log_axis(axes, 0.6 * limit.min(), 1.8 * limit.max())
+    if error.max() > 5 * error.min() > 0:
+        log_axis(axes, 0.8 * error.min(), 1.4 * error.max(), "y")
+    else:
+        axes.set_ylim(min(0.0, error.min()), 1.2 * error.max())
+    best = int(np.argmin(np.abs(np.log(limit / chosen)))) if chosen else int(np.argmin(error))
+    axes.plot(limit, error, "o-", color=BEFORE, lw=1.4, ms=4.5)
+    axes.plot(limit[best], error[best], "o", color=AFTER, ms=8.5)
+    last = None
+    for k in range(len(curve)):
+        if rank[k] != last or k == best:
+            here = k == best
+            axes.annotate(f"{rank[k]:.0f}{' unknowns' if here else ''}", (limit[k], error[k]), (0, 8),
+                          textcoords="offset points", ha="center", va="bottom", fontsize=8.5,
+                          color=AFTER if here else MUTED, weight="bold" if here else "normal")  # fmt: skip
+        last = rank[k]
+    axes.set(xlabel="condition limit", ylabel="cross-validated RMS, mm")
+    axes.grid(axis="both")
+
+
+def _parameters(figure: Figure, parameters: Sequence[ParameterRecord], scale: float, unit: str) -> None:
+    sizes = [(p.name, scale * (p.value or 0.0), scale * (p.stderr or 0.0)) for p in parameters]
+    forest(figure.subplots(), [(short_name(n, 30), v, s, abs(v) > 2 * s) for n, v, s in sizes], unit)

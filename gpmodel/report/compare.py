@@ -1,10 +1,13 @@
-"""Changes between two calibrations of a machine, parameter by parameter and effect by effect."""
+"""Changes between two calibrations of a machine, as text and as a page."""
+
+from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import special
@@ -15,8 +18,13 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.branches import same_machine
 from gpmodel.model.sites import table_names, translate
 from gpmodel.numerics.interval import SIGNIFICANCE, freedom_of_sum, holm
+from gpmodel.report.picture import Picture, forest
 from gpmodel.report.schema import MechanismRecord, ParameterRecord, Report
 from gpmodel.report.schema_search import EffectRecord
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 Record = ParameterRecord | EffectRecord
 
@@ -274,3 +282,38 @@ def _row(c: Change) -> str:
     name, mark = wording.short_name(c.name, 16), "*" if c.significant else ""
     sure = "" if c.stderr is None else f"{c.z:.1f}"
     return f"    {name:<16}{old:>11} {new:>11} {change:>18} {unit:<10}{sure:>5}{mark}".rstrip()
+
+
+MOST = 40
+"""Largest number of changes in a picture; the largest changes are shown."""
+
+
+def picture(changes: Sequence[Change]) -> Picture | None:
+    """Return a picture of the changes in units of their σ, which makes lengths and angles
+    comparable; None without σ."""
+    known = sorted((c for c in changes if c.stderr), key=lambda c: -c.z)[:MOST]
+    if not known:
+        return None
+    largest = ", ".join(f"{c.name} {wording.minus(f'{c.in_deviations:+.1f}')} σ" for c in known[:4])
+    return Picture(
+        "changes", "Changes in units of σ", 5.6, 0.6 + 0.19 * len(known), f"Changes in units of σ: {largest}.",
+        ("Change ± σ, in units of σ. Filled: significant, corrected for the number of "
+        "comparisons."), partial(_draw, changes=known),
+    )  # fmt: skip
+
+
+def _draw(figure: Figure, changes: Sequence[Change]) -> None:
+    rows = [(wording.short_name(c.name, 34), c.in_deviations, 1.0, c.significant) for c in changes]
+    forest(figure.subplots(), rows, "change ± σ, in σ")
+
+
+def html(found: Comparison) -> str:
+    """Return the comparison as a page."""
+    from gpmodel.report.figures import drawn
+    from gpmodel.report.page import render
+
+    chart = picture([c for _, changes in tables(found) for c in changes])
+    return render(
+        "compare.html.j2", found=found, verdict=verdict(found), cells=cells, tables=tables(found), sides=SIDES,
+        picture=chart, drawing=drawn([chart])[chart.name] if chart else "",
+    )  # fmt: skip

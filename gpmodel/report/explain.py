@@ -8,7 +8,7 @@ from gpmodel.errors import InputError
 from gpmodel.families.candidate import NAMED
 from gpmodel.mechanism.protocol import INSTRUMENT
 from gpmodel.model.memory import constant_of, read_by
-from gpmodel.report import charts_space, words
+from gpmodel.report import charts_errors, words
 from gpmodel.report.page import render, sentence
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import EffectRecord
@@ -84,7 +84,7 @@ def html(report: Report, number: int, tellable: Set[str] | None = None) -> str:
     from gpmodel.report.figures import drawn
 
     found = explain(report, number, tellable)
-    picture = next((p for p in charts_space.pictures(report) if p.name == f"moved_{number}"), None)
+    picture = next((p for p in charts_errors.pictures(report) if p.name == f"moved_{number}"), None)
     drawing = drawn([picture])[picture.name] if picture else ""
     return render("explain.html.j2", report=report, found=found, picture=picture, drawing=drawing)
 

@@ -23,9 +23,8 @@ from gpmodel.formula.program import length
 from gpmodel.model.sites import names_of, translate
 from gpmodel.report import fitted, verdict
 from gpmodel.report.build import Ladder, build, orientation_record, reading_records
-from gpmodel.report.effects import effect_records, named_effects
+from gpmodel.report.effects import effect_records, named_effects, shape_record
 from gpmodel.report.origin import Origin
-from gpmodel.report.quantity import shape_record
 from gpmodel.report.schema import REGISTRATION, STANDARD, Report
 from gpmodel.report.schema_search import (
     CandidateRecord,

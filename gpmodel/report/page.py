@@ -11,15 +11,7 @@ from importlib.resources import files
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from gpmodel import wording
-from gpmodel.report import (
-    charts_errors,
-    charts_evolution,
-    charts_findings,
-    charts_search,
-    charts_space,
-    verdict,
-    words,
-)
+from gpmodel.report import charts_errors, charts_search, verdict, words
 from gpmodel.report.picture import Picture
 from gpmodel.report.poses import pose_errors
 from gpmodel.report.schema import REGISTRATION, STANDARD, Report, StepRecord
@@ -35,8 +27,8 @@ MOST_POSES = 400
 
 def pictures(report: Report) -> Iterator[Picture]:
     """Yield every picture for which the report has data."""
-    for charts in (charts_errors, charts_space, charts_search, charts_evolution, charts_findings):
-        yield from charts.pictures(report)
+    yield from charts_errors.pictures(report)
+    yield from charts_search.pictures(report)
 
 
 def html(report: Report, drawings: Mapping[str, str]) -> str:

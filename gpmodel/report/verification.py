@@ -21,8 +21,7 @@ from gpmodel.model.sites import names_of, translate
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.report.build import OWN_UNIT
 from gpmodel.report.fitted import optional, statistics_mm
-from gpmodel.report.origin import mechanism_record, versions
-from gpmodel.report.particulars import repeatability
+from gpmodel.report.origin import mechanism_record, repeatability, versions
 from gpmodel.report.saved import LARGEST_FILE
 from gpmodel.report.schema import DataRecord, ErrorsMm, MechanismRecord
 from gpmodel.report.schema_search import ReadingRecord, Repeatability

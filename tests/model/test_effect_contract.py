@@ -26,8 +26,8 @@ from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_min
 from gpmodel.model.sites import geometric_effects
 from gpmodel.model.states import States
 from gpmodel.numerics import se3
+from gpmodel.report.effects import quantity, shape
 from gpmodel.report.fitted import statistics_mm
-from gpmodel.report.quantity import quantity, shape
 from gpmodel.report.schema import ErrorsMm
 
 ANCHORS = ("distance_a", "distance_b")

@@ -20,10 +20,9 @@ from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import drive_effect, effect_at
 from gpmodel.model.error_model import prepare
 from gpmodel.model.sites import geometric_effects, table_names, translate
+from gpmodel.report.effects import quantity, read_columns, shape
 from gpmodel.report.from_discovery import from_discovery
-from gpmodel.report.origin import Origin, floor_mm, versions
-from gpmodel.report.particulars import positioning, repeatability
-from gpmodel.report.quantity import quantity, read_columns, shape
+from gpmodel.report.origin import Origin, floor_mm, positioning, repeatability, versions
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema import Report
 from gpmodel.report.verdict import of_discovery

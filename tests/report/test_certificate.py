@@ -23,10 +23,9 @@ from gpmodel.report.certificate import (
     histogram,
     statistics,
 )
-from gpmodel.report.compare import SIGNIFICANCE, cells, compare, text, verdict
-from gpmodel.report.compare_page import html
+from gpmodel.report.compare import SIGNIFICANCE, cells, compare, html, text, verdict
 from gpmodel.report.figures import drawn
-from gpmodel.report.particulars import Particulars, read_particulars
+from gpmodel.report.origin import Particulars, read_particulars
 from gpmodel.report.schema import DataRecord, MechanismRecord, ParameterRecord, Report
 from gpmodel.report.schema_search import EffectRecord
 

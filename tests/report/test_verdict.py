@@ -26,12 +26,11 @@ from gpmodel.model.error_model import ErrorModel, observe, prepare
 from gpmodel.model.sites import geometric_effects, table_names, translate
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.planning.simulate import simulate
-from gpmodel.report.effects import over_the_workspace
+from gpmodel.report.effects import over_the_workspace, shape_record
 from gpmodel.report.explain import MEASURES, explain, html, kinds_of, text
 from gpmodel.report.fitted import tool_displacements
 from gpmodel.report.origin import mechanism_record
 from gpmodel.report.page import html as report_page
-from gpmodel.report.quantity import shape_record
 from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import CauseRecord, Correlation, Range
 from gpmodel.report.verdict import behind, of_calibration, of_discovery, spans
