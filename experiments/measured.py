@@ -13,7 +13,7 @@ from gpmodel.api.discover import DiscoveryResult
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on
-from gpmodel.cli.evolve import strategies_named
+from gpmodel.cli.discover import strategies_named
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.state import Discovery

@@ -14,7 +14,7 @@ from gpmodel.mechanism.branches import random_poses
 from gpmodel.model.error_model import Poses, observe, prepare
 from gpmodel.numerics import se3
 from gpmodel.numerics.se3 import frame_of
-from gpmodel.planning.scenes import INSTRUMENTS
+from gpmodel.planning.simulate import INSTRUMENTS
 from gpmodel.table.dataset import unmeasured
 
 ARM = "irb6400r"

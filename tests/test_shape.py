@@ -116,8 +116,6 @@ def test_every_public_name_is_there() -> None:
 FROM_TEXT = {
     "checks/judge.py",
     "cli/discover.py",
-    "cli/evolve.py",
-    "cli/fleet.py",
     "cli/poses.py",
     "cli/request.py",
     "records/unfinished.py",

@@ -16,8 +16,7 @@ import pinocchio as pin
 
 import gpmodel as gp
 from gpmodel.application.exports.make import Exports, parts_of, together
-from gpmodel.application.exports.program_reading import program_read
-from gpmodel.application.exports.programs import LANGUAGES
+from gpmodel.application.exports.programs import LANGUAGES, program_read
 from gpmodel.application.exports.rigid import measured_link
 from gpmodel.application.exports.sample import Place, fresh_poses
 from gpmodel.arrays import Array

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import gpmodel as gp
-from gpmodel.application.heldout import with_discrepancy
+from gpmodel.application.further import with_discrepancy
 from gpmodel.application.model_file import SavedModel, saved_model
 from gpmodel.application.predict import coordinate_deviations, observed_by
 from gpmodel.application.usable import usable

@@ -23,7 +23,7 @@ from gpmodel.api.arguments import (
 from gpmodel.api.fitted import FittedResult
 from gpmodel.api.model import Model, model_file
 from gpmodel.api.table import TableLike, read_table, specified
-from gpmodel.application.heldout import with_discrepancy
+from gpmodel.application.further import with_discrepancy
 from gpmodel.application.model_file import check_table, load_model, saved_model
 from gpmodel.application.over_causes import of_the_ball
 from gpmodel.arrays import IntArray

@@ -30,7 +30,7 @@ from gpmodel.api.evolve import evolved, selecting
 from gpmodel.api.fitted import FittedResult
 from gpmodel.api.model import Model
 from gpmodel.api.table import TableLike, in_metres, read_table, specified
-from gpmodel.application.heldout import unseen_of, with_discrepancy
+from gpmodel.application.further import unseen_of, with_discrepancy
 from gpmodel.application.model_file import check_kept, saved_model
 from gpmodel.application.over_causes import over_causes
 from gpmodel.calibration.comparison import Step

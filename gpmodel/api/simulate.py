@@ -29,8 +29,7 @@ from gpmodel.files import write_text
 from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.mechanism.source import LoadedMechanism, choice_of
-from gpmodel.planning.scenes import INSTRUMENTS, NOISE, POOL, scene_of
-from gpmodel.planning.simulate import Simulation, random_tool_point
+from gpmodel.planning.simulate import INSTRUMENTS, NOISE, POOL, Simulation, random_tool_point, scene_of
 from gpmodel.planning.simulate import simulate as measure
 from gpmodel.table.cells import frame_of, joint_table, table_text
 from gpmodel.table.dataset import LABELS, Dataset

@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpmodel.application.kinematics import remembered
-from gpmodel.application.measured import Measured
-from gpmodel.application.model_file import SavedModel, needed
+from gpmodel.application.model_file import Measured, SavedModel, needed
 from gpmodel.application.next_check import Pool
 from gpmodel.application.possible_changes import SET_UP, PossibleChange, possible_changes
 from gpmodel.application.predict import point_columns

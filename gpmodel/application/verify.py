@@ -10,8 +10,7 @@ from typing import Literal
 import numpy as np
 
 from gpmodel.application.kinematics import tips
-from gpmodel.application.measured import counted
-from gpmodel.application.model_file import SavedModel
+from gpmodel.application.model_file import SavedModel, counted
 from gpmodel.application.possible_changes import (
     SET_UP,
     SIGNIFICANCE,

@@ -11,7 +11,7 @@ from gpmodel.cli.options import PATH, mechanism_options, out_file_option, quiet_
 from gpmodel.cli.terminal import echo
 from gpmodel.errors import InputError
 from gpmodel.mechanism.source import LoadedMechanism
-from gpmodel.planning.scenes import INSTRUMENTS
+from gpmodel.planning.simulate import INSTRUMENTS
 
 
 @click.command()

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpmodel.application.further import further_poses
-from gpmodel.application.heldout import predicted_errors, unseen_errors
+from gpmodel.application.further import further_poses, predicted_errors, unseen_errors
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.comparison import Step, Unseen

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gpmodel.application.heldout import shipped, unseen_of
+from gpmodel.application.further import shipped, unseen_of
 from gpmodel.application.model_file import SavedModel
 from gpmodel.calibration.unobservable import unobservable_families
 from gpmodel.discovery.acceptance import Hypothesis

@@ -17,7 +17,7 @@ from gpmodel.application.exports.forward import forward_of
 from gpmodel.application.exports.rigid import refitted
 from gpmodel.application.exports.sample import Place
 from gpmodel.application.exports.sources import header_text, latex_text, numpy_text
-from gpmodel.application.heldout import unseen_of
+from gpmodel.application.further import unseen_of
 from gpmodel.application.model_file import saved_model
 from gpmodel.mechanism.source import LoadedMechanism, MechanismChoice
 from gpmodel.model.error_model import observe, prepare

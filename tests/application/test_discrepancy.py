@@ -8,7 +8,7 @@ import pytest
 from cli_cases import robot
 from model_cases import fitted, sealed
 
-from gpmodel.application.heldout import with_discrepancy
+from gpmodel.application.further import with_discrepancy
 from gpmodel.application.model_file import SavedModel, load_model, model_content, saved_model
 from gpmodel.application.predict import coordinate_deviations, observed_by
 from gpmodel.application.recheck import recheck, settled

@@ -16,8 +16,8 @@ from scipy.interpolate import RegularGridInterpolator
 from gpmodel.api.calibrate import calibrate
 from gpmodel.api.model import Model
 from gpmodel.application.exports import make
-from gpmodel.application.exports.chain import chain_of
 from gpmodel.application.exports.dh import Convention, dh_text
+from gpmodel.application.exports.forward import chain_of
 from gpmodel.application.exports.make import Exports, exports_of
 from gpmodel.application.exports.sample import Place
 from gpmodel.application.kinematics import solve, tips

@@ -24,8 +24,7 @@ from gpmodel.api.model import Model
 from gpmodel.application.exports import make, programs
 from gpmodel.application.exports.forward import forward_of
 from gpmodel.application.exports.make import exports_of, parts_of, together
-from gpmodel.application.exports.program_reading import program_read
-from gpmodel.application.exports.programs import program_text
+from gpmodel.application.exports.programs import program_read, program_text
 from gpmodel.application.exports.sample import Place
 from gpmodel.application.exports.sources import c_text
 from gpmodel.application.model_file import SavedModel

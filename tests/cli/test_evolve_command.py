@@ -11,7 +11,7 @@ from cli_cases import run as main_with
 from click.testing import CliRunner, Result
 
 from gpmodel.api.evolve import Effort, default_strategies, settings_for
-from gpmodel.cli.evolve import evolve
+from gpmodel.cli.discover import evolve
 from gpmodel.cli.poses import simulate
 from gpmodel.errors import InputError
 from gpmodel.evolution.linear import Linear

@@ -17,8 +17,7 @@ from gpmodel.model.instruments import with_observations
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3
 from gpmodel.numerics.se3 import frame_of, numbers_of
-from gpmodel.planning.scenes import BALL, scene_of
-from gpmodel.planning.simulate import Real, read_in
+from gpmodel.planning.simulate import BALL, Real, read_in, scene_of
 from gpmodel.table.dataset import Dataset
 
 NOISE = 3e-5

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gpmodel.application.exports.chain import Chain
+from gpmodel.application.exports.forward import Chain
 from gpmodel.arrays import ROUNDING, Array
 from gpmodel.characters import commented, harmless
 from gpmodel.errors import InputError

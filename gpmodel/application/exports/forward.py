@@ -1,22 +1,199 @@
-"""Forward model as data: all numbers and terms, for generating source code."""
+"""Forward model as data, for generating source code: chain of motions, error terms, gravity loads.
 
+Gravity loads are arithmetic with two functions that every exported source defines.
+
+    load(frames, slot, axis, weights)       component of the wrench that bodies at and beyond a slot exert at its origin
+    couple(frames, at, side, slot, axis)    component of the couple of 1 kg·m along an axis of the frame `at`
+
+axis: 0 to 2 for the force along x, y, z of the slot's frame, N; 3 to 5 for the moment, N·m.
+"""
+
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpmodel.application.exports.chain import Chain, arm_of
-from gpmodel.application.exports.loads import Body, Loads
 from gpmodel.application.exports.sample import Place
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.usable import Clamped, Ended, placed_now, usable
-from gpmodel.arrays import Array
+from gpmodel.arrays import ROUNDING, Array
+from gpmodel.errors import InputError
 from gpmodel.formula.expression import Basis, Expression
-from gpmodel.mechanism.branches import branched
-from gpmodel.mechanism.protocol import AXES, Massive, bare_of
+from gpmodel.mechanism.branches import branched, random_poses
+from gpmodel.mechanism.protocol import AXES, Massive, Mechanism, bare_of
 from gpmodel.model.memory import read_by
 from gpmodel.model.sites import translate
 from gpmodel.model.states import measured_torques
+from gpmodel.numerics import se3
+
+PROBES = 8
+"""Random poses at which the exported chain is compared with the mechanism."""
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Serial chain T_s(q) = fixed_s · motion along or about axis_s by weights_s · q.
+
+    slots: names. fixed: (S, 4, 4), m. axes: one of AXES, or "" for a slot without motion.
+    weights: (S, n) of the table's joint values.
+    """
+
+    slots: tuple[str, ...]
+    fixed: Array
+    axes: tuple[str, ...]
+    weights: Array
+
+    @property
+    def moving(self) -> tuple[int, ...]:
+        """Indices of the slots that move."""
+        return tuple(i for i, axis in enumerate(self.axes) if axis)
+
+    @property
+    def motions(self) -> Array:
+        """Matrix (M, n) from the table's joint values to all motions."""
+        return self.weights[list(self.moving)]
+
+    def transforms(self, q: Array) -> Array:
+        out = np.repeat(self.fixed[:, None], len(q), axis=1)
+        for s in self.moving:
+            twists = np.zeros((len(q), 6))
+            twists[:, AXES.index(self.axes[s])] = q @ self.weights[s]
+            out[s] = out[s] @ se3.exp(twists)
+        return out
+
+
+def coupled(mechanism: Mechanism) -> dict[str, dict[str, float]]:
+    """Return the joints that several values of the controller move, as by a parallelogram linkage.
+
+    Name of the joint -> joint whose value moves it -> factor, its own first and 1.
+    """
+    moves: dict[str, dict[str, float]] = {}
+    for joint in mechanism.joints:
+        for slot, _, weight in joint.drive:
+            moves.setdefault(slot.removesuffix(".moving"), {})[joint.name] = weight
+    several = {name: factors for name, factors in moves.items() if len(factors) > 1 and name in factors}
+    return {
+        name: {name: 1.0} | {other: w / factors[name] for other, w in factors.items() if other != name}
+        for name, factors in several.items()
+    }
+
+
+def arm_of(mechanism: Mechanism, tip: str) -> Chain:
+    """Return the chain that ends at a measured link `tip`, driven by all joint values; for one arm, the whole chain.
+
+    Raises InputError as `chain_of`, or if several arms have no tool of their own.
+    """
+    tree = branched(mechanism)
+    if tree is None:
+        return chain_of(mechanism)
+    if not tip:
+        raise InputError(
+            f"no tool belongs to a single arm of {mechanism.name}; expected a separate tool for each arm in 'tool'"
+        )
+    alone = tree.alone(tip)
+    own = chain_of(alone)
+    weights = np.zeros((len(own.slots), len(mechanism.joints)))
+    weights[:, [[j.name for j in mechanism.joints].index(j.name) for j in alone.joints]] = own.weights
+    return replace(own, slots=(*own.slots[:-1], tree.tips[tip]), weights=weights)
+
+
+def chain_of(mechanism: Mechanism) -> Chain:
+    """Return the chain of a mechanism.
+
+    Raises InputError for several arms, or a slot that moves about more than one axis.
+    """
+    if branched(mechanism):
+        raise InputError(f"{mechanism.name} has several arms; expected a serial chain")
+    slots, joints = mechanism.slots, mechanism.joints
+    axes, weights = [""] * len(slots), np.zeros((len(slots), len(joints)))
+    for column, joint in enumerate(joints):
+        for slot, axis, weight in joint.drive:
+            at = slots.index(slot)
+            if axes[at] not in ("", axis):
+                raise InputError(f"{mechanism.name}: {slot} moves about more than one axis; expected a serial chain")
+            axes[at], weights[at, column] = axis, weight
+    rest = mechanism.transforms(np.zeros((1, len(joints))))[:, 0]
+    found = Chain(slots, rest, tuple(axes), weights)
+    q = random_poses(mechanism, PROBES, np.random.default_rng(0))
+    if not np.allclose(found.transforms(q), mechanism.transforms(q), atol=ROUNDING, rtol=0):
+        raise InputError(f"{mechanism.name}: a joint has several motions; expected a serial chain")
+    return found
+
+
+_WRENCH = re.compile(r"(?P<kind>force|moment)_(?P<of>\w+)_(?P<side>[xyz])$")
+_BASE_COUPLE = re.compile(r"moment_base_(?P<side>[xyz])_of_(?P<link>\w+)_(?P<along>[xyz])$")
+_COUPLE = re.compile(r"torque_(?P<joint>\w+?)_of_(?P<link>\w+)_(?P<along>[xyz])$")
+_OWN = re.compile(r"torque_(?P<joint>\w+?)_of_(?P<link>\w+)$")
+_PAYLOAD = re.compile(r"payload_torque_(?P<joint>\w+)$")
+_TORQUE = re.compile(r"torque_(?P<joint>\w+)$")
+
+
+@dataclass(frozen=True)
+class Body:
+    """A mass, kg, and its centre (3,), m, in the frame of a slot."""
+
+    slot: int
+    mass: float
+    centre: Array
+
+
+@dataclass(frozen=True)
+class Loads:
+    """Gravity loads of a mechanism as text. bodies: all bodies with mass, the payload last."""
+
+    mechanism: Mechanism
+    chain: Chain
+    bodies: tuple[Body, ...]
+
+    def text(self, name: str) -> str:
+        """Return the load with that name; raise InputError for another name, or if the masses of its arm are
+        unknown."""
+        try:
+            return self._text(name)
+        except ValueError:
+            raise InputError(
+                f"input '{name}' is a load of another arm than {self.chain.slots[-1]}; expected a load of this arm"
+            ) from None
+
+    def _text(self, name: str) -> str:
+        if self.bodies and (match := _BASE_COUPLE.match(name)):
+            axis = 3 + "xyz".index(match["side"])
+            return f"couple(frames, {self._slot(match['link'])}, {'xyz'.index(match['along'])}, 0, {axis})"
+        if self.bodies and (match := _WRENCH.match(name)):
+            axis = "xyz".index(match["side"]) + (3 if match["kind"] == "moment" else 0)
+            return f"load(frames, {self._slot(match['of'])}, {axis}, weights)"
+        if self.bodies and (match := _COUPLE.match(name)):
+            at, along = self._slot(match["link"]), "xyz".index(match["along"])
+            turning = [(w, s, a) for w, s, a in self._drive(match["joint"]) if s <= at and a >= 3]
+            return _sum([f"{w!r} * couple(frames, {at}, {along}, {s}, {a})" for w, s, a in turning])
+        if self.bodies and (match := _OWN.match(name)):
+            return self._torque(match["joint"], f"weight_of_{self._body(match['link'])}")
+        if self.bodies and (match := _PAYLOAD.match(name)):
+            return self._torque(match["joint"], f"weight_of_{len(self.bodies) - 1}")
+        if self.bodies and (match := _TORQUE.match(name)):
+            return self._torque(match["joint"], "weights")
+        raise InputError(f"input '{name}' cannot be written as source; expected joint values, loads or columns")
+
+    def _torque(self, joint: str, weights: str) -> str:
+        parts = [f"{w!r} * load(frames, {s}, {a}, {weights})" for w, s, a in self._drive(joint)]
+        return _sum(parts)
+
+    def _drive(self, joint: str) -> list[tuple[float, int, int]]:
+        """Return weight, slot and axis of every motion that a joint drives."""
+        drive = next((j.drive for j in self.mechanism.joints if j.name == joint), ())
+        return [(float(w), self.chain.slots.index(slot), AXES.index(axis)) for slot, axis, w in drive]
+
+    def _slot(self, link: str) -> int:
+        return 0 if link == "base" else self.chain.slots.index(f"{link}.moving")
+
+    def _body(self, link: str) -> int:
+        slot = self._slot(link)
+        return int(np.flatnonzero([body.slot == slot for body in self.bodies])[0])
+
+
+def _sum(parts: list[str]) -> str:
+    return " + ".join(parts) or "0.0"
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from gpmodel.application.exports.against import Check, PredictedPoints
-from gpmodel.application.exports.chain import chain_of
 from gpmodel.application.exports.dh import Convention, dh_text, robodk_text
-from gpmodel.application.exports.forward import Forward
+from gpmodel.application.exports.forward import Forward, chain_of
 from gpmodel.application.exports.grid import NODES, Grid, lookup_grid
 from gpmodel.application.exports.reading import points_read
 from gpmodel.application.exports.rigid import URDF, Rigid, follows, measured_link, note_of, refitted, urdf_text, written

@@ -3,7 +3,8 @@
 Joint targets set the joint values only. Cartesian targets contain the frame of the controller's nominal kinematics at
 the corrected joint values: the measured link in the root, without tool and work object.
 Sources: ABB, Technical reference manual RAPID, data types jointtarget, robtarget, confdata; KUKA, Operating and
-programming instructions KSS, E6AXIS and FRAME, whose A, B, C turn about z, y', x''.
+programming instructions KSS, E6AXIS and FRAME, whose A, B, C turn about z, y', x''. RAPID's quaternion is q1 (real)
+to q4. `program_read` reads a program back by the grammar of its language, without code of the writer.
 """
 
 import re
@@ -14,7 +15,6 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from gpmodel.application.exports.program_reading import program_read
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.characters import harmless
 from gpmodel.errors import InputError
@@ -126,3 +126,29 @@ def _numbers(values: Array) -> str:
 
 def _fields(names: list[str] | str, values: Array | list[float]) -> str:
     return ",".join(f"{name} {v:.9f}" for name, v in zip(names, values, strict=True))
+
+
+_RAPID = re.compile(r"^ *CONST (?P<kind>joint|rob)target [jp](?P<row>\d+):=(?P<value>.*);$", re.M)
+_KRL = re.compile(r"^ *DECL GLOBAL (?P<kind>E6AXIS|FRAME) [jp](?P<row>\d+)=\{(?P<value>.*)\}$", re.M)
+_NUMBER = re.compile(r"-?\d+\.?\d*(?:E\d+)?")
+
+
+def program_read(text: str) -> tuple[dict[int, Array], dict[int, Array]]:
+    """Return joint values (6,), degrees or mm, and frames (4, 4), m, by the row of their target."""
+    joints, frames = dict[int, Array](), dict[int, Array]()
+    for said in _RAPID.finditer(text):
+        numbers = np.array(_NUMBER.findall(said["value"]), dtype=float)
+        if said["kind"] == "joint":
+            joints[int(said["row"])] = numbers[:6]
+        else:
+            frames[int(said["row"])] = se3.frame(
+                Rotation.from_quat(numbers[3:7], scalar_first=True).as_matrix(), numbers[:3] / 1e3
+            )
+    for said in _KRL.finditer(text):
+        field = {name: float(value) for name, value in (part.split() for part in said["value"].split(","))}
+        if said["kind"] == "E6AXIS":
+            joints[int(said["row"])] = np.array([field[f"A{axis}"] for axis in range(1, 7)])
+        else:
+            turn = Rotation.from_euler("ZYX", [field[name] for name in "ABC"], degrees=True)
+            frames[int(said["row"])] = se3.frame(turn.as_matrix(), np.array([field[name] for name in "XYZ"]) / 1e3)
+    return joints, frames

@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from gpmodel.application.exports.chain import coupled
+from gpmodel.application.exports.forward import coupled
 from gpmodel.application.exports.sample import measured_table, tips_of
-from gpmodel.application.measured import Measured
-from gpmodel.application.model_file import SavedModel, saved_model
+from gpmodel.application.model_file import Measured, SavedModel, saved_model
 from gpmodel.application.usable import of_the_session, placed_now, usable
 from gpmodel.arrays import Array
 from gpmodel.calibration.comparison import known_rows

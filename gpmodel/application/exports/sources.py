@@ -9,8 +9,7 @@ from typing import Literal
 import numpy as np
 
 from gpmodel.application.compensate import MAX_MOVE
-from gpmodel.application.exports.forward import Forward, Line
-from gpmodel.application.exports.loads import Body
+from gpmodel.application.exports.forward import Body, Forward, Line
 from gpmodel.application.usable import Clamped
 from gpmodel.arrays import Array
 from gpmodel.calibration.unmeasured_joints import ROTATION_WEIGHT
