@@ -168,9 +168,21 @@ def _tool_points(frames: Array, position: Array, setup: IntArray, tool: IntArray
             out[chosen] = measured - seen @ turn.T - shift
         return np.append(out.ravel(), TOOL_PULL * flat)
 
+    moved = np.einsum("nij,nt->nitj", frames[:, :3, :3], np.eye(count)[tool]).reshape(len(frames), 3, -1)
+
+    def derivative(flat: Array) -> Array:
+        tips = _tips(frames, flat.reshape(count, 3), tool)
+        out = np.empty_like(moved)
+        for chosen, measured in parts:
+            turn, _ = se3.fit_rotation(tips[chosen], measured)
+            out[chosen] = -se3.without_registration(tips[chosen] @ turn.T, turn @ moved[chosen])
+        return np.vstack([out.reshape(-1, 3 * count), TOOL_PULL * np.eye(3 * count)])
+
     best = None
     for tried in TRIED_TOOLS:
-        found = optimize.least_squares(misfit, np.tile(tried, count), method="trf", x_scale=0.1, max_nfev=30)
+        found = optimize.least_squares(
+            misfit, np.tile(tried, count), derivative, method="trf", x_scale=0.1, max_nfev=30
+        )
         if best is None or found.cost < best.cost:
             best = found
         if np.sqrt(2 * best.cost / len(rows)) < GOOD_START:

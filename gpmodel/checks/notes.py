@@ -87,9 +87,14 @@ def registered(frames: Array, position: Array) -> Registered:
         turn, shift = se3.fit_rotation(reached, position)
         return np.asarray((position - reached @ turn.T - shift).ravel())
 
+    def derivative(point: Array) -> Array:
+        reached = tips(frames, point)
+        turn, _ = se3.fit_rotation(reached, position)
+        return -se3.without_registration(reached @ turn.T, turn @ frames[:, :3, :3]).reshape(-1, 3)
+
     best, tool = np.inf, np.zeros(3)
     for start in np.vstack([np.zeros(3), 0.2 * np.eye(3), -0.2 * np.eye(3)]):
-        found = optimize.least_squares(residual, start, x_scale=0.1, max_nfev=12)
+        found = optimize.least_squares(residual, start, derivative, x_scale=0.1, max_nfev=12)
         if (rms := float(np.sqrt(2 * found.cost / len(position)))) < best:
             best, tool = rms, found.x
         if best < CLOSE:

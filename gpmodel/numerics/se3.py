@@ -143,6 +143,18 @@ def fit_rotation(source: Array, target: Array) -> tuple[Array, Array]:
     return turn, b - turn @ a
 
 
+def without_registration(points: Array, columns: Array) -> Array:
+    """Project a common translation and rotation of points (N, 3) out of their displacements (N, 3, k).
+
+    For displacements by k parameters the result is minus the derivative of the residual of `fit_rotation`, without a
+    term that is proportional to the residual. Source: Kaufman (1975), variable projection.
+    """
+    columns, arms = columns - columns.mean(axis=0), hat(points - points.mean(axis=0)).reshape(-1, 3)
+    flat = columns.reshape(len(arms), -1)
+    turns = np.linalg.pinv(arms.T @ arms, hermitian=True) @ (arms.T @ flat)
+    return np.asarray(flat - arms @ turns).reshape(columns.shape)
+
+
 def roll_pitch_yaw(rotation: Array) -> Array:
     """Return the angles (3,), rad, of Rz(yaw) Ry(pitch) Rx(roll) for a rotation (3, 3).
 

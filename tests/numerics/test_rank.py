@@ -317,3 +317,19 @@ def test_what_a_fit_does_to_tails_is_undone() -> None:
         found.append([np.sum(np.log(FREEDOMS) * tails(left, 260.0, blur).weight) for blur in blurs])
     plain, undone = np.exp(np.mean(found, axis=0))
     assert abs(undone - 3.0) < 0.5 * abs(plain - 3.0)
+
+
+def test_displacements_without_a_registration_are_the_derivatives_of_its_residual() -> None:
+    """At points that a registration fits exactly."""
+    rng = np.random.default_rng(3)
+    points, columns, step = rng.normal(size=(9, 3)), rng.normal(size=(9, 3, 2)), 1e-6
+
+    def residual(parameters: np.ndarray) -> np.ndarray:
+        moved = points + columns @ parameters
+        turn, shift = se3.fit_rotation(moved, points)
+        return np.asarray(points - moved @ turn.T - shift)
+
+    found = -se3.without_registration(points, columns)
+    for k, unit in enumerate(np.eye(2)):
+        slope = (residual(step * unit) - residual(-step * unit)) / (2.0 * step)
+        np.testing.assert_allclose(found[..., k], slope, atol=1e-8)
