@@ -162,23 +162,31 @@ class _Trial:
 
 def _offspring(population: Formulas, parents: Sequence[Program], names: Sequence[str]) -> list[Program]:
     """Return the most promising offspring."""
-    trials: list[_Trial] = []
-    for program in parents:
-        values = program.evaluate(population.columns)[0]
-        trials += _composed(population, program, values)
-        for name in names:
-            trials += _joined(population, program, values, name)
+    of_parent: list[list[_Trial]] = []
+    values = [program.evaluate(population.columns)[0] for program in parents]
+    for program, own in zip(parents, values, strict=True):
+        of_parent.append(list(_composed(population, program, own)))
+    for name in names:
+        column = population.columns[name]
+        if np.ptp(column) > 0:
+            elements = ELEMENTS.on_grid(column[None])[0]
+            for program, own, trials in zip(parents, values, of_parent, strict=True):
+                trials += _joined(population, program, own, name, elements)
+    for program, trials in zip(parents, of_parent, strict=True):
         trials += _tilted(population, program, names)
-    best = sorted(trials, key=lambda trial: -trial.nats)[:OFFSPRING]
+    best = sorted(itertools.chain.from_iterable(of_parent), key=lambda trial: -trial.nats)[:OFFSPRING]
     return [trial.build() for trial in best] + list(_crossed(parents))
 
 
 def _of_each_text(nats: Array, build: Callable[[int], Program]) -> Iterator[_Trial]:
     """Yield the best element of each text, from nats (E,)."""
-    for text in range(len(ELEMENTS.texts)):
+
+    def best(text: int) -> Program:
         numbers = ELEMENTS.of_text(text)
-        best = numbers.start + int(np.argmax(nats[numbers]))
-        yield _Trial(float(nats[best]), partial(build, best))
+        return build(numbers.start + int(np.argmax(nats[numbers])))
+
+    for text, largest in enumerate(np.maximum.reduceat(nats, ELEMENTS.first).tolist()):
+        yield _Trial(largest, partial(best, text))
 
 
 def _composed(population: Formulas, program: Program, values: Array) -> Iterator[_Trial]:
@@ -192,13 +200,11 @@ def _composed(population: Formulas, program: Program, values: Array) -> Iterator
     yield from _of_each_text(np.asarray(nats), lambda k: ELEMENTS.every[k].program(program, low, width))
 
 
-def _joined(population: Formulas, program: Program, values: Array, name: str) -> Iterator[_Trial]:
-    """Yield products and sums of a formula and an element of an input."""
+def _joined(population: Formulas, program: Program, values: Array, name: str, elements: Array) -> Iterator[_Trial]:
+    """Yield products and sums of a formula and the elements (E, N) of an input."""
     problem, column = population.problem, population.columns[name]
     plain, low, width = parse(repr(name)), float(column.min()), float(np.ptp(column))
-    if not width > 0:
-        return
-    elements, size = ELEMENTS.on_grid(column[None])[0], program.complexity + 2 + SIZES
+    size = program.complexity + 2 + SIZES
 
     def factor(k: int) -> Program:
         return joined("multiply", program, ELEMENTS.every[k].program(plain, low, width))
