@@ -16,6 +16,7 @@ import pandas as pd
 import pytest
 from cli_cases import run, table, write
 from click.testing import CliRunner
+from instances import some
 from nbclient import NotebookClient
 
 import gpmodel as gp
@@ -37,11 +38,12 @@ MOST_LINES = 150
 
 
 @pytest.mark.usefixtures("brief")
-@pytest.mark.parametrize("name", [*SHOWN[:2], pytest.param(SHOWN[2], marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", some(SHOWN, "README.md"))
 def test_the_lines_that_a_document_shows_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With one share of the poses held out instead of every one in turn."""
+    """With searches of the smallest size, and one share of the poses held out instead of every one in turn."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(discover, "ENOUGH_HELD", 1)
+    monkeypatch.setattr(gp, "Search", lambda **sizes: Search(**sizes | {"population": 48, "generations": 4}))
     shutil.copy(DEMO, "table.csv")
     frame = pd.read_csv(DEMO).head(5)
     for file in ("poses.csv", "targets.csv"):

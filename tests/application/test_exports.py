@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from cli_cases import one_line, robot, run
+from instances import some
 from latex_reading import read_latex
 from scipy.interpolate import RegularGridInterpolator
 
@@ -52,7 +53,7 @@ def fitted(name: str) -> Model:
     return calibrate(mechanism, made.dataset, [text.rpartition("=")[0] for text in effects]).model
 
 
-@pytest.fixture(scope="module", params=EFFECTS)
+@pytest.fixture(scope="module", params=some(EFFECTS, "irb6400r", "ur5"))
 def model(request: pytest.FixtureRequest) -> Model:
     return fitted(request.param)
 

@@ -103,6 +103,7 @@ def test_the_committed_conclusions_are_those_of_the_committed_robots() -> None:
     assert medians["loop"] < medians["hand-made"] < medians["standard"]
 
 
+@pytest.mark.long
 def test_a_program_of_the_tip_fails_on_poses_not_seen_and_programs_of_the_slots_do_not(tmp_path: Path) -> None:
     found = extrapolation.main([*SMALL, "--rounds", "2", "--seeds", "1", "--first", "2", "--out", str(tmp_path)])
     assert set(found["conclusions"].values()) == {"1 of 1"}

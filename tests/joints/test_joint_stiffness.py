@@ -133,7 +133,10 @@ def span(curve: RegimeCurve, rows: int = 400) -> np.ndarray:
     return np.linspace(curve.contact_end - 0.2 * reach, curve.film_end + 3 * reach, rows)
 
 
-@pytest.mark.parametrize("curve", CURVES, ids=["Table 4.3", "stiff", "soft"])
+one_curve = pytest.mark.parametrize("curve", some(CURVES, CURVES[0]), ids=["Table 4.3", "stiff", "soft"])
+
+
+@one_curve
 def test_noiseless_curves_are_recovered(curve: RegimeCurve) -> None:
     x = span(curve)
     fit = fit_regimes(x, curve.force(x))
@@ -144,7 +147,7 @@ def test_noiseless_curves_are_recovered(curve: RegimeCurve) -> None:
 
 
 @pytest.mark.parametrize("seed", some(range(3), 0))
-@pytest.mark.parametrize("curve", CURVES, ids=["Table 4.3", "stiff", "soft"])
+@one_curve
 def test_planted_stiffnesses_come_back_within_their_errors(curve: RegimeCurve, seed: int) -> None:
     x = span(curve)
     fit = fit_regimes(x, curve.force(x) + np.random.default_rng(seed).normal(0, 1.0, x.size))

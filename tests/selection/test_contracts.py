@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from effect_cases import Truth, measure
 from group_cases import ARM, started
+from instances import some
 
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
@@ -115,7 +116,7 @@ STARTS: dict[str, Callable[[Instance], list[str]]] = {
     "half": lambda _: [*OFFERED][::2],
 }
 """Groups in the model at which a selection begins."""
-every = pytest.mark.parametrize("name", INSTANCES)
+every = pytest.mark.parametrize("name", some(INSTANCES, "nothing", "three at one site", "hardening", "few poses"))
 
 
 @every
