@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 from gpmodel.errors import InputError
 
 if TYPE_CHECKING:
-    from joints.hexapod import Hexapod
+    from joints.hexapod import Hexapod, Tau
     from joints.passive_joint import PassiveJoint
-    from joints.tau import Tau
 
 SPHERICAL_JOINT, HEXAPOD, TAU = "spherical-joint", "hexapod", "tau"
 
@@ -51,9 +50,8 @@ def load_mechanism(
 
 
 def _described(name: str) -> PassiveJoint | Hexapod | Tau | None:
-    from joints.hexapod import hexapod
+    from joints.hexapod import hexapod, tau
     from joints.passive_joint import kind_of, read_joint
-    from joints.tau import tau
 
     if name == SPHERICAL_JOINT:
         return spherical_joint()

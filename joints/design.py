@@ -10,7 +10,6 @@ from gpmodel.errors import InputError, choices
 from joints.budget import KINDS, error_budget, sources_of
 from joints.contact import Body, LoopPart, first_yield_pressure, gap_growth, hertz, loop_growth
 from joints.dynamics import ball_mass, magnet_stiffness
-from joints.fed_film import FedFilm, fed_film, left_a_cycle_later
 from joints.film import design_film, edge_gap, film_geometry, orifice_law
 from joints.orifice import ATMOSPHERE
 from joints.passive_joint import JOINTS, SECTIONS, PassiveJoint, read_joint, spherical_joint
@@ -23,7 +22,7 @@ from joints.preload import (
     three_contact_limit,
     total_preload,
 )
-from joints.reynolds import spherical_film
+from joints.reynolds import FedFilm, fed_film, left_a_cycle_later, spherical_film
 from joints.settings import Settings, laid_over, positive, read_toml
 from joints.stiffness import layer_stiffness
 

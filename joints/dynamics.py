@@ -10,8 +10,8 @@ from scipy.optimize import minimize_scalar
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from joints.fed_film import FedFilm, squeeze_impedance
 from joints.film import FilmGeometry
+from joints.reynolds import FedFilm, squeeze_impedance
 from joints.settings import not_negative, positive, require
 
 SPAN = (0.01, 20.0)

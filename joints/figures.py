@@ -13,7 +13,6 @@ from joints.film import FilmDesign, FilmGeometry, supporting_pressure
 from joints.film import film_pressure as flat_pressure
 from joints.magnets import Magnet, MagnetSeat, PreloadDesign
 from joints.orifice import ATMOSPHERE, SCCM
-from joints.pugh import PughChart
 from joints.reynolds import SphericalFilm, compressible_film, spherical_area, spherical_pressure
 from joints.stiffness import RegimeCurve
 
@@ -208,23 +207,6 @@ def dynamics(
     left.set(xlabel="frequency [Hz]", ylabel="compliance [um/N]", title="Compliance")
     right.set(xlabel="frequency [Hz]", ylabel="phase [deg]", title="Phase")
     left.legend(fontsize="small")
-    return figure
-
-
-def pugh(chart: PughChart) -> Figure:
-    """Plot the marks of every criterion, and the scores."""
-    height = 1.6 + 0.27 * len(chart.criteria)
-    figure = Figure(figsize=(2.6 + 1.0 * len(chart.concepts), height), layout="constrained")
-    ax = figure.add_subplot()
-    bound = max(1, int(np.abs(chart.marks).max()))
-    ax.imshow(chart.marks, cmap="RdYlGn", vmin=-bound, vmax=bound, aspect="auto", alpha=0.7)
-    for (row, column), mark in np.ndenumerate(chart.marks):
-        ax.text(column, row, "+" * mark or "-" * -mark or "0", ha="center", va="center")
-    heads = [f"{name}\n{score:g}" for name, score in zip(chart.concepts, chart.scores, strict=True)]
-    ax.set_xticks(range(len(heads)), heads, rotation=30, ha="left")
-    ax.xaxis.tick_top()
-    ax.set_yticks(range(len(chart.criteria)), list(chart.criteria))
-    ax.set_title(chart.title)
     return figure
 
 

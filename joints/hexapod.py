@@ -1,7 +1,9 @@
-"""Six measured legs between two rings of ball joints: a Gough platform as a Mechanism with closed loops.
+"""Machines on six links with a ball at every end, as Mechanisms with closed loops: a Gough platform, a Tau robot.
 
-Only the centres of the balls and the lengths matter: 6 x 7 constants, of which 12 are equivalent to poses of base and
-platform. Source: Gough and Whitehall 1962.
+The hexapod has six measured legs between two rings of balls. Only the centres of the balls and the lengths matter:
+6 x 7 constants, of which 12 are equivalent to poses of base and platform. Source: Gough and Whitehall 1962.
+Three arms of the Tau robot, rotated or pushed, carry three, two and one links. Sources: Robertson 2003, 1.2; Brogårdh
+2002, PKM research: important issues, as seen from a product development perspective at ABB Robotics.
 """
 
 from dataclasses import dataclass
@@ -13,11 +15,12 @@ import numpy as np
 
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
-from gpmodel.mechanism.protocol import Joint
-from gpmodel.numerics.se3 import shift
+from gpmodel.mechanism.protocol import AXES, Joint
+from gpmodel.numerics import se3
+from gpmodel.numerics.se3 import along, shift
 from joints.legs import LEGS, OnLegs, described, held
 from joints.passive_joint import vector
-from joints.settings import Settings, positive
+from joints.settings import Settings, positive, require
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -101,3 +104,159 @@ def _ring(radius: float, angles: list[float]) -> Array:
     """Return the centres (6, 3), m, of three pairs of balls on a circle. angles: angles of one pair, rad."""
     at = np.concatenate([np.asarray(angles) + turn for turn in np.radians([0.0, 120.0, 240.0])])
     return radius * np.column_stack([np.cos(at), np.sin(at), np.zeros(len(at))])
+
+
+ARMS = (0, 0, 0, 1, 1, 2)
+"""Arm of each link: clusters of three, two and one."""
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """Actuator of a cluster of links.
+
+    kind: revolute or prismatic, about or along z of its frame.
+    frame: (4, 4) in the base frame, m.
+    lower, upper: limits of its coordinate, rad or m, zero at home.
+    """
+
+    kind: str
+    frame: Array
+    lower: float
+    upper: float
+
+    def moved(self, q: Array) -> Array:
+        """Return the transforms (N, 4, 4) of coordinates (N,), rad or m."""
+        return along(5 if self.kind == "revolute" else 2, q)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Tau(OnLegs):
+    """A platform on six links of fixed length, in clusters of 3, 2 and 1 on three actuators; a Mechanism.
+
+    actuators: A1 to A3; `base` is in their frames, after their motion.
+    start: (3,) m, origin of the platform with all actuators at home, which defines the lengths of the links.
+    """
+
+    first: ClassVar[int] = 7
+    actuators: tuple[Actuator, Actuator, Actuator]
+    start: tuple[float, float, float]
+
+    @cached_property
+    def slots(self) -> tuple[str, ...]:
+        """The base; both sides of the motion of every actuator; the balls and the body of every link; the tool."""
+        arms = (f"A{a}.{side}" for a in range(1, 4) for side in ("fixed", "moving"))
+        return ("base", *arms, *self.link_slots, "tool")
+
+    @cached_property
+    def joints(self) -> tuple[Joint, ...]:
+        """A1 to A3, measured."""
+        return tuple(
+            Joint(f"A{a}", m.kind, m.lower, m.upper, ((f"A{a}.moving", "Rz" if m.kind == "revolute" else "Tz", 1.0),))
+            for a, m in enumerate(self.actuators, 1)
+        )
+
+    @property
+    def constants(self) -> tuple[tuple[str, str], ...]:
+        """Zero and axis of every actuator, lengths of the links, centres of their balls."""
+        axes = (
+            (f"A{a}.{side}", axis)
+            for a, m in enumerate(self.actuators, 1)
+            for side, axis in (
+                ("moving", "Rz" if m.kind == "revolute" else "Tz"),
+                *(("fixed", axis) for axis in AXES if axis[1] != "z" and (m.kind == "revolute" or axis[0] == "R")),
+            )
+        )
+        return (*axes, *self.link_constants)
+
+    @property
+    def levers(self) -> dict[str, Array]:
+        """Levers as in OnLegs.link_levers, and the positions of the axes."""
+        axes = {f"A{a}.fixed": m.frame[:3, 3] for a, m in enumerate(self.actuators, 1)}
+        return axes | self.link_levers(self.lengths)
+
+    @property
+    def home(self) -> Array:
+        """All coordinates (1, 3) zero."""
+        return np.zeros((1, len(self.actuators)))
+
+    @cached_property
+    def lengths(self) -> Array:
+        """Nominal lengths (6,) of the links, m."""
+        carts = np.stack([m.frame for m in self.actuators])[list(ARMS)]
+        lower = np.einsum("kij,kj->ki", carts[:, :3, :3], self.base) + carts[:, :3, 3]
+        return np.asarray(np.linalg.norm(self.platform + np.array(self.start) - lower, axis=1))
+
+    def links_behind(self, slot: int) -> list[int]:
+        """Return the indices of the links on the arm of a slot."""
+        return [k for k, arm in enumerate(ARMS) if arm == (slot - 1) // 2]
+
+    def feet(self, frames: Array, own: Array, q: Array) -> tuple[Array, Array]:
+        """Place the lower balls on the actuators; see OnLegs.feet."""
+        for a, actuator in enumerate(self.actuators):
+            frames[1 + 2 * a] = own[0] @ actuator.frame @ own[1 + 2 * a]
+            frames[2 + 2 * a] = frames[1 + 2 * a] @ actuator.moved(q[:, a]) @ own[2 + 2 * a]
+        frames[7:-1:3] = frames[2:7:2][list(ARMS)] @ shift(self.base)[:, None] @ own[7:-1:3]
+        start = np.broadcast_to(shift(self.start), (len(q), 4, 4))
+        return np.broadcast_to(self.lengths[:, None], (len(ARMS), len(q))), start
+
+    def loads(self, q: Array, payload: Array) -> dict[str, Array]:
+        """Return the loads of the weight.
+        torque_A1 ..: on each coordinate. force_L1_z ..: along each link, N, positive for tension. force_base_x ..
+        moment_base_z: on the base."""
+        carried = np.asarray(payload, dtype=float)
+        if not np.any(carried) and not self.mass:
+            return {}
+        frames = self.assembled(q, {})
+        legs, base = self.weight(frames, carried)
+        out = {f"force_L{i + 1}_z": legs[:, i] for i in range(len(ARMS))}
+        for a, joint in enumerate(self.joints):
+            moves = self.jacobian(frames) @ self.carried(frames, 2 + 2 * a)
+            out[f"torque_{joint.name}"] = np.sum(legs * moves[:, :, AXES.index(joint.drive[0][1])], axis=1)
+        return out | base
+
+
+DRIVES = {"turned": ("revolute", "turn"), "pushed": ("prismatic", "travel")}
+"""Kind of each drive, and the key of its range."""
+
+FRAMES = {"x": np.eye(3)[:, [1, 2, 0]], "y": np.eye(3)[:, [2, 0, 1]], "z": np.eye(3)}
+"""Frames whose z axis is the named axis of the base."""
+
+
+def tau(path: Path | None = None) -> Tau:
+    """Return the Tau robot of a TOML file, the built-in one by default.
+
+    Raises InputError for an unknown key, a missing unit, other than three actuators or six links, a range that does not
+    contain zero, or links that do not hold the platform.
+    """
+    return described("tau", path, _built_tau)
+
+
+def _built_tau(s: Settings, file: str) -> Tau:
+    for key, count in (("actuator", 3), ("link", len(ARMS))):
+        if len(s[key]) != count:
+            raise InputError(f"{file}: {len(s[key])} tables [[{key}]], expected {count}: links 1 to 3 on the first "
+                             "actuator, 4 and 5 on the second, 6 on the third")  # fmt: skip
+    first, second, third = (_actuator(entry, f"{file}: actuator[{i}]") for i, entry in enumerate(s["actuator"]))
+    base, platform = (np.array([vector(link[end]) for link in s["link"]]) for end in ("base", "platform"))
+    machine = Tau(
+        actuators=(first, second, third), start=vector(s["start"]), name=s["name"], base=base, platform=platform,
+        tool=vector(s["tool"]["centre"]), mass=s["platform"]["mass"], gravity=vector(s["gravity"]),
+    )  # fmt: skip
+    require(machine.lengths > 0, f"{file}: length of a link [m]", machine.lengths, "above 0")
+    return held(machine, file)
+
+
+def _actuator(entry: Settings, where: str) -> Actuator:
+    if entry["drive"] not in DRIVES:
+        raise InputError(f"{where}.drive = '{entry['drive']}', expected turned or pushed")
+    if entry["axis"] not in FRAMES:
+        raise InputError(f"{where}.axis = '{entry['axis']}', expected x, y or z")
+    kind, key = DRIVES[entry["drive"]]
+    lower, upper = entry[key][0], entry[key][-1]
+    if len(entry[key]) != 2 or not lower < 0.0 < upper:
+        raise InputError(
+            f"{where}.{key}: {len(entry[key])} values from {lower:g} to {upper:g}, expected the lowest and the highest "
+            "coordinate, with zero between the two"
+        )
+    frame = se3.frame(FRAMES[entry["axis"]], vector(entry["at"]))
+    return Actuator(kind, frame @ along(5, np.array([entry["stands"]]))[0], lower, upper)

@@ -226,7 +226,7 @@ def tooling_ball_position(q: Array, parameters: Array, tooling_ball: Array) -> A
 
 
 KINDS = ("spherical", "universal")
-"""Kinds of a single joint; `hexapod` and `tau` are machines with twelve joints (joints.hexapod, joints.tau)."""
+"""Kinds of a single joint; `hexapod` and `tau` are machines with twelve joints (joints.hexapod, joints.hexapod)."""
 
 SECTIONS = ("preload", "contact", "thermal", "film", "stiffness", "dynamics", "budget", "demand")
 """Sections of a TOML file for `gpmodel joint design`."""

@@ -52,8 +52,7 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import checked, checked_mass
 from gpmodel.table.units import TomlTable
 from gpmodel.texts import read_toml
-from robots.branches import Branches, check_arms
-from robots.chain import SerialChain
+from robots.chain import Branches, SerialChain, check_arms
 from robots.links import DOWN, LONGEST_CHAIN, Link, along, placement
 
 

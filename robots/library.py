@@ -12,11 +12,10 @@ from gpmodel.arrays import Array
 from gpmodel.errors import InputError, choices
 from gpmodel.extras import extra_for
 from gpmodel.numerics.se3 import shift
-from robots.branches import Branches, read_branches
-from robots.chain import SerialChain
+from robots.chain import Branches, SerialChain
 from robots.dh import of_another_kind, read_dh
 from robots.links import Link
-from robots.urdf import read_urdf
+from robots.urdf import read_branches, read_urdf
 
 DIMENSIONS = {
     "irb6400r": {"d1": 0.800, "a1": 0.240, "a2": 1.050, "a3": 0.225, "d4": 1.175, "d6": 0.200},

@@ -13,7 +13,7 @@ from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.numerics import se3
 from gpmodel.table.units import identifier
-from robots.chain import SerialChain
+from robots.chain import Branches, SerialChain
 from robots.links import LONGEST_CHAIN, Link, along
 from robots.urdf_tree import MOVING, UrdfJoint, UrdfTree, read_tree
 
@@ -55,6 +55,14 @@ def read_urdf(
         raise InputError(f"{name or path}: {len(chain)} moving joints to {frame!r}, expected at most {LONGEST_CHAIN}")
     others = [joint for arm in arms for joint in tree.route(arm) if joint.kind != "fixed"]
     return _chain(tree, chain, others, _Called(name or tree.name or path.stem, frame, path))
+
+
+def read_branches(path: Path, frames: list[str], *, name: str | None = None) -> Branches:
+    """Read the arms of a URDF file that end at the links `frames`.
+    Raises InputError as `read_urdf`, or for a repeated link."""
+    if len(set(frames)) < len(frames):
+        raise InputError(f"{name or path}: frames {', '.join(frames)}; expected each link once")
+    return Branches(name or path.stem, tuple(read_urdf(path, name=name, frame=frame, arms=frames) for frame in frames))
 
 
 def default_frame(tree: UrdfTree) -> str:

@@ -23,9 +23,8 @@ from joints.dynamics import (
     slow_damping,
     steady_state,
 )
-from joints.fed_film import FedFilm, fed_film, squeeze_impedance, squeeze_number
 from joints.film import design_film, film_geometry, orifice_law
-from joints.reynolds import spherical_film
+from joints.reynolds import FedFilm, fed_film, spherical_film, squeeze_impedance, squeeze_number
 from joints.settings import Settings, curve_of, load_settings, not_negative, positive, require
 from joints.studies.study import MICRO, N_PER_UM, Study, Table
 

@@ -15,10 +15,9 @@ from ur_cases import ur_urdf
 
 from experiments.exports.run import pinocchio_frames
 from gpmodel.api.calibrate import calibrate
-from gpmodel.application.exports.against import Check, PredictedPoints
 from gpmodel.application.exports.dh import across, dh_text
 from gpmodel.application.exports.forward import chain_of
-from gpmodel.application.exports.make import DH, OF_URDF, Export, as_urdf, of_urdf
+from gpmodel.application.exports.make import DH, OF_URDF, Check, Export, PredictedPoints, as_urdf, of_urdf
 from gpmodel.application.exports.reading import points_read
 from gpmodel.application.exports.rigid import URDF, Rigid, note_of, refitted, written
 from gpmodel.application.exports.sample import Place, fresh_poses

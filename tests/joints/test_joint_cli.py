@@ -18,9 +18,9 @@ from gpmodel.cli.main import main
 from gpmodel.errors import InputError
 from joints.cli import joint, show
 from joints.design import JointDesign, joint_design
-from joints.fed_film import squeeze_impedance
 from joints.film import FilmGeometry, design_film, film_geometry, orifice_law
 from joints.orifice import ATMOSPHERE
+from joints.reynolds import squeeze_impedance
 from joints.settings import DATA
 from joints.stiffness import RegimeCurve
 from joints.studies import STUDIES

@@ -23,10 +23,9 @@ from joints.dynamics import (
     resonance,
     steady_state,
 )
-from joints.fed_film import FedFilm, fed_film, left_a_cycle_later
 from joints.film import FilmGeometry
 from joints.orifice import ATMOSPHERE, LinearOrifice, NozzleOrifice, Orifice
-from joints.reynolds import compressible_film
+from joints.reynolds import FedFilm, compressible_film, fed_film, left_a_cycle_later
 from joints.stiffness import magnet_force
 
 LIGHT = SpringMassDamper(0.5, 100.0, 4.5e6)

@@ -10,7 +10,6 @@ from click.testing import CliRunner
 
 from gpmodel.errors import InputError
 from joints.cli import joint
-from joints.fed_film import squeeze_impedance, squeeze_number
 from joints.film import (
     FilmGeometry,
     design_film,
@@ -25,7 +24,7 @@ from joints.film import (
     supporting_pressure,
 )
 from joints.orifice import ATMOSPHERE, SCCM, LinearOrifice, NozzleOrifice, Orifice
-from joints.reynolds import spherical_film
+from joints.reynolds import spherical_film, squeeze_impedance, squeeze_number
 from joints.studies.film import fit_film
 
 DEG = np.pi / 180

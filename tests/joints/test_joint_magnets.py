@@ -25,8 +25,8 @@ from joints.preload import (
     three_contact_limit,
     total_preload,
 )
-from joints.pugh import PughChart, pugh_chart, read_mark
 from joints.settings import DATA, read_toml
+from joints.studies.pugh import PughChart, pugh_chart, read_mark
 
 AGREEMENT = 0.10
 """Agreement of predicted and measured preloads in the thesis: within 10 % (sections 3.6 and 3.7)."""

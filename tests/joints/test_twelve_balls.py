@@ -28,9 +28,8 @@ from gpmodel.model.sites import geometric_effects
 from gpmodel.planning.simulate import simulate
 from gpmodel.testing import check_mechanism
 from joints import spherical_joint
-from joints.hexapod import hexapod
+from joints.hexapod import hexapod, tau
 from joints.settings import DATA
-from joints.tau import tau
 
 PUSHED = {"turned": "pushed", '["0 mm", "0 mm"]': '["-20 mm", "20 mm"]'}
 

@@ -1,4 +1,4 @@
-"""Make all exports of a fitted model, each with its error against `predict`."""
+"""Make all exports of a fitted model, each with its error against `predict` at unmeasured poses."""
 
 import re
 import shutil
@@ -6,16 +6,15 @@ import subprocess
 import tempfile
 import types
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
-from gpmodel.application.exports.against import Check, PredictedPoints
 from gpmodel.application.exports.dh import Convention, dh_text, robodk_text
-from gpmodel.application.exports.forward import Forward, chain_of
+from gpmodel.application.exports.forward import Forward, chain_of, forward_of
 from gpmodel.application.exports.grid import NODES, Grid, lookup_grid
 from gpmodel.application.exports.reading import points_read
 from gpmodel.application.exports.rigid import URDF, Rigid, follows, measured_link, note_of, refitted, urdf_text, written
@@ -23,13 +22,51 @@ from gpmodel.application.exports.ros import beyond, kinematics_text, last_ur_lin
 from gpmodel.application.exports.sample import Place, fresh_poses
 from gpmodel.application.exports.sources import c_text, header_text, latex_text, nameless, numpy_text, to_the_digits
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.usable import check_finite
+from gpmodel.application.usable import check_finite, placed_now, usable
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import DIGITS
 from gpmodel.mechanism.branches import branched
-from gpmodel.model.error_model import prepare
+from gpmodel.model.error_model import observe, prepare
 from gpmodel.numerics.least_squares import root_mean_square
+from gpmodel.table.dataset import Dataset
+
+
+@dataclass(frozen=True)
+class PredictedPoints:
+    """Unmeasured poses, and their points (N, 3), m, by `predict`."""
+
+    dataset: Dataset
+    points: Array
+
+    @classmethod
+    def of(cls, saved: SavedModel, dataset: Dataset) -> "PredictedPoints":
+        """Predict the points without errors of the instrument and of the session."""
+        kept = placed_now(usable(saved))
+        poses = prepare(saved.mechanism, replace(dataset, observations=()))
+        return cls(dataset, observe(kept.model, poses, kept.theta, kept.placement).tip[:, :3, 3])
+
+    def errors(self, points: Array) -> tuple[float, float]:
+        """Return RMS and largest distance, m, of points (N, 3) from the predicted ones."""
+        off = np.linalg.norm(points - self.points, axis=1)
+        return root_mean_square(off), float(off.max())
+
+
+@dataclass(frozen=True)
+class Check:
+    """Predicted points, and the inputs (N, k) of a forward model at their poses."""
+
+    forward: Forward
+    predicted: PredictedPoints
+    inputs: Array
+
+    @classmethod
+    def against(cls, saved: SavedModel, place: Place, dataset: Dataset) -> "Check":
+        """Predict the points of a dataset and collect the inputs. Raises InputError as `forward_of`."""
+        forward, states = forward_of(saved, place), prepare(saved.mechanism, dataset).states
+        columns = [dataset.payload if n == "payload" else states[n] for n in forward.inputs]
+        return cls(forward, PredictedPoints.of(saved, dataset), np.column_stack(columns))
+
 
 GRID = "exports/grid.csv"
 DH: dict[str, Convention] = {"exports/dh_modified.toml": "modified", "exports/dh_standard.toml": "standard"}
