@@ -19,9 +19,9 @@ Fitted = tuple[gp.Model, Simulation]
 
 
 @cache
-def fitted_robot() -> Fitted:
-    """A robot whose base yields, with its measurement."""
-    arm, made = robot(60, seed=3, noise=NOISE, effects=("base_compliance=5e-9",))
+def fitted_robot(geometry_sigma: float = 3e-4) -> Fitted:
+    """A robot whose base yields, with its measurement. geometry_sigma: of its constants, rad and m."""
+    arm, made = robot(60, seed=3, noise=NOISE, effects=("base_compliance=5e-9",), geometry_sigma=geometry_sigma)
     return gp.calibrate(arm, made.dataset, ["base_compliance"], holdout=0.0).model, made
 
 

@@ -101,8 +101,8 @@ def repaired(found: Verified, pool: Pool) -> Repaired | None:
     data = found.session.poses.dataset
     if found.verdict != "drifted" or not found.changes or without_frame(observations(data)):
         return None
-    named, before = {(change.name, change.kind) for change in found.changes}, found.session.saved
-    changes = [change for change in possible_changes(found.found) if (change.name, change.kind) in named]
+    named, before = {(change.name, change.kind) for change in found.changes}, found.near.session.saved
+    changes = [change for change in possible_changes(found.near) if (change.name, change.kind) in named]
     fit = _fitted(found, changes)
     aside = {e.name for change in changes if change.kind == SET_UP for e in change.effects}
     lasting = np.array([e.name not in aside for e in fit.session.saved.model.effects], dtype=bool)
@@ -115,12 +115,12 @@ def repaired(found: Verified, pool: Pool) -> Repaired | None:
 
 def _fitted(found: Verified, changes: Sequence[PossibleChange]) -> _Fit:
     """Iterate to the posterior mode, excluding outliers at each step."""
-    session, changed = _with(found.session, found.found.problem, changes)
-    sigma, total = found.found.spread.sigma, np.zeros(0)
+    session, changed = _with(found.near.session, found.near.problem, changes)
+    sigma, total = found.near.spread.sigma, np.zeros(0)
     for _ in range(PASSES):
         problem = session.problem
         blocks, free = blocks_of(problem, sharing(session.poses.dataset)), session.anew(problem)
-        step = np.hstack([np.eye(len(free))[:, free], _root(found.session.saved, problem, ~free), changed])
+        step = np.hstack([np.eye(len(free))[:, free], _root(found.near.session.saved, problem, ~free), changed])
         if not total.size:
             total = np.zeros(step.shape[1] - free.sum())
         prior = np.hstack([np.zeros((len(total), free.sum())), sigma * np.eye(len(total))])

@@ -12,6 +12,7 @@ import numpy as np
 from gpmodel.application.kinematics import tips
 from gpmodel.application.model_file import SavedModel, counted
 from gpmodel.application.possible_changes import (
+    MOST,
     SET_UP,
     SIGNIFICANCE,
     NamedChange,
@@ -37,7 +38,8 @@ Verdict = Literal["holds", "drifted", "another machine"]
 HALF = 0.5
 """Largest error of a valid model, relative to the error of the nominal model."""
 UNEXPLAINED = 0.01
-"""Largest share of chi-square that remains if the identified changes are complete: second-order terms of a crash."""
+"""Largest share of chi-square that remains if the identified changes are complete, unless what remains is not
+significant: second-order terms of a crash."""
 
 COMPUTED = 0.02
 """Residual, in units of the fit's noise, below which positions were computed from the model: no instrument is fifty
@@ -53,6 +55,8 @@ class Verified:
 
     verdict: "holds", also if only the set-up moved during the session; "drifted"; "another machine", if the model is
     hardly better than nominal geometry and few changes do not explain the error.
+    found: residuals with the model's tool point. near: those from which changes are identified, with the tool point
+    fitted again if it is far from the model's.
     alone: (N,) 3-D error, m, of nominal geometry with fitted registration and tool point.
     alone_turn: (N,) its orientation error, rad, NaN without measured orientation.
     outside: (N,) inputs beyond the model's ranges.
@@ -61,6 +65,7 @@ class Verified:
 
     verdict: Verdict
     found: Recheck
+    near: Recheck
     alone: Array
     alone_turn: Array
     outside: tuple[str, ...]
@@ -110,28 +115,29 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
     for text in computed(root_mean_square(alone.fitted_error), found.session.poses.dataset):
         raise InputError(f"{dataset.source}: {text}")
     other_tool = _another_tool(found, alone.placement)
-    found = found if other_tool is None else other_tool
-    tried = possible_changes(found)
-    moved = () if other_tool is None else _moved_tools(saved, found)
-    named, left = changes(found, tried, significance)
+    near = found if other_tool is None else other_tool
+    tried = possible_changes(near)
+    moved = () if other_tool is None else _moved_tools(saved, near)
+    named, left = changes(near, tried, significance)
     session = found.session
     verdict: Verdict = "holds"
     of_the_machine = tuple(c for c in named if c.kind != SET_UP)
     if moved or of_the_machine or left.chance < significance:
-        residual, unknowns = found.problem.residual, found.basis.shape[1]
+        residual, unknowns = near.problem.residual, near.basis.shape[1]
         useless = np.linalg.norm(residual) / np.sqrt(len(residual) - unknowns) > HALF * alone.sigma
-        few = left.chi_square < UNEXPLAINED * found.chi_square
+        few = (left.chance >= significance and len(named) < MOST) or left.chi_square < UNEXPLAINED * near.chi_square
         verdict = "another machine" if useless and not few else "drifted"
     nominal = observe(alone.model, session.poses, alone.theta, alone.placement)
     points = session.observed.tip[:, :3, 3]
     return Verified(
         verdict=verdict,
         found=found,
+        near=near,
         alone=alone.error,
         alone_turn=turn_error(nominal, session.poses.dataset),
         outside=outside(session.saved, session.poses.states.seen_at(points)),
         changes=() if verdict == "another machine" else (*moved, *named),
-        visible=visible(found, tried, significance),
+        visible=visible(near, tried, significance),
         instrument=instrument,
     )
 

@@ -25,6 +25,12 @@ def fitted() -> Fitted:
     return fitted_robot()
 
 
+@pytest.fixture(scope="module")
+def accurate() -> Fitted:
+    """A machine whose nominal geometry is wrong by little more than the noise."""
+    return fitted_robot(geometry_sigma=5e-5)
+
+
 def later(
     made: Simulation, seed: int, count: int = 20, *, joint: int = 0, moved: float = 0.0, tool: float = 0.0
 ) -> Dataset:
@@ -92,6 +98,27 @@ def test_a_tool_that_slipped_or_is_another_one_is_named(fitted: Fitted) -> None:
         found = model.verify(later(made, 4, tool=slip))
         assert [c.name for c in found.record.changes] == ["tool point"]
         assert abs(found.record.changes[0].value - slip) < 5 * found.record.changes[0].stderr
+
+
+@pytest.mark.parametrize("slip", [4e-4, 7e-4, 2e-2])
+def test_a_tolerance_counts_the_error_with_the_tool_point_of_the_model(fitted: Fitted, slip: float) -> None:
+    """The registration takes up a part of a shift of the tool point, on arms of 2 m less than half."""
+    model, made = fitted
+    found = model.verify(later(made, 4, tool=slip), tolerance="0.1 mm")
+    assert not found.passed
+    assert 0.3e3 * slip < found.record.after.rms_mm < 1.1e3 * slip
+    assert found.record.beyond >= 15
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_one_zero_of_an_accurate_machine_is_no_other_machine(accurate: Fitted, seed: int) -> None:
+    """The nominal geometry of an accurate machine is hardly worse than its model after a small change."""
+    model, made = accurate
+    for moved in (2e-4, 5e-4):
+        found = model.verify(later(made, seed, joint=1, moved=moved)).record
+        assert found.verdict == "drifted"
+        assert found.changes[0].name == "zero of J2"
+        assert abs(found.changes[0].value - moved) < 4 * found.changes[0].stderr
 
 
 def test_another_machine_is_told_from_one_that_drifted(fitted: Fitted) -> None:
