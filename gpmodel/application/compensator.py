@@ -68,7 +68,7 @@ def cartesian_problem(fit: Calibration, poses: Poses, rows: IntArray, norm: str 
         raise InputError(f"{poses.dataset.source}: no pose has x, y and z; expected all three for a compensator")
     chosen = resolved(fit, poses.subset(rows))
     tip = observe(fit.model, chosen, fit.theta, fit.placement).tip[:, :3, 3]
-    register = np.stack([fit.placement.registration[name] for name in chosen.dataset.label("setup").tolist()])
+    register = fit.placement.roots(chosen.dataset)
     model, measured = (MILLIMETRE * _in_root(register, points) for points in (tip, chosen.dataset.position))
     readable, _ = readable_inputs(poses.states, rows)
     table = {*poses.dataset.joints, *poses.dataset.extras} - set(COORDINATES)

@@ -111,7 +111,7 @@ def _predicted(saved: SavedModel, given: Poses, solved: bool) -> dict[str, Array
     if saved.pose:
         turns = np.degrees(rotation_vector(tip[:, :3, :3]))
         columns |= {f"r{a} [deg]": turns[:, i] for i, a in enumerate("xyz")}
-    register = np.stack([saved.placement.registration[s] for s in given.dataset.label("setup").tolist()])
+    register = saved.placement.roots(given.dataset)
     for name, anchor in saved.placement.anchors.items():
         if not name.startswith("distance_"):
             continue

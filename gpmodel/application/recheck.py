@@ -133,8 +133,7 @@ def _placed(saved: SavedModel, dataset: Dataset) -> SavedModel:
         if rows.sum() < 3:
             where = f"{dataset.source}, setup '{name}'" if name else dataset.source
             raise InputError(f"{where}: {rows.sum()} poses with x, y and z; registration needs at least 3")
-        turn, shift = se3.fit_rotation(root[rows, :3, 3], dataset.position[rows])
-        registration[name] = np.block([[turn, shift[:, None]], [np.zeros(3), np.ones(1)]])
+        registration[name] = se3.frame(*se3.fit_rotation(root[rows, :3, 3], dataset.position[rows]))
     kept = {key: saved.placement.anchors[key] for _, key in kept_by(saved, dataset)}
     return replace(saved, placement=Placement(registration, saved.placement.tool, kept))
 

@@ -210,6 +210,5 @@ def misses_of(session: Session, targets: Dataset) -> Array:
     saved = placed_now(session.saved)
     labels = {**targets.labels, **{c: session.poses.dataset.label(c) for c in ("setup", "tool")}}
     root = tips(saved, replace(targets, labels=labels), nominal=True)[1].tip
-    frames = np.stack([saved.placement.registration[s] for s in session.poses.dataset.label("setup").tolist()])
-    wanted = (frames @ root)[:, :3, 3]
+    wanted = (saved.placement.roots(session.poses.dataset) @ root)[:, :3, 3]
     return np.asarray(np.linalg.norm(session.poses.dataset.position - wanted, axis=1))

@@ -31,6 +31,10 @@ class Placement:
     tool: Mapping[str, Array]
     anchors: Mapping[str, Array]
 
+    def roots(self, data: Dataset) -> Array:
+        """Return the registration (N, 4, 4) of every row: the root frame in the frame of the instrument."""
+        return np.stack([self.registration[setup] for setup in data.label("setup").tolist()])
+
 
 @dataclass(frozen=True)
 class Poses:
@@ -184,7 +188,7 @@ def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement)
     by_tool = -model.taken_up(poses, theta, TOOL)
     if by_tool.any():
         tool = tool @ se3.exp(by_tool)
-    register = np.stack([placement.registration[name] for name in data.label("setup").tolist()])
+    register = placement.roots(data)
     tip, kinds = frames[tip_slot, np.arange(len(poses))] @ tool, observations(data)
     by_instrument = model.instrument_twist(poses, theta, (register @ tip)[:, :3, 3])
     own = np.broadcast_to(np.eye(4), register.shape)

@@ -141,9 +141,7 @@ def _seen_scene(outside: bool, pool: Array, frames: Array, count: int, rng: np.r
     z = frames[rng.integers(len(frames)), :3, 2]
     x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
     x /= np.linalg.norm(x)
-    stands = np.eye(4)
-    stands[:3, :3] = np.column_stack([x, -np.cross(z, x), -z])
-    stands[:3, 3] = middle + distance * z
+    stands = se3.frame(np.column_stack([x, -np.cross(z, x), -z]), middle + distance * z)
     held = se3.exp(np.concatenate([rng.normal(0.0, 0.02, 3), rng.normal(0.0, 0.05, 3)]))
     camera, board = (stands, frames @ held) if outside else (frames @ held, stands)
     seen = np.linalg.inv(camera) @ board

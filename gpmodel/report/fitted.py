@@ -10,7 +10,7 @@ from gpmodel.calibration.comparison import Step
 from gpmodel.calibration.result import Calibration, problem_at, resolved
 from gpmodel.mechanism.protocol import closed
 from gpmodel.model.effect import Effect
-from gpmodel.model.error_model import Placement, Poses, closing, measured_minus, observe, prepare, turn_error
+from gpmodel.model.error_model import Poses, closing, measured_minus, observe, prepare, turn_error
 from gpmodel.model.sites import translate
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.rank import orthonormal, remove, triangle
@@ -91,7 +91,7 @@ def tool_displacements(
     if closed(model.mechanism):
         for theta in (calibration.theta, *without):
             poses = prepare(model.mechanism, poses.dataset.subset(closing(model, poses.dataset, theta)))
-    roots = root_in_instrument(calibration.placement, poses.dataset)
+    roots = calibration.placement.roots(poses.dataset)
     whole, *less = (
         np.linalg.inv(roots) @ observe(model, poses, theta, calibration.placement).tip
         for theta in (calibration.theta, *without)
@@ -101,11 +101,6 @@ def tool_displacements(
         np.hstack([points - tips[:, :3, 3], rotation_vector(turned @ tips[:, :3, :3].transpose(0, 2, 1))])
         for tips in less
     ]
-
-
-def root_in_instrument(placement: Placement, data: Dataset) -> Array:
-    """Return the registration (N, 4, 4) of every row: the root frame in the frame of the instrument."""
-    return np.stack([placement.registration[setup] for setup in data.label("setup").tolist()])
 
 
 def of_specification(effects: Sequence[Effect], moved: ErrorsMm, data: Dataset) -> float | None:
@@ -147,7 +142,7 @@ def root_residual(calibration: Calibration, poses: Poses) -> Array:
     data = seen.dataset
     observed = observe(calibration.model, seen, calibration.theta, calibration.placement)
     residual = measured_minus(observed, data)[:, :3]
-    turn = root_in_instrument(calibration.placement, data)[:, :3, :3]
+    turn = calibration.placement.roots(data)[:, :3, :3]
     out[known] = (np.swapaxes(turn, 1, 2) @ residual[:, :, None])[:, :, 0]
     return out
 
