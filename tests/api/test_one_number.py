@@ -61,7 +61,7 @@ def errors(model: Model, frame: pd.DataFrame, rows: np.ndarray, session: bool) -
     return np.asarray(np.linalg.norm(measured - predicted, axis=1)[rows])
 
 
-@pytest.mark.parametrize("case", some(CASES, "arm", "set-ups", "instrument"))
+@pytest.mark.parametrize("case", some(CASES, "arm", "instrument"))
 def test_report_and_certificate_state_the_errors_of_the_saved_model(case: str, tmp_path: Path) -> None:
     frame, result = made(case)
     ladder, record = result.calibrated, result.record

@@ -103,7 +103,7 @@ def test_a_wrist_that_is_read_wrongly_is_named_though_it_leaves_a_millimetre(cas
     assert said in text
 
 
-@pytest.mark.parametrize("change", ["shuffled", "one row late"])
+@pytest.mark.parametrize("change", some(["shuffled", "one row late"], "one row late"))
 @pytest.mark.parametrize("offset", [1.5e-3, pytest.param(3e-4, marks=pytest.mark.long)])
 def test_a_wrist_of_other_poses_is_named(change: str, offset: float) -> None:
     mechanism, data = measured(offset)
@@ -116,7 +116,7 @@ def test_a_wrist_of_other_poses_is_named(change: str, offset: float) -> None:
     assert f"column '{mechanism.joints[5].name}' does not match these positions" in (text or "")
 
 
-@pytest.mark.parametrize("offset", some([0.0, 3e-4, 1.5e-3], 3e-4, 1.5e-3))
+@pytest.mark.parametrize("offset", some([0.0, 3e-4, 1.5e-3], 1.5e-3))
 def test_a_wrist_that_is_read_rightly_is_not(offset: float) -> None:
     mechanism, data = measured(offset)
     assert misread(mechanism, data, geometric_effects(mechanism)) is None
@@ -172,7 +172,7 @@ def said(change: Callable[[Dataset], Dataset], arm: str, **settings: object) -> 
     return one
 
 
-@pytest.mark.parametrize("arm", ["irb6400r", "ur10"])
+@pytest.mark.parametrize("arm", some(["irb6400r", "ur10"], "ur10"))
 @pytest.mark.parametrize(
     ("change", "words", "fit"),
     [

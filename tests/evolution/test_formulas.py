@@ -37,12 +37,11 @@ def curve(law: str, noise: float, seed: int = 0) -> SlotProblem:
 
 
 BRIEF = [
-    ("sin(2*J2 + 0.7)", 6), ("tanh(2*J2)*'torque J2'*(J5 - 0.6)", 12),
-    ("sin(2*J2 + 1.2*J5 - 0.9*row)", 12), ("sin(3*J2)*sin(3.5*J5 + 1)", 11),
+    ("sin(2*J2 + 0.7)", 6), ("sin(2*J2 + 1.2*J5 - 0.9*row)", 12),
     ("tanh(3*J5)", 4), ("step(J2 - 1.3)", 4), ("J5 - max(min(J5, 0.9), -0.5)", 6),
 ]  # fmt: skip
 LAWS = [
-    ("J2*cos(J5)", 4),
+    ("J2*cos(J5)", 4), ("tanh(2*J2)*'torque J2'*(J5 - 0.6)", 12), ("sin(3*J2)*sin(3.5*J5 + 1)", 11),
     ("exp(-6*square(J2 - 0.6))", 7), ("sin(J2 - J5)", 4), ("max('torque J2' - 0.4, 0)", 5), ("exp(-1.5*row)", 4),
     ("'torque J2'*cos(J2)", 4), ("J5 - max(min(J5, 0.7), -0.7)", 6), ("sin(J2)*abs(sin(J2))", 4),
     ("exp(-1.2*J2)*tanh(2*J5 - 1)", 11), ("max(J2 - 0.3, 0)/(2.6 + J5)", 10), ("J2/(1 + 3*square(J2 - 0.4))", 12),

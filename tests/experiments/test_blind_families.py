@@ -25,9 +25,10 @@ SCATTERED = {"clusters": 1.8, "walk": 1.6, "student": 1.5}
 
 
 def unless_quick(names):
-    """Every case is checked; large, aside and single ones only with the slow tests."""
-    quick = {n for n, c in CASES.items() if n in SINGLE or (c.family != "single" and not c.aside and c.poses <= 250)}
-    return [name if name in quick else pytest.param(name, marks=pytest.mark.slow) for name in names]
+    """Every case is checked: single ones of SINGLE, small ones with the long tests, all others with the slow tests."""
+    small = {n for n, c in CASES.items() if c.family != "single" and not c.aside and c.poses <= 250}
+    marks = {n: () if n in SINGLE else pytest.mark.long if n in small else pytest.mark.slow for n in names}
+    return [pytest.param(name, marks=marks[name]) for name in names]
 
 
 def noise(case):

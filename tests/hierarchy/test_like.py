@@ -79,6 +79,7 @@ def test_what_a_machine_alone_has_is_found_beside_its_type(arms: Path) -> None:
     assert {e.name for e in found.model.saved.model.effects} > {"gear error, 2 per turn, J2, sin"}
 
 
+@pytest.mark.long
 def test_a_machine_that_is_no_brother_is_searched_without_the_prior(arms: Path) -> None:
     found = like(arms, further(arms, 40, geometry=30.0 * GEOMETRY))
     assert "is unlike the machines of its type" in found.verdict

@@ -101,7 +101,7 @@ WEAK: dict[str, tuple[str, Callable[[Array, Array], dict[int, Array]], tuple[flo
 
 
 @pytest.mark.parametrize("seed", some(range(3), 0))
-@pytest.mark.parametrize("name", WEAK)
+@pytest.mark.parametrize("name", some(WEAK, "ball"))
 def test_a_weak_effect_fitted_by_its_catalogue_name_is_there_at_its_size(name: str, seed: int) -> None:
     """Growth along z lengthens the lever by its share along it; 15 to 30 degC, as a hall has over a day."""
     candidate, disturbance, truth = WEAK[name]
