@@ -43,6 +43,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
+from keyword import iskeyword
 from pathlib import Path
 
 import numpy as np
@@ -163,8 +164,10 @@ def _coupled(top: TomlTable, names: tuple[str, ...], signs: Array) -> Array:
 def _link(row: TomlTable, number: int, convention: str, before: Array) -> tuple[Link, Array]:
     """Return the link of a row, and the constant transform from its motion to its own frame."""
     name = row.text("name", f"J{number}")
-    if not name.isidentifier():
-        raise InputError(f"{row.where}: name is {name!r}, expected letters, digits and underscores")
+    if not name.isidentifier() or iskeyword(name):
+        raise InputError(
+            f"{row.where}: name is {name!r}, expected letters, digits and underscores, and no keyword of Python"
+        )
     axis = {"revolute": "Rz", "prismatic": "Tz"}[row.choice("kind", ("revolute", "prismatic"), "revolute")]
     alpha, theta = row.quantity("alpha", "angle", 0.0), row.quantity("theta", "angle", 0.0)
     a, d = row.quantity("a", "length", 0.0), row.quantity("d", "length", 0.0)

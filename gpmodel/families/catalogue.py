@@ -223,13 +223,17 @@ def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]
     """Return the effects of a name as on a command line: `family`, `family JOINT`, or a full name of a candidate or
     effect.
 
-    Raises InputError for an unknown name, or for a family without an instance on this mechanism and table. The family
-    that a name begins with is searched first.
+    Raises InputError for an unknown name, for a family without an instance on this mechanism and table, or if words
+    without a joint fit instances at several places. The family that a name begins with is searched first.
     """
     first, *words = name.split() or [""]
     pool = of_family(first, mechanism, states)
     found = _of_full_name(name, pool)
-    wanted = [c for c in pool if all(_mentions(c.name, w, mechanism) for w in words)]
+    joints = _joints_by_word(mechanism)
+    wanted = [c for c in pool if all(joints.get(w, w) in _words(c.name) for w in words)]
+    if not found and words and len({c.effects[0].slots for c in wanted}) > 1 and not any(map(joints.get, words)):
+        few = choices(name, (c.name for c in wanted))
+        raise InputError(f"effect '{name}' names no joint and fits {len(wanted)} instances; expected one: {few}")
     if found or wanted:
         return found or wanted[0].effects
     found = _of_full_name(name, candidates(mechanism, states))
@@ -251,7 +255,13 @@ def _of_full_name(name: str, pool: Sequence[Candidate]) -> tuple[Effect, ...]:
     return exact or tuple(islice((e for c in pool for e in c.effects if e.name == name), 1))
 
 
-def _mentions(text: str, word: str, mechanism: Mechanism) -> bool:
-    aliases = {f"J{i}": j.name for i, j in enumerate(mechanism.joints, 1)}
-    tokens = text.replace(",", " ").replace("(", " ").replace(")", " ").split()
-    return word in tokens or aliases.get(word) in tokens
+def _joints_by_word(mechanism: Mechanism) -> dict[str, str]:
+    """Return the names of joints by the words for a joint: its name, with or without a leading underscore, and its
+    number, as in J2."""
+    named = {word: j.name for j in mechanism.joints for word in (j.name.removeprefix("_"), j.name)}
+    return {f"J{i}": j.name for i, j in enumerate(mechanism.joints, 1)} | named
+
+
+def _words(text: str) -> list[str]:
+    """Return the words of a candidate's name."""
+    return text.replace(",", " ").replace("(", " ").replace(")", " ").split()

@@ -18,6 +18,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from gpmodel.executor import Forks, called_beside
+from gpmodel.files import write_bytes
 from gpmodel.report.page import pictures
 from gpmodel.report.picture import AFTER, AFTER_LIGHT, AXIS, BEFORE, EXPLORE, INK, MUTED, NULL, PAPER, RULE, Picture
 from gpmodel.report.schema import Report
@@ -106,8 +107,9 @@ def _drawn(picture: Picture, folder: Path | None) -> str:
         drawing = figure(picture)
         svg = inline(svg_of(drawing), picture.name)
         if folder is not None:
-            path = folder / "figures" / f"{picture.name}.png"
-            FigureCanvasAgg(drawing).print_png(path, metadata={"Software": None, "Description": picture.alt})
+            png = io.BytesIO()
+            FigureCanvasAgg(drawing).print_png(png, metadata={"Software": None, "Description": picture.alt})
+            write_bytes(folder / "figures" / f"{picture.name}.png", png.getvalue())
     return svg
 
 

@@ -131,10 +131,12 @@ class _Cells:
 
 def _labels(column: pd.Series, where: str) -> NDArray[np.str_]:
     """Return the texts of a column (N,) with single blanks between words.
-    Raises InputError naming the row of a label with control characters."""
+    Raises InputError naming the row of a label with control characters, double quotes or backslashes."""
     words = [" ".join(word.split()) for word in column.fillna("").astype(str)]
     if bad := next((row for row, word in enumerate(words, 1) if steers(word)), 0):
         raise InputError(f"{where}, row {bad}: control characters in a label; expected plain text")
+    if bad := next((row for row, word in enumerate(words, 1) if '"' in word or "\\" in word), 0):
+        raise InputError(f"{where}, row {bad}: label {words[bad - 1]!r}; expected no double quotes and no backslashes")
     return np.array(words, dtype=str)
 
 
@@ -195,7 +197,8 @@ def _joint_columns(
     written = {identifier(column): column for column in columns}
     by_name = {written.get(j.name, j.name): j for j in joints}
     by_number = {f"J{i}": j for i, j in enumerate(joints, 1)}
-    numbered = not set(by_name) <= set(columns)
+    named = len(set(by_name) & set(columns))
+    numbered = named < len(by_name) and named <= len(set(by_number) & set(columns))
     expected = by_number if numbered else by_name
     small = {name.casefold(): name for name in expected}
     if wrong := [column for column in columns if column not in expected and column.casefold() in small]:

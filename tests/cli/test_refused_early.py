@@ -26,6 +26,10 @@ DESCRIPTIONS = {
     "steering characters": ('note = "a\\u001b[2J"\n' + ARM, "control characters in 'a\\x1b[2J'"),
     "a line in a name": ('name = "a\\nb"\n', "control characters in 'a\\nb'"),
     "a joint called x": (ARM.replace('name = "J1"', 'name = "x"'), "joint 'x' has the name of another column"),
+    "a keyword": (
+        ARM.replace('name = "J1"', 'name = "lambda"'),
+        "'lambda', expected letters",
+    ),
     "a long name of a joint": (
         ARM.replace('name = "J1"', f'name = "{"a" * 201}"'),
         "has 201 characters; expected at most 200",
@@ -56,6 +60,11 @@ TABLES: dict[str, tuple[Callable[[], pd.DataFrame | str], str]] = {
         "column 'j1': not a joint; expected 'J1'",
     ),
     "an empty joint": (lambda: GOOD.assign(**{"J2 [deg]": ""}), "column 'J2': empty in every row; expected a number"),
+    "a missing joint": (lambda: GOOD.drop(columns="J5 [deg]"), "joint column 'J5' is missing"),
+    "a label with a quote": (
+        lambda: GOOD.assign(tool='1.5" SMR'),
+        "column 'tool', row 1: label",
+    ),
     "a label that steers": (lambda: GOOD.assign(setup="a\x1b[2J"), "column 'setup', row 1: control characters"),
     "a header that steers": (lambda: GOOD.assign(**{"a\x07 [mm]": "1"}), "column 10 has control characters"),
 }

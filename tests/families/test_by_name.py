@@ -1,7 +1,10 @@
 """Effects by the names a user gives them."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -53,6 +56,7 @@ def test_a_family_is_all_its_instances() -> None:
         ("gremlins", "'gremlins' is unknown"),
         ("transmission_ripple", "expected one, for example"),
         ("thermal_growth", "no instance"),
+        ("gear_harmonic 2", "names no joint and fits"),
         ("J9.fixed:Tx:1", "slot 'J9.fixed'"),
         ("J1.fixed:T:1", "axis 'T'"),
         ("J1.fixed:Tx:1/(row-3)", "undefined"),
@@ -61,6 +65,16 @@ def test_a_family_is_all_its_instances() -> None:
 def test_names_that_mean_nothing_here(name: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
         effects_named(name, MECHANISM, STATES)
+
+
+def test_a_joint_whose_name_is_a_number_is_meant_by_it(tmp_path: Path) -> None:
+    """In code such a name begins with an underscore; a number may also be the order of a harmonic."""
+    text = (files("robots") / "data" / "irb6400r.toml").read_text(encoding="utf-8")
+    (tmp_path / "arm.toml").write_text(re.sub(r'"J([1-6])"', r'"_\1"', text), encoding="utf-8")
+    arm, made = robot(20, name=str(tmp_path / "arm.toml"))
+    states = prepare(arm, made.dataset).states
+    for name in ("gear_harmonic 4", "gear_harmonic J4", "gear_harmonic _4"):
+        assert {slot for e in effects_named(name, arm, states) for slot in e.slots} == {"_4.moving"}
 
 
 JOINT = mechanism("ur5").joints[3]

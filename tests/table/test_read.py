@@ -16,6 +16,7 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.source import load_mechanism
 from gpmodel.table.cells import frame_of, read_frame
 from gpmodel.table.dataset import LABELS
+from gpmodel.table.units import identifier
 
 ROBOT = load_mechanism("irb6400r")
 ANGLES = {"deg": math.pi / 180, "rad": 1.0}
@@ -203,3 +204,22 @@ def test_the_separator_is_that_of_the_rows_whatever_names_and_texts_contain(tmp_
     path.write_text(f"{joints};x [mm];y [mm];z [mm];{note}\n" + 3 * "1,5;2;3;4;5;6;100,25;200;300;a, b, c\n")
     data = read_table(path, ROBOT)
     np.testing.assert_allclose(data.position[0], [0.10025, 0.2, 0.3])
+
+
+def test_the_joint_that_is_missing_is_named_as_the_table_names_joints() -> None:
+    """Joints may have their own names or numbers: the spelling of which more columns are there is meant."""
+    arm = load_mechanism("ur10")
+    frame = frame_of(robot(5, name="ur10")[1].dataset, arm)
+    named = arm.joints[4].name
+    assert f"{named} [deg]" in frame
+    with pytest.raises(InputError, match=f"joint column '{named}' is missing"):
+        dataset_of(frame.drop(columns=f"{named} [deg]"), arm, need_measurement=True)
+    numbered = {f"{j.name} [deg]": f"J{i} [deg]" for i, j in enumerate(arm.joints, 1)}
+    with pytest.raises(InputError, match="joint column 'J2' is missing"):
+        dataset_of(frame.rename(columns=numbered).drop(columns="J2 [deg]"), arm, need_measurement=True)
+
+
+@pytest.mark.parametrize("name", ["lambda", "None", "2", "a b"])
+def test_names_are_spelled_so_that_expressions_can_hold_them(name: str) -> None:
+    assert compile(identifier(name), "", "eval").co_names == (identifier(name),)
+    assert identifier(identifier(name)) == identifier(name)
