@@ -86,9 +86,9 @@ class Case:
             return replace(urdf, text=text)
         return urdf if file == URDF else of_urdf(file, self.rigid, urdf.text, self.predicted)
 
-    def missed(self, flange: np.ndarray, tool: np.ndarray) -> float:
-        """Largest distance, m, of a tool point (3,) on flanges (N, 4, 4) in the root from what predict gives."""
-        at = self.rigid.placement.registration[""] @ flange @ np.append(tool, 1.0)
+    def missed(self, flange: np.ndarray, text: str) -> float:
+        """Largest distance, m, of the stated tool point on flanges (N, 4, 4) in the root from what predict gives."""
+        at = registration_said(text) @ flange @ np.append(tool_said(text)[1], 1.0)
         return float(np.linalg.norm(at[:, :3] - self.predicted.points, axis=1).max())
 
 
@@ -114,6 +114,14 @@ def tool_said(text: str) -> tuple[str, np.ndarray]:
     found = re.search(r"Tool point in (\S+(?: \S+)*), mm: (.*)\.$", text, re.M)
     assert found is not None
     return found[1], np.array([float(v) for v in found[2].split(",")]) / 1e3
+
+
+def registration_said(text: str) -> np.ndarray:
+    """The pose (4, 4) of the root in the frame of the instrument of the comment, m."""
+    found = re.search(r"Root in the frame of the instrument: xyz mm (.*); rpy rad (.*)\.$", text, re.M)
+    assert found is not None
+    place, turn = (np.array([float(v) for v in part.split(",")]) for part in found.groups())
+    return se3.frame(Rotation.from_euler("xyz", turn).as_matrix(), place / 1e3)
 
 
 def with_origins(urdf: str, frames: dict[str, tuple[list[float], list[float]]]) -> str:
@@ -173,23 +181,23 @@ def robodk_frames(text: str, case: Case) -> np.ndarray:
 
 def read_elsewhere(case: Case, file: str, text: str) -> float:
     """Return the distance of a file's tool from the prediction, by readers outside the product, m."""
-    link, tool = tool_said(text)
+    link = tool_said(text)[0]
     nominal = written(case.rigid.mechanism, {})[0]
     if file in DH:
         path = MechanismChoice("rows.toml", description=text).load()
-        return case.missed(se3.chain(path.transforms(case.predicted.dataset.q))[-1], tool)
+        return case.missed(se3.chain(path.transforms(case.predicted.dataset.q))[-1], text)
     if file == "exports/robodk.csv":
-        return case.missed(robodk_frames(text, case), tool)
+        return case.missed(robodk_frames(text, case), text)
     if file == URDF:
         link = text.partition("Measured link: ")[2].partition("\n")[0]
-        return case.missed(pinocchio_frames(text, link, case.predicted.dataset), tool)
+        return case.missed(pinocchio_frames(text, link, case.predicted.dataset), text)
     if file == "exports/ur_kinematics.yaml":
         assert yaml.safe_load(text)["kinematics"]["hash"]
         urdf = ur_urdf({name: (*xyz, *rpy) for name, (xyz, rpy) in rows_of(text).items()})
-        return case.missed(pinocchio_frames(urdf, link, case.predicted.dataset), tool)
+        return case.missed(pinocchio_frames(urdf, link, case.predicted.dataset), text)
     rows = rows_of(text) if file == "exports/kinematics.yaml" else offset_origins(nominal, text)
     assert len(rows) >= 3
-    return case.missed(pinocchio_frames(with_origins(nominal, rows), link, case.predicted.dataset), tool)
+    return case.missed(pinocchio_frames(with_origins(nominal, rows), link, case.predicted.dataset), text)
 
 
 @pytest.mark.parametrize("file", [URDF, *DH, *OF_URDF])

@@ -25,6 +25,7 @@ from gpmodel.mechanism.protocol import INSTRUMENT, ExportsUrdf, Mechanism, bare_
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, prepare
 from gpmodel.model.sites import translate
 from gpmodel.numerics.least_squares import root_mean_square
+from gpmodel.numerics.se3 import roll_pitch_yaw
 from gpmodel.table.bundles import FOLDS, JUDGED, bundles, folds
 from gpmodel.wording import length
 
@@ -174,6 +175,11 @@ def note_of(rigid: Rigid, file: str, link: str = "the measured link", at: Mappin
     lines += [f"{said}." for said in follows(rigid.mechanism, file)]
     tree = branched(rigid.mechanism)
     links = dict(zip(tree.tips, link.split(","), strict=False)) if tree else {}
+    for name, frame in rigid.placement.registration.items():
+        place = ", ".join(f"{1e3 * v:.6f}" for v in frame[:3, 3])
+        turn = ", ".join(f"{v:.9f}" for v in roll_pitch_yaw(frame[:3, :3]))
+        setup = f", set-up {harmless(name)}" if name else ""
+        lines.append(f"Root in the frame of the instrument{setup}: xyz mm {place}; rpy rad {turn}.")
     for name, tool in rigid.placement.tool.items():
         own = links.get(rigid.tips.get(name, ""), link)
         point = ", ".join(f"{1e3 * v:.6f}" for v in ((at or {}).get(own, np.eye(4)) @ tool)[:3, 3])
