@@ -54,16 +54,17 @@ class Specification:
 def specification(text: str) -> Specification:
     """Parse a specification such as `15um + 6um/m`, `±0.02 mm`, `10 µm + 5 ppm`.
     Raises InputError naming `instrument`."""
-    offset, slope = 0.0, 0.0
+    parts = re.split(r"(?<=[^eE+])\+", text.strip().strip("±()"))
+    slopes = [part for part in parts if re.search(r"/|ppm", part)]
+    offsets = [part for part in parts if part not in slopes]
     try:
-        for part in re.split(r"(?<=[^eE+])\+", text.strip().strip("±()")):
-            if re.search(r"/|ppm", part):
-                slope += convert(part.replace("ppm", "um/m"), "1", "instrument")
-            else:
-                offset += parse_quantity(part, "length", "instrument")
+        slope = sum(convert(part.replace("ppm", "um/m"), "1", "instrument") for part in slopes)
+        offset = sum(parse_quantity(part, "length", "instrument") for part in offsets)
     except InputError:
-        offset = math.nan
-    if not (math.isfinite(offset + slope) and min(offset, slope) >= 0.0 < max(offset, slope) <= LARGEST):
+        offset = slope = math.nan
+    if max(len(slopes), len(offsets)) > 1 or not (
+        math.isfinite(offset + slope) and min(offset, slope) >= 0.0 < max(offset, slope) <= LARGEST
+    ):
         raise InputError(f"{text[:QUOTED]!r}, {EXPECTED}", "instrument")
     return Specification(offset, slope)
 

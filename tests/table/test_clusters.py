@@ -155,7 +155,21 @@ def test_a_limit_is_an_offset_and_a_slope(text: str, offset: float, slope: float
 
 
 @pytest.mark.parametrize(
-    "text", ["15", "Leica", "", "15um - 3um/m", "15deg", "5um/kg", "0 mm", "15um +", "2m", "2 m/m"]
+    "text",
+    [
+        "15",
+        "Leica",
+        "",
+        "15um - 3um/m",
+        "15deg",
+        "5um/kg",
+        "0 mm",
+        "15um +",
+        "2m",
+        "2 m/m",
+        "15um + 6um",
+        "3um/m + 2 ppm",
+    ],
 )
 def test_other_text_is_refused_in_one_line_that_says_what_was_expected(text: str) -> None:
     with pytest.raises(InputError) as caught:
