@@ -160,7 +160,7 @@ class OnLegs:
 
     @cached_property
     def link_slots(self) -> tuple[str, ...]:
-        """Slots of every link: lower ball, link, upper ball."""
+        """Frames of the chain (slots) of every leg: at the lower ball, on the leg, at the upper ball."""
         return tuple(f"L{i}.{part}" for i in range(1, LEGS + 1) for part in ("fixed", "moving", "platform"))
 
     @property

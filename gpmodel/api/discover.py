@@ -149,7 +149,7 @@ def discover(
 
     mechanism, table: objects, or names and paths. holdout: share of the poses that selection and fit do not use.
     folds: number of parts for cross-validation instead: all poses are used for selection, which is repeated without
-    each part to measure the prediction error. Default: a share of 0.3, or five folds below ENOUGH_HELD held-out poses.
+    each part to measure the prediction error. Default: holdout 0.3, or 5 folds if that is fewer than ENOUGH_HELD poses.
     seed: random seed of the evolution. Held-out poses, folds and permutations do not depend on it.
     search: effort of the search. criteria: tests that a candidate must pass to be accepted.
     candidates: families, candidates or single effects to test; () to test evolved formulas only. condition_limit: of

@@ -192,7 +192,7 @@ class _Step:
 
     @property
     def moved(self) -> float:
-        """Largest displacement of a reading, metres."""
+        """Largest displacement of a measured point by the step, as predicted by the linear problem, m."""
         return float(max(np.max(np.abs(moved), initial=0.0) for moved in (self.motion, self.turned)))
 
     @property

@@ -138,10 +138,10 @@ class ReadJoints:
 
     @classmethod
     def beside(cls, problem: Linearised, rows: Array, free: Mask, sigma: float) -> "ReadJoints":
-        """Select the combinations of joint values that determine an unknown better than the measurements and `rows` (B,
-        F) do.
+        """Select linear combinations of approximate joint values that determine an unknown better than the
+        measurements do together with the prior rows `rows` (B, F).
 
-        free: mask (K,) of the fitted columns. sigma: noise of measurements and rows. Empty if no joint is free.
+        free: mask (K,) of the F fitted columns. sigma: noise of measurements and rows. Empty if no joint is free.
         """
         if problem.left is None:
             return cls(np.zeros((0, 0)), 0.0)

@@ -141,7 +141,9 @@ class Rival:
         return float(np.linalg.norm(self.sizes))
 
     def words(self, kinds: Sequence[str]) -> str:
-        """State the alternative in one sentence, with the poses that would distinguish it. kinds: of the joints."""
+        """State in one sentence which effect the constant could equally be, and the poses that would separate the two.
+
+        kinds: kind of each joint."""
         size, rival = measured(self.value, None, self.unit), measured(self.amplitude, None, self.candidate.unit)
         said = f"{self.constant} of {size} may instead be {self.candidate.name} of {rival}"
         if self.session:

@@ -173,7 +173,7 @@ class Linked(Protocol):
 
 
 def carrier_slot(mechanism: Mechanism, link: str, where: str) -> int:
-    """Return the index of the slot that carries a link, -1 for a stationary link.
+    """Return the index of the frame of the chain (slot) that carries a link, -1 for a stationary link.
 
     link: "world", "tool", the name of a joint for the part beyond it, or the name of a link or an arm. With closed
     loops only "world", "base" and "tool" are known. where: location of the name in the message. Raises InputError for

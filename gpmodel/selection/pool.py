@@ -102,7 +102,7 @@ class Atoms:
         self.weights = sparse.csr_matrix((weight, (at, of)), shape=(len(effects), count))
 
     def cross(self, values: Array) -> Array:
-        """Return Xᵀ W v (E, K) for whitened values v (M, K), with the placement projected out."""
+        """Return the products (E, K) of all E columns with whitened values (M, K) without registration and tool."""
         by_pose = self.reach @ self.rows.apart(self.rows.whitening.whiten(values))
         return np.asarray(self.weights @ np.vstack([phi @ by_pose[:, s] for s, phi in enumerate(self.shapes)]))
 
@@ -214,7 +214,8 @@ class GroupPool:
         return self.rows.clean(self.rows.whitening.whiten(own))
 
     def gram(self, chosen: Mapping[int, IntArray]) -> Array:
-        """Return the products (K, K) of the scaled columns of some groups. chosen: remaining effects of each group.
+        """Return the products (K, K) of the scaled columns of some groups. chosen: indices of the effects of each group
+        that are still in the model.
 
         The products of all groups so far are cached, and the last result.
         """

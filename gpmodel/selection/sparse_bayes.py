@@ -115,8 +115,8 @@ def _exchanged(model: Active, removed: frozenset[int], first: Mask) -> Iterator[
 
     Growth begins with the group of largest net gain among the first (G,), with free variances of the remaining groups,
     since a group with a fixed variance excludes groups that would change it. Growth continues among the best SHORT_LIST
-    groups. Two effects may be hidden by one best approximation: groups that regain more than is missing are forbidden
-    once. In the place of a group of many coefficients, groups of few are grown alone.
+    groups. One group may approximate two effects well: new groups that gain more than half of the lost utility are
+    excluded from a second growth. In the place of a group of many coefficients, groups of few are grown alone.
     """
     pool, fewer = model.pool, reestimate(reduce(Active.without, removed, model), 4)
     lost = model.utility - fewer.utility

@@ -53,7 +53,7 @@ def calibrated_urdf(path: Path, nominal: Path) -> Imported:
             )
             used |= found
     if not used:
-        raise InputError(f"{path.name}: no offset of a joint of {nominal.name}; it has {choices('', offsets)}")
+        raise InputError(f"{path.name}: has offsets, but none of a joint of {nominal.name}: {choices('', offsets)}")
     left = left_out(f"no joint of {nominal.name}", sorted(offsets.keys() - used))
     note = "; ".join([f"{nominal.name} with the offsets of {path.name}", *(f"left out, {text}" for text in left)])
     robot.insert(0, ET.Comment(f" {note.replace('--', '- -')} "))

@@ -1,4 +1,5 @@
-"""`gpmodel joint preload`: largest pull against the joint angle, and the choice of socket, ring and magnet."""
+"""`gpmodel joint preload`: the largest force, N, that the magnets of a spherical joint resist, over the
+joint angle, and the choice of socket, ring and magnet."""
 
 from collections.abc import Sequence
 from dataclasses import asdict

@@ -200,7 +200,7 @@ def test_offsets_of_joints_are_what_their_readings_lack(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("elbow: 0.1\n", "found.yaml: no offset of a joint of r.urdf; it has elbow"),
+        ("elbow: 0.1\n", "found.yaml: has offsets, but none of a joint of r.urdf: elbow"),
         ("slide 0.1\n", "found.yaml, line 1: 'slide 0.1'; expected robot_calibration's offsets, a line `NAME: number`"),
         ("slide: nan\n", "found.yaml, line 1: 'slide: nan'; expected"),
     ],
