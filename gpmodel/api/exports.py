@@ -22,15 +22,14 @@ class ExportsResult(Shown):
 
     @property
     def records(self) -> tuple[ExportRecord, ...]:
-        """Records of the exports in report.json. Errors are rounded to 1e-9 mm: smaller ones are rounding errors of
-        floating-point numbers, which differ from run to run."""
+        """Records of the exports in report.json."""
         return tuple(
             ExportRecord(
                 e.file,
                 "; ".join([e.what, *e.said]),
-                optional(_picometres(e.rms)),
-                optional(_picometres(e.largest)),
-                optional(_picometres(e.heldout)),
+                optional(1e3 * e.rms),
+                optional(1e3 * e.largest),
+                optional(1e3 * e.heldout),
                 e.missing,
             )
             for e in self.exports.made
@@ -72,12 +71,5 @@ class ExportsResult(Shown):
         return f"<exports of {self.mechanism}: {', '.join(r.file for r in self.records)}>"
 
 
-def _picometres(metres: float) -> float:
-    """Return a length in mm, rounded to a picometre."""
-    return round(1e3 * metres, 9)
-
-
 def _said(value: float | None) -> str:
-    if value is None:
-        return "–"
-    return "< 1e-9" if value == 0 else f"{value:.1e}" if value < 1e-4 else f"{value:.4f}"
+    return "–" if value is None else f"{value:.1e}" if value < 1e-4 else f"{value:.4f}"
