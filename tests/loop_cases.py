@@ -23,7 +23,7 @@ from gpmodel.table.bundles import hold_out
 
 ARM = "irb6400r"
 BOTH = (Linear(), Tree())
-SMALL = Search(strategies=BOTH, runs=1, workers=1, population=256, generations=20)
+SMALL = Search(strategies=BOTH, runs=2, workers=1, population=256, generations=20)
 """Populations and generations just large enough for the cases here."""
 QUICK = Search(runs=1, workers=1, population=48, generations=4)
 """For what does not depend on how much is found."""

@@ -3,8 +3,11 @@
 import io
 import re
 import types
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from threading import Barrier
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -82,6 +85,26 @@ def test_everything_is_made_and_says_its_error(exports: Exports) -> None:
     known = {e.file: (e.rms, e.largest) for e in exports.made}
     assert known["exports/model.py"][1] < 1e-10
     assert np.isfinite([known[f][0] for f in FILES - {"exports/model.c", "exports/model.h"}]).all()
+
+
+@pytest.mark.long
+def test_parts_that_run_at_the_same_time_compare_at_the_same_poses(
+    model: Model, exports: Exports, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each of two threads may find that the poses are not drawn yet."""
+    both, draw = Barrier(2), make.fresh_poses
+
+    def together_drawn(*given: Any) -> Dataset:
+        both.wait(30.0)
+        return draw(*given)
+
+    monkeypatch.setattr(make, "fresh_poses", together_drawn)
+    parts = make.parts_of(model.saved, Place.of(model.saved))
+    with ThreadPoolExecutor(2) as pool:
+        source, latex = pool.map(lambda part: part(), parts[1:3])
+    known = {export.file: export for export in exports.made}
+    for export in (*source.made, *latex.made):
+        assert export.text == known[export.file].text
 
 
 @pytest.mark.long

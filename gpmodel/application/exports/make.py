@@ -125,7 +125,11 @@ def parts_of(
     """Return the exports as functions that can run in parallel; files with a common fit or source are one function."""
     if saved.measured is not None:
         check_finite(saved, prepare(saved.mechanism, saved.measured.dataset))
-    fresh = partial(fresh_poses, saved, POSES, np.random.default_rng(seed))
+
+    def fresh() -> Dataset:
+        """Return the same poses on every call, since parts that run at the same time may each call it."""
+        return fresh_poses(saved, POSES, np.random.default_rng(seed))
+
     check = cache(lambda: Check.against(saved, place, place.poses(fresh())))
     rigid = cache(lambda: refitted(saved))
     several = branched(saved.mechanism) is not None
