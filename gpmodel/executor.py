@@ -1,7 +1,7 @@
 """Run independent tasks in parallel, in threads or processes of this computer.
 
-A task contains all its data, including its random generator. Its result does not depend on the worker, on the order of
-the tasks, or on how often the task was restarted.
+A task contains all its data, including its random generator. The result of a task does not depend on the worker, on the
+order of the tasks, or on how often the task was restarted.
 """
 
 import copyreg

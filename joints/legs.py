@@ -251,8 +251,8 @@ class OnLegs:
 
     def carried(self, frames: Array, slot: int) -> Array:
         """Return the twist of the tool per unit twist at a slot, (N, 6, 6).
-        It solves J ζ + c = 0, where J ζ is the change of the lengths by a twist ζ of the tool, and c their change by
-        the slot."""
+        The twist solves J ζ + c = 0, where J ζ is the change of the lengths by a twist ζ of the tool, and c their
+        change by the slot."""
         tool = frames[-1]
         if slot == len(frames) - 1:
             return np.broadcast_to(np.eye(6), (len(tool), 6, 6))

@@ -221,8 +221,9 @@ def verify_next(
     ends when a change is identified, or when a change of any joint zero that moves the tool by more than the tolerance
     would be detected with probability 0.9. Without a tolerance, twice the expected error of the model counts. The
     proposed pose is a pose of the fit, the one most sensitive to the least determined joint zero.
-    If a change is identified, `repaired` is the model refitted to these poses. Its prior is the former model, with the
-    changed parameters free. `repaired.model.save(...)` writes it; `repaired.more` are further poses it needs.
+    If a change is identified, `repaired` is the model refitted to these poses. The prior of the refit is the former
+    model, with the changed parameters free. `repaired.model.save(...)` writes the model; `repaired.more` are further
+    poses that the refit needs.
 
     model, table, tolerance, in_order, cameras, board, surfaces: as in `verify`. Without a table, or with fewer than six
     poses, a pose far from the others is proposed. Raises InputError as `verify`, and if the model does not contain the

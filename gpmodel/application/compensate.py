@@ -225,7 +225,7 @@ def compensate(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MO
 def _closing_start(saved: SavedModel, targets: TargetPoses) -> TargetPoses:
     """Mark targets as unreachable if the real mechanism's loops cannot close at the nominal joint values.
 
-    Such targets get the joint values of another row.
+    Unreachable targets get the joint values of another row.
     """
     dataset = targets.dataset
     closes = closing(saved.model, dataset, saved.theta)

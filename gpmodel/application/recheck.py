@@ -71,8 +71,8 @@ class Session:
     def anew(self, problem: Linearised) -> Mask:
         """Return the mask (P + E,) of the columns that this session fits.
 
-        These are registration and stationary objects; also tool and objects on links if the tool is free. Effects and
-        lenses keep the model's values.
+        The session fits registration and stationary objects; also tool and objects on links if the tool is free.
+        Effects and lenses keep the model's values.
         """
         held = {name for name in problem.placement_names if name.split(" ", 1)[0] == "tool"}
         for kind, key in kept_by(self.saved, self.poses.dataset):

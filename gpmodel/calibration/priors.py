@@ -66,8 +66,8 @@ def _explained(
 ) -> tuple[Array, tuple[Array, Array, Array]]:
     """Return L⁻¹ (H, H) with A Aᵀ = L Lᵀ, and the arguments of `spread`.
 
-    These are the columns (M, H) of the fitted constants in units of their prior, the measurements (M,) and the columns
-    (M, P) of the placement.
+    The arguments are the columns (M, H) of the fitted constants in units of their prior, the measurements (M,) and the
+    columns (M, P) of registration and tool.
     """
     others = np.setdiff1d(np.flatnonzero(of_the_description(model)), at)
     stands, growth = standing_for(model, problem, placement, at, others)

@@ -239,7 +239,8 @@ def hidden_rivals(calibration: Calibration, poses: Poses) -> tuple[Rival, ...]:
 def of_the_session(poses: Poses, mechanism: Mechanism, effects: Sequence[Effect]) -> tuple[str, ...]:
     """Return the inputs of effects that joint values do not determine.
 
-    These are the instrument, or inputs other than joint values, the point, and computed loads.
+    The result is the instrument if an effect acts there, else all inputs except joint values, the point and computed
+    loads.
     """
     if any(INSTRUMENT in effect.slots for effect in effects):
         return (INSTRUMENT,)

@@ -54,8 +54,8 @@ def size_hidden(problem: Linearised) -> bool:
 def relative(problem: Linearised) -> bool:
     """Return whether no measurement of a fit is in the frame of an instrument.
 
-    Touches, bars, cameras and inclinometers measure parts of a mechanism relative to each other. They determine much of
-    its geometry weakly or not at all.
+    Touches, bars, cameras and inclinometers measure parts of a mechanism relative to each other. Relative measurements
+    determine much of the geometry weakly or not at all.
     """
     return problem.left is None and without_frame(problem.observed.kinds)
 

@@ -1,8 +1,8 @@
 """Joints without a sensor: their table values are approximate, so the joint values of every pose are unknowns too.
 
-They are eliminated pose by pose (variable projection). With the weighted sensitivities A (m, n) of one pose to its free
-joints and A = U S Vᵀ, only the measurements along the columns of U with a negligible singular value still inform the
-model; an error of the joint values explains any residual along the other columns.
+The unknown joint values are eliminated pose by pose (variable projection). With the weighted sensitivities A (m, n) of
+one pose to its free joints and A = U S Vᵀ, only the measurements along the columns of U with a negligible singular
+value still inform the model; an error of the joint values explains any residual along the other columns.
 Source: Golub and Pereyra (1973); the truncation takes the place of 1/S in Robertson (2003), Fig 3.17.
 """
 

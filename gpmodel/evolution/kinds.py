@@ -127,9 +127,9 @@ class Typing:
         """Return ``256 op-code + kind`` of the operator that replaces each requested one, by the kinds of its
         arguments.
 
-        An allowed operator replaces itself. Otherwise the next allowed operator with as many arguments does; 0 if there
-        is none. The table is (op-codes, first kind, second kind), second kind 0 for one argument, and empty without
-        kinds.
+        An allowed operator replaces itself. An operator that is not allowed is replaced by the next allowed one with as
+        many arguments; 0 if there is none. The table is (op-codes, first kind, second kind), second kind 0 for one
+        argument, and empty without kinds.
         """
         count = len(self.kinds) if self.inputs else 0
         table = np.zeros((max(BY_CODE) + 1, count, count), dtype=np.uint16)

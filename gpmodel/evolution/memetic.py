@@ -1,8 +1,8 @@
 """Breeding of formulas at one site: crossover, composition and single edits, with constants fitted.
 
-An individual is an expression with one output. Its coefficient is solved by projection and its constants are fitted by
-variable projection (``constants.polish``). Offspring are compared by the nats that they save with their initial
-constants; the constants of the best are fitted. Selection is by description length:
+An individual is an expression with one output. The coefficient of an expression is solved by projection, and its
+constants are fitted by variable projection (``constants.polish``). Offspring are compared by the nats that they save
+with their initial constants; the constants of the best are fitted. Selection is by description length:
 components / 2 * ln(1 - gain) + parsimony * (size + 1)
 Two individuals are equal if their columns, projected out of the model and normalised, agree to four digits.
 Source: Moscato (1989), memetic algorithms; Golub and Pereyra (1973), variable projection.

@@ -22,8 +22,8 @@ CLOSER = 4
 class FrequencyGrid:
     """sin and cos of rate · (q - start) on the drive of a joint, at each rate of a grid. A load may multiply them.
 
-    template: the candidate with a symbol for the number in its name. Its cost is that of a named effect plus the log of
-    the number of rates that the poses resolve.
+    template: the candidate with a symbol for the number in its name. The cost of the candidate is that of a named
+    effect plus the log of the number of rates that the poses resolve.
     start: coordinate q at which the phase is zero, rad or m.
     rates: (F,) rad of the argument per rad or metre of the coordinate, equally spaced.
     value: function from a rate to the number in the name, which also converts back.

@@ -1,7 +1,7 @@
 """Families of effects that follow the session: temperature, time, a shift between two rows, and effects with memory.
 
-Effects with memory are play, friction, hysteresis and a lag after the temperature. Such effects need rows in the order
-of measurement. Typical play is 0.25 to 1 arc minute from side to side (Gong 2000).
+Effects with memory are play, friction, hysteresis and a lag after the temperature. Effects with memory need rows in the
+order of measurement. Typical play is 0.25 to 1 arc minute from side to side (Gong 2000).
 """
 
 import math

@@ -211,8 +211,8 @@ class Expression:
 
     @cached_property
     def call(self) -> tuple[str, str]:
-        """Name and argument of the outermost function, such as `sin` and `2*J4`. Both empty if there is no outer
-        function."""
+        """Name and argument of the outermost function, such as `sin` and `2*J4`. Name and argument are empty without an
+        outer function."""
         program = self.program
         last = program.nodes[program.outputs[0]]
         if len(last.arguments) != 1:

@@ -113,8 +113,8 @@ class Branched(Protocol):
         """Slot that carries each measured link. The first link is the default of a row that names none."""
 
     def alone(self, tip: str) -> Mechanism:
-        """Return the chain that ends at a measured link as a mechanism. Its slots keep their names; the last becomes
-        `tool`."""
+        """Return the chain that ends at a measured link as a mechanism. The slots of the chain keep their names; the
+        last becomes `tool`."""
 
 
 def branched(mechanism: Mechanism) -> Branched | None:

@@ -80,8 +80,8 @@ def rows_named(dataset: Dataset) -> Iterator[None]:
 class ErrorModel:
     """T = E · T_register · Π_i T_i(q) exp(Σ_k θ_k φ_k e_k) · T_tool, with one coefficient θ_k for each effect.
 
-    E is the twist of the effects at the slot `instrument`. Their basis functions may depend on the point in the frame
-    of the instrument.
+    E is the twist of the effects at the slot `instrument`. The basis functions of effects at `instrument` may
+    depend on the point in the frame of the instrument.
 
     noise: standard deviation of one measured coordinate, m, if known beforehand. None: it is estimated from the
     residual.

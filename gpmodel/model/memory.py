@@ -159,8 +159,8 @@ def clock_of(dataset: Dataset) -> str | None:
 def standing(past: Past, joints: Sequence[str]) -> list[str]:
     """Return the columns with memory that every search uses.
 
-    Such columns are the last move of each moving joint, the stop operator of each over a tenth of its range, and
-    temperatures with a lag of a thirtieth, a tenth and a third of the session.
+    The columns with memory are the last move of each moving joint, the stop operator of each over a tenth of its range,
+    and temperatures with a lag of a thirtieth, a tenth and a third of the session.
     """
     moving = {j: float(np.ptp(past.columns[j])) for j in joints if np.ptp(past.columns[j]) > SAME_JOINT}
     names = [f"last_move_{j}" for j in moving]

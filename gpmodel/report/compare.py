@@ -179,8 +179,9 @@ def _changes(
     """Return the change of every quantity in both reports, with its p-value by a two-sided Student's t test.
 
     shared: share of the rows of either report that the other has too, which makes the estimates correlated. For s
-    shared rows of n the covariance is the smaller (s / n) v of the two, with the variance v of the other. It is exact
-    if one table contains the other (Hausman 1978: the variance of the difference is the difference of the variances).
+    shared rows of n the covariance is the smaller (s / n) v of the two, with the variance v of the other. The
+    covariance is exact if one table contains the other (Hausman 1978: the variance of the difference is the difference
+    of the variances).
     freedoms: degrees of freedom (2, 1) of the σ of either report.
     """
     pairs = [

@@ -40,7 +40,8 @@ class PoseRecord:
     """A row of the table.
 
     without_mm, with_mm: 3-D errors, mm, with the nominal geometry and with the model.
-    promised_mm: RMS error that the model expects. chance: p-value of the error. Both are None for an outlier.
+    promised_mm: RMS error that the model expects. chance: p-value of the error. promised_mm and chance are None for an
+    outlier.
     outside: inputs outside the ranges of the fit.
     missed_mm: error of a compensated target, mm.
     """

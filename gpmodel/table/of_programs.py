@@ -31,8 +31,8 @@ def calibrated_urdf(path: Path, nominal: Path) -> Imported:
     X: transform of the offsets NAME_x, NAME_y, NAME_z, m, and NAME_a, NAME_b, NAME_c, a rotation vector, rad.
     M(o): motion of the joint NAME by its offset o, rad or m.
     Raises InputError if a file is unreadable, or no offset belongs to a joint of the URDF.
-    Source: mikeferguson/robot_calibration, optimization/offsets.cpp, getOffsetYAML and updateURDF. There the offset of
-    a joint is written to <calibration rising>, which no other program reads.
+    Source: mikeferguson/robot_calibration, optimization/offsets.cpp, getOffsetYAML and updateURDF. In updateURDF the
+    offset of a joint is written to <calibration rising>, which no other program reads.
     """
     offsets = _offsets(path)
     try:

@@ -2,9 +2,9 @@
 
     modified:  Rx(alpha) Tx(a) Ry(beta) Rz(theta) Tz(d)        standard:  Rz(theta) Tz(d) Rx(alpha) Tx(a) Ry(beta)
 
-beta is zero except between nearly parallel axes, whose common normal is ill-defined. Their row follows the plane
-perpendicular to the first axis to its intersection with the second. A format with four columns has no beta, so such
-axes are refused. Source: Craig (1986); Hayati and Mirmirani (1985).
+beta is zero except between nearly parallel axes, whose common normal is ill-defined. The row of nearly parallel axes
+follows the plane perpendicular to the first axis to its intersection with the second. A format with four columns has no
+beta, so such axes are refused. Source: Craig (1986); Hayati and Mirmirani (1985).
 """
 
 from collections.abc import Iterator, Mapping
