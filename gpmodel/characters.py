@@ -6,10 +6,13 @@ import shlex
 import subprocess
 import sys
 import unicodedata
+from keyword import iskeyword
 from pathlib import Path
 
 _STEERING = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
 """Unicode categories of characters that control a terminal or have no visible form."""
+UNBROKEN = r'^[^"\\\x00-\x1f\x7f\x85\u2028\u2029\ud800-\udfff]*\Z'
+"""Pattern of text that cannot end a line, a comment or a string of source code generated from a model."""
 _FOREIGN = re.compile(r"[^\w .,:;()\[\]+/°%·=±−-]")
 """Characters forbidden in generated source: quotes, backslashes, line ends, signs that begin or end a comment."""
 PLAIN = "gpmodel.plain"
@@ -33,6 +36,11 @@ def printable(text: str, kept: str = "\n\t") -> str:
     if text.isascii() and text.isprintable():
         return text
     return "".join(c if c in kept or unicodedata.category(c) not in _STEERING else ascii(c)[1:-1] for c in text)
+
+
+def is_name(text: str) -> bool:
+    """Return whether a text can be a name in an expression: an identifier of Python that is no keyword."""
+    return text.isidentifier() and not iskeyword(text)
 
 
 def steers(text: str) -> bool:

@@ -43,12 +43,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
-from keyword import iskeyword
 from pathlib import Path
 
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.characters import is_name
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import checked, checked_mass
 from gpmodel.table.units import TomlTable
@@ -164,7 +164,7 @@ def _coupled(top: TomlTable, names: tuple[str, ...], signs: Array) -> Array:
 def _link(row: TomlTable, number: int, convention: str, before: Array) -> tuple[Link, Array]:
     """Return the link of a row, and the constant transform from its motion to its own frame."""
     name = row.text("name", f"J{number}")
-    if not name.isidentifier() or iskeyword(name):
+    if not is_name(name):
         raise InputError(
             f"{row.where}: name is {name!r}, expected letters, digits and underscores, and no keyword of Python"
         )

@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.characters import UNBROKEN
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES, LARGEST
 from gpmodel.mechanism.source import LONGEST_JOINT
@@ -46,10 +47,8 @@ ROTATION_TOLERANCE = 1e-6
 Finite = Annotated[float, msgspec.Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
 Deviation = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST_NUMBER)]
 Freedom = Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_NUMBER)]
-PLAIN = r'^[^"\\\x00-\x1f\x7f\x85\u2028\u2029\ud800-\udfff]*\Z'
-Name = Annotated[str, msgspec.Meta(max_length=1000, pattern=PLAIN)]
-"""Text that cannot end a line, a comment or a string of source code generated from a model."""
-Label = Annotated[str, msgspec.Meta(min_length=1, max_length=1000, pattern=PLAIN)]
+Name = Annotated[str, msgspec.Meta(max_length=1000, pattern=UNBROKEN)]
+Label = Annotated[str, msgspec.Meta(min_length=1, max_length=1000, pattern=UNBROKEN)]
 Word = Annotated[str, msgspec.Meta(max_length=LONGEST_JOINT, pattern=r"^[^\W\d]\w*\Z")]
 """Name of a column, usable in an expression."""
 Unit = Annotated[str, msgspec.Meta(max_length=50, pattern=r"^(?!.*\*/)[\w°%·*/^.() -]*\Z")]
@@ -59,7 +58,7 @@ FileName = Annotated[
 Point = tuple[Finite, Finite, Finite]
 Row = tuple[Finite, Finite, Finite, Finite]
 Transform = tuple[Row, Row, Row, Row]
-Formula = Annotated[str, msgspec.Meta(min_length=1, max_length=20_000, pattern=PLAIN)]
+Formula = Annotated[str, msgspec.Meta(min_length=1, max_length=20_000, pattern=UNBROKEN)]
 Columns = Annotated[dict[Word, Unit], msgspec.Meta(max_length=MOST_COLUMNS)]
 Transforms = Annotated[dict[Name, Transform], msgspec.Meta(min_length=1, max_length=MOST_COLUMNS)]
 Value = TypeVar("Value")
@@ -287,7 +286,7 @@ def converted(content: object, kind: type[Part], word: str) -> Part:
         said, _, place = str(error).partition(" - at `$")
         place = place.partition("`")[0]
         said = said.replace(
-            f"Expected `str` matching regex {PLAIN!r}", "Expected text without quotes, backslashes, line ends"
+            f"Expected `str` matching regex {UNBROKEN!r}", "Expected text without quotes, backslashes, line ends"
         )
         raise InputError(f"{place.lstrip('.') or word}: {said}") from None
 

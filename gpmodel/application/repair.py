@@ -16,7 +16,7 @@ from gpmodel.application.model_file import Measured, SavedModel, needed
 from gpmodel.application.next_check import Pool
 from gpmodel.application.possible_changes import SET_UP, PossibleChange, possible_changes
 from gpmodel.application.predict import point_columns
-from gpmodel.application.recheck import PASSES, Session, in_covariance
+from gpmodel.application.recheck import PASSES, Recheck, Session, in_covariance
 from gpmodel.application.verify import Verified
 from gpmodel.arrays import Array, Mask, NotNegative
 from gpmodel.calibration.gauss_newton import without_outliers
@@ -101,9 +101,10 @@ def repaired(found: Verified, pool: Pool) -> Repaired | None:
     data = found.session.poses.dataset
     if found.verdict != "drifted" or not found.changes or without_frame(observations(data)):
         return None
-    named, before = {(change.name, change.kind) for change in found.changes}, found.near.session.saved
-    changes = [change for change in possible_changes(found.near) if (change.name, change.kind) in named]
-    fit = _fitted(found, changes)
+    named, near = {(change.name, change.kind) for change in found.changes}, found.near
+    before = near.session.saved
+    changes = [change for change in possible_changes(near) if (change.name, change.kind) in named]
+    fit = _fitted(near, changes)
     aside = {e.name for change in changes if change.kind == SET_UP for e in change.effects}
     lasting = np.array([e.name not in aside for e in fit.session.saved.model.effects], dtype=bool)
     saved = _kept(fit, pool.saved, lasting)
@@ -113,14 +114,14 @@ def repaired(found: Verified, pool: Pool) -> Repaired | None:
     return Repaired(saved, tuple(_numbers(was, fit, lasting, called)), *ahead)
 
 
-def _fitted(found: Verified, changes: Sequence[PossibleChange]) -> _Fit:
+def _fitted(near: Recheck, changes: Sequence[PossibleChange]) -> _Fit:
     """Iterate to the posterior mode, excluding outliers at each step."""
-    session, changed = _with(found.near.session, found.near.problem, changes)
-    sigma, total = found.near.spread.sigma, np.zeros(0)
+    session, changed = _with(near.session, near.problem, changes)
+    sigma, total = near.spread.sigma, np.zeros(0)
     for _ in range(PASSES):
         problem = session.problem
         blocks, free = blocks_of(problem, sharing(session.poses.dataset)), session.anew(problem)
-        step = np.hstack([np.eye(len(free))[:, free], _root(found.near.session.saved, problem, ~free), changed])
+        step = np.hstack([np.eye(len(free))[:, free], _root(near.session.saved, problem, ~free), changed])
         if not total.size:
             total = np.zeros(step.shape[1] - free.sum())
         prior = np.hstack([np.zeros((len(total), free.sum())), sigma * np.eye(len(total))])

@@ -38,8 +38,8 @@ Verdict = Literal["holds", "drifted", "another machine"]
 HALF = 0.5
 """Largest error of a valid model, relative to the error of the nominal model."""
 UNEXPLAINED = 0.01
-"""Largest share of chi-square that remains if the identified changes are complete, unless what remains is not
-significant: second-order terms of a crash."""
+"""Largest share of chi-square that second-order terms of a crash leave after its changes. The identified changes are
+complete if no more than this share remains, or nothing significant."""
 
 COMPUTED = 0.02
 """Residual, in units of the fit's noise, below which positions were computed from the model: no instrument is fifty
@@ -114,10 +114,9 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
     alone = calibrate(ErrorModel(saved.mechanism, ()), found.session.poses)
     for text in computed(root_mean_square(alone.fitted_error), found.session.poses.dataset):
         raise InputError(f"{dataset.source}: {text}")
-    other_tool = _another_tool(found, alone.placement)
-    near = found if other_tool is None else other_tool
+    near = _near(found, alone.placement)
     tried = possible_changes(near)
-    moved = () if other_tool is None else _moved_tools(saved, near)
+    moved = _moved_tools(saved, near) if near.session.tool else ()
     named, left = changes(near, tried, significance)
     session = found.session
     verdict: Verdict = "holds"
@@ -125,8 +124,9 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
     if moved or of_the_machine or left.chance < significance:
         residual, unknowns = near.problem.residual, near.basis.shape[1]
         useless = np.linalg.norm(residual) / np.sqrt(len(residual) - unknowns) > HALF * alone.sigma
-        few = (left.chance >= significance and len(named) < MOST) or left.chi_square < UNEXPLAINED * near.chi_square
-        verdict = "another machine" if useless and not few else "drifted"
+        nothing_else = left.chance >= significance and len(named) < MOST
+        complete = nothing_else or left.chi_square < UNEXPLAINED * near.chi_square
+        verdict = "another machine" if useless and not complete else "drifted"
     nominal = observe(alone.model, session.poses, alone.theta, alone.placement)
     points = session.observed.tip[:, :3, 3]
     return Verified(
@@ -171,15 +171,15 @@ def _with_or_without_the_instrument(saved: SavedModel, dataset: Dataset) -> tupl
     return (beside if same else without), same
 
 
-def _another_tool(found: Recheck, start: Placement) -> Recheck | None:
-    """Return the session with a refitted tool point if the error is too large for a linear test; None if it
-    is small."""
+def _near(found: Recheck, start: Placement) -> Recheck:
+    """Return the session with a refitted tool point if the error is too large for a linear test and the refit halves
+    the error; otherwise the session unchanged."""
     session = found.session
     far = root_mean_square(session.errors[session.use])
     if far < FAR:
-        return None
+        return found
     again = recheck(settled(session.saved, session.poses.dataset, start))
-    return again if root_mean_square(again.session.errors[again.session.use]) < HALF * far else None
+    return again if root_mean_square(again.session.errors[again.session.use]) < HALF * far else found
 
 
 def _moved_tools(saved: SavedModel, found: Recheck) -> tuple[NamedChange, ...]:

@@ -9,7 +9,7 @@ Source: Moscato (1989), memetic algorithms; Golub and Pereyra (1973), variable p
 """
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -134,9 +134,11 @@ def _centred(program: Program) -> Program:
 def bred(population: Formulas, names: Sequence[str], generations: int = GENERATIONS) -> None:
     """Breed a population until a generation no longer improves it. names: inputs that may join its formulas."""
     before = population.nats()
+    varying = ((name, population.columns[name]) for name in names)
+    elements = {name: ELEMENTS.on_grid(column[None])[0] for name, column in varying if np.ptp(column) > 0}
     for population.generation in range(1, generations + 1):
         parents = [one.program for one in population.best(PARENTS)]
-        population.add(_offspring(population, parents, names))
+        population.add(_offspring(population, parents, names, elements))
         shortened(population)
         if population.nats() < before + IMPROVED:
             break
@@ -160,21 +162,18 @@ class _Trial:
     build: Callable[[], Program]
 
 
-def _offspring(population: Formulas, parents: Sequence[Program], names: Sequence[str]) -> list[Program]:
-    """Return the most promising offspring."""
-    of_parent: list[list[_Trial]] = []
-    values = [program.evaluate(population.columns)[0] for program in parents]
-    for program, own in zip(parents, values, strict=True):
-        of_parent.append(list(_composed(population, program, own)))
-    for name in names:
-        column = population.columns[name]
-        if np.ptp(column) > 0:
-            elements = ELEMENTS.on_grid(column[None])[0]
-            for program, own, trials in zip(parents, values, of_parent, strict=True):
-                trials += _joined(population, program, own, name, elements)
-    for program, trials in zip(parents, of_parent, strict=True):
+def _offspring(
+    population: Formulas, parents: Sequence[Program], names: Sequence[str], elements: Mapping[str, Array]
+) -> list[Program]:
+    """Return the most promising offspring. elements: values (E, N) of the elements of each input that varies."""
+    trials: list[_Trial] = []
+    for program in parents:
+        values = program.evaluate(population.columns)[0]
+        trials += _composed(population, program, values)
+        for name, of_input in elements.items():
+            trials += _joined(population, program, values, name, of_input)
         trials += _tilted(population, program, names)
-    best = sorted(itertools.chain.from_iterable(of_parent), key=lambda trial: -trial.nats)[:OFFSPRING]
+    best = sorted(trials, key=lambda trial: -trial.nats)[:OFFSPRING]
     return [trial.build() for trial in best] + list(_crossed(parents))
 
 

@@ -4,13 +4,13 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from keyword import iskeyword
 from math import isfinite
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from gpmodel.arrays import Array
+from gpmodel.characters import is_name
 from gpmodel.errors import InputError, choices
 from gpmodel.formula.operators import BY_NAME
 
@@ -189,7 +189,7 @@ class Program:
 def _node_text(node: Node, texts: list[tuple[str, int]]) -> tuple[str, int]:
     if node.operator == "input":
         name = str(node.value)
-        return (name if name.isidentifier() and not iskeyword(name) else repr(name)), _ATOM
+        return (name if is_name(name) else repr(name)), _ATOM
     if node.operator == "constant":
         value = float(node.value or 0.0)
         text = repr(int(value)) if value == int(value) and abs(value) < 1e6 else repr(value)

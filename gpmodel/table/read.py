@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from gpmodel.arrays import Array
-from gpmodel.characters import steers
+from gpmodel.characters import UNBROKEN, steers
 from gpmodel.errors import InputError, LayoutError, choices
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Joint, Mechanism, checked_mass, followers
@@ -135,7 +135,7 @@ def _labels(column: pd.Series, where: str) -> NDArray[np.str_]:
     words = [" ".join(word.split()) for word in column.fillna("").astype(str)]
     if bad := next((row for row, word in enumerate(words, 1) if steers(word)), 0):
         raise InputError(f"{where}, row {bad}: control characters in a label; expected plain text")
-    if bad := next((row for row, word in enumerate(words, 1) if '"' in word or "\\" in word), 0):
+    if bad := next((row for row, word in enumerate(words, 1) if not re.match(UNBROKEN, word)), 0):
         raise InputError(f"{where}, row {bad}: label {words[bad - 1]!r}; expected no double quotes and no backslashes")
     return np.array(words, dtype=str)
 

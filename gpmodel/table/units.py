@@ -6,13 +6,13 @@ import math
 import re
 from collections.abc import Mapping
 from functools import lru_cache
-from keyword import iskeyword
 from typing import Any
 
 import numpy as np
 import pint
 
 from gpmodel.arrays import Array
+from gpmodel.characters import is_name
 from gpmodel.errors import QUOTED, InputError, choices
 from gpmodel.mechanism.protocol import SI, checked
 
@@ -54,7 +54,7 @@ def identifier(name: str) -> str:
     """Return a name as expressions spell it: every character but letters and digits becomes an underscore.
     A name that begins with a digit or is a keyword of Python begins with an underscore."""
     word = "".join(c if f"_{c}".isidentifier() else "_" for c in re.sub(r"\W", "_", name))
-    return word if word.isidentifier() and not iskeyword(word) else f"_{word}"
+    return word if is_name(word) else f"_{word}"
 
 
 def _spelled(unit: str) -> str:

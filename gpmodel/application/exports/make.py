@@ -135,7 +135,10 @@ def parts_of(
     several = branched(saved.mechanism) is not None
     geometry = cache(lambda: PredictedPoints.of(saved, fresh()) if several else check().predicted)
     urdf = cache(lambda: as_urdf(rigid(), geometry()))
-    own = np.random.default_rng([seed, 1])
+
+    def grid() -> Grid:
+        return lookup_grid(saved, place, box, nodes, np.random.default_rng([seed, 1]))
+
     makers: tuple[dict[str, Callable[[str], Export]], ...] = (
         {
             URDF: lambda file: urdf(),
@@ -148,7 +151,7 @@ def parts_of(
             "exports/model.h": lambda file: Export(file, HEADER, header_text(check().forward, _note(check().forward))),
         },
         {"exports/model.tex": lambda file: _latex(file, check())},
-        {GRID: lambda file: _grid(file, lookup_grid(saved, place, box, nodes, own), nodes)},
+        {GRID: lambda file: _grid(file, grid(), nodes)},
     )
     return [partial(_made, saved, part) for part in makers]
 
