@@ -86,7 +86,7 @@ def scheduled(address: str | None, workers: int = 0) -> Iterator[Workers]:
         yield Forks(workers)
         return
     kind, _, count = address.partition(":")
-    if kind == "local" and not (count.isdecimal() and 0 < int(count) <= 1024):
+    if not (count.isdecimal() and 0 < int(count) <= 1024 if kind == "local" else count):
         raise InputError(f"{address!r}, expected local:N with N processes, or tcp://host:port", "scheduler")
     try:
         from distributed import CancelledError, Client, LocalCluster

@@ -200,7 +200,7 @@ class EvolutionResult(Shown):
             for k, name in enumerate(counted.inputs)
         ]  # fmt: skip
         head = ("input", *(f"{kind}, {counted.runs[kind]} runs" for kind in counted.counts), "p, corrected")
-        found, said = ", ".join(counted.significant), words.removed(self.record)
+        said = words.removed(self.record)
         return "\n".join(
             [
                 "Best program of each run",
@@ -210,7 +210,7 @@ class EvolutionResult(Shown):
                 "\nRuns whose best program contains each operator",
                 aligned(words.operators(self.record.histograms[0])),
                 said,
-                f"significant inputs: {found}" if found else "no input is significant",
+                f"significant inputs: {words.significant_inputs(counted)}",
             ]
         )
 
@@ -228,7 +228,7 @@ class EvolutionResult(Shown):
         save_record(self.record, file)
 
     def __repr__(self) -> str:
-        found = ", ".join(self.histogram.significant) or "none"
+        found = words.significant_inputs(self.histogram)
         return f"<{len(self.runs)} runs on {self.start.poses.dataset.source}: significant inputs: {found}>"
 
 

@@ -33,7 +33,7 @@ from gpmodel.planning.simulate import INSTRUMENTS, NOISE, POOL, Simulation, rand
 from gpmodel.planning.simulate import simulate as measure
 from gpmodel.table.cells import frame_of, joint_table, table_text
 from gpmodel.table.dataset import LABELS, Dataset
-from gpmodel.table.units import convert, known_unit, split_header
+from gpmodel.table.units import convert, identifier, known_unit, split_header
 from gpmodel.texts import toml_text
 
 Values = str | Sequence[float] | Array
@@ -164,6 +164,7 @@ def _column(header: str, values: Values, count: int, rng: np.random.Generator) -
     name, unit = split_header(str(header))
     if unit is None or not known_unit(unit):
         raise InputError(f"'{header}', expected a name with its unit, as in 'temperature [degC]'", "inputs")
+    name = identifier(name)
     if isinstance(values, str):
         if ":" in values:
             low, high = (convert(v, unit, "inputs") for v in values.split(":", 1))

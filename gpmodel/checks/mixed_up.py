@@ -56,7 +56,7 @@ def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
     largest = np.abs(data.q[:, revolute]).max(initial=0.0)
     rows = comparable_rows(data)
     if len(rows) < FEWEST_ROWS or branched(mechanism):
-        return _degrees_read_as_radians(largest) if largest > TURNS else None
+        return _too_many_turns(largest) if largest > TURNS else None
     few = rows[:: max(1, len(rows) // MOST_ROWS)]
     frames = flange(mechanism, data.q[few])
     most, errors = typical(frames, data.position[few])
@@ -70,7 +70,7 @@ def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
     if not poor:
         return text
     if text is None and largest > TURNS:
-        return _degrees_read_as_radians(largest)
+        return _too_many_turns(largest)
     if text is None and hopeless and all(j.measured for j in mechanism.joints):
         return (
             f"the positions do not fit {mechanism.name}: {1e3 * now:.3g} mm remain after registration and tool, of a "
@@ -243,10 +243,10 @@ def _bad_rows(frames: Array, p: Array, row: IntArray, found: Registered) -> str 
     )
 
 
-def _degrees_read_as_radians(largest: float) -> str:
+def _too_many_turns(largest: float) -> str:
     return (
-        f"joint values reach {largest:.4g} rad ({largest / (2 * np.pi):.3g} turns); "
-        f"they look like degrees: write [deg] in their headers"
+        f"joint values reach {largest:.4g} rad ({largest / (2 * np.pi):.3g} turns), more than a joint turns; "
+        "expected [deg] in the headers of degrees, [rad] in those of radians"
     )
 
 

@@ -10,19 +10,26 @@ from gpmodel.api.check import check as judge
 from gpmodel.api.check import effects as families
 from gpmodel.api.table import read_table
 from gpmodel.cli import options as shared
-from gpmodel.cli.console import command_line, progress_line
+from gpmodel.cli.console import command_line, deliver, path_for, progress_line
 from gpmodel.cli.options import mechanism_options
 from gpmodel.cli.terminal import echo
 from gpmodel.errors import InputError
+from gpmodel.files import write_text
 from gpmodel.mechanism.source import LoadedMechanism
+from gpmodel.table.cells import table_text
 from gpmodel.wording import WIDTH, wrapped
 
 
 @click.command()
 @mechanism_options()
-def effects(mechanism: LoadedMechanism) -> None:
+@shared.out_file_option
+def effects(mechanism: LoadedMechanism, out: Path | None) -> None:
     """List the families of effects: explanation, source, inputs, and an example on MECHANISM."""
-    for row in families(mechanism).to_dict("records"):
+    listed = families(mechanism)
+    if out is not None:
+        write_text(path_for(out, "effects.csv"), table_text(listed))
+        return
+    for row in listed.to_dict("records"):
         echo(row["family"])
         for line in (f"{row['explanation']} ({row['source']})", _instances(row)):
             echo(wrapped(line))
@@ -72,8 +79,5 @@ def check(
         data = read_table(table, mechanism, in_order=False, **sights) if any(sights.values()) else table
         judged = judge(mechanism, data, standard=standard, instrument=instrument, progress=say, command=command_line())
     judged.refuse()
-    if folder is not None:
-        judged.report(folder)
-    if not quiet:
-        echo(judged.summary())
+    deliver(judged, folder, quiet)
     return UNFIT if judged.unfit else 0

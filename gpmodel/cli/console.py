@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Protocol
 
 import pandas as pd
 
@@ -92,6 +93,24 @@ def _in_lines(frame: pd.DataFrame) -> pd.DataFrame:
         if not pd.api.types.is_numeric_dtype(column)
     }
     return frame.assign(**texts).rename(columns=lambda name: printable(str(name), ""))
+
+
+class Findings(Protocol):
+    """Result with a text and a page."""
+
+    def summary(self) -> str:
+        """Return the text for a terminal."""
+
+    def report(self, folder: Path) -> object:
+        """Write the files into a folder."""
+
+
+def deliver(found: Findings, folder: Path | None, quiet: bool) -> None:
+    """Write the files of a result into the folder, if one is given, and then print its summary."""
+    if folder is not None:
+        found.report(folder)
+    if not quiet:
+        terminal.echo(found.summary())
 
 
 def command_line() -> str:

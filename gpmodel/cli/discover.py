@@ -18,7 +18,7 @@ from gpmodel.api.fleet import fleet as calibrate_fleet
 from gpmodel.api.table import read_table
 from gpmodel.characters import shell_quoted
 from gpmodel.cli import options as shared
-from gpmodel.cli.console import command_line, progress_line, what_next
+from gpmodel.cli.console import command_line, deliver, progress_line, what_next
 from gpmodel.cli.options import SIGHTS
 from gpmodel.cli.request import keeping, resume_option
 from gpmodel.cli.terminal import echo
@@ -191,12 +191,9 @@ def evolve(
             mechanism, dataset, strategies=strategies, selection=selection_of(*schemes), **asked,
             executor=executor, kept=kept, progress=say, command=command_line(),
         )  # fmt: skip
-        if folder is not None:
-            result.report(folder)
-    if not quiet:
-        echo(result.summary())
-        if folder is not None:
-            echo(f"programs.txt and report.html are in {folder}")
+        deliver(result, folder, quiet)
+    if folder is not None and not quiet:
+        echo(f"programs.txt and report.html are in {folder}")
 
 
 def selection_of(truncation: float | None, tournament: int | None) -> SelectionScheme | None:
@@ -274,11 +271,8 @@ def fleet(
             mechanism, tables, named, **asked, executor=executor, journal=journal, progress=say,
             command=command_line(),
         )  # fmt: skip
-        if folder is not None:
-            found.report(folder)
-    if not quiet:
-        echo(found.summary())
-        if folder is not None:
-            echo(f"overview: {folder / PAGE}\nof each machine: {folder / MACHINES}/*/model.json")
-            echo("next, for a further machine:")
-            echo(f"  gpmodel calibrate TABLE --mechanism M --fleet {shell_quoted(folder / NAME)}")
+        deliver(found, folder, quiet)
+    if folder is not None and not quiet:
+        echo(f"overview: {folder / PAGE}\nof each machine: {folder / MACHINES}/*/model.json")
+        echo("next, for a further machine:")
+        echo(f"  gpmodel calibrate TABLE --mechanism M --fleet {shell_quoted(folder / NAME)}")

@@ -56,6 +56,10 @@ DONE, DEFECT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 PLUGIN_HELP = 60
 """Characters of a plugin's help next to its name on 80 columns."""
 
+unused_seed_option = click.Option(["--seed"], type=click.IntRange(0), expose_value=False,
+                           help="Accepted as by every command; this one draws no random numbers.")  # fmt: skip
+"""Option of a command that has no seed of its own."""
+
 
 class CommandGroup(click.Group):
     """Command group that imports a command when it is called, and turns every error into one line and an exit
@@ -71,7 +75,9 @@ class CommandGroup(click.Group):
             module, _, function = COMMANDS[name][0].partition(":")
             with extra_for(f"gpmodel {name}"):
                 found: click.Command = getattr(import_module(f"gpmodel.cli.{module}"), function or name)
-                return found
+            if not any(p.name == "seed" for p in found.params) and unused_seed_option not in found.params:
+                found.params.append(unused_seed_option)
+            return found
         plugin = next(iter(entry_points(group=PLUGINS, name=name)), None)
         return plugin.load() if plugin else None
 

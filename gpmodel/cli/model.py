@@ -13,7 +13,7 @@ from gpmodel.application.exports.grid import NODES
 from gpmodel.application.exports.programs import Language
 from gpmodel.characters import shell_quoted
 from gpmodel.cli import options as shared
-from gpmodel.cli.console import command_line, place_for, progress_line, session_note, write_frame
+from gpmodel.cli.console import command_line, deliver, place_for, progress_line, session_note, write_frame
 from gpmodel.cli.terminal import echo
 from gpmodel.errors import InputError
 from gpmodel.files import write_text
@@ -148,9 +148,7 @@ def export(
     """
     file = model_file(result)
     exports = load_model(file).export(box=box, nodes=nodes, setup=setup, tool=tool, seed=seed)
-    exports.report(folder or file.parent)
-    if not quiet:
-        echo(exports.summary())
+    deliver(exports, folder or file.parent, quiet)
 
 
 CHANGED, UNDECIDED = 3, 4
@@ -202,14 +200,9 @@ def verify(
         found = judge(
             model, table, tolerance=tolerance, in_order=in_order, progress=say, command=command_line(), **sights
         )
-    if folder is not None:
-        found.report(folder)
-    if not quiet:
-        echo(found.summary())
-        if folder is not None:
-            echo(
-                f"page: {folder / 'verify.html'}\nnext:\n  gpmodel certificate {shell_quoted(folder)}  its certificate"
-            )
+    deliver(found, folder, quiet)
+    if folder is not None and not quiet:
+        echo(f"page: {folder / 'verify.html'}\nnext:\n  gpmodel certificate {shell_quoted(folder)}  its certificate")
     return 0 if found.passed else CHANGED
 
 

@@ -9,6 +9,7 @@ import click
 from gpmodel.api.certificate import certificate as certify
 from gpmodel.api.saved import compare as changes
 from gpmodel.api.saved import explain as finding
+from gpmodel.cli.console import deliver
 from gpmodel.cli.options import PATH, page_option, quiet_option
 from gpmodel.cli.terminal import echo
 from gpmodel.report.origin import Particulars
@@ -16,16 +17,18 @@ from gpmodel.report.saved import read_report
 
 
 @click.command()
-@click.argument("folder", metavar="DIR", type=PATH)
+@click.argument("result", metavar="DIR", type=PATH)
+@click.option("--out", "folder", type=PATH, help="Folder of the pages. [default: DIR]")
 @quiet_option
-def report(folder: Path, quiet: bool) -> None:
+def report(result: Path, folder: Path | None, quiet: bool) -> None:
     """Write the pages, poses.csv and the figures again from DIR/report.json, without a fit."""
-    saved = read_report(folder)
+    saved = read_report(result)
     from gpmodel.report.write import write_report
 
-    files = write_report(saved, folder)
+    target = folder or result
+    files = write_report(saved, target)
     if not quiet:
-        echo(f"{', '.join(file.name for file in files)} and the figures are in {folder}")
+        echo(f"{', '.join(file.name for file in files)} and the figures are in {target}")
 
 
 @click.command()
@@ -35,11 +38,7 @@ def report(folder: Path, quiet: bool) -> None:
 @quiet_option
 def compare(before: Path, after: Path, folder: Path | None, quiet: bool) -> None:
     """State what changed between the results in A and B, for each parameter and effect."""
-    found = changes(before, after)
-    if folder is not None:
-        found.report(folder)
-    if not quiet:
-        echo(found.summary())
+    deliver(changes(before, after), folder, quiet)
 
 
 @click.command()
@@ -49,11 +48,7 @@ def compare(before: Path, after: Path, folder: Path | None, quiet: bool) -> None
 @quiet_option
 def explain(result: Path, number: int, folder: Path | None, quiet: bool) -> None:
     """Explain finding N of the results in DIR: site, size at the tool, possible causes, and further measurements."""
-    found = finding(result, number)
-    if folder is not None:
-        found.report(folder)
-    if not quiet:
-        echo(found.summary())
+    deliver(finding(result, number), folder, quiet)
 
 
 def particulars_options(command: Callable[..., None]) -> Callable[..., None]:

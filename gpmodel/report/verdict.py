@@ -11,6 +11,7 @@ from gpmodel import wording
 from gpmodel.errors import LISTED
 from gpmodel.hierarchy.further import PRIOR
 from gpmodel.model.memory import read_by
+from gpmodel.report import words
 from gpmodel.report.schema import STANDARD, Report
 
 COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
@@ -179,8 +180,11 @@ def of_evolution(report: Report) -> str:
     histogram = report.histograms[0]
     real = [run for run in report.runs if not run.shuffled]
     best = max((run.gain for run in real if run.gain is not None), default=None)
-    inputs = ", ".join(histogram.significant)
-    found = f"The residual depends on {inputs}" if inputs else "No input is significant"
+    stated = words.significant_inputs(histogram)
+    found = {
+        "none": "No input is significant",
+        words.TOO_FEW: "The runs are too few to tell whether an input matters",
+    }.get(stated, f"The residual depends on {stated}")
     if report.effects:
         found = f"Given {wording.listed([e.name for e in report.effects])}: {found[0].lower()}{found[1:]}"
     return f"{found}; the best of {len(real)} programs removes {wording.percent(best)} of the scored residual."

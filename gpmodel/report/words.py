@@ -271,6 +271,9 @@ def rms_removed(gain: float) -> float:
     return 1.0 - math.sqrt(max(0.0, 1.0 - gain))
 
 
+TOO_FEW = "too few runs to tell"
+
+
 def significant_inputs(histogram: Histogram) -> str:
     """State the significant inputs of a histogram; without any, whether there were enough runs.
     If all R runs and none of the S runs on permuted residuals reference one of I inputs, its p-value is I / C(R + S,
@@ -279,7 +282,7 @@ def significant_inputs(histogram: Histogram) -> str:
         return ", ".join(histogram.significant)
     runs, shuffled = sum(histogram.runs.values()), sum(histogram.shuffled_runs.values())
     least = len(histogram.inputs) / math.comb(runs + shuffled, runs)
-    return "too few runs to tell" if runs and shuffled and least >= histogram.significance else "none"
+    return TOO_FEW if runs and shuffled and least >= histogram.significance else "none"
 
 
 def operators(histogram: Histogram) -> list[tuple[str, ...]]:
