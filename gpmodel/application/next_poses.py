@@ -62,13 +62,14 @@ class Outlook:
 
     @classmethod
     def over(cls, saved: SavedModel, pool: Array, rng: np.random.Generator) -> "Outlook":
-        """Make the pool from joint values (P, n); other inputs are those of random rows of the measured table.
+        """Make the pool from joint values (P, n). Its rows follow the last measured row; other inputs are those of
+        random rows of the measured table.
 
         Raises InputError if the model does not contain its table.
         """
         data = measured_table(saved)
-        ready = (prepare(saved.mechanism, rows) for rows in (data, at_joint_values(data, pool, rng)))
-        return cls(saved, *ready)
+        further = replace(at_joint_values(data, pool, rng), row=np.full(len(pool), data.row.max() + 1))
+        return cls(saved, prepare(saved.mechanism, data), prepare(saved.mechanism, further))
 
     def of_the_point(self, at: Poses | None = None) -> Question:
         """Return the experimental-design problem of the predicted point: its variance, m², over the pool or `at`

@@ -36,6 +36,7 @@ def _registry() -> pint.UnitRegistry:
     registry: pint.UnitRegistry = pint.UnitRegistry()
     registry.define("sccm = centimeter ** 3 / minute")
     registry.define("px = pixel")  # not the 1/96 inch of style sheets
+    registry.define("row = [row]")  # of drifts
     return registry
 
 

@@ -204,6 +204,19 @@ def test_the_next_poses_shrink_what_they_are_for_more_than_random_ones(tmp_path:
         assert said in line
 
 
+def test_the_promised_precision_of_a_shift_is_reached_by_rows_after_the_session() -> None:
+    name = "tool slipped after row 13, Tx"
+    arm, made = robot(20, 5, "irb6400r", effects=(f"{name}=0.3 mm",), noise=2e-5)
+    fit = calibrate(arm, made.dataset, [name], standard=["none"], holdout=0.0)
+    found = choose_poses(count=20, after=fit.model, criterion="effect")
+    data = unmeasured([j.name for j in arm.joints], np.vstack([made.dataset.q, found.q]))
+    tip = observe(made.model, prepare(arm, data), made.theta, made.placement).tip[:, :3, 3]
+    noise = np.random.default_rng(1).normal(0.0, 2e-5, tip.shape)
+    again = calibrate(arm, replace(data, position=tip + noise), [name], standard=["none"], holdout=0.0)
+    reached = again.model.saved.stderr[-1] / abs(fit.model.saved.theta[-1]) / again.model.saved.sigma
+    assert reached * fit.model.saved.sigma * 100 == pytest.approx(found.curve.iloc[-1, 1], rel=0.05)
+
+
 def test_poses_for_a_task_know_its_points_better_than_poses_for_the_workspace(tmp_path: Path) -> None:
     arm, made = robot(25, 5, "irb6400r", noise=2e-5)
     fit, task = calibrate(arm, made.dataset, holdout=0.0), tmp_path / "task.csv"

@@ -241,7 +241,7 @@ def test_quantity_refuses_what_is_no_length(text: str) -> None:
     ("text", "unit", "expected"),
     [("2e-7", "rad/Nm", 2e-7), ("2e-7 rad/Nm", "rad/Nm", 2e-7), ("0.2 urad/Nm", "rad/Nm", 2e-7), ("3", "1", 3.0),
      ("20 arcsec", "rad", 20 * math.pi / 648000), ("0.1 mm", "m", 1e-4), (" -1.5 ", "m", -1.5),
-     ("5 mm/N", "m/N", 5e-3)],
+     ("5 mm/N", "m/N", 5e-3), ("4 um/row", "m/row", 4e-6)],
 )  # fmt: skip
 def test_value_in_the_units_of_an_effect(text: str, unit: str, expected: float) -> None:
     assert convert(text, unit, "here") == pytest.approx(expected, rel=1e-12)
