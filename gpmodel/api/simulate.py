@@ -162,7 +162,7 @@ def _truth(made: Simulation) -> SavedModel:
 def _column(header: str, values: Values, count: int, rng: np.random.Generator) -> tuple[str, str, Array]:
     """Return name, unit and values (count,) of a further column."""
     name, unit = split_header(str(header))
-    if unit is None or not known_unit(unit):
+    if not name or unit is None or not known_unit(unit):
         raise InputError(f"'{header}', expected a name with its unit, as in 'temperature [degC]'", "inputs")
     name = identifier(name)
     if isinstance(values, str):
