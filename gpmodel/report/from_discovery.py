@@ -200,7 +200,7 @@ def _causes(hypothesis: Hypothesis, name: str, names: Mapping[str, str]) -> Iter
     found = hypothesis.candidate.name
     for cause in hypothesis.causes.causes if hypothesis.causes else ():
         said = tuple(name if g.name == found else translate(g.name, names) for g in cause.groups)
-        yield CauseRecord(said, cause.probability, cause.own)
+        yield CauseRecord(said, cause.probability, cause.own, cause.amount)
 
 
 def _tests(hypothesis: Hypothesis) -> tuple[TestRecord, ...]:

@@ -170,12 +170,14 @@ class CauseRecord:
     """A cause in the credible set of a finding, and its probability.
 
     names: candidates that are indistinguishable at these poses, the most probable first.
-    own: the finding is one of them.
+    own: the finding is one of them. amount: value of the finding under this cause, relative to its fitted value; 0 if
+    the cause does not contain the finding.
     """
 
     names: tuple[str, ...]
     probability: Share
     own: bool = False
+    amount: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -310,11 +312,16 @@ class EffectRecord:
 
     @property
     def stderr_over_causes(self) -> float | None:
-        """Root mean square deviation of the true amount from the value, if the amount is zero for other causes.
-        √(p σ² + (1 - p) value²). Source: Hoeting et al. (1999), variance within and between models."""
-        if self.probability is None or self.value is None or self.stderr is None:
+        """Root mean square deviation of the true value from the fitted one over all causes.
+        √(σ² + value² Σ p (1 - amount)²), σ² for causes with the finding alone. Outside the set the amount is zero.
+        Source: Hoeting et al. (1999), variance within and between models."""
+        if self.causes is None or self.probability is None or self.value is None or self.stderr is None:
             return None
-        return float((self.probability * self.stderr**2 + (1.0 - self.probability) * self.value**2) ** 0.5)
+        listed = [(c.probability, c.amount) for c in self.others]
+        listed.append((1.0 - self.probability - sum(p for p, _ in listed), 0.0))
+        within = self.probability + sum(p for p, amount in listed if amount)
+        between = sum(p * (1.0 - amount) ** 2 for p, amount in listed)
+        return float((within * self.stderr**2 + between * self.value**2) ** 0.5)
 
 
 @dataclass(frozen=True)

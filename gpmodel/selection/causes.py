@@ -3,8 +3,10 @@
     p(h | y) ∝ exp L(model with h in the place of g),   h over all groups of the pool
 
 L is the objective of the selection: log marginal likelihood minus price. The rest of the model is re-estimated with h,
-and groups that h makes superfluous are deleted. All unnamed candidates are one cause, "none of these". Sources: Wang et
-al. (2020), a sum of single effects; Raftery et al. (1997), the models near the best one.
+and groups that h makes superfluous are deleted. Candidates that differ only in constants inside their basis functions,
+such as a time constant, are one cause. A joint group of several sites that contains g is none: it adds other sites. All
+unnamed candidates are one cause, "none of these". Sources: Wang et al. (2020), a sum of single effects; Raftery et al.
+(1997), the models near the best one.
 """
 
 from collections.abc import Iterable, Sequence
@@ -15,6 +17,7 @@ from scipy.special import logsumexp
 
 from gpmodel.arrays import Array
 from gpmodel.families.candidate import SMOOTH_TERM
+from gpmodel.model.effect import Term
 from gpmodel.model.sites import Site
 from gpmodel.numerics.interval import COVERAGE
 from gpmodel.selection.group import Group, is_curve
@@ -30,11 +33,16 @@ NEAR, MOST, ALIKE = 9.0, 40, 1e-3
 
 @dataclass(frozen=True)
 class Cause:
-    """Indistinguishable groups, the most probable first, and their probability. own: one of them is selected."""
+    """Indistinguishable groups, the most probable first, and their probability.
+
+    own: one of them is selected. amount: coefficients of the selected effects under this cause, relative to those of
+    the selected group; 0 if the cause does not contain them.
+    """
 
     groups: tuple[Group, ...]
     probability: float
     own: bool
+    amount: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -57,16 +65,18 @@ class CredibleSet:
 
 def credible_set(model: Active, g: int, sites: Sequence[Site] = (), inputs: Sequence[str] = ()) -> CredibleSet:
     """Compute the probabilities of all candidates in the place of a selected group. sites, inputs: of smooth terms."""
-    near, group = dict(_near(model, g)), model.pool.groups[g]
-    unnamed = _smooth_terms(model, g, sites, inputs) if _named(group) else np.zeros(0)
-    total = float(logsumexp([*near.values(), *unnamed]))
-    named = {h: float(np.exp(value - total)) for h, value in near.items() if _named(model.pool.groups[h])}
+    near, groups = dict(_near(model, g)), model.pool.groups
+    unnamed = _smooth_terms(model, g, sites, inputs) if _named(groups[g]) else np.zeros(0)
+    total = float(logsumexp([*(trial.objective for trial in near.values()), *unnamed]))
+    named = {h: float(np.exp(trial.objective - total)) for h, trial in near.items() if _named(groups[h])}
     lines = [(p, line) for line, p in _lines(model.without(g), named)]
     lines.append((1.0 - sum(named.values()), ()))
     lines.sort(key=lambda line: -line[0])
     kept = lines[: 1 + int(np.searchsorted(np.cumsum([p for p, _ in lines]), COVERAGE))]
-    groups = model.pool.groups
-    causes = tuple(Cause(tuple(groups[h] for h in line), p, g in line) for p, line in kept if line)
+    causes = tuple(
+        Cause(_distinct(groups, line, g), p, g in line, _amount(model, g, near[line[0]], line[0]))
+        for p, line in kept if line
+    )  # fmt: skip
     return CredibleSet(causes, next((p for p, line in kept if not line), 0.0))
 
 
@@ -74,24 +84,57 @@ def _named(group: Group) -> bool:
     return bool(group.family) and not is_curve(group)
 
 
-def _near(model: Active, g: int) -> Iterable[tuple[int, float]]:
-    """Yield candidates in the place of a group, itself included, with the objective (nats) of the model with each.
+def _kind(group: Group) -> str:
+    """Return the name of a group with symbols in place of the constants inside its basis functions."""
+    return group.inner.name if group.inner else group.name
+
+
+def _distinct(groups: Sequence[Group], line: Sequence[int], g: int) -> tuple[Group, ...]:
+    """Return one group of each kind of a line, the most probable; the selected group g represents its kind."""
+    first: dict[str, Group] = {}
+    for h in sorted(line, key=lambda h: h != g):
+        first.setdefault(_kind(groups[h]), groups[h])
+    kinds = dict.fromkeys(_kind(groups[h]) for h in line)
+    return tuple(first[kind] for kind in kinds)
+
+
+def _amount(model: Active, g: int, trial: Active, h: int) -> float:
+    """Return the coefficients of a group's effects in the model with h in its place, projected on those of the
+    model."""
+    own, other = _coefficients(model, g), _coefficients(trial, h)
+    square = sum(value**2 for value in own.values())
+    return sum(value * other.get(k, 0.0) for k, value in own.items()) / square if square else 0.0
+
+
+def _coefficients(model: Active, g: int) -> dict[tuple[Term, ...], float]:
+    """Return the posterior mean of the coefficient of each effect of a selected group."""
+    effects, values = model.pool.groups[g].effects, (model.scale * model.mean)[model.blocks[g]]
+    return {effects[k].terms: float(v) for k, v in zip(model.chosen[g].tolist(), values, strict=True)}
+
+
+def _near(model: Active, g: int) -> Iterable[tuple[int, Active]]:
+    """Yield candidates in the place of a group, itself included, and the model with each.
 
     Curves of other groups keep their variances.
     """
-    yield g, model.objective
-    model = beside_curves(model, [g], model.pools)
+    yield g, model
+    model, own = beside_curves(model, [g], model.pools), _terms(model.pool.groups[g])
     fewer = model.without(g)
     gains, variances, _ = Scan(fewer).gains(model.net_gain(g) - NEAR + fewer.prices)
     smooth = [h for h, group in enumerate(model.pool.groups) if group.found_by == SMOOTH_TERM]
     net = gains - fewer.prices
-    net[[*model.variances, *smooth]] = -np.inf
+    wider = [h for h, group in enumerate(model.pool.groups) if group.parts and own <= _terms(group)]
+    net[[*model.variances, *smooth, *wider]] = -np.inf
     for h in np.argsort(-net, kind="stable")[:MOST].tolist():
         if net[h] < model.net_gain(g) - NEAR:
             return
         trial = prune(reestimate(fewer.added(h, float(variances[h]))), exempt=h)
         if len(np.unique(trial.part_of_column(h))) != 1:
-            yield h, trial.objective
+            yield h, trial
+
+
+def _terms(group: Group) -> set[tuple[Term, ...]]:
+    return {effect.terms for effect in group.effects}
 
 
 def _smooth_terms(model: Active, g: int, sites: Sequence[Site], inputs: Sequence[str]) -> Array:
@@ -105,12 +148,13 @@ def _smooth_terms(model: Active, g: int, sites: Sequence[Site], inputs: Sequence
 
 
 def _lines(fewer: Active, chance: dict[int, float]) -> list[tuple[tuple[int, ...], float]]:
-    """Merge groups with equal contributions given a model, and return each set with its total probability."""
+    """Merge groups of one kind or with equal contributions given a model; return each set with its probability."""
     lines: list[tuple[list[int], Array]] = []
     for h in sorted(chance, key=lambda h: (-round(chance[h], 6), fewer.pool.groups[h].name)):
         moved = _contribution(fewer, h)
         for line, first in lines:
-            if np.linalg.norm(moved - first) < ALIKE * np.linalg.norm(first):
+            same = _kind(fewer.pool.groups[h]) == _kind(fewer.pool.groups[line[0]])
+            if same or np.linalg.norm(moved - first) < ALIKE * np.linalg.norm(first):
                 line.append(h)
                 break
         else:

@@ -115,6 +115,10 @@ def test_causes_stand_before_a_value_that_holds_for_one_of_them() -> None:
     assert doubted.stderr_over_causes == pytest.approx(
         np.hypot(effect.value or 0.0, effect.stderr or 0.0) / np.sqrt(2.0)
     )
+    kept = (set_of_two[0], dataclasses.replace(set_of_two[1], amount=0.9))
+    assert dataclasses.replace(effect, causes=kept).stderr_over_causes == pytest.approx(
+        np.hypot(0.1 * (effect.value or 0.0) / np.sqrt(2.0), effect.stderr or 0.0)
+    )
     text = " ".join(summary(dataclasses.replace(report, effects=(doubted,))).split())
     value = str(wording.measured(effect.value, effect.stderr, effect.unit))
     assert text.index("a stranger") < text.index(value)

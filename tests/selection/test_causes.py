@@ -9,13 +9,15 @@ from effect_cases import bare, measure, mechanism, sized
 from group_cases import ARM, STANDING, offered, started
 
 from gpmodel.families import catalogue
+from gpmodel.families.candidate import Candidate, inside
+from gpmodel.families.inner import Constant, NonlinearParameters, symbol
 from gpmodel.formula.expression import Expression
-from gpmodel.model.effect import effect_at
+from gpmodel.model.effect import drive_effect, effect_at
 from gpmodel.model.error_model import prepare
 from gpmodel.model.sites import sites_of
 from gpmodel.numerics.interval import COVERAGE
 from gpmodel.selection.causes import CredibleSet, credible_set
-from gpmodel.selection.group import Shapes
+from gpmodel.selection.group import Shapes, group_of
 from gpmodel.selection.offers import Offering
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.posterior import Active
@@ -76,6 +78,48 @@ def test_causes_that_no_measurement_distinguishes_are_one_line() -> None:
     line = next(names for names, _ in said(found) if PLANTED[0] in names)
     assert len(line) > 1
     assert all(", J2" in name for name in line)
+
+
+def test_one_kind_at_all_joints_is_no_cause_of_that_kind_at_one_joint() -> None:
+    """Three compliances, which one joint group would describe at one price."""
+    data, arm = bare(ARM, 60, 3, payload=False), mechanism(ARM)
+    states = prepare(arm, data).states
+    effects = {c.name: c for c in catalogue.candidates(arm, states)}
+    names = ("joint compliance, J2", "joint compliance, J3", "joint compliance, J5")
+    every = [e for name in names for e in effects[name].effects]
+    size = [float(sized(ARM, (e,), data, 0.12, 3)[0]) for e in every]
+    truth = measure(ARM, every, size, 3, dataset=data)
+    model, number = started(truth, offered(Offering(STANDING), arm, Shapes(truth.poses.states)))
+    for name in names:
+        model = model.added(number[name], 1e-8)
+    model = reestimate(model)
+    for name in names:
+        found = credible_set(model, number[name])
+        assert not any("several joints" in cause for cause in found.names)
+        assert next(cause.probability for cause in found.causes if cause.own) > 0.5
+
+
+def test_a_cause_is_one_whatever_the_constant_inside_and_keeps_what_it_contains() -> None:
+    """A ramp over torque of unknown width, offered with three widths, and with a second effect."""
+    data, arm = bare(ARM, 60, 3, payload=False), mechanism(ARM)
+    planted = drive_effect("ramp", arm.joints[2], Expression("tanh(torque_J3/400)"))
+    truth = measure(ARM, [planted], [4e-4], 3, dataset=data)
+    template = drive_effect("ramp", arm.joints[2], Expression(f"tanh(torque_J3/{symbol()})"), family="windup")
+    more = drive_effect("of the angle", arm.joints[2], Expression("sin(3*J3)"))
+    inner = (
+        NonlinearParameters(f"ramp {symbol()}", (template,), (Constant("width", "N*m", w),)) for w in (390, 400, 410)
+    )
+    offers = [inside(i, "windup", 3.0) for i in inner]
+    offers.append(Candidate("ramp and angle", (*offers[1].effects, more), "coupling", -1.0))
+    groups = [g for g in (group_of(c, Shapes(truth.poses.states)) for c in offers) if g is not None]
+    model, number = started(truth, groups)
+    found = credible_set(reestimate(model.added(number["ramp 400"], 1e-7)), number["ramp 400"])
+    own, other = sorted(found.causes, key=lambda cause: not cause.own)
+    assert [g.name for g in own.groups] == ["ramp 400"]
+    assert own.own
+    assert [g.name for g in other.groups] == ["ramp and angle"]
+    assert other.amount == pytest.approx(own.amount, abs=0.05)
+    assert own.amount == pytest.approx(1.0, abs=0.05)
 
 
 @pytest.mark.long
