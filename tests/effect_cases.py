@@ -24,7 +24,25 @@ from joints import spherical_joint
 from robots import load_mechanism
 
 NOISE = 3e-5
-MECHANISMS = ("irb6400r", "ur5", "dh", "spherical-joint")
+GANTRY = """
+convention = "modified"
+[[joint]]
+name = "X"
+kind = "prismatic"
+alpha_deg = 90
+theta_deg = 90
+[[joint]]
+name = "Y"
+kind = "prismatic"
+alpha_deg = -90
+theta_deg = -90
+[[joint]]
+name = "Z"
+kind = "prismatic"
+alpha_deg = -90
+"""
+"""Three prismatic axes, and no length at all."""
+MECHANISMS = ("irb6400r", "ur5", "dh", "gantry", "spherical-joint")
 
 
 @cache
@@ -32,13 +50,14 @@ def mechanism(name: str) -> Mechanism:
     """One of MECHANISMS; the spherical joint with its angles measured, so that every effect shows."""
     if name == "spherical-joint":
         return spherical_joint().with_angles(measured=True)
-    if name != "dh":
+    written = {"dh": STANDARD_DH, "gantry": GANTRY}
+    if name not in written:
         found = load_mechanism(name)
         assert found is not None
         return found
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "dh.toml"
-        path.write_text(STANDARD_DH)
+        path = Path(folder) / f"{name}.toml"
+        path.write_text(written[name])
         found = load_mechanism(str(path))
     assert found is not None
     return found

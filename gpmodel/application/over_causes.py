@@ -149,7 +149,7 @@ def _stated(found: Discovery, fit: Calibration, findings: Sequence[Candidate]) -
     """
     offered = catalogue.candidates(found.mechanism, found.poses.states)
     sets = [finding.hypothesis.causes for finding in found.findings]
-    listed = [group for one in sets if one for cause in one.others for group in cause.groups]
+    listed = [group for one in sets if one for cause in one.causes if not cause.own for group in cause.groups]
     few = [c for c in offered if len(c.effects) <= UNKNOWNS and ROW not in c.inputs]
     known = {effect.name for effect in fit.model.effects}
     pool = list({c.name: c for c in (*few, *listed) if known.isdisjoint(e.name for e in c.effects)}.values())

@@ -10,7 +10,6 @@ from itertools import chain
 
 import numpy as np
 
-from gpmodel.arrays import Array
 from gpmodel.families.candidate import Candidate, across, inside, loaded, one, relative, revolute, share_of_rows
 from gpmodel.families.inner import Constant, NonlinearParameters, geometric, symbol
 from gpmodel.formula.expression import Basis, Expression
@@ -31,31 +30,44 @@ ZERO = 1e-5
 """Drift of an encoder zero, rad/K. Gong (2000) reports up to 0.2 mrad over 20 K."""
 
 SHORTEST = 0.02
-"""Shortest link that gets a thermal growth, m. A shorter link grows by less than 5 µm in 10 K."""
+"""Shortest link that gets a growth, m. A shorter link grows by less than 5 µm in 10 K."""
 
 
 def arm_growth(
     name: str, mechanism: Mechanism, basis: Basis, unit: str, family: str, prior: float = math.inf
-) -> Effect:
-    """Return the effect that stretches all links by an equal share of their lengths."""
-    terms = chain(*(_along(slot, link, basis) for slot, link in links(mechanism).items()))
-    return Effect(name, tuple(terms), unit, family, prior)
+) -> Iterator[Effect]:
+    """Yield the effect that stretches all lengths by an equal share; nothing for a mechanism without lengths."""
+    terms = tuple(chain(*(terms for _, terms in _lengths(mechanism, basis))))
+    if terms:
+        yield Effect(name, terms, unit, family, prior)
 
 
 def link_growth(
     name: str, mechanism: Mechanism, basis: Basis, unit: str, family: str, prior: float = math.inf
 ) -> Iterator[Effect]:
-    """Yield an effect that stretches one link, for each link longer than SHORTEST.
+    """Yield an effect that stretches one length, for each link longer than SHORTEST and each prismatic joint.
 
-    name: name of the effect, with {slot} for the slot at the end of the link.
+    name: name of the effect, with {slot} for the slot at the end of the length.
     """
-    for slot, link in links(mechanism).items():
-        if np.linalg.norm(link) > SHORTEST:
-            yield Effect(name.format(slot=slot), _along(slot, link, basis), unit, family, prior)
+    for slot, terms in _lengths(mechanism, basis):
+        if any(term.basis != basis for term in terms) or np.linalg.norm([term.weight for term in terms]) > SHORTEST:
+            yield Effect(name.format(slot=slot), terms, unit, family, prior)
 
 
-def _along(slot: str, link: Array, basis: Basis) -> tuple[Term, ...]:
-    return tuple(Term(slot, f"T{a}", basis, float(v)) for a, v in zip("xyz", link, strict=True) if abs(v) > 1e-9)
+def _lengths(mechanism: Mechanism, basis: Basis) -> Iterator[tuple[str, tuple[Term, ...]]]:
+    """Yield each slot with a length before it, and the terms that stretch it: the offset from the previous slot, and
+    the travel of a prismatic joint, whose screw or scale grows."""
+    fixed = links(mechanism)
+    travels = {
+        slot: Term(slot, axis, Expression(f"{joint.name}*({basis})"), weight)
+        for joint in mechanism.joints if joint.kind == "prismatic"
+        for slot, axis, weight in joint.drive
+    }  # fmt: skip
+    for slot in mechanism.slots:
+        offset = zip("xyz", fixed.get(slot, np.zeros(3)).tolist(), strict=True)
+        terms = tuple(Term(slot, f"T{a}", basis, v) for a, v in offset if abs(v) > 1e-9)
+        if terms := (*terms, travels[slot]) if slot in travels else terms:
+            yield slot, terms
 
 
 MOST_STEPS = 200
@@ -89,12 +101,12 @@ def _moved_once(what: str, slot: str, axes: tuple[str, ...], family: str, states
 
 
 def thermal_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the growth of the whole arm, and of each link, in proportion to a measured temperature."""
+    """Yield the growth of all lengths, and of each link or travel, in proportion to a measured temperature."""
     for column in _measured_temperatures(states):
         unit = states.units[column]
-        basis = Expression(relative(states, column, unit))
-        name = f"thermal growth of the arm ({column})"
-        yield one(name, arm_growth(name, mechanism, basis, f"1/{unit}", "thermal_growth"), 4.0)
+        basis, name = Expression(relative(states, column, unit)), f"thermal growth of the arm ({column})"
+        for effect in arm_growth(name, mechanism, basis, f"1/{unit}", "thermal_growth"):
+            yield one(name, effect, 4.0)
         name = f"thermal growth of the link before {{slot}} ({column})"
         for effect in link_growth(name, mechanism, basis, f"1/{unit}", "thermal_growth"):
             yield one(effect.name, effect, 5.0)
@@ -284,8 +296,8 @@ def _following(
     zero.
     """
     family, cost = "lagged_growth", 4.0 + float(np.log(LAGS))
-    name = f"growth of the arm {where}"
-    yield name, (arm_growth(name, mechanism, basis, f"1/{kelvin}", family, EXPANSION),), cost
+    for effect in arm_growth(f"growth of the arm {where}", mechanism, basis, f"1/{kelvin}", family, EXPANSION):
+        yield effect.name, (effect,), cost
     name = f"growth of the link before {{slot}} {where}"
     for effect in link_growth(name, mechanism, basis, f"1/{kelvin}", family, EXPANSION):
         yield effect.name, (effect,), cost + 1.0

@@ -21,7 +21,7 @@ from gpmodel.arrays import ROUNDING, Array, IntArray
 from gpmodel.errors import InputError
 from gpmodel.table.bundles import SAME_JOINT
 from gpmodel.table.dataset import Dataset
-from gpmodel.table.units import is_time
+from gpmodel.table.units import TEMPERATURES, is_time
 
 OFTEN = 0.05
 """Least share of rows close to the previous row from which a joint counts as standing still. Of random poses in a range
@@ -172,4 +172,4 @@ def standing(past: Past, joints: Sequence[str]) -> list[str]:
 
 def temperatures(units: Mapping[str, str]) -> list[str]:
     """Return the names of the columns with a unit of temperature."""
-    return [c for c, unit in units.items() if unit in ("degC", "K", "kelvin", "celsius", "degF", "°C")]
+    return [c for c, unit in units.items() if unit in TEMPERATURES.values()]

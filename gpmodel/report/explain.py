@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from gpmodel import wording
 from gpmodel.errors import InputError
-from gpmodel.families.candidate import NAMED
+from gpmodel.families.candidate import NAMED, STANDARD_TEMPERATURE
 from gpmodel.mechanism.protocol import INSTRUMENT
 from gpmodel.model.memory import constant_of, read_by
 from gpmodel.report import charts_errors, words
@@ -197,7 +197,7 @@ def kinds_of(name: str, unit: str, joints: Set[str]) -> tuple[str, ...]:
         return ("load",)
     if name == "payload":
         return ("payload",)
-    if unit in ("degC", "degF", "K"):
+    if unit in STANDARD_TEMPERATURE:
         return ("temperature",)
     return ("speed",) if _is_speed(unit) else ()
 

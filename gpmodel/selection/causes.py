@@ -17,7 +17,6 @@ from scipy.special import logsumexp
 
 from gpmodel.arrays import Array
 from gpmodel.families.candidate import SMOOTH_TERM
-from gpmodel.model.effect import Term
 from gpmodel.model.sites import Site
 from gpmodel.numerics.interval import COVERAGE
 from gpmodel.selection.group import Group, is_curve
@@ -33,10 +32,10 @@ NEAR, MOST, ALIKE = 9.0, 40, 1e-3
 
 @dataclass(frozen=True)
 class Cause:
-    """Indistinguishable groups, the most probable first, and their probability.
+    """Indistinguishable groups, and their probability.
 
-    own: one of them is selected. amount: coefficients of the selected effects under this cause, relative to those of
-    the selected group; 0 if the cause does not contain them.
+    own: the first of them is selected. amount: coefficients of the selected effects under this cause, relative to
+    their selected values; 0 if the cause does not contain them.
     """
 
     groups: tuple[Group, ...]
@@ -57,11 +56,6 @@ class CredibleSet:
         """Names of all causes."""
         return tuple(group.name for cause in self.causes for group in cause.groups)
 
-    @property
-    def others(self) -> tuple[Cause, ...]:
-        """Causes that do not contain the selected group."""
-        return tuple(cause for cause in self.causes if not cause.own)
-
 
 def credible_set(model: Active, g: int, sites: Sequence[Site] = (), inputs: Sequence[str] = ()) -> CredibleSet:
     """Compute the probabilities of all candidates in the place of a selected group. sites, inputs: of smooth terms."""
@@ -69,12 +63,11 @@ def credible_set(model: Active, g: int, sites: Sequence[Site] = (), inputs: Sequ
     unnamed = _smooth_terms(model, g, sites, inputs) if _named(groups[g]) else np.zeros(0)
     total = float(logsumexp([*(trial.objective for trial in near.values()), *unnamed]))
     named = {h: float(np.exp(trial.objective - total)) for h, trial in near.items() if _named(groups[h])}
-    lines = [(p, line) for line, p in _lines(model.without(g), named)]
-    lines.append((1.0 - sum(named.values()), ()))
+    lines = [*_lines(model, g, named), (1.0 - sum(named.values()), ())]
     lines.sort(key=lambda line: -line[0])
     kept = lines[: 1 + int(np.searchsorted(np.cumsum([p for p, _ in lines]), COVERAGE))]
     causes = tuple(
-        Cause(_distinct(groups, line, g), p, g in line, _amount(model, g, near[line[0]], line[0]))
+        Cause(tuple(groups[h] for h in line), p, g in line, _amount(model, g, near[line[0]], line[0]))
         for p, line in kept if line
     )  # fmt: skip
     return CredibleSet(causes, next((p for p, line in kept if not line), 0.0))
@@ -89,27 +82,18 @@ def _kind(group: Group) -> str:
     return group.inner.name if group.inner else group.name
 
 
-def _distinct(groups: Sequence[Group], line: Sequence[int], g: int) -> tuple[Group, ...]:
-    """Return one group of each kind of a line, the most probable; the selected group g represents its kind."""
-    first: dict[str, Group] = {}
-    for h in sorted(line, key=lambda h: h != g):
-        first.setdefault(_kind(groups[h]), groups[h])
-    kinds = dict.fromkeys(_kind(groups[h]) for h in line)
-    return tuple(first[kind] for kind in kinds)
-
-
 def _amount(model: Active, g: int, trial: Active, h: int) -> float:
     """Return the coefficients of a group's effects in the model with h in its place, projected on those of the
     model."""
-    own, other = _coefficients(model, g), _coefficients(trial, h)
+    own, other = (
+        {
+            m.pool.groups[k].effects[i].terms: c
+            for i, c in zip(m.chosen[k], (m.scale * m.mean)[m.blocks[k]], strict=True)
+        }
+        for m, k in ((model, g), (trial, h))
+    )
     square = sum(value**2 for value in own.values())
-    return sum(value * other.get(k, 0.0) for k, value in own.items()) / square if square else 0.0
-
-
-def _coefficients(model: Active, g: int) -> dict[tuple[Term, ...], float]:
-    """Return the posterior mean of the coefficient of each effect of a selected group."""
-    effects, values = model.pool.groups[g].effects, (model.scale * model.mean)[model.blocks[g]]
-    return {effects[k].terms: float(v) for k, v in zip(model.chosen[g].tolist(), values, strict=True)}
+    return float(sum(value * other.get(terms, 0.0) for terms, value in own.items()) / square) if square else 0.0
 
 
 def _near(model: Active, g: int) -> Iterable[tuple[int, Active]]:
@@ -118,12 +102,12 @@ def _near(model: Active, g: int) -> Iterable[tuple[int, Active]]:
     Curves of other groups keep their variances.
     """
     yield g, model
-    model, own = beside_curves(model, [g], model.pools), _terms(model.pool.groups[g])
+    model, own = beside_curves(model, [g], model.pools), model.pool.groups[g].effects
     fewer = model.without(g)
     gains, variances, _ = Scan(fewer).gains(model.net_gain(g) - NEAR + fewer.prices)
     smooth = [h for h, group in enumerate(model.pool.groups) if group.found_by == SMOOTH_TERM]
     net = gains - fewer.prices
-    wider = [h for h, group in enumerate(model.pool.groups) if group.parts and own <= _terms(group)]
+    wider = [h for h, group in enumerate(model.pool.groups) if group.parts and {*own} <= {*group.effects}]
     net[[*model.variances, *smooth, *wider]] = -np.inf
     for h in np.argsort(-net, kind="stable")[:MOST].tolist():
         if net[h] < model.net_gain(g) - NEAR:
@@ -131,10 +115,6 @@ def _near(model: Active, g: int) -> Iterable[tuple[int, Active]]:
         trial = prune(reestimate(fewer.added(h, float(variances[h]))), exempt=h)
         if len(np.unique(trial.part_of_column(h))) != 1:
             yield h, trial
-
-
-def _terms(group: Group) -> set[tuple[Term, ...]]:
-    return {effect.terms for effect in group.effects}
 
 
 def _smooth_terms(model: Active, g: int, sites: Sequence[Site], inputs: Sequence[str]) -> Array:
@@ -147,19 +127,22 @@ def _smooth_terms(model: Active, g: int, sites: Sequence[Site], inputs: Sequence
     return fewer.objective + nats_without_a_name(fewer, there, inputs, len(sites))
 
 
-def _lines(fewer: Active, chance: dict[int, float]) -> list[tuple[tuple[int, ...], float]]:
-    """Merge groups of one kind or with equal contributions given a model; return each set with its probability."""
-    lines: list[tuple[list[int], Array]] = []
-    for h in sorted(chance, key=lambda h: (-round(chance[h], 6), fewer.pool.groups[h].name)):
-        moved = _contribution(fewer, h)
-        for line, first in lines:
-            same = _kind(fewer.pool.groups[h]) == _kind(fewer.pool.groups[line[0]])
-            if same or np.linalg.norm(moved - first) < ALIKE * np.linalg.norm(first):
-                line.append(h)
+def _lines(model: Active, g: int, chance: dict[int, float]) -> list[tuple[float, tuple[int, ...]]]:
+    """Merge groups of one kind, and those with equal contributions given the model without g.
+
+    Return for each cause its probability and one group of each kind: g, or the most probable.
+    """
+    fewer, groups, lines = model.without(g), model.pool.groups, list[tuple[dict[str, int], Array, list[float]]]()
+    for h in sorted(chance, key=lambda h: (h != g, -round(chance[h], 6), groups[h].name)):
+        moved, kind = _contribution(fewer, h), _kind(groups[h])
+        for line, first, share in lines:
+            if kind in line or np.linalg.norm(moved - first) < ALIKE * np.linalg.norm(first):
+                line.setdefault(kind, h)
+                share.append(chance[h])
                 break
         else:
-            lines.append(([h], moved))
-    return [(tuple(line), sum(chance[h] for h in line)) for line, _ in lines]
+            lines.append(({kind: h}, moved, [chance[h]]))
+    return [(sum(share), tuple(line.values())) for line, _, share in lines]
 
 
 def _contribution(fewer: Active, h: int) -> Array:

@@ -16,7 +16,7 @@ from gpmodel.mechanism.protocol import Joint, Mechanism, checked_mass, followers
 from gpmodel.table.bundles import check_repeats
 from gpmodel.table.cells import numbers
 from gpmodel.table.dataset import LABELS, READINGS, TOUCHED, Dataset
-from gpmodel.table.units import factor, identifier, known_unit, split_header
+from gpmodel.table.units import factor, identifier, known_unit, one_spelling, split_header
 
 FARTHEST = 1e5
 """Largest coordinate of a measured point, m."""
@@ -123,7 +123,7 @@ class _Cells:
             self.ignored.append(f"{name} [{unit}]")
 
     def _take_extra(self, name: str, unit: str, values: Array, where: str) -> None:
-        word = identifier(name)
+        word, unit = identifier(name), one_spelling(unit)
         _check_temperature(values, unit, where)
         self.extras[word], self.extra_units[word] = _complete(values, where), unit
         self.extra_names[word] = name

@@ -43,7 +43,7 @@ def _registry() -> pint.UnitRegistry:
 def split_header(header: str) -> tuple[str, str | None]:
     """Split a header into name and unit: `J1 [deg]` gives ("J1", "deg"). The unit is None without brackets."""
     match = _HEADER.match(header)
-    return (match["name"], match["unit"]) if match else (header.strip(), None)
+    return (match["name"], match["unit"].replace("℃", "°C").replace("℉", "°F")) if match else (header.strip(), None)
 
 
 def joint_column(name: str, kind: str, values: Array) -> tuple[str, Array]:
@@ -79,6 +79,16 @@ def known_unit(unit: str) -> bool:
     except Exception:  # pint raises its own, tokenize's, attribute and overflow errors
         return False
     return times is None or 0.0 < times < math.inf  # None: a unit with an offset
+
+
+TEMPERATURES = {"degree_Celsius": "degC", "kelvin": "K", "degree_Fahrenheit": "degF"}
+"""Usual spelling of the units of temperature, by the name that pint gives them."""
+
+
+@lru_cache(maxsize=256)
+def one_spelling(unit: str) -> str:
+    """Return the usual spelling of a known unit of temperature, which may be written [°C]; other units as they are."""
+    return unit if unit == "1" else TEMPERATURES.get(str(_registry().parse_units(_spelled(unit))), unit)
 
 
 @lru_cache(maxsize=256)

@@ -71,6 +71,7 @@ def test_candidates_are_distinct_finite_and_of_known_families_and_slots(name: st
         assert catalogue.family(candidate.family) is not None
         assert candidate.cost > 0
         for effect in candidate.effects:
+            assert effect.terms
             assert effect.family == candidate.family
             assert not effect.constant
             assert set(effect.slots) <= set(arm.slots)

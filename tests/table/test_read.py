@@ -223,3 +223,12 @@ def test_the_joint_that_is_missing_is_named_as_the_table_names_joints() -> None:
 def test_names_are_spelled_so_that_expressions_can_hold_them(name: str) -> None:
     assert compile(identifier(name), "", "eval").co_names == (identifier(name),)
     assert identifier(identifier(name)) == identifier(name)
+
+
+@pytest.mark.parametrize(
+    ("written", "unit"), [("°C", "degC"), ("celsius", "degC"), ("kelvin", "K"), ("℃", "degC"), ("N*m", "N*m")]
+)
+def test_a_unit_of_temperature_has_one_spelling(written: str, unit: str) -> None:
+    """Lengths hold at 20 °C, however the unit is written."""
+    q = pd.DataFrame({f"J{k} [deg]": [1.0, 2.0] for k in range(1, 7)} | {f"air [{written}]": [300.0, 301.0]})
+    assert dataset_of(q, load_mechanism("irb6400r"), need_measurement=False).extra_units == {"air": unit}
