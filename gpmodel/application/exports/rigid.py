@@ -11,18 +11,18 @@ import numpy as np
 
 from gpmodel.application.exports.forward import coupled
 from gpmodel.application.exports.sample import measured_table, tips_of
-from gpmodel.application.model_file import Measured, SavedModel, saved_model
+from gpmodel.application.model_file import SavedModel, saved_model
 from gpmodel.application.usable import of_the_session, placed_now, usable
 from gpmodel.arrays import Array
 from gpmodel.calibration.comparison import known_rows
-from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.calibration.gauss_newton import calibrate, without_outliers
 from gpmodel.calibration.result import errors_on
 from gpmodel.calibration.undeclared import UNDECLARED
 from gpmodel.characters import harmless
 from gpmodel.errors import InputError
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import INSTRUMENT, ExportsUrdf, Mechanism, bare_of
-from gpmodel.model.error_model import ErrorModel, Placement, Poses, prepare
+from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, observe, prepare
 from gpmodel.model.sites import translate
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.se3 import roll_pitch_yaw
@@ -36,7 +36,7 @@ class Rigid:
 
     placement: registration and tool at the end of the session.
     twists: constant error twist (6,), m and rad, of every slot that has one.
-    heldout: 3-D errors on held-out rows, m.
+    heldout: 3-D errors on held-out rows without the outliers of the model, m.
     missing: omitted effects, with the names of the fitted table.
     tips: with several arms, the measured link of each tool.
     """
@@ -60,7 +60,7 @@ def refitted(saved: SavedModel) -> Rigid:
     aside = {e.name for e in of_the_session(saved)}
     kept = tuple(e for e in saved.model.effects if e.constant or e.name in aside or e.of_the_instrument)
     model = ErrorModel(saved.mechanism, kept)
-    heldout = _held_out(model, poses, saved.measured)
+    heldout = _held_out(model, poses, saved)
     fitted_apart = all(e in kept or e.family == UNDECLARED for e in saved.model.effects)
     fitted = saved if fitted_apart else saved_model(calibrate(model, poses), poses)
     values = zip(saved.model.effects, saved.theta, strict=True)
@@ -69,23 +69,28 @@ def refitted(saved: SavedModel) -> Rigid:
     return Rigid(saved.mechanism, placement, twists, heldout, missing, tips_of(saved))
 
 
-def _held_out(model: ErrorModel, poses: Poses, measured: Measured | None) -> Array:
-    """Return the 3-D errors (H,), m, on held-out poses; without any, of each pose by a fit without its fold."""
-    if measured is None:
+def _held_out(model: ErrorModel, poses: Poses, saved: SavedModel) -> Array:
+    """Return the 3-D errors (H,), m, on held-out poses; without any, of each pose by a fit without its fold.
+
+    The outliers of the saved model do not count, as in all errors of its report.
+    """
+    if saved.measured is None:
         return np.zeros(0)
-    parts = [measured.heldout]
-    if not len(measured.heldout):
+    observed = observe(saved.model, poses, saved.theta, saved.placement)
+    measured = np.asarray(np.isfinite(measured_minus(observed, poses.dataset)).any(axis=1))
+    counts = without_outliers(observed, poses.dataset, measured)
+    parts = [saved.measured.heldout]
+    if not len(saved.measured.heldout):
         count = min(FOLDS, int(bundles(poses.dataset).max()) + 1)
         fold = folds(poses.dataset, count, np.random.default_rng(JUDGED)) if count > 1 else np.zeros(0)
         parts = [np.flatnonzero(fold == k) for k in range(count)]
     errors = [np.zeros(0)]
     for rows in parts:
-        seen, unseen = poses.subset(np.setdiff1d(np.arange(len(poses)), rows)), poses.subset(rows)
+        seen, unseen = (poses.subset(r) for r in (np.setdiff1d(np.arange(len(poses)), rows), rows[counts[rows]]))
         known = unseen.subset(known_rows(seen.dataset, unseen.dataset))
         with suppress(InputError):
             errors.append(errors_on(calibrate(model, seen), known) if len(known) else np.zeros(0))
-    found = np.concatenate(errors)
-    return found[np.isfinite(found)]
+    return np.concatenate(errors)
 
 
 def _constant_twists(fitted: SavedModel, one: Poses) -> dict[str, Array]:
