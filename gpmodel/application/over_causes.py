@@ -223,11 +223,13 @@ def uncertain(fit: Calibration, poses: Poses, places: Sequence[CausesThere]) -> 
     """
     if not any(one.probability > RARE for place in places for one in place.others):
         return fit
-    moments, own = _moments(fit, places)
-    first, size = len(fit.covariance.placement), len(fit.covariance.values)
-    added = (np.diag(moments) - np.pad(np.diag(fit.covariance.values), (0, len(moments) - size)))[:size]
-    for at, by_its_place in own:
-        added[at] -= by_its_place
+    moments, first, size = _moments(fit, places), len(fit.covariance.placement), len(fit.covariance.values)
+    variances = np.diag(moments)[:size].copy()
+    names = [*fit.covariance.placement, *(effect.name for effect in fit.model.effects)]
+    for k, place in enumerate(places):
+        own = np.isin(names, place.own)
+        variances[own] = np.diag(_moments(fit, [*places[:k], *places[k + 1 :]]))[:size][own]
+    added = variances - np.diag(fit.covariance.values)
     stderr = np.sqrt(np.maximum(fit.stderr**2 + added[first:], 0.0))
     mechanism = fit.model.mechanism
     anywhere = [
@@ -235,7 +237,7 @@ def uncertain(fit: Calibration, poses: Poses, places: Sequence[CausesThere]) -> 
         for place in places
     ]
     others = _effects(anywhere)
-    covariance = replace(fit.covariance, others=others, over_causes=_moments(fit, anywhere)[0])
+    covariance = replace(fit.covariance, others=others, over_causes=_moments(fit, anywhere))
     return replace(fit, stderr=stderr, covariance=covariance, placed=_placed(fit, poses, moments[:first, :first]))
 
 
@@ -253,28 +255,23 @@ def _effects(places: Sequence[CausesThere]) -> tuple[Effect, ...]:
     return tuple({effect.name: effect for effect in every}.values())
 
 
-def _moments(fit: Calibration, places: Sequence[CausesThere]) -> tuple[Array, list[tuple[list[int], Array]]]:
-    """Return the second moment (P + E + A, P + E + A) of all parameters about the fit, alternative causes last.
-
-    Also return what the alternatives of each finding add to the variance of its own effects, with the effects' indices.
-    """
+def _moments(fit: Calibration, places: Sequence[CausesThere]) -> Array:
+    """Return the second moment (P + E + A, P + E + A) of all parameters about the fit, alternative causes last."""
     effects = (*fit.model.effects, *_effects(places))
     names = [*fit.covariance.placement, *(effect.name for effect in effects)]
     number, size = {name: k for k, name in enumerate(names)}, len(fit.covariance.values)
-    out, added = np.zeros((len(names), len(names))), []
+    out = np.zeros((len(names), len(names)))
     out[:size, :size] = fit.covariance.values
     for place in places:
         at = [number[name] for name in place.own]
         rest = [number[name] for name in place.names]
-        before = np.diag(out)[at].copy()
         mean, _ = _spanned(place.stated, rest, number)
         share = sum(cause.probability for cause in place.others)
         out -= share * out[:, at] @ np.linalg.pinv(out[np.ix_(at, at)], rcond=1e-12, hermitian=True) @ out[at]
         for cause in place.others:
             other, within = _spanned(cause, rest, number)
             out += cause.probability * (np.outer(other - mean, other - mean) + within)
-        added.append((at, np.diag(out)[at] - before))
-    return out, added
+    return out
 
 
 def _spanned(cause: FittedCause, rest: Sequence[int], number: Mapping[str, int]) -> tuple[Array, Array]:

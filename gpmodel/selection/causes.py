@@ -83,17 +83,17 @@ def _kind(group: Group) -> str:
 
 
 def _amount(model: Active, g: int, trial: Active, h: int) -> float:
-    """Return the coefficients of a group's effects in the model with h in its place, projected on those of the
-    model."""
-    own, other = (
-        {
-            m.pool.groups[k].effects[i].terms: c
-            for i, c in zip(m.chosen[k], (m.scale * m.mean)[m.blocks[k]], strict=True)
-        }
-        for m, k in ((model, g), (trial, h))
-    )
+    """Return the motion of a group's terms in the model with h in its place, projected on their motion in the model."""
+    own, other = _motion(model, g), _motion(trial, h)
     square = sum(value**2 for value in own.values())
-    return float(sum(value * other.get(terms, 0.0) for terms, value in own.items()) / square) if square else 0.0
+    return sum(value * other[term] for term, value in own.items() if term in other) / square if square else 0.0
+
+
+def _motion(model: Active, g: int) -> dict[tuple[str, str, str], float]:
+    """Return coefficient times weight of each term of a selected group, by slot, axis and basis function."""
+    values = zip(model.chosen[g].tolist(), (model.scale * model.mean)[model.blocks[g]].tolist(), strict=True)
+    terms = ((value, term) for k, value in values for term in model.pool.groups[g].effects[k].terms)
+    return {(t.slot, t.axis, str(t.basis)): value * t.weight for value, t in terms}
 
 
 def _near(model: Active, g: int) -> Iterable[tuple[int, Active]]:
