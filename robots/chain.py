@@ -137,7 +137,8 @@ class SerialChain(Chain):
             for link, weight in zip(self.links, weights, strict=True)
             if weight
         )
-        kind = "revolute" if drive[0][1].startswith("R") else "prismatic"
+        own = next((axis for slot, axis, _ in drive if slot == f"{self.joint_names[column]}.moving"), drive[0][1])
+        kind = "revolute" if own.startswith("R") else "prismatic"
         lower, upper = (float(limit) for limit in self.limits[column])
         return Joint(self.joint_names[column], kind, lower, upper, drive)
 

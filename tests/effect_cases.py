@@ -42,7 +42,33 @@ kind = "prismatic"
 alpha_deg = -90
 """
 """Three prismatic axes, and no length at all."""
-MECHANISMS = ("irb6400r", "ur5", "dh", "gantry", "spherical-joint")
+
+
+def _palletiser() -> str:
+    """An arm whose forearm is turned from the base, and whose wrist stays level; its angles are rounded."""
+    rows = (
+        ("J1", "base", "0 0 1", "0 0 0", 300, "0.1 0 -0.3", ""),
+        ("J2", "J1", "0.25 0 0", "-1.5708 -1.5708 0", 120, "0.5 0 0", ""),
+        ("J3_with", "J2", "1.1 0 0", "0 0 1.5708", 0, "0 0 0", '<mimic joint="J2" multiplier="-1"/>'),
+        ("J3", "J3_with", "0 0 0", "0 0 0", 90, "0.4 0 0", ""),
+        ("JW", "J3", "1.25 0 0", "0 0 0", 20, "0.06 0 0", '<mimic joint="J3" multiplier="-1"/>'),
+        ("J4", "JW", "0.22 0 0", "-1.5708 0 0", 10, "0 0 0", ""),
+    )
+    links = "".join(
+        f'<link name="{name}"><inertial><origin xyz="{com}"/><mass value="{mass}"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        for name, *_, mass, com, _ in rows
+    )  # fmt: skip
+    joints = "".join(
+        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{name}"/>'
+        f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="0 0 1"/><limit lower="-1" upper="1"/>{mimic}</joint>'
+        for name, parent, xyz, rpy, _, _, mimic in rows
+    )  # fmt: skip
+    return f'<robot name="palletiser"><link name="base"/>{links}{joints}</robot>'
+
+
+WRITTEN = {"dh": ("dh.toml", STANDARD_DH), "gantry": ("gantry.toml", GANTRY), "palletiser": ("arm.urdf", _palletiser())}
+MECHANISMS = ("irb6400r", "ur5", "dh", "gantry", "palletiser", "spherical-joint")
 
 
 @cache
@@ -50,14 +76,14 @@ def mechanism(name: str) -> Mechanism:
     """One of MECHANISMS; the spherical joint with its angles measured, so that every effect shows."""
     if name == "spherical-joint":
         return spherical_joint().with_angles(measured=True)
-    written = {"dh": STANDARD_DH, "gantry": GANTRY}
-    if name not in written:
+    if name not in WRITTEN:
         found = load_mechanism(name)
         assert found is not None
         return found
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{name}.toml"
-        path.write_text(written[name])
+        file, text = WRITTEN[name]
+        path = Path(folder) / file
+        path.write_text(text)
         found = load_mechanism(str(path))
     assert found is not None
     return found

@@ -11,6 +11,7 @@ from gpmodel.evidence.residual import Residual
 from gpmodel.evolution.kinds import ANGLE, NUMBER, SHORT, SHORT_RANGE
 from gpmodel.evolution.problems import Inputs
 from gpmodel.evolution.projection import Targets
+from gpmodel.families.candidate import loaded
 from gpmodel.formula.expression import ONE
 from gpmodel.model.memory import read_by
 from gpmodel.model.sites import Site
@@ -72,10 +73,10 @@ weight of a wrist in the load of a carriage."""
 def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str, str]]:
     """Return the columns that a formula may use, scaled to order one, and each in terms of the table's columns.
 
-    Excluded are constant columns, joint reactions other than torques (torques and base moments span them), and loads in
-    proportion to a length or the payload, as on linear axes. Of several proportional lengths only the first is used:
-    the travel of a joint rather than the height of the tool. The row number is excluded if a clock rises with it, since
-    another table has other rows.
+    Excluded are constant columns, negligible loads, joint reactions other than torques (torques and base moments span
+    them), and loads in proportion to a length or the payload, as on linear axes. Of several proportional lengths only
+    the first is used: the travel of a joint rather than the height of the tool. The row number is excluded if a clock
+    rises with it, since another table has other rows.
     """
     names, values, written = [], [], {}
     clocks = [column for name, column in states.columns.items() if is_time(states.units[name])]
@@ -84,10 +85,8 @@ def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str
     torques = {f"torque_{name}" for name in states.columns}
     reactions = states.loads - torques - {"moment_base_x", "moment_base_y"}
     for name, column in states.columns.items():
-        if name in reactions:
-            continue
         spread, largest = float(np.ptp(column)), float(np.max(np.abs(column)))
-        if spread < 1e-9 * max(largest, 1.0):
+        if name in reactions or not loaded(states, name) or spread < 1e-9 * max(largest, 1.0):
             continue
         if name == "row" and any(_in_step(column, clock) for clock in clocks):
             continue

@@ -13,7 +13,7 @@ from gpmodel.families.inner import NonlinearParameters
 from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.protocol import Joint, Mechanism
 from gpmodel.model.effect import Effect, Term, drive_effect, made_of
-from gpmodel.model.states import States, load_unit
+from gpmodel.model.states import States
 
 NO_LOAD, NEXT_TO_NONE = 1e-6, 1e-4
 """Largest load that counts as rounding, N·m or N; and the least share of the largest load of equal unit that is not
@@ -215,7 +215,8 @@ def across(joint: Joint) -> tuple[str, str]:
 
 
 def loaded(states: States, load: str) -> bool:
-    """Return whether the column of a load exists and is more than rounding and more than a negligible share.
+    """Return whether the column of a load exists and is more than rounding and more than a negligible share; True for a
+    column in another unit.
 
     A negligible load: the torque about an axis that passes through the centre of mass, or that of a wrist hanging down.
     """
@@ -223,7 +224,9 @@ def loaded(states: States, load: str) -> bool:
     def most(name: str) -> float:
         return float(np.max(np.abs(states[name]), initial=0.0))
 
+    if load in states.columns and states.units[load] not in ("N", "Nm"):
+        return True
     if load not in states.columns or not most(load) > NO_LOAD:
         return False
-    alike = (name for name in states.loads if load_unit(name) == load_unit(load))
+    alike = (name for name in states.loads if states.units[name] == states.units[load])
     return most(load) > NEXT_TO_NONE * max(map(most, alike), default=0.0)

@@ -98,7 +98,7 @@ def session(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 def _following_columns(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     known = {j.name for j in mechanism.joints} | {"x", "y", "z", "row", "payload"} | states.loads
-    for column in (c for c in states.columns if c not in known and np.ptp(states[c]) > 0):
+    for column in (c for c in states.columns if c not in known and np.ptp(states[c]) > 0 and loaded(states, c)):
         basis = Expression(relative(states, column, states.units[column]))
         for site in sites_of(mechanism):
             name = f"{site.name} following {column}"

@@ -113,7 +113,8 @@ def sites_of(mechanism: Mechanism) -> tuple[Site, ...]:
     """Return the sites of a mechanism: the base, every joint, the tool.
 
     A joint has its drive, the other axes of its moving side, and those axes of its fixed side that are no axis of the
-    previous frame. With closed loops, the sites of the geometric constants replace those of the joints.
+    previous frame. A link that follows other joints has the axes of its moving side. With closed loops, the sites of
+    the geometric constants replace those of the joints.
     """
     out = [Site((("base", axis, 1.0),)) for axis in AXES]
     if loops := closed(mechanism):
@@ -126,8 +127,15 @@ def sites_of(mechanism: Mechanism) -> tuple[Site, ...]:
         out += [Site(((f"{joint.name}.moving", axis, 1.0),)) for axis in AXES if axis != drive]
         fixed = f"{joint.name}.fixed"
         out += [Site(((fixed, axis, 1.0),)) for axis in AXES if axis[1] != drive[1] and _is_new(steps[fixed], axis)]
+    out += [Site(((slot, axis, 1.0),)) for slot in _followers(mechanism) for axis in AXES]
     out += [Site((("tool", axis, 1.0),)) for axis in AXES[:3]]
     return tuple(out)
+
+
+def _followers(mechanism: Mechanism) -> list[str]:
+    """Return the moving sides of the links that follow other joints."""
+    own = {f"{joint.name}.moving" for joint in mechanism.joints}
+    return [slot for slot in mechanism.slots if slot.endswith(".moving") and slot not in own]
 
 
 def _is_new(step: Array, axis: str) -> bool:
@@ -139,14 +147,15 @@ def _is_new(step: Array, axis: str) -> bool:
 
 
 def geometric_effects(mechanism: Mechanism) -> tuple[Effect, ...]:
-    """Return the complete geometry, with redundant constants: six twists on the moving side of every joint.
+    """Return the complete geometry, with redundant constants: six twists on the moving side of every joint, then of
+    every link that follows other joints, such as the wrist of a palletiser.
 
     With closed loops, the mechanism states its constants. With several arms, each arm but the first has six more twists
     where it is mounted.
     """
     loops, tree = closed(mechanism), branched(mechanism)
     stand = [mechanism.slots[i] for i in stands(tree)] if tree else []
-    slots = [*stand, *(f"{joint.name}.moving" for joint in mechanism.joints)]
+    slots = [*stand, *(f"{joint.name}.moving" for joint in mechanism.joints), *_followers(mechanism)]
     return tuple(
         effect_at(f"{slot.removesuffix('.moving')} {axis}", slot, axis, family="geometric")
         for slot, axis in (loops.constants if loops else ((slot, axis) for slot in slots for axis in AXES))

@@ -45,12 +45,14 @@ early."""
 def bundles(dataset: Dataset) -> IntArray:
     """Return the number (N,) of the bundle of each row, 0 to B - 1.
 
-    A bundle is a set of rows that no split separates. A bundle joins rows with the same `group` or `repeat` label, and
-    rows that touched one point, bar or surface with at most FEW_TOUCHES touches. A bundle also joins rows whose joint
-    values agree within SAME_JOINT or lie in one cluster, whatever their set-up or payload. Bundles are numbered by
-    joint values, so that the order of rows does not matter.
+    A bundle is a set of rows that no split separates. A bundle joins rows with the same `group` or `repeat` label. A
+    group of all rows separates nothing and is ignored, such as the one session in training if the other is held out. A
+    bundle joins rows that touched one point, bar or surface with at most FEW_TOUCHES touches. A bundle also joins rows
+    whose joint values agree within SAME_JOINT or lie in one cluster, whatever their set-up or payload. Bundles are
+    numbered by joint values, so that the order of rows does not matter.
     """
-    links = [_same_label(dataset, column) for column in ("group", "repeat")]
+    labels = [column for column in ("group", "repeat") if column == "repeat" or np.ptp(dataset.codes(column)[1])]
+    links = [_same_label(dataset, column) for column in labels]
     links += [_same_label(dataset, column, FEW_TOUCHES) for column in TOUCHED if column in dataset.labels]
     links += [_same_joints(dataset.q), _clusters(dataset.q)]
     n = len(dataset)

@@ -201,7 +201,8 @@ def _joint_columns(
     numbered = named < len(by_name) and named <= len(set(by_number) & set(columns))
     expected = by_number if numbered else by_name
     small = {name.casefold(): name for name in expected}
-    if wrong := [column for column in columns if column not in expected and column.casefold() in small]:
+    known = {*expected, *_DIMENSIONS}
+    if wrong := [column for column in columns if column not in known and column.casefold() in small]:
         meant = ", ".join(f"'{small[column.casefold()]}'" for column in wrong)
         raise LayoutError(f"{path.name}: {_columns(wrong)}: not a joint; expected {meant}, in this spelling")
     missing = [name for name in expected if name not in columns]

@@ -11,15 +11,17 @@ from instances import some
 from scipy import stats
 
 from gpmodel.calibration.gauss_newton import calibrate
+from gpmodel.discovery.targets import readable_inputs
 from gpmodel.errors import InputError
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.repair_advice import FILE as ADVICE
 from gpmodel.families.repair_advice import repair_advice
 from gpmodel.mechanism.branches import random_poses
+from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, prepare
-from gpmodel.model.sites import geometric_effects
+from gpmodel.model.sites import geometric_effects, sites_of
 from gpmodel.planning.simulate import simulate
 from gpmodel.table.dataset import unmeasured
 from joints import spherical_joint
@@ -215,3 +217,21 @@ def test_an_alias_counts_joints_in_chain_order() -> None:
     states = prepare(arm, type(data)(**{**vars(data), "q": q, "joints": tuple(j.name for j in arm.joints)})).states
     (effect,) = catalogue.build("gear_ratio J2", arm, states)
     assert effect.inputs == (arm.joints[1].name,)
+
+
+def test_a_load_that_is_zero_but_for_rounding_is_no_input() -> None:
+    """The last axis of a palletiser is vertical: gravity has no torque about it, whatever the payload."""
+    arm = mechanism("palletiser")
+    states = prepare(arm, bare("palletiser", 30)).states
+    assert 0.0 < np.ptp(states["payload_torque_J4"]) < 0.1
+    read = {name for c in catalogue.candidates(arm, states) for name in c.inputs}
+    read |= set(readable_inputs(states, np.arange(30))[0].names)
+    assert {"torque_J4", "payload_torque_J4"}.isdisjoint(read)
+    assert {"torque_J2", "payload_torque_J2"} <= read
+
+
+def test_a_link_that_follows_other_joints_has_a_geometry_and_sites() -> None:
+    arm = mechanism("palletiser")
+    for follower in ("J3_with", "JW"):
+        assert {f"{follower} {axis}" for axis in AXES} <= {effect.name for effect in geometric_effects(arm)}
+        assert {f"{follower}.moving {axis}" for axis in AXES} <= {site.name for site in sites_of(arm)}

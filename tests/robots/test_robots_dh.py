@@ -75,6 +75,13 @@ def test_modified_rows_multiply_out(tmp_path: Path) -> None:
     np.testing.assert_allclose(slot_frames(arm, np.array([[0.6, 0.07]]))[-1, 0], first @ second, atol=1e-15)
 
 
+@pytest.mark.parametrize("first", ["prismatic", "revolute"])
+def test_a_joint_has_the_kind_of_its_own_row_whatever_it_drives(first: str, tmp_path: Path) -> None:
+    """The spline of a SCARA turns the nut of its screw: the last joint moves the one before it."""
+    rows = f"[[joint]]\nkind = '{first}'\na_mm = 300\n{ROW}[[coupling]]\njoint = 'J1'\nfollows = 'J2'\nfactor = 0.003\n"
+    assert [joint.kind for joint in read_dh(written(MODIFIED + rows, tmp_path)).joints] == [first, "revolute"]
+
+
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from cli_cases import robot
+from effect_cases import mechanism
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -232,3 +233,10 @@ def test_a_unit_of_temperature_has_one_spelling(written: str, unit: str) -> None
     """Lengths hold at 20 °C, however the unit is written."""
     q = pd.DataFrame({f"J{k} [deg]": [1.0, 2.0] for k in range(1, 7)} | {f"air [{written}]": [300.0, 301.0]})
     assert dataset_of(q, load_mechanism("irb6400r"), need_measurement=False).extra_units == {"air": unit}
+
+
+def test_axes_called_like_coordinates_in_capitals() -> None:
+    columns = {"X [mm]": [1.0, 2.0], "Y [mm]": 3.0, "Z [mm]": 4.0, "x [mm]": 5.0, "y [mm]": 6.0, "z [mm]": 7.0}
+    read = dataset_of(pd.DataFrame(columns), mechanism("gantry"), need_measurement=True)
+    np.testing.assert_allclose(read.q, [[0.001, 0.003, 0.004], [0.002, 0.003, 0.004]])
+    np.testing.assert_allclose(read.position, [[0.005, 0.006, 0.007]] * 2)

@@ -76,9 +76,15 @@ def test_a_share_is_between_0_and_1(fraction: float) -> None:
         hold_out(DATA, fraction, np.random.default_rng(0))
 
 
-def test_one_group_leaves_nothing_to_hold_out() -> None:
+def test_one_group_of_all_rows_separates_nothing() -> None:
+    alone, grouped = (
+        hold_out(d, 0.3, np.random.default_rng(0))
+        for d in (labelled("tool", [""] * 20), labelled("group", ["all"] * 20))
+    )
+    np.testing.assert_array_equal(alone[1], grouped[1])
+    one_repeat = labelled("repeat", ["all"] * 20)
     with pytest.raises(InputError, match="expected at least 2 groups"):
-        hold_out(labelled("group", ["all"] * 20), 0.3, np.random.default_rng(0))
+        hold_out(one_repeat, 0.3, np.random.default_rng(0))
 
 
 def test_the_noise_floor_is_the_three_dimensional_spread_of_repeats() -> None:
