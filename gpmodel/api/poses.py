@@ -26,6 +26,7 @@ from gpmodel.api.calibrate import fleet_at
 from gpmodel.api.model import Model, read_result
 from gpmodel.api.table import Shown, TableLike, frame_to_extend
 from gpmodel.application.compensate import beyond_limits, targets_in
+from gpmodel.application.exports.sample import measured_table
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.next_poses import Outlook, Questioned, closing_pool
 from gpmodel.application.usable import placed_now, usable
@@ -158,8 +159,8 @@ def of_rejected(saved: SavedModel, record: Report | None, pool: Array, number: i
 
 def tellable_causes(model: Model, record: Report) -> frozenset[str]:
     """Return the names of alternative explanations that further poses could distinguish from their findings."""
-    rng = np.random.default_rng(0)
-    outlook = Outlook.over(model.saved, pool_of(model.mechanism, POOLED, rng, Reach()), rng)
+    rng, reach = np.random.default_rng(0), Reach(measured=measured_table(model.saved).q)
+    outlook = Outlook.over(model.saved, pool_of(model.mechanism, POOLED, rng, reach), rng)
     asked = ((name, outlook.beside(f, own)) for f in findings_of(outlook, record) for name, own, _ in f.rivals)
     return frozenset(name for name, question in asked if at_best(question) < 1.0 / TOLD_APART)
 
@@ -303,7 +304,8 @@ def choose_poses(
     if model is None and mechanism is None:
         raise InputError("missing, expected a mechanism, or a result in `after`", "mechanism")
     arm, collides = mechanism_of(mechanism) if model is None else model.mechanism, switch(collisions, "collisions")
-    reach = Reach(_box(above, box), _tool(tool_point, model), _sight(instrument, normal, cone), collides)
+    seen = model.saved.measured.dataset.q if model and model.saved.measured else None
+    reach = Reach(_box(above, box), _tool(tool_point, model), _sight(instrument, normal, cone), collides, seen)
     spread_of = quantity(noise, "length", "noise", positive=True, most=NOISIEST)
     kind = None if criterion is None else among(criterion, BEFORE if model is None else AFTER, "criterion")
     tell(f"{wanted} poses of {arm.name}", passing=True)

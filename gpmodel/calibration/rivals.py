@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.priors import prior_rows
+from gpmodel.calibration.priors import GEOMETRY_REACH, prior_rows
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.errors import LISTED
 from gpmodel.families import catalogue
@@ -217,9 +217,11 @@ def hidden_rivals(calibration: Calibration, poses: Poses) -> tuple[Rival, ...]:
     """Return the alternatives to significant constants: at most one per constant, at most LISTED in total.
 
     Candidates are those of the catalogue with at most UNKNOWNS unknowns. For each constant the plausible one that moves
-    the point least is chosen, if other measurements could distinguish it. Effects that depend on the row number are
+    the point least is chosen, if other measurements could distinguish it and it moves the point by a size that an error
+    has: more than the standard error of a mean, less than GEOMETRY_REACH. Effects that depend on the row number are
     excluded, because a constant acts on all rows alike.
     """
+    least = calibration.sigma / np.sqrt(len(poses))
     mechanism = calibration.model.mechanism
     offered = catalogue.candidates(mechanism, poses.states)
     pool = [c for c in offered if len(c.effects) <= UNKNOWNS and ROW not in c.inputs]
@@ -227,7 +229,9 @@ def hidden_rivals(calibration: Calibration, poses: Poses) -> tuple[Rival, ...]:
         found = [
             rival
             for rival in rivals_of_constants(calibration, poses, pool)
-            if rival.plausible and (rival.session or rival.difference.max() > calibration.sigma)
+            if rival.plausible
+            and least < rival.moves < GEOMETRY_REACH
+            and (rival.session or rival.difference.max() > calibration.sigma)
         ]
     found.sort(key=lambda rival: rival.moves)
     best: dict[str, Rival] = {}
@@ -252,13 +256,14 @@ def of_the_session(poses: Poses, mechanism: Mechanism, effects: Sequence[Effect]
 
 
 def _anywhere(calibration: Calibration, poses: Poses) -> Poses:
-    """Return random poses within the joint limits, with predicted positions, of the first set-up and tool.
+    """Return random poses within the joint limits, or the measured ranges without limits, with predicted positions, of
+    the first set-up and tool.
 
     The rows are in order, for effects that depend on earlier rows. Poses at which a closed loop cannot close are
     omitted.
     """
     model = calibration.model
-    q = random_poses(model.mechanism, POOL, np.random.default_rng(0))
+    q = random_poses(model.mechanism, POOL, np.random.default_rng(0), poses.dataset.q)
     at = np.zeros(POOL, dtype=np.int64)
     data = replace(poses.dataset.subset(at), q=q, observations=(), in_order=True)
     data = data.subset(closing(model, data, calibration.theta))

@@ -151,6 +151,7 @@ def warnings_of(mechanism: Mechanism, poses: Poses, fit: Calibration) -> Iterato
     yield from _small_ranges(mechanism, data)
     yield from _repeats(data)
     yield from _implausible_repeats(data)
+    yield from _frozen(data)
     yield from _outliers(fit, data)
     yield from order_matters(fit, poses)
     yield from rounded(root_mean_square(fit.fitted_error), data)
@@ -279,6 +280,25 @@ def _repeats(data: Dataset) -> Iterator[str]:
     if len(copied):
         pairs = [f"{data.row[first[k]]} and {data.row[k]}" for k in copied]
         yield f"rows {some(pairs)} contain a measurement twice; copied rows make the stated errors too small"
+
+
+FROZEN = 3
+"""Least number of poses with one position from which the position is that of a lost target. With two it may be chance
+in a table of few digits."""
+
+
+def _frozen(data: Dataset) -> Iterator[str]:
+    """Name positions that stand, to the last digit, at several poses."""
+    known = np.flatnonzero(np.isfinite(data.position).all(axis=1))
+    places, code = np.unique(data.position[known], axis=0, return_inverse=True)
+    for k in np.flatnonzero(np.bincount(code.reshape(-1), minlength=len(places)) >= FROZEN):
+        rows = known[code.reshape(-1) == k]
+        if (np.ptp(data.q[rows], axis=0) > SAME_JOINT).any():
+            at = ", ".join(f"{1e3 * v:.6g}" for v in places[k])
+            yield (
+                f"rows {some(data.row[rows].tolist())} have one position, {at} mm, at different joint values: the "
+                "target was lost; expected empty cells there"
+            )
 
 
 def _outliers(fit: Calibration, data: Dataset) -> Iterator[str]:

@@ -12,7 +12,7 @@ from gpmodel.errors import InputError
 from gpmodel.families.inner import NonlinearParameters
 from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.protocol import Joint, Mechanism
-from gpmodel.model.effect import Effect, Term, drive_effect, made_of
+from gpmodel.model.effect import Effect, Term, axis_unit, drive_effect, made_of
 from gpmodel.model.states import States
 
 NO_LOAD, NEXT_TO_NONE = 1e-6, 1e-4
@@ -112,8 +112,8 @@ class Candidate:
 
     @property
     def unit(self) -> str:
-        """Unit of the amplitude: the unit of the first effect's coefficient."""
-        return self.effects[0].unit
+        """Unit of the amplitude: of a curve that of its motion, otherwise that of the first effect's coefficient."""
+        return axis_unit(self.place.axis) if self.kind == "curve" else self.effects[0].unit
 
     @property
     def bases(self) -> tuple[Basis, ...]:

@@ -33,10 +33,22 @@ def joint_range(joint: Joint) -> tuple[float, float]:
     )
 
 
-def random_poses(mechanism: Mechanism, count: int, rng: np.random.Generator) -> Array:
-    """Return random joint values (count, n), uniform within the limits, rad and m, at which closed loops close."""
+def ranges(mechanism: Mechanism, measured: Array | None = None) -> tuple[Array, Array]:
+    """Return the limits (n,), (n,) of the joints, rad and m; of a joint without limits the range of measured values
+    (N, n)."""
     lower, upper = np.array([joint_range(j) for j in mechanism.joints]).T
-    return drawn_between(mechanism, lower, upper, count, rng)
+    if measured is None or not len(measured):
+        return lower, upper
+    free = np.array([not np.isfinite([j.lower, j.upper]).all() for j in mechanism.joints])
+    return np.where(free, measured.min(axis=0), lower), np.where(free, measured.max(axis=0), upper)
+
+
+def random_poses(mechanism: Mechanism, count: int, rng: np.random.Generator, measured: Array | None = None) -> Array:
+    """Return random joint values (count, n), uniform within the limits, rad and m, at which closed loops close.
+
+    measured: values (N, n) whose range replaces limits that a joint does not have.
+    """
+    return drawn_between(mechanism, *ranges(mechanism, measured), count, rng)
 
 
 def drawn_between(mechanism: Mechanism, lower: Array, upper: Array, count: int, rng: np.random.Generator) -> Array:

@@ -15,7 +15,7 @@ from scipy.special import ndtri
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
-from gpmodel.mechanism.branches import joint_range, random_poses
+from gpmodel.mechanism.branches import random_poses, ranges
 from gpmodel.mechanism.protocol import Collides, Mechanism, bare_of, closed
 from gpmodel.numerics.interval import COVERAGE
 from gpmodel.numerics.se3 import chain
@@ -49,12 +49,14 @@ class Reach:
     tool: tool point (3,) in the measured frame, m.
     sight: line of sight to the instrument; None if it does not matter.
     collisions: whether poses in which the arm collides with itself are excluded, if its shape is known.
+    measured: joint values (N, n) whose range limits joints without limits.
     """
 
     box: Array = field(default_factory=lambda: np.array([[-np.inf] * 3, [np.inf] * 3]))
     tool: Array = field(default_factory=lambda: np.zeros(3))
     sight: Sight | None = None
     collisions: bool = True
+    measured: Array | None = None
 
     def failures(self, mechanism: Mechanism, q: Array) -> dict[str, Mask]:
         """Return the violated constraints of poses q (N, n): the name of each constraint and a mask (N,)."""
@@ -88,11 +90,11 @@ def candidates(mechanism: Mechanism, count: int, rng: np.random.Generator, reach
     Raises InputError with the constraint that excludes most poses if fewer are found.
     """
     reach = reach or Reach()
-    middle = np.array([sum(joint_range(j)) / 2 for j in mechanism.joints])
+    middle = np.mean(ranges(mechanism, reach.measured), axis=0)
     chosen: list[Array] = []
     found, tried, failed = 0, 0, dict[str, int]()
     while found < count and tried < ATTEMPTS * count:
-        q = middle + (1.0 - MARGIN) * (random_poses(mechanism, count, rng) - middle)
+        q = middle + (1.0 - MARGIN) * (random_poses(mechanism, count, rng, reach.measured) - middle)
         if loops := closed(mechanism):
             q = q[loops.closes(q)]
         failures = reach.failures(mechanism, q)

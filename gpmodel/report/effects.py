@@ -175,7 +175,7 @@ def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequen
         data = remembered(saved, poses.dataset)
     except InputError:
         return [None] * len(groups)
-    anywhere = at_joint_values(data, random_poses(saved.mechanism, POSES, rng), rng)
+    anywhere = at_joint_values(data, random_poses(saved.mechanism, POSES, rng, data.q), rng)
     points, moves = tool_displacements(saved, prepare(saved.mechanism, anywhere), groups)
     left = {effect.name for effect in saved.model.effects}
     return [

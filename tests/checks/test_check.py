@@ -127,6 +127,18 @@ def test_odd_tables_are_warned_of(case: str) -> None:
         assert words in warnings[0]
 
 
+@pytest.mark.parametrize("count", [2, 3])
+def test_one_position_at_several_poses_is_a_lost_target(count: int) -> None:
+    mechanism, made = robot(60)
+    position = made.dataset.position.copy()
+    position[[4, 20, 50][:count]] = 0.0
+    said = any(
+        "have one position, 0, 0, 0 mm" in text
+        for text in warnings_of(mechanism, replace(made.dataset, position=position))
+    )
+    assert said == (count > 2)
+
+
 @pytest.mark.parametrize(("span", "said"), [(0.0, "J4 does not move"), (0.1, "J4 moves only")])
 def test_small_joint_ranges_are_warned_of(span: float, said: str) -> None:
     mechanism, made = robot(60)

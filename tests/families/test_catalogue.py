@@ -235,3 +235,12 @@ def test_a_link_that_follows_other_joints_has_a_geometry_and_sites() -> None:
     for follower in ("J3_with", "JW"):
         assert {f"{follower} {axis}" for axis in AXES} <= {effect.name for effect in geometric_effects(arm)}
         assert {f"{follower}.moving {axis}" for axis in AXES} <= {site.name for site in sites_of(arm)}
+
+
+def test_the_amplitude_of_a_curve_has_the_unit_of_its_motion() -> None:
+    """Moments of mass, in kg m, have a compliance each in rad/Nm per kg m; together they turn the joint, in rad."""
+    arm = mechanism("irb6400r")
+    pool = catalogue.candidates(arm, prepare(arm, bare("irb6400r", 30)).states)
+    (unknown,) = (c for c in pool if c.name == "compliance with unknown masses, J2")
+    assert (unknown.kind, unknown.unit) == ("curve", "rad")
+    assert {e.unit for e in unknown.effects} != {"rad"}

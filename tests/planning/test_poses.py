@@ -7,11 +7,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from cli_cases import one_line, robot, run
+from effect_cases import mechanism
 
 from gpmodel.api.calibrate import calibrate
 from gpmodel.api.poses import BEFORE, choose_poses
 from gpmodel.api.table import dataset_of
 from gpmodel.errors import InputError
+from gpmodel.mechanism.branches import random_poses, ranges
 from gpmodel.mechanism.source import load_mechanism
 from gpmodel.model.error_model import observe, prepare
 from gpmodel.numerics.se3 import chain
@@ -215,6 +217,18 @@ def test_the_promised_precision_of_a_shift_is_reached_by_rows_after_the_session(
     again = calibrate(arm, replace(data, position=tip + noise), [name], standard=["none"], holdout=0.0)
     reached = again.model.saved.stderr[-1] / abs(fit.model.saved.theta[-1]) / again.model.saved.sigma
     assert reached * fit.model.saved.sigma * 100 == pytest.approx(found.curve.iloc[-1, 1], rel=0.05)
+
+
+def test_joints_without_limits_keep_to_the_measured_range() -> None:
+    arm, rng = mechanism("gantry"), np.random.default_rng(0)
+    travel = np.array([[0.2, -0.3, 1.0], [0.9, 0.1, 1.5]])
+    q = random_poses(arm, 200, rng, travel)
+    assert not np.isfinite([j.upper for j in arm.joints]).any()
+    assert (travel[0] <= q).all()
+    assert (q <= travel[1]).all()
+    assert (candidates(arm, 50, rng, Reach(measured=travel)) >= travel[0]).all()
+    limited = mechanism("irb6400r")
+    np.testing.assert_array_equal(ranges(limited, np.zeros((2, 6))), ranges(limited))
 
 
 def test_poses_for_a_task_know_its_points_better_than_poses_for_the_workspace(tmp_path: Path) -> None:
