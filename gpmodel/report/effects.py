@@ -228,7 +228,8 @@ def effect_records(
                 unique_share=number.unique_share,
                 found_by=candidate.found_by,
                 catalogue=candidate.family or None,
-                explanation=_explanation(candidate, number, poses),
+                explanation=candidate.explanation or explained(candidate.family),
+                against=_against(candidate, number, poses),
                 terms=tuple(
                     TermRecord(translate(t.slot, names), t.axis, translate(str(t.basis), names), t.weight)
                     for effect in candidate.effects[:LISTED]
@@ -253,18 +254,19 @@ AGAINST = 2.0
 """Standard errors below zero at which a compliance is impossible."""
 
 
-def _explanation(candidate: Candidate, number: Quantity, poses: Poses) -> str:
-    """Explain a finding; for a compliance also whether its sign is possible. Measured torques keep their signs."""
-    said = candidate.explanation or explained(candidate.family)
+IMPOSSIBLE = (
+    "The fitted compliance is negative, which is physically impossible. The true cause depends on the same loads, for "
+    "example gravity in another direction than described, as on a ceiling or a wall; a controller that corrects for "
+    "sag; or wrong masses in the description."
+)
+
+
+def _against(candidate: Candidate, number: Quantity, poses: Poses) -> str:
+    """State that the sign of a compliance is impossible; empty otherwise. Measured torques keep their signs."""
     known = family(candidate.family)
     computed = set(candidate.inputs).isdisjoint(poses.dataset.extras)
-    if known is None or not known.yields or not computed or number.value > -AGAINST * number.stderr:
-        return said
-    return (
-        f"{said}. The fitted compliance is negative, which is physically impossible. The true cause depends "
-        "on the same "
-        "loads, for example a controller that corrects for sag, or wrong masses in the description"
-    )
+    impossible = known is not None and known.yields and computed and number.value <= -AGAINST * number.stderr
+    return IMPOSSIBLE if impossible else ""
 
 
 def from_calibration(ladder: Ladder, origin: Origin) -> Report:

@@ -153,7 +153,7 @@ def _facts(report: Report, effect: EffectRecord) -> Iterator[str]:
 def _cause(effect: EffectRecord) -> str:
     """State the physical cause from the effect's family, else how the effect entered the model."""
     if effect.explanation:
-        return sentence(effect.explanation)
+        return " ".join(filter(None, (sentence(effect.explanation), effect.against)))
     if effect.found_by == NAMED:
         return "Unknown: the user named this effect, and no family of the catalogue describes the effect."
     return "Unknown: no family of the catalogue describes this effect, whose formula was fitted to the residual."

@@ -230,7 +230,8 @@ class EffectRecord:
     stderr: standard error of the value, from the noise and from the possible causes of the other findings.
     causes: the 95 % credible set, the most probable first; None if not computed. without_name: probability in the set
     of a cause without a name.
-    rivals: other candidates in the set, with their cross-validated error.
+    against: reason why the fitted value is impossible. rivals: other candidates in the set, with their cross-validated
+    error.
     p_value: chance of the gain, from `shuffles` permutations. shuffled: their noun in the text.
     gain: share of the residual sum of squares that it removes, given everything else in the model.
     tool_rms_mm, tool_max_mm: displacement of the measured point over the measured poses; tool_turn_mrad: RMS rotation.
@@ -254,6 +255,7 @@ class EffectRecord:
     found_by: str = ""
     catalogue: str | None = None
     explanation: str = ""
+    against: str = ""
     kept: bool = True
     terms: tuple[TermRecord, ...] = ()
     causes: tuple[CauseRecord, ...] | None = None

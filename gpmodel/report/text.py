@@ -81,6 +81,8 @@ def _effects(report: Report) -> Iterator[str]:
             yield wrapped(f"{basis} at {where}", 7)
         if said := "; ".join(words.constants(effect)):
             yield wrapped(said, 7)
+        if effect.against:
+            yield wrapped(effect.against, 7)
         if not effect.kept:
             yield wrapped("not identifiable with these poses, held at zero", 7)
         facts = [

@@ -261,8 +261,10 @@ def test_an_effect_that_was_named_is_explained_too() -> None:
 def test_a_compliance_of_the_wrong_sign_is_said_to_be_none(effect: str, against: bool) -> None:
     arm = gp.load_mechanism("irb6400r", payload="60 kg")
     table = gp.simulate(arm, poses=60, effects=[effect], noise="0.03 mm", seed=1).table
-    (record,) = gp.calibrate(arm, table, effects=[effect.partition("=")[0]]).record.effects
-    assert ("which is physically impossible" in record.explanation) == against
+    found = gp.calibrate(arm, table, effects=[effect.partition("=")[0]])
+    (record,) = found.record.effects
+    assert ("which is physically impossible" in record.against) == against
+    assert ("physically impossible" in found.summary()) == against
 
 
 @pytest.mark.parametrize("number", [0, 2, -1])
