@@ -292,8 +292,7 @@ def choose_poses(
     its position in the root frame, "3000,0,1500mm" or m; its line of sight must be free and within `cone` degrees (30)
     of the target's `normal` in the measured frame. tool_point: in the measured frame; after a result the fitted one.
     collisions: exclude poses in which the arm collides with itself, if its URDF has geometry. noise: of one coordinate,
-    for the curve before a result. count: None for 40, or as many of these as decide between explanations. progress:
-    called with messages.
+    for the curve before a result. count: None for 40, or as many as decide. progress: called with messages.
     Raises InputError for too few poses for the criterion, too few admissible poses, or an unreachable target.
     """
     called(progress, "progress")

@@ -14,7 +14,7 @@ not depend on θ. Sources: Kennedy and O'Hagan (2001), Bayesian calibration of c
 (1971), recovery of inter-block information.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -256,8 +256,8 @@ RATIOS = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 41)])
 def noise_within(fit: Calibration, poses: Poses) -> float:
     """Estimate the standard deviation (m) of the noise of one coordinate without discrepancy; at most `fit.sigma`.
 
-    Average of the variance without discrepancy and the variance at the most likely γ, by Akaike weights: one more
-    unknown costs one nat. Source: Burnham and Anderson (2002), 2.9.
+    Average of the variance without discrepancy and the variance at the most likely γ of each covariance K, by Akaike
+    weights: one more unknown costs one nat. Source: Burnham and Anderson (2002), 2.9.
     """
     rows = _independent(fit, poses)
     if poses.dataset.joints_approximate or not len(rows):
@@ -271,13 +271,13 @@ def noise_within(fit: Calibration, poses: Poses) -> float:
     rest = np.linalg.qr(fitted, mode="complete")[0][:, fitted.shape[1] :]
     if rest.shape[1] < FEWEST:
         return fit.sigma
-    variance, odds, best = _restricted(rest, _kernel(fit, ours, problem), problem.residual[point])
-    share = variance[best] / variance[0]
-    return float(fit.sigma * np.sqrt(min(1.0, (1.0 + odds * share) / (1.0 + odds))))
+    found = [_restricted(rest, kernel, problem.residual[point]) for kernel in _kernels(fit, ours, problem)]
+    shares, odds = np.array([(1.0, 1.0), *found]).T
+    return float(fit.sigma * np.sqrt(min(1.0, shares @ odds / odds.sum())))
 
 
-def _restricted(rest: Array, kernel: Array, residual: Array) -> tuple[Array, float, int]:
-    """Return the noise variance at each of RATIOS, the odds of the most likely γ against zero, and its index.
+def _restricted(rest: Array, kernel: Array, residual: Array) -> tuple[float, float]:
+    """Return the noise variance at the most likely γ, relative to that at zero, and the odds of this γ against zero.
 
     rest: (M, R) orthonormal basis of the residual space of a fit. kernel: (M, M) of mean variance one. residual: (M,).
     """
@@ -287,7 +287,7 @@ def _restricted(rest: Array, kernel: Array, residual: Array) -> tuple[Array, flo
     variance = np.mean(squares / scaled, axis=1) + np.finfo(float).tiny
     likelihood = -0.5 * (len(squares) * np.log(variance) + np.log(scaled).sum(axis=1))
     best = int(np.argmax(likelihood))
-    return variance, float(np.exp(min(likelihood[best] - likelihood[0] - 1.0, 700.0))), best
+    return float(variance[best] / variance[0]), float(np.exp(min(likelihood[best] - likelihood[0] - 1.0, 600.0)))
 
 
 def _independent(fit: Calibration, poses: Poses) -> IntArray:
@@ -298,14 +298,21 @@ def _independent(fit: Calibration, poses: Poses) -> IntArray:
     return chosen
 
 
-def _kernel(fit: Calibration, poses: Poses, problem: Linearised) -> Array:
-    """Return K (3N, 3N) of mean variance one: Σ over axes of c cᵀ, each block times the correlation of two poses."""
+def _kernels(fit: Calibration, poses: Poses, problem: Linearised) -> Iterator[Array]:
+    """Yield K (3N, 3N) of mean variance one: Σ over axes of c cᵀ, each block times the correlation of two poses.
+
+    The twists depend on the joint values; then also on payload, row and further columns, each by itself.
+    """
     effects = geometric_effects(fit.model.mechanism)
     columns = effect_columns(effects, fit.model, poses, problem.observed)[:, :3].reshape(-1, len(effects))
     size = np.linalg.norm(columns, axis=0)
     columns = columns[:, size > 0] / size[size > 0]
-    kernel = (columns @ columns.T) * np.kron(alike(poses.dataset.q), np.ones((3, 3)))
-    return np.asarray(kernel * len(kernel) / np.trace(kernel))
+    data = poses.dataset
+    further = [np.asarray(v, dtype=float) for v in (data.payload, data.row, *data.extras.values()) if np.ptp(v) > 0]
+    smooth = [alike(data.q), *(alike(v[:, None], order=1) for v in further)]
+    for correlation in (smooth[0], np.sum(smooth, axis=0)):
+        kernel = (columns @ columns.T) * np.kron(correlation, np.ones((3, 3)))
+        yield np.asarray(kernel * len(kernel) / np.trace(kernel))
 
 
 def alike(q: Array, lengths: Sequence[float] = LENGTHS, order: int = ORDER) -> Array:

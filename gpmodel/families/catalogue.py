@@ -236,12 +236,12 @@ def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]
         raise InputError(f"effect '{name}' names no joint and fits {len(wanted)} instances; expected one: {few}")
     if found or wanted:
         return found or wanted[0].effects
-    found = _of_full_name(name, candidates(mechanism, states))
-    if found:
+    pool = candidates(mechanism, states)
+    if found := _of_full_name(name, pool) or _with_constants(name, mechanism, states, pool):
         return found
     if first not in names():
         raise InputError(f"effect '{name}' is unknown; available: {choices(first, names())}")
-    instances = choices(name, (c.name for c in pool)) if pool else "none on this mechanism and table"
+    instances = choices(name, (c.name for c in pool if c.family == first)) or "none on this mechanism and table"
     raise InputError(f"effect '{name}' has no instance here; of {first} there are: {instances}")
 
 
@@ -253,6 +253,16 @@ def of_family(name: str, mechanism: Mechanism, states: States) -> tuple[Candidat
 def _of_full_name(name: str, pool: Sequence[Candidate]) -> tuple[Effect, ...]:
     exact = next((c.effects for c in pool if c.name == name), ())
     return exact or tuple(islice((e for c in pool for e in c.effects if e.name == name), 1))
+
+
+def _with_constants(name: str, mechanism: Mechanism, states: States, pool: Sequence[Candidate]) -> tuple[Effect, ...]:
+    """Return the effects of a name with other constants than those of the pool, as `discover` prints it."""
+    rates = (grid for f in catalogue for grid in f.grids(mechanism, states))
+    known = [*(c.inner for c in pool if c.inner), *(i for g in rates if (i := g.at(float(g.rates[0])).inner))]
+    for inner in {own.name: own for own in known}.values():
+        if (values := inner.read(name)) is not None:
+            return inner.at(values).effects
+    return ()
 
 
 def _joints_by_word(mechanism: Mechanism) -> dict[str, str]:

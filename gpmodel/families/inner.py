@@ -15,6 +15,8 @@ from gpmodel.model.effect import Effect, Term
 from gpmodel.model.memory import constant_of, word
 
 SYMBOL = "CONSTANT"
+NUMBER = r"-?\d+(?:\.\d+)?(?:e-?\d+)?"
+"""Pattern of a constant's value in a name."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,17 @@ class NonlinearParameters:
     def full_name(self) -> str:
         """Name of the candidate with the values of the constants in it."""
         return self._substituted(self.name)
+
+    def read(self, name: str) -> tuple[float, ...] | None:
+        """Return the values of the constants in a full name, None if it is the name of another candidate or does not
+        contain all constants."""
+        pattern = re.escape(self.name)
+        for constant in self.constants:
+            pattern = pattern.replace(constant.symbol, rf"(?P<c{constant.number}>{NUMBER})(?: \(\d+ to \d+\))?", 1)
+        found = re.fullmatch(pattern, name)
+        values = found.groupdict() if found else {}
+        read = [values.get(f"c{c.number}") for c in self.constants]
+        return None if None in read else tuple(float(v) for v in read if v is not None)
 
     @property
     def effects(self) -> tuple[Effect, ...]:

@@ -15,7 +15,7 @@ from gpmodel.application.recheck import recheck, settled
 from gpmodel.application.usable import usable
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.files import plain
-from gpmodel.model.error_model import ErrorModel, Poses, prepare
+from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
 from gpmodel.model.sites import geometric_effects
 
 NOISE = 3e-5
@@ -48,6 +48,27 @@ def test_sigma_holds_the_error_of_a_model_that_lacks_an_effect(stated: float | N
     share = np.mean([covered(whole, fresh) for whole, _, fresh in made])
     assert without < 0.85
     assert 0.90 < share < 0.99
+
+
+@pytest.mark.parametrize("column", ["temperature", "row"])
+def test_sigma_holds_a_drift_that_no_joint_value_shows(column: str) -> None:
+    """The zero of a joint follows a slow temperature, or the rows; the poses are random."""
+    arm, made = robot(POSES + FRESH, 3, noise=0.0)
+    rng, number = np.random.default_rng(3), np.arange(POSES + FRESH, dtype=float)
+    warm = 20.0 + 5.0 * np.where(number < POSES, number / POSES, rng.uniform(0.0, 1.0, len(number)))
+    data = replace(
+        made.dataset,
+        extras={"temperature": warm} if column == "temperature" else {},
+        extra_units={"temperature": "degC"},
+    )
+    turned = data.q + 1e-4 * ((warm - 22.5) / 2.5)[:, None] * (np.arange(6) == 1)
+    exact = observe(made.model, prepare(arm, replace(data, q=turned)), made.theta, made.placement).tip[:, :3, 3]
+    known = prepare(arm, replace(data, position=exact + rng.normal(0.0, NOISE, exact.shape)).subset(np.arange(POSES)))
+    fit = calibrate(ErrorModel(arm, geometric_effects(arm)), known)
+    saved = saved_model(fit, known)
+    fresh = prepare(arm, replace(data, position=exact).subset(np.arange(POSES, POSES + FRESH)))
+    assert covered(saved, fresh) < 0.8
+    assert covered(with_discrepancy(saved, fit, known), fresh) > 0.9
 
 
 def test_sigma_of_a_complete_model_is_that_of_its_parameters() -> None:
