@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -263,6 +264,21 @@ def _check_names(header: list[str], path: Path) -> None:
     for name in written:
         if written.count(name) > 1:
             raise LayoutError(f"{path.name}: column '{name}' appears twice; expected each name once")
+
+
+def clock_seconds(cells: "pd.Series[Any]") -> "pd.Series[float] | None":
+    """Return the times (N,) of cells with clock times, s after the first, with or without dates; None for other cells.
+
+    Dates with slashes are read only if all are equal, since the order of day and month differs between countries.
+    """
+    known = cells.dropna().astype(str)
+    if known.empty or not known.str.contains(r"\d:\d\d").all():
+        return None
+    if known.str.extract(r"(\d+/\d+/\d+)")[0].nunique() > 1:
+        return None
+    days_first = bool(known.str.contains(r"\d\.\d").all() and not known.str.match(r"\d{4}-").any())
+    stamps = pd.to_datetime(cells, errors="coerce", format="mixed", dayfirst=days_first, utc=True)
+    return None if stamps.isna().any() else (stamps - stamps.min()).dt.total_seconds()
 
 
 def numbers(column: pd.Series, where: str) -> Array:

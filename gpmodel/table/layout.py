@@ -16,6 +16,7 @@ from gpmodel.table.cells import (
     LARGEST_FILE,
     MOST_COLUMNS,
     SNIFFED,
+    clock_seconds,
     decoded,
     excel_cells,
     is_number,
@@ -98,20 +99,8 @@ class Sheet:
         return values.astype(float) if values.notna().any() and (values.isna() == text.isna()).all() else None
 
     def seconds(self, column: int) -> "pd.Series[float] | None":
-        """Return the times (N,) of a column of clock times, s after the first, with or without dates; else None.
-
-        Dates with slashes are read only if all are equal, since the order of day and month differs between countries.
-        """
-        text = self.cells[column]
-        known = text.dropna().astype(str)
-        if known.empty or not known.str.contains(r"\d:\d\d").all():
-            return None
-        if known.str.extract(r"(\d+/\d+/\d+)")[0].nunique() > 1:
-            return None
-        stamps = pd.to_datetime(
-            text, errors="coerce", format="mixed", dayfirst=bool(known.str.contains(r"\d\.\d").all()), utc=True
-        )
-        return None if stamps.isna().any() else (stamps - stamps.min()).dt.total_seconds()
+        """Return the times (N,) of a column of clock times, s after the first; else None."""
+        return clock_seconds(self.cells[column])
 
 
 def read_sheets(path: Path, header: bool = True) -> list[Sheet]:

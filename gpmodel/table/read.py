@@ -14,7 +14,7 @@ from gpmodel.errors import InputError, LayoutError, choices
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Joint, Mechanism, checked_mass, followers
 from gpmodel.table.bundles import check_repeats
-from gpmodel.table.cells import numbers
+from gpmodel.table.cells import clock_seconds, numbers
 from gpmodel.table.dataset import LABELS, READINGS, TOUCHED, Dataset
 from gpmodel.table.units import factor, identifier, known_unit, one_spelling, split_header
 
@@ -113,6 +113,8 @@ class _Cells:
             self.payload_given = True
             for row, mass in enumerate(self.payload.tolist(), 1):
                 checked_mass(mass, f"{where}, row {row}")
+        elif unit is None and (seconds := clock_seconds(column)) is not None:
+            self._take_extra(name, "s", np.asarray(seconds, dtype=float), where)
         elif unit is None:
             self.ignored.append(name)
         elif known_unit(unit):

@@ -240,3 +240,15 @@ def test_axes_called_like_coordinates_in_capitals() -> None:
     read = dataset_of(pd.DataFrame(columns), mechanism("gantry"), need_measurement=True)
     np.testing.assert_allclose(read.q, [[0.001, 0.003, 0.004], [0.002, 0.003, 0.004]])
     np.testing.assert_allclose(read.position, [[0.005, 0.006, 0.007]] * 2)
+
+
+@pytest.mark.parametrize(
+    "stamps",
+    [("2026-11-28T23:59:58.5Z", "2026-11-29T00:00:00.25Z"), ("2026-03-02 10:00:00.5+01:00", "2026-03-02 10:00:02.25+01:00"),
+     ("10:00:00.5", "10:00:02.25"), ("02.03.2026 10:00:00.5", "02.03.2026 10:00:02.25")],
+)  # fmt: skip
+def test_clock_times_are_seconds_after_the_first(stamps: tuple[str, str]) -> None:
+    columns = {f"J{k} [deg]": [1.0, 2.0] for k in range(1, 7)} | {"measured at": list(stamps), "operator": ["a", "b"]}
+    read = dataset_of(pd.DataFrame(columns), load_mechanism("irb6400r"), need_measurement=False)
+    np.testing.assert_allclose(read.extras["measured_at"], [0.0, 1.75])
+    assert (read.extra_units["measured_at"], read.ignored) == ("s", ("operator",))
