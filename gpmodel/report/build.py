@@ -111,7 +111,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
     poses, steps, final = ladder.poses, ladder.steps, ladder.final
     data, names = poses.dataset, names_of(poses.dataset)
     told = final.freedom + final.rank if free_joints(final.model.mechanism) else None
-    floor, source = floor_mm(data, origin.noise, told)
+    floor, source = floor_mm(final, ladder.of_final, origin.noise, told)
     rivals, kinds = hidden_rivals(final, ladder.of_final), [joint.kind for joint in final.model.mechanism.joints]
     plots = fitted.plots(poses, ladder.train, ladder.steps)
     return Report(

@@ -14,11 +14,11 @@ import numpy as np
 from gpmodel.application.further import LARGEST_LEVERAGE
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.comparison import Step
-from gpmodel.calibration.result import Calibration, problem_at
+from gpmodel.calibration.result import Calibration, problem_at, resolved
 from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.branches import tip_at_probe
 from gpmodel.mechanism.protocol import Mechanism
-from gpmodel.model.error_model import Poses
+from gpmodel.model.error_model import Poses, observe
 from gpmodel.model.observation import observations
 from gpmodel.model.sites import names_of
 from gpmodel.model.states import States
@@ -98,14 +98,17 @@ def ranges(states: States, inputs: tuple[str, ...], names: Mapping[str, str]) ->
 
 
 def floor_mm(
-    data: Dataset, noise: float | None, values: float | None = None
+    fit: Calibration, poses: Poses, noise: float | None, values: float | None = None
 ) -> tuple[float | None, NoiseSource | None]:
     """Return the 3-D RMS of the measurement noise, mm, and its source: repeats, stated noise, or specification.
 
-    The first available source is used. A stated σ is of one coordinate; for a pose with c measured components the RMS
+    The first available source is used. Repeats are compared after subtraction of the fit, since their temperatures may
+    differ. A stated σ is of one coordinate; for a pose with c measured components the RMS
     is σ √c. values: number of components that inform the model, if solved joint values absorb the others.
     """
-    repeats = noise_floor(data)
+    data = poses.dataset
+    observed = observe(fit.model, resolved(fit, poses), fit.theta, fit.placement)
+    repeats = noise_floor(dataclasses.replace(data, position=data.position - observed.tip[:, :3, 3]))
     if repeats is not None:
         return 1e3 * repeats, "repeats"
     sigma = noise if noise is not None or data.instrument is None else data.instrument.noise(data.position)

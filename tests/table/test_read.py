@@ -244,7 +244,7 @@ def test_axes_called_like_coordinates_in_capitals() -> None:
 
 @pytest.mark.parametrize(
     "stamps",
-    [("2026-11-28T23:59:58.5Z", "2026-11-29T00:00:00.25Z"), ("2026-03-02 10:00:00.5+01:00", "2026-03-02 10:00:02.25+01:00"),
+    [("2026-11-28T23:59:58.5Z", "2026-11-29T00:00:00.25Z"), ("2026-03-02 10:00:00.5Z", "2026-03-02 10:00:02.25Z"),
      ("10:00:00.5", "10:00:02.25"), ("02.03.2026 10:00:00.5", "02.03.2026 10:00:02.25")],
 )  # fmt: skip
 def test_clock_times_are_seconds_after_the_first(stamps: tuple[str, str]) -> None:
