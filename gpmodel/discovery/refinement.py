@@ -291,17 +291,21 @@ def _rounded(value: float) -> float:
 
 
 def _moved(candidate: Candidate) -> Iterator[_Moved]:
-    """Yield each distinct constant inside a candidate; a constant of several effects is changed in all of them."""
-    inner = candidate.inner
+    """Yield each distinct constant inside a candidate; a constant of several effects is changed in all of them.
+
+    A whole number of ripples per turn, or of millimetres in a lead, is exact.
+    """
+    inner, refit = candidate.inner, bool((known := family(candidate.family)) and known.refit_constants)
     if candidate.has_priors:
         return
-    if inner is not None and any(c.step > 0 for c in inner.constants):
+    if inner is not None and (refit or any(c.step > 0 for c in inner.constants)):
         for k, constant in enumerate(inner.constants):
-            if not constant.whole:
-                below, above = (_texts(inner.at(_put(inner.values, k, v)).effects) for v in _beside(constant.value))
+            if not constant.whole and not (refit and constant.value == round(constant.value)):
+                own = inner.values
+                sides = (inner.at([*own[:k], v, *own[k + 1 :]]) for v in _beside(constant.value))
+                below, above = (_texts(side.effects) for side in sides)
                 yield _Moved(constant, below, above)
-    known = family(candidate.family)
-    if candidate.family and not (known and known.refit_constants):
+    if candidate.family and not (refit and inner is None):
         return
     texts = _texts(candidate.effects)
     programs = [Expression(text).program for own in texts for text in own]
@@ -315,10 +319,6 @@ def _beside(value: float) -> tuple[float, float]:
     """Return the values half a step below and above a constant."""
     step = STEP * abs(value)
     return value - step / 2, value + step / 2
-
-
-def _put(values: Sequence[float], k: int, value: float) -> list[float]:
-    return [value if i == k else v for i, v in enumerate(values)]
 
 
 def _with(texts: tuple[tuple[str, ...], ...], new: Mapping[float, float]) -> tuple[tuple[str, ...], ...]:

@@ -105,7 +105,7 @@ def cyclic_grids(mechanism: Mechanism, states: States) -> Iterator[FrequencyGrid
         span = (6 * np.pi / travel if travel > 0 else 0.0, 2 * np.pi / SHORTEST)
         found = frequency_grid(wave, j, (start, travel), span, lambda rate: 2e3 * np.pi / rate)
         if found is not None:
-            yield found
+            yield replace(found, called=("period", "mm"))
 
 
 CURVE_SPREAD = 5e-4

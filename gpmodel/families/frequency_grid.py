@@ -27,7 +27,7 @@ class FrequencyGrid:
     start: coordinate q at which the phase is zero, rad or m.
     rates: (F,) rad of the argument per rad or metre of the coordinate, equally spaced.
     value: function from a rate to the number in the name, which also converts back.
-    load: column of the load, empty if there is none.
+    load: column of the load, empty if there is none. called: meaning and unit of the number.
     """
 
     template: Candidate
@@ -36,6 +36,7 @@ class FrequencyGrid:
     rates: Array
     value: Callable[[float], float]
     load: str = ""
+    called: tuple[str, str] = ("number per turn", "1")
 
     @property
     def step(self) -> float:
@@ -45,7 +46,7 @@ class FrequencyGrid:
     def at(self, rate: float, digits: int = 6) -> Candidate:
         """Return the candidate at a frequency, with the number in its name rounded to `digits` significant digits."""
         value = float(f"{self.value(rate):.{digits}g}")
-        inner = NonlinearParameters(self.template.name, self.template.effects, (Constant("rate", "1", value),))
+        inner = NonlinearParameters(self.template.name, self.template.effects, (Constant(*self.called, value),))
         return replace(self.template, name=inner.full_name, effects=inner.effects, inner=inner)
 
 

@@ -4,16 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_cases import bare, measure
+from effect_cases import bare, measure, mechanism
 
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.refinement import inner_changes, moved
 from gpmodel.families.candidate import Candidate
+from gpmodel.families.catalogue import catalogue
 from gpmodel.families.inner import law_name, remembered
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
-from gpmodel.model.error_model import ErrorModel, Poses
+from gpmodel.model.error_model import ErrorModel, Poses, prepare
 
 TRUE = 0.5
 
@@ -96,3 +97,17 @@ def test_a_lag_keeps_its_sign_whatever_the_step(value: float, lag: str) -> None:
     candidate = replace(law("lag_T_30*J3"), inner=inner)
     (constant,) = inner.constants
     assert moved(candidate, {constant: value}).effects[0].inputs[0] == f"lag_T_{lag}"
+
+
+@pytest.mark.parametrize(
+    ("name", "family", "called"), [("dh", "cyclic_error", "period"), ("ur5", "transmission_ripple", "number per turn")]
+)
+def test_the_number_in_a_name_is_the_fitted_constant_unless_it_is_whole(name: str, family: str, called: str) -> None:
+    arm = mechanism(name)
+    states = prepare(arm, bare(name, 60)).states
+    grid = next(grid for f in catalogue if f.name == family for grid in f.grids(arm, states))
+    fraction, whole = (own.at(own.inner) for v in (45.3, 45.0) if (own := grid.at(grid.value(v))).inner)
+    (change,) = inner_changes(fraction, [1e-3, 1e-3], states)
+    assert change.constant.name == called
+    assert "45.12" in moved(fraction, {change.constant: 45.12}).name
+    assert inner_changes(whole, [1e-3, 1e-3], states) == ()
