@@ -1,4 +1,4 @@
-"""Test candidates, and eliminate findings that fail a test given all other findings."""
+"""Test candidate effects, and eliminate findings that fail a test given all other findings."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,11 +17,11 @@ from gpmodel.selection.causes import CredibleSet
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A candidate with its score, p-value, verdict and credible set, all from training poses.
+    """A candidate effect with its score, p-value, verdict and credible set, all from training poses.
 
-    chance: p-value of its score on permuted residuals. cv_rms, cv_before: cross-validated 3-D RMS with it and without,
-    m. causes: its possible causes, None for a rejected candidate. rivals: names of the other candidates among the
-    causes, each with the cross-validated 3-D RMS in its place, m.
+    chance: p-value of the candidate's score on permuted residuals. cv_rms, cv_before: cross-validated 3-D RMS error
+    with the candidate and without, m. causes: possible causes of the candidate, None for a rejected candidate. rivals:
+    names of the alternative causes, each with the cross-validated 3-D RMS error of the model with it, m.
     """
 
     candidate: Candidate
@@ -40,13 +40,13 @@ class Hypothesis:
 
     @property
     def why(self) -> str:
-        """Reason for the verdict, in words."""
+        """Reason for the verdict on the candidate, in words."""
         chance = wording.chance(self.chance.p, self.chance.shuffles, self.chance.of)
         return self.verdict.why or f"removes {100 * self.score.gain:.0f} % of the residual energy, p {chance}"
 
 
 def tested(residual: Residual, candidate: Candidate, score: Score, by_chance: Chance, before: Predicted) -> Hypothesis:
-    """Test a candidate by every criterion. residual: residual of the model without the candidate."""
+    """Test a candidate effect by every criterion. residual: residual of the model without the candidate."""
     criteria = residual.criteria
     after = cross_validated(residual, candidate.effects)
     cv_t = gained(before, after, criteria.outlier_sigmas)
@@ -76,11 +76,11 @@ Judge = Callable[[Calibration, Mapping[str, Candidate]], dict[str, Hypothesis]]
 def eliminate(
     offered: Mapping[str, Candidate], calibration: Calibration, judge: Judge, fit: Fit
 ) -> tuple[dict[str, Hypothesis], Calibration]:
-    """Eliminate candidates that fail a test given all others, in each pass the weaker half of those that fail.
+    """Eliminate candidates that fail a test given all others; each pass removes the weaker half of these candidates.
 
-    judge: tests candidates given all others of a calibration. fit: calibrates with candidates, starting from a fit.
-    Returns the last verdict on each candidate, and the calibration with the accepted ones. The accepted candidates are
-    tested again at the end.
+    judge: function that tests candidates given all others of a calibration. fit: function that calibrates with
+    candidates, starting from an earlier fit. Returns the last verdict on each candidate, and the calibration with the
+    accepted candidates. The accepted candidates are tested again at the end.
     """
     inside, judged = dict(offered), dict[str, Hypothesis]()
     asked: Mapping[str, Candidate] = inside

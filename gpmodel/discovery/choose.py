@@ -29,13 +29,13 @@ from gpmodel.table.bundles import JUDGED
 
 @dataclass(frozen=True)
 class Problem:
-    """Inputs of a selection of groups.
+    """Inputs of a selection of effect groups.
 
     standard: calibration of the standard model.
-    fit: function that calibrates the training poses with candidates, starting from a fit.
-    offers: the catalogue and the user's families and candidates.
-    input_prices: price of each input, nats, from the histograms of references.
-    late: function that returns whether the time is up.
+    fit: function that calibrates the training poses with candidates, starting from an earlier fit.
+    offers: candidates of the catalogue, and the user's families and candidates.
+    input_prices: price of each input, nats, from the histograms of inputs in evolved programs.
+    late: function that returns whether the time limit is reached.
     """
 
     standard: Calibration
@@ -59,7 +59,7 @@ class Problem:
         return residual_of(calibration, self.train, self.criteria, JUDGED)
 
     def fitted(self, chosen: Selection) -> "FittedSelection":
-        """Convert a selection to candidates and fit them together."""
+        """Convert a selection to candidates and fit the candidates together."""
         candidates = {kept.group.name: as_candidate(kept, self.train) for kept in chosen.kept}
         found = tuple(candidates.values())
         return FittedSelection(chosen, candidates, self.residual(self.fit(found, self.standard)))
@@ -67,7 +67,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class FittedSelection:
-    """A selection, its groups as candidates by name, and the residual of the fit with all of them."""
+    """A selection, its groups as candidates by name, and the residual of the fit with all candidates."""
 
     chosen: Selection
     candidates: dict[str, Candidate]
@@ -76,9 +76,9 @@ class FittedSelection:
 
 @dataclass
 class Proposals:
-    """Propose formulas for the curves of a selection, once for each curve, and refitted constants of its candidates.
+    """Propose formulas for the smooth terms of a selection, once for each, and refitted constants of its candidates.
 
-    fresh: names of programs evolved in this round. laws: every proposed formula, by name.
+    fresh: names of programs evolved in the current round. laws: every proposed formula, by name.
     """
 
     problem: Problem
@@ -88,7 +88,7 @@ class Proposals:
     last: FittedSelection | None = None
 
     def __call__(self, chosen: Selection) -> tuple[Sequence[Group], frozenset[str]]:
-        """Return new groups for the residual of a selection, and the names of curves with formulas among them."""
+        """Return new groups for the residual of a selection, and names of smooth terms with formulas among them."""
         self.last = fitted = self.problem.fitted(chosen)
         shapes = chosen.offered.screening.shapes
         kept = list(zip(fitted.candidates.values(), chosen.kept, strict=True))
@@ -103,10 +103,10 @@ class Proposals:
 
 
 def choose(problem: Problem, evolved: Sequence[Candidate], fresh: frozenset[str]) -> tuple[FittedSelection, Proposals]:
-    """Select among all offered groups, except those at joints that do not move, and fit the selection.
+    """Select among all candidate groups, except groups at joints that do not move, and fit the selection.
 
-    The terms of an evolved program are offered separately if one of them has a name. fresh: names of programs evolved
-    in this round.
+    The terms of an evolved program become separate candidates if one of the terms has a name. fresh: names of programs
+    evolved in the current round.
     """
     mechanism, states = problem.standard.model.mechanism, problem.train.states
     still = still_joints(mechanism, problem.train.dataset)
@@ -132,8 +132,8 @@ def choose(problem: Problem, evolved: Sequence[Candidate], fresh: frozenset[str]
 def as_candidate(kept: Kept, poses: Poses) -> Candidate:
     """Convert a selected group to a candidate.
 
-    A curve keeps its learned priors. A group of at most two coefficients gets flat priors, unless its priors are
-    specified.
+    A smooth term keeps its learned priors. A group of at most two coefficients gets flat priors, unless the user has
+    specified priors.
     """
     group = kept.group
     plain = len(group.effects) <= PLAIN and not group.believed
@@ -144,7 +144,7 @@ def as_candidate(kept: Kept, poses: Poses) -> Candidate:
 
 
 def simplified(problem: Problem, fitted: FittedSelection, laws: Iterable[ShortLaw]) -> FittedSelection:
-    """Simplify the formulas of a selection by computer algebra, and refit it if any formula changed."""
+    """Simplify the formulas of a selection by computer algebra, and refit the selection if any formula changed."""
     written = {law.candidate.name: law.simplified() for law in laws if law.candidate.name in fitted.candidates}
     candidates = {name: written.get(name, c) for name, c in fitted.candidates.items()}
     if candidates == fitted.candidates:

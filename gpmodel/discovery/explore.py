@@ -29,11 +29,11 @@ from gpmodel.selection.programs import as_candidate, parts, without_poles
 
 @dataclass(frozen=True)
 class RoundContext:
-    """Context of a round: its number, its messages, and the storage of finished runs.
+    """Context of a round of the search: its number, its messages, and the storage of finished runs.
 
-    late: function that returns whether the time is up.
-    opening: it is the first round of a search with a catalogue, and evolves with a small budget.
-    pooled: earlier rounds ran with an equal budget on permuted residuals.
+    late: function that returns whether the time limit is reached.
+    opening: whether the round is the first one of a search with a catalogue, and evolves with a small budget.
+    pooled: whether earlier rounds ran with an equal budget on permuted residuals.
     """
 
     number: int
@@ -45,12 +45,12 @@ class RoundContext:
 
 
 class OutOfTime(Exception):
-    """Raised if the time is up before all runs are done."""
+    """Raised if the time limit is reached before all runs are done."""
 
 
 @dataclass(frozen=True)
 class Exploration:
-    """Result of evolution on one residual: candidates, null of their description lengths, and histogram of inputs."""
+    """Result of evolution on one residual: candidates, null distribution of their gains, and histogram of inputs."""
 
     candidates: tuple[Candidate, ...]
     null_nats: Array
@@ -60,12 +60,12 @@ class Exploration:
 def explore(
     residual: Residual, sites: tuple[Site, ...], search: Search, rng: np.random.Generator, context: RoundContext
 ) -> Exploration:
-    """Evolve programs over all sites at once, `runs` times for each strategy, then on permuted residuals.
+    """Evolve programs over all sites at once, `runs` times for each representation, then on permuted residuals.
 
     After the first round the permuted runs are omitted if no program has the least gain of a finding. Half as many
-    permuted runs are enough if their maxima are pooled with those of earlier rounds, but no fewer than a p-value needs.
-    Above `evolved_poses` poses evolution uses a sample of them, and half of it if the model has hundreds of columns;
-    programs are scored on all poses. Without runs the histogram is empty. Raises OutOfTime if the time is up.
+    permuted runs are enough if their maxima are pooled with earlier maxima, but no fewer than a p-value needs. Above
+    `evolved_poses` poses evolution uses a sample of the poses, and half of the sample if the model has hundreds of
+    columns; programs are scored on all poses. Without runs the histogram is empty. Raises OutOfTime at the time limit.
     """
     n = len(residual.poses)
     count = search.evolved_poses if residual.span.size < MANY_COLUMNS else search.evolved_poses // 2
@@ -110,7 +110,7 @@ def posed(
 
 
 def run(tasks: Mapping[int, Task], search: Search, context: RoundContext) -> list[Evolution]:
-    """Run tasks by number. Each result is stored and reported when it finishes; stored results are used again."""
+    """Run evolution tasks by number. Each result is stored and reported when ready; stored results are used again."""
 
     def said(done: int) -> None:
         if 0 < done < len(tasks) and context.late():
@@ -126,10 +126,10 @@ def candidates_of(
     residual: Residual, sites: tuple[Site, ...], search: Search, question: tuple[SlotProblem, Mapping[str, str]],
     runs: Sequence[Evolution],
 ) -> tuple[Candidate, ...]:  # fmt: skip
-    """Return the programs of the runs as candidates at their sites, each once, without those with a pole.
+    """Return the programs of the runs as candidates at their sites, each once, without programs that have a pole.
 
-    The constants of each part of a program are refitted, since one output alone often explains the effect of two.
-    question: the problem of the runs, and the names of its inputs.
+    The constants of each part of a program are refitted, since one output alone often explains the effect of two
+    outputs. question: the problem of the runs, and the names of its inputs.
     """
     states, between = residual.poses.states, residual.poses.states.between()
     problem, names = question

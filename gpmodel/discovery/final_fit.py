@@ -21,13 +21,13 @@ STEPS = 6
 """Largest number of Gauss-Newton steps in the constants inside formulas."""
 
 SETTLED = 0.02
-"""Step of every constant, in standard errors, at which the iteration ends."""
+"""Step of every constant, in standard errors, below which the iteration ends."""
 
 
 def final_fit(state: State, fit: Calibration) -> FinalFit:
-    """Fit all findings to all poses, including the constants inside them.
+    """Fit all findings to all poses, including the constants inside the findings' basis functions.
 
-    Changes of the constants are unknowns of the fit, so that every standard error allows for them.
+    Changes of the constants are unknowns of the fit, so that every standard error includes their uncertainty.
     Source: Seber and Wild (1989), 2.1.
     """
 
@@ -56,8 +56,8 @@ def _settled(
     """Fit the constants inside candidates to all poses by Gauss-Newton steps; return the candidates, changes and fit.
 
     Each step adds the fitted changes to the constants. After convergence the changes are zero, with standard errors.
-    Constants that do not converge keep their values, without standard errors. theta: values of the candidates' effects
-    in `fit`.
+    Constants that do not converge keep their values, without standard errors. theta: (E,) values of the candidates'
+    effects in `fit`.
     """
     moving, here = tuple(found), fit
     for _ in range(STEPS):
@@ -77,7 +77,7 @@ def _settled(
 
 
 def _known(changes: Sequence[InnerChange], fit: Calibration) -> dict[Constant, float]:
-    """Return the constants plus the changes that a fit estimates."""
+    """Return the constants inside candidates plus the changes that a fit estimates."""
     steps = fit.values_of([change.effect for change in changes])
     return {c.constant: c.constant.value + step for c, step in zip(changes, steps, strict=True)}
 
@@ -91,7 +91,7 @@ def _beside_events(state: State) -> Mask:
 
 
 def _located(candidate: Candidate, left: Callable[[], Residual]) -> Candidate:
-    """Add the confidence interval of the row of an event to a candidate. left: function that returns the residual."""
+    """Add the 95 % confidence interval of the row of an event to a candidate. left: function that returns residuals."""
     inner = candidate.inner
     if inner is None or not any(c.whole for c in inner.constants):
         return candidate
@@ -101,7 +101,7 @@ def _located(candidate: Candidate, left: Callable[[], Residual]) -> Candidate:
 
 
 def _events(candidate: Candidate) -> Iterator[FittedConstant]:
-    """Yield the row of a candidate's event, if it has one, with its confidence interval."""
+    """Yield the row of a candidate's event, if any, with the confidence interval of the row."""
     for constant in candidate.inner.constants if candidate.inner else ():
         if constant.rows:
             yield FittedConstant(constant.name, constant.unit, constant.value, None, *constant.rows)
@@ -112,7 +112,7 @@ def constants_in_words(
 ) -> Iterator[FittedConstant]:
     """Yield the constants inside a candidate with their standard errors; for a bump or step its position and width.
 
-    fit: to all poses, with the changes of the constants among its unknowns. units: unit of each input.
+    fit: fit to all poses, with the changes of the constants among its unknowns. units: unit of each input.
     """
     at = [e.name for e in fit.model.effects]
     own = [at.index(change.effect.name) for change in changes]

@@ -1,8 +1,8 @@
 """Run the whole discovery on all poses, and measure its errors by repeating it without each fold.
 
-With few poses, a fixed held-out share costs more than it proves. Here every pose is held out once: the findings come
-from all poses, and the errors from repetitions without each fold. Source: Stone (1974), cross-validatory choice and
-assessment of statistical predictions.
+With few poses, a fixed held-out share costs more than it proves. Every pose is held out once: the findings come from
+all poses, and the errors from repetitions of the discovery without each fold. Source: Stone (1974), cross-validatory
+choice and assessment of statistical predictions.
 """
 
 import time
@@ -33,11 +33,11 @@ def discover_by_folds(
 ) -> Discovery:
     """Run the whole loop on all poses, then repeat it without each of `count` folds of whole blocks.
 
-    The errors of each step are those of the held-out poses, predicted by the repetition without them; a repetition with
-    fewer steps uses its last model. repeats: ways to repeat the loop, the quickest first; without evolution the errors
-    are rather larger than smaller. If a way does not confirm an evolved finding, the next way is tried at half the
-    significance level. workers: run the repetitions, the first way during the whole loop. Raises InputError for fewer
-    than two folds, or more folds than blocks of poses.
+    The errors of each step are the errors of held-out poses, predicted by the repetition without these poses; a
+    repetition with fewer steps uses its last model. repeats: ways to repeat the loop, the quickest first; without
+    evolution the errors are rather larger than smaller. If one way does not confirm an evolved finding, the next way is
+    tried at half the significance level. workers: processes that run the repetitions, the first way during the whole
+    loop. Raises InputError for fewer than two folds, or more folds than blocks of poses.
     """
     started = time.monotonic()
     nothing = np.zeros(0, dtype=np.int64)
@@ -75,7 +75,7 @@ def _repeated(found: Discovery, choices: Sequence[Discovery], criteria: Criteria
 
 
 def _errors(poses: Poses, parts: Sequence[Discovery], number: int) -> Array:
-    """Return the error (N,) of each pose by step `number` of the repetition without it; NaN if there is none."""
+    """Return the error (N,) of each pose by step `number` of the repetition without the pose; NaN if none."""
     out = np.full(len(poses), np.nan)
     for part in parts:
         held = np.isin(poses.dataset.row, part.poses.dataset.row[part.heldout])

@@ -1,4 +1,4 @@
-"""Propose formulas for the curves of a selection."""
+"""Propose formulas for the smooth terms of a selection."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -48,7 +48,7 @@ def curves_of(kept: Sequence[tuple[Candidate, Kept]], fresh: frozenset[str]) -> 
     """Return curves of a selection that a formula may replace, by the names of their groups.
 
     Curves are smooth terms and named curves of few determined coefficients, and evolved programs of several terms or of
-    this round. Several groups at one site with at most two inputs are one more curve.
+    the current round. Several groups at one site with at most two inputs together are one more curve.
     """
     found: dict[tuple[str, ...], Candidate] = {
         (c.name,): c
@@ -61,8 +61,8 @@ def curves_of(kept: Sequence[tuple[Candidate, Kept]], fresh: frozenset[str]) -> 
 
 
 def _at_one_site(candidates: Iterable[Candidate]) -> Iterator[tuple[tuple[str, ...], Candidate]]:
-    """Yield the groups at one site with at most two inputs as one candidate, with their names. Groups that all have
-    names are merged only if they have one input and at most NUMBERS coefficients."""
+    """Yield the groups at one site with at most two inputs as one candidate, with the names of the groups. Groups that
+    all have names are merged only if the groups have one input and at most NUMBERS coefficients."""
     at: dict[frozenset[object], list[Candidate]] = defaultdict(list)
     for one in candidates:
         at[places(one)].append(one)
@@ -80,13 +80,13 @@ def _at_one_site(candidates: Iterable[Candidate]) -> Iterator[tuple[tuple[str, .
 
 
 def places(candidate: Candidate) -> frozenset[tuple[tuple[str, str, float], ...]]:
-    """Return the slots, axes and weights at which a candidate acts."""
+    """Return the frames, axes and weights at which a candidate acts."""
     return frozenset(tuple((t.slot, t.axis, t.weight) for t in effect.terms) for effect in candidate.effects)
 
 
 @dataclass(frozen=True)
 class LawTask:
-    """Search for a formula of one curve, as sent to a worker. written: its inputs in terms of the table's columns."""
+    """Search for a formula of one smooth term, as sent to a worker. written: inputs in terms of table columns."""
 
     problem: SlotProblem
     inputs: tuple[str, ...]
@@ -95,7 +95,7 @@ class LawTask:
 
 
 def run_law_task(task: LawTask) -> tuple[Solution, ...]:
-    """Search formulas in the inputs of a curve. The result does not depend on the worker."""
+    """Search formulas in the inputs of a smooth term. The result is equal on every worker."""
     return formulas_at(task.problem, 0, task.inputs)
 
 
@@ -108,7 +108,7 @@ class ShortLaw:
     candidate: Candidate
 
     def simplified(self) -> Candidate:
-        """Return the candidate with its formula simplified by computer algebra, which is slow."""
+        """Return the candidate with its formula simplified by computer algebra, a slow operation."""
         program, task = simplify(self.program), self.task
         cost, maker = self.candidate.cost, self.candidate.found_by
         return as_candidate(program, task.site, task.written, cost, maker) or self.candidate
@@ -118,7 +118,7 @@ def formulas(left: Residual, curves: Sequence[Candidate], search: Search) -> Ite
     """Yield formulas of one term in the inputs and at the site of each curve, and shorter versions of the best one.
 
     left: residual of a model with all the curves. The searches run in parallel. The searches are repeated without
-    winsorising the outliers of the curve, since a formula may be sharper than its curve.
+    winsorising the outliers of the curve, since a formula may have a sharper bend.
     """
     doubted = [doubtful(left, curve) for curve in curves]
     views = [(left, taken_as_measured(left, out)) if out.any() else (left,) for out in doubted]
@@ -164,9 +164,9 @@ def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
 
 
 def _likeliest(residual: Residual, curve: Candidate, own: Site) -> Site:
-    """Return the site of largest gain for a curve, among axes of its kind, or its own site if no gain exceeds a tie.
+    """Return the site of largest gain for a curve, among axes of one kind, or its own site if no gain exceeds a tie.
 
-    Evolution winsorises large errors, and may select the wrong one of two sites that move the tool nearly alike.
+    Evolution winsorises large errors, and may select the wrong one of two sites that move the tool nearly equally.
     """
     kind, mechanism = own.axis[0], residual.calibration.model.mechanism
     sites = [site for site in moving_sites(mechanism, residual.poses.dataset) if site.axis[0] == kind]
@@ -177,7 +177,7 @@ def _likeliest(residual: Residual, curve: Candidate, own: Site) -> Site:
 
 
 def _at(site: Site, effect: Effect) -> Effect:
-    """Return an effect at another site."""
+    """Return a copy of an effect that acts at another site."""
     return replace(effect, terms=site.effect("", effect.terms[0].basis, effect.unit).terms)
 
 
@@ -189,7 +189,7 @@ def _columns(names: Iterable[str]) -> set[str]:
 def _as_laws(
     residual: Residual, curve: Candidate, task: LawTask, search: Search, programs: Iterable[tuple[Program, str]]
 ) -> Iterator[ShortLaw]:
-    """Yield programs, each with its origin, as candidates at the site of a curve, without those with a pole."""
+    """Yield programs, each with its origin, as candidates at the site of a curve, without programs that have a pole."""
     states = residual.poses.states
     between = states.between()
     places = len(sites_of(residual.calibration.model.mechanism))
@@ -203,9 +203,9 @@ def _as_laws(
 def _shortened(
     laws: Sequence[ShortLaw], residual: Residual, as_laws: Callable[[Iterable[tuple[Program, str]]], Iterator[ShortLaw]]
 ) -> list[ShortLaw]:
-    """Remove nodes from the best formula one by one, while its gain rises, and return these shorter formulas.
+    """Remove nodes from the best formula one by one while its gain rises; return the shorter formulas.
 
-    Formulas with a pole are excluded, since they could hide better ones.
+    Formulas with a pole are excluded, since a formula with a pole could hide a better one.
     """
     steps: list[ShortLaw] = []
     most, best = _best(residual, laws)
@@ -219,13 +219,13 @@ def _shortened(
 
 
 def _best(residual: Residual, laws: Sequence[ShortLaw]) -> tuple[float, ShortLaw]:
-    """Return the formula of largest gain, and that gain, nats."""
+    """Return the formula of largest gain, and its gain, nats."""
     nats = (score.nats for score in scores(residual, [law.candidate for law in laws]))
     return max(zip(nats, laws, strict=True), key=lambda pair: pair[0])
 
 
 GROSS = 2.0
-"""Largest ratio of an error without the curve to the second largest error. A larger error is one of the measurement."""
+"""Largest ratio of a pose's error without the curve to the second largest error. A larger one is a bad measurement."""
 
 
 def doubtful(left: Residual, curve: Candidate) -> Mask:
@@ -243,7 +243,7 @@ def taken_as_measured(left: Residual, poses: Mask) -> Residual:
 
 def explained(residual: Residual, laws: Sequence[Candidate]) -> Mask:
     """Return which poses (N,) are no outliers of the model with the most likely of some formulas. The likelihood counts
-    an outlier at the limit. residual: of the model without the formulas."""
+    an outlier as if its residual were at the outlier limit. residual: residual of the model without the formulas."""
     sigmas, found = residual.criteria.outlier_sigmas, list[tuple[float, Mask]]()
     for law in laws:
         columns, _ = residual.projected(law.effects)

@@ -1,4 +1,4 @@
-"""Test each selected group given all others, eliminate groups that fail, and weigh the causes of each remaining one."""
+"""Test each selected group given all others, eliminate groups that fail, and weigh the causes of accepted groups."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -30,11 +30,11 @@ class Judged:
 
 
 def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_alone: bool = False) -> Judged:
-    """Test every selected group given all others, eliminate those that fail, and find the credible sets of the rest.
+    """Test every selected group given all others, eliminate groups that fail, and find credible sets of the others.
 
-    Fine curves get as many harmonics as their evidence supports, and constants inside are refitted. evolved_null: (S,)
-    largest gain of any program on permuted residuals. An evolved term has to exceed this null and that of the
-    selection, since it was selected in two searches. errors_alone: omit the credible sets, which change no error.
+    Fine curves get as many harmonics as their evidence supports, and constants inside them are refitted. evolved_null:
+    (S,) largest gain of any program on permuted residuals. An evolved term has to exceed the null of evolution and that
+    of the selection: two searches selected the term. errors_alone: omit the credible sets, which change no error.
     """
     if not last.candidates:
         return Judged((), last.left.calibration)
@@ -77,7 +77,7 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_a
 
 
 def _judged(residual: Residual, candidate: Candidate, kept: Kept, nulls: tuple[Array, Array]) -> Hypothesis:
-    """Test a selected group. residual: of the model without it. nulls: of the selection, and of evolution."""
+    """Test a selected group. residual: of the model without it. nulls: permutation nulls of selection and evolution."""
     before = cross_validated(residual.at_own_noise(), ())
     nats = kept.gain - candidate.cost + kept.shared
     score = replace(scores(residual, [candidate])[0], nats=nats)

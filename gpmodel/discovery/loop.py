@@ -57,13 +57,14 @@ def discover(
 ) -> Discovery:
     """Run the whole discovery loop. Held-out poses only measure errors; no effect is selected by them.
 
-    At the end the held-out poses decide whether the findings or the standard model are shipped.
+    At the end the held-out poses decide whether the model with the findings or the standard model is shipped.
 
-    train, heldout: rows of `poses`; heldout may be empty. candidates: effects that may be missing.
+    train, heldout: rows of `poses` for training and for testing; heldout may be empty. candidates: effects that may be
+    missing.
     standard: effects of the standard model; None for the complete geometry.
-    known: effects in the model from the start. noise: σ that weights finite priors, m; None for that of the residual.
-    condition_limit: of the standard model; None for a cross-validated limit.
-    errors_alone: compute only the errors of each step, without a fit to all poses and simplified formulas.
+    known: effects in the model from the start. noise: σ that weights finite priors, m; None for the σ of the residual.
+    condition_limit: limit of the standard model; None for a cross-validated limit.
+    errors_alone: compute only the errors of each step, without a fit to all poses and without simplified formulas.
     progress: called with one line on the current task. kept: finished runs of an interrupted search. Raises InputError
     for different candidates of one name, or if no held-out pose has a known set-up and tool.
     """
@@ -100,8 +101,7 @@ def discover(
 
 
 def _searched(state: State, standard_fit: Calibration) -> tuple[Callable[[], Calibration], str]:
-    """Run the rounds on the sample; return a function that fits their findings to all training rows, and why they
-    ended."""
+    """Run the rounds on the sample; return a function that fits the findings to all training rows, and why it ended."""
     sampled = len(state.sample) < len(state.train)
     start = state.fit_sample(state.model(()), standard_fit) if sampled else standard_fit
     calibration, stopped = _run_rounds(state, start)
@@ -111,9 +111,9 @@ def _searched(state: State, standard_fit: Calibration) -> tuple[Callable[[], Cal
 
 
 def _run_rounds(state: State, standard_fit: Calibration) -> tuple[Calibration, str]:
-    """Run rounds until one changes nothing or a limit of the search is reached; return the fit, and why they ended.
+    """Run rounds until one changes nothing or a limit of the search is reached; return the fit, and the reason.
 
-    If the time is up before the first round is complete, it is repeated without evolution.
+    If the time limit is reached in the first round, the first round is repeated without evolution.
     """
     search, calibration = state.search, standard_fit
     while not state.repeating:
@@ -140,7 +140,7 @@ def _unfinished(state: State, standard_fit: Calibration, calibration: Calibratio
 
 
 def _finished(state: State, standard_fit: Calibration, calibration: Calibration) -> _Last:
-    """Fit the findings to all poses; return that fit, the model to ship, and the test on held-out poses."""
+    """Fit the findings to all poses; return the fit, the model to ship, and the test on held-out poses."""
     if not state.findings:
         final = state.standard_to_all()
         return FinalFit(final, (), ()), final, None
@@ -152,7 +152,7 @@ def _finished(state: State, standard_fit: Calibration, calibration: Calibration)
 
 
 def _rungs(state: State, standard_fit: Calibration) -> list[Callable[[], Calibration]]:
-    """Return functions that fit the first finding, the first two and so on, except all findings."""
+    """Return functions that fit the first finding, the first two and so on, up to all findings but the last."""
     models = (state.model(state.found[:count]) for count in range(1, len(state.findings)))
     return [partial(state.fit, model, standard_fit) for model in models]
 
@@ -212,12 +212,12 @@ def _taken(state: State, accepted: Sequence[Hypothesis], number: int) -> tuple[s
 
 
 def _earlier_nulls(state: State) -> list[np.ndarray]:
-    """Return the permutation nulls of earlier rounds with the full budget. An opening round has a smaller budget."""
+    """Return the permutation nulls of earlier rounds with the full budget. An opening round has a smaller one."""
     return [r.exploration.null_nats for r in state.rounds[bool(state.offers) :]]
 
 
 def _explored(state: State, residual: Residual, number: int) -> Exploration:
-    """Evolve programs for a residual; return them with the histogram of their inputs."""
+    """Evolve programs for a residual; return the programs with the histogram of their inputs."""
     pooled = sum(len(nats) for nats in _earlier_nulls(state)) > 0
     tell = Teller(state.say.say, f"round {number}: ")
     context = RoundContext(number, tell, state.kept, lambda: state.late, state.opening(number), pooled)

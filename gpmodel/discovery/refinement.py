@@ -1,7 +1,7 @@
 """Fit the constants inside basis functions: by variable projection, then as unknowns of the final fit.
 
-Variable projection: for given constants the linear coefficients are solved and the rest of the model is projected out,
-so that the residual is a function of the constants alone. Source: Golub and Pereyra (1973).
+Variable projection: for given constants the linear coefficients are solved and the other effects are projected out, so
+that the residual is a function of the constants alone. Source: Golub and Pereyra (1973).
 """
 
 import math
@@ -26,49 +26,49 @@ from gpmodel.model.states import States
 from gpmodel.numerics import rank as ident
 
 LOOKS = 2
-"""Number of passes over the constants; the second removes the dependence on the other candidates' constants."""
+"""Number of passes over the constants; the second pass removes the dependence on the other candidates' constants."""
 
 EVALUATIONS = 80
-"""Largest number of residuals per constant of a candidate; the simplex needs half as many."""
+"""Largest number of residual evaluations per constant of a candidate; the simplex method needs half as many."""
 
 SETTLED = 1e-4
-"""Difference of the cost between the corners of a simplex at which the fit ends, in variances of the noise."""
+"""Difference of the sum of squares between corners of a simplex at which the fit ends, in variances of the noise."""
 
 ROUNDING = 0.005
-"""Largest loss of a constant rounded to fewer digits, nats: a tenth of its standard error."""
+"""Largest loss of log evidence by rounding a constant to fewer digits, nats: a tenth of its standard error."""
 
 ROW_LOSS = -np.log1p(-np.sqrt(0.95))
 """Loss that bounds the 95 % confidence interval of the row of an event, nats: half of the quantile -2 ln(1 - √0.95) of
 the likelihood ratio of a threshold. Source: Hansen (2000), Econometrica 68(3), theorem 2."""
 
 WINDOW = 12
-"""Rows on either side of an event that are tested first, in addition to those up to the next offered row."""
+"""Number of rows on either side of an event that are tested first, in addition to those up to the next offered row."""
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Log likelihood (T,), nats, of an event after each of some rows (T,), with its other constants fixed."""
+    """Log likelihood (T,), nats, of an event after each of some rows (T,), with the event's other constants fixed."""
 
     rows: Array
     nats: Array
 
     @property
     def best(self) -> int:
-        """The most likely row."""
+        """The most likely row of the event."""
         return int(self.rows[np.argmax(self.nats)])
 
     @property
     def interval(self) -> tuple[int, int]:
-        """First and last row of the 95 % confidence interval."""
+        """First and last row of the 95 % confidence interval of the event."""
         there = self.rows[self.nats >= self.nats.max() - ROW_LOSS]
         return int(there.min()), int(there.max())
 
 
 def detailed(left: Residual, found: Mapping[str, Candidate]) -> dict[str, Candidate]:
-    """Double the harmonics of fine curves among the findings if this lowers the description length.
+    """Double the harmonics of fine curves among the findings if more harmonics lower the description length.
 
-    A drive has spectral lines up to twice its reduction ratio; half as many harmonics detect its curve in an eighth of
-    the time. left: residual of a model with all findings.
+    A drive has spectral lines up to twice its reduction ratio; half as many harmonics detect the curve of a drive in an
+    eighth of the time. left: residual of a model with all findings.
     """
     out = dict(found)
     for name, candidate in found.items():
@@ -88,8 +88,8 @@ def refined_fit(
 ) -> tuple[dict[str, Candidate], Calibration]:
     """Fit the constants inside candidates given each other; return candidates by name and the fit with them.
 
-    fit: function that calibrates with candidates, starting from a fit. residual: function from a fit to its residual.
-    calibration: fit with the candidates.
+    fit: function that calibrates with candidates, starting from an earlier fit. residual: function from a fit to its
+    residual. calibration: fit with the candidates.
     """
     found = dict(candidates)
     for _ in range(LOOKS if any(_movable(c) for c in found.values()) else 0):
@@ -105,7 +105,7 @@ def refined_fit(
 def refined_at_one_site(residual: Residual, candidates: Mapping[str, Candidate]) -> Iterator[Candidate]:
     """Yield each candidate with refitted constants, as a replacement of all candidates with constants at its site.
 
-    If a constant lies between two offered values, candidates with both may be selected. residual: of the whole model.
+    If a constant lies between two offered values, both may be selected. residual: of the whole model.
     """
     movable = [c for c in candidates.values() if _movable(c)]
     for candidate in movable:
@@ -114,7 +114,7 @@ def refined_at_one_site(residual: Residual, candidates: Mapping[str, Candidate])
 
 
 def _acts(candidate: Candidate) -> frozenset[tuple[str, str]]:
-    """Return the slots and axes at which a candidate acts."""
+    """Return the frames and axes at which a candidate acts."""
     return frozenset((term.slot, term.axis) for effect in candidate.effects for term in effect.terms)
 
 
@@ -138,7 +138,7 @@ def refined(residual: Residual, candidate: Candidate) -> Candidate:
 def profile(residual: Residual, inner: NonlinearParameters) -> Profile | None:
     """Compute the likelihood profile of the row of an event; None for a candidate without an event.
 
-    The rows extend to both sides until both ends are outside the confidence interval. residual: without the candidate.
+    Rows are added on both sides until both ends are outside the interval. residual: of the model without the candidate.
     """
     event = next((c for c in inner.constants if c.whole), None)
     if event is None:
@@ -164,7 +164,7 @@ def _movable(candidate: Candidate) -> bool:
 
 
 def _settled(residual: Residual, inner: NonlinearParameters) -> NonlinearParameters:
-    """Fit the row of an event by its profile, or other constants by a simplex of half a step."""
+    """Fit the row of an event by its profile, or other constants by a simplex that starts with half a step."""
     event = profile(residual, inner)
     if event is not None:
         return inner.at([event.best if c.whole else c.value for c in inner.constants])
@@ -182,7 +182,7 @@ def _settled(residual: Residual, inner: NonlinearParameters) -> NonlinearParamet
 
 
 def _written(residual: Residual, inner: NonlinearParameters) -> NonlinearParameters:
-    """Round the constants to as few digits as the data determine."""
+    """Round the constants inside a candidate to as few digits as the data determine."""
     best = _nats(residual, inner.effects)
     for digits in range(2, DIGITS):
         rounded = inner.at([c.value if c.whole else float(f"{c.value:.{digits}g}") for c in inner.constants])
@@ -202,13 +202,13 @@ def _left(residual: Residual, effects: Sequence[Effect]) -> float:
 
 
 STEP = 1e-3
-"""Step of the central difference, relative to the constant."""
+"""Step of the central difference in a constant, relative to the constant."""
 
 OWN = 0.05
 """Least unique share of the column of a constant's change; the column of a scale equals that of the coefficient."""
 
 MOST = 0.3
-"""Prior standard deviation of a change: 30 % RMS of the formula. The linearisation is wrong for larger changes."""
+"""Prior standard deviation of a constant's change: 30 % RMS of the formula; larger changes are not linear."""
 
 HARMONICS = 12
 """Largest whole number that counts as periods per turn, not as a fitted constant."""
@@ -224,7 +224,7 @@ class InnerChange:
 
 @dataclass(frozen=True)
 class _Moved:
-    """A constant, and the basis functions (E, terms) of a candidate half a step below and above its value."""
+    """A constant inside a candidate, and its basis functions (E, terms) half a step below and above the value."""
 
     constant: Constant
     below: tuple[tuple[str, ...], ...]
@@ -232,16 +232,16 @@ class _Moved:
 
     @property
     def step(self) -> float:
-        """Difference of the constant between these two values."""
+        """Difference of the constant between the values below and above."""
         return STEP * abs(self.constant.value)
 
 
 def inner_changes(candidate: Candidate, theta: Sequence[float], states: States) -> tuple[InnerChange, ...]:
     """Return the change of each constant inside a formula as an effect θ ∂φ/∂c, whose coefficient is the change.
 
-    With these effects in the model all standard errors are those of nonlinear least squares, and each constant has one.
-    A constant that the coefficient or the geometry can replace has no effect. theta: fitted values of the candidate's
-    effects. Source: Seber and Wild (1989), 2.1.
+    With these effects in the model all standard errors are those of nonlinear least squares, and each constant has a
+    standard error. A constant has no effect if the coefficient or the geometry can replace the constant. theta: fitted
+    values of the candidate's effects. Source: Seber and Wild (1989), 2.1.
     """
     law = _shape(candidate.effects, theta, states)
     taken = [np.ones(len(states)), *(_shape([e], [1.0], states) for e in candidate.effects)]
@@ -263,7 +263,7 @@ def inner_changes(candidate: Candidate, theta: Sequence[float], states: States) 
 def moved(candidate: Candidate, values: Mapping[Constant, float]) -> Candidate:
     """Replace the values of some constants inside a candidate; an unnamed candidate is renamed after its formula.
 
-    Constants of a template (a lag, a width, a rate) keep their sign: they fall by at most half their size at a time.
+    Constants of a template (a lag, a width, a rate) keep their sign: a step lowers them by at most half their size.
     """
     if not values:
         return candidate
@@ -322,7 +322,7 @@ def _beside(value: float) -> tuple[float, float]:
 
 
 def _with(texts: tuple[tuple[str, ...], ...], new: Mapping[float, float]) -> tuple[tuple[str, ...], ...]:
-    """Replace constants in all basis functions."""
+    """Replace the texts of constants in all basis functions."""
     programs = [[Expression(text).program for text in own] for own in texts]
     return tuple(
         tuple(p.with_constants([new.get(c, c) for c in p.constants]).written_out() for p in own) for own in programs

@@ -1,4 +1,4 @@
-"""Settings of the search: numbers of runs, size of the populations, and limits."""
+"""Settings of the search: numbers of runs, sizes of the populations, and limits."""
 
 import math
 from dataclasses import dataclass, field
@@ -11,26 +11,26 @@ from gpmodel.executor import Forks, Workers
 
 @dataclass(frozen=True)
 class Search:
-    """Effort of a discovery.
+    """Settings of the effort of a discovery.
 
-    runs: evolution runs of each strategy in a round, and at most as many on permuted residuals, at least three in the
-    first round.
+    runs: evolution runs of each representation in a round, and at most as many on permuted residuals, at least three in
+    the first round.
     strategies: representations that are evolved. Trees take twice the time of sequences and found nothing more on the
         shipped table and ten planted shapes.
-    selection: scheme of parents and survivors.
+    selection: scheme that selects parents and survivors of evolution.
     stop_after: seconds after which no new round begins; None for no limit.
     max_effects: number of findings after which no new round begins.
-    workers: parallel runs; they change no number.
-    population, generations: of one run.
+    workers: number of parallel runs; the number of workers changes no result.
+    population, generations: number of programs and of generations of one run.
     opening_population, opening_generations: upper limits in the first round with named effects, which only finds
     inputs.
     climb: number of best programs of a run from which formulas are bred at its end.
-    nats_per_node: price of a node, the log of about seven inputs and operators, nats.
+    nats_per_node: price of a node, nats: the log of about seven inputs and operators.
     evolved_poses: largest number of poses for evolution, sampled again in every round.
-    scored_poses: number of poses, drawn evenly along the rows, on which effects are selected if there are half as many
-        again. 500 poses detect an effect of a fifth of the noise. Coefficients are fitted to all poses.
+    scored_poses: number of poses on which effects are selected, drawn evenly along the rows, if there are half as many
+        again. With 500 poses an effect of a fifth of the noise is detected. Coefficients are fitted to all poses.
     considered: largest number of evolved programs offered to the selection, the best first.
-    executor: workers in place of those on this machine.
+    executor: workers that replace the workers on this machine.
     """
 
     runs: int = 8
@@ -61,7 +61,7 @@ class Search:
         return self.executor if isinstance(self.executor, Forks) else Forks(self.workers)
 
     def cost(self, nodes: int, places: int) -> float:
-        """Return the description length of a program, nats: that of its nodes, and of its site among `places`."""
+        """Return the description length of a program, nats: length of its nodes, and of its site among `places`."""
         return self.nats_per_node * nodes + math.log(places)
 
     def budget(self, opening: bool) -> Budget:

@@ -1,4 +1,4 @@
-"""State of a search and its result: rounds, findings, the steps of the model."""
+"""State of a search and its result: rounds, findings, and steps of the model."""
 
 import math
 import time
@@ -38,16 +38,16 @@ class Finding:
 
     @property
     def candidate(self) -> Candidate:
-        """Candidate of the finding."""
+        """Candidate effect of the finding."""
         return self.hypothesis.candidate
 
 
 @dataclass(frozen=True)
 class Round:
-    """A round: evolved programs, tested groups of the joint selection, and findings that were dropped.
+    """A round of the search: evolved programs, tested groups of the selection, and findings that were dropped.
 
-    evolved: programs that are offered as groups from this round on.
-    formulas: all formulas proposed for curves.
+    evolved: programs that are candidate groups from this round on.
+    formulas: all formulas proposed for smooth terms.
     """
 
     number: int
@@ -65,7 +65,7 @@ class Round:
 
 @dataclass(frozen=True)
 class FinalFit:
-    """Fit to all poses: its findings, the constants inside each, and the effects of changes of these constants."""
+    """Fit to all poses: findings, constants inside each finding, and effects of changes of these constants."""
 
     calibration: Calibration
     candidates: tuple[Candidate, ...]
@@ -75,11 +75,11 @@ class FinalFit:
 
 @dataclass(frozen=True)
 class Discovery:
-    """Result of the loop.
+    """Result of the discovery loop.
 
     fitted: all findings, fitted to all poses.
     confirmation: test of the findings on held-out poses; None without findings.
-    final: model to ship: that of `fitted` if it is confirmed, else the standard model fitted to all poses.
+    final: model to ship: the model of `fitted` if it is confirmed, else the standard model fitted to all poses.
     parts: the loop repeated without each fold; empty if a fixed set of poses is held out.
     alone: for a further machine of a type, the fit to its poses without the prior of the type.
     """
@@ -102,11 +102,11 @@ class Discovery:
 
     @property
     def folds(self) -> int:
-        """Number of parts held out in turn; 0 for one fixed held-out set."""
+        """Number of folds that are held out in turn; 0 for one fixed held-out set."""
         return len(self.parts)
 
     def step(self, number: int) -> Step:
-        """Return a step of the model; the last step for larger numbers."""
+        """Return a step of the model by number; the last step for larger numbers."""
         return self.steps[min(number, len(self.steps) - 1)]
 
     @property
@@ -116,7 +116,7 @@ class Discovery:
 
     @property
     def confirmed(self) -> bool:
-        """True if the held-out poses confirm the findings, or without findings."""
+        """True if the held-out poses confirm the findings, or if there are no findings."""
         return self.confirmation is None or self.confirmation.passed
 
 
@@ -154,8 +154,8 @@ def drop_duplicate_rows(poses: Poses, train: IntArray, heldout: IntArray, say: T
 def evenly(poses: Poses, rows: IntArray, size: int) -> IntArray:
     """Sample about `size` of rows (R,): a random pose of each stretch of rows, with its repeats.
 
-    All rows are returned if a third or less would be omitted. Every k-th pose of a grid could have one value of a
-    joint.
+    All rows are returned if a sample would omit a third or less. A sample of every k-th pose of a grid could have a
+    single value of a joint.
     """
     if 2 * len(rows) <= 3 * size:
         return rows
@@ -167,17 +167,17 @@ def evenly(poses: Poses, rows: IntArray, size: int) -> IntArray:
 
 
 def _only(poses: Poses, train: IntArray, heldout: IntArray) -> Division:
-    """Keep the poses of some rows, with renumbered rows."""
+    """Keep the poses of some rows, and renumber the rows."""
     kept = np.sort(np.concatenate([train, heldout]))
     return poses.subset(kept), np.searchsorted(kept, train), np.searchsorted(kept, heldout)
 
 
 @dataclass
 class State:
-    """State of the loop: findings, rounds, and steps of the model.
+    """State of the discovery loop: findings, rounds, and steps of the model.
 
-    standard: model without the known effects and the findings. seed: of evolution. ends: end of the time, on the clock
-    of time.monotonic. errors_alone: see `loop.discover`.
+    standard: model without the known effects and the findings. seed: seed of evolution. ends: end of the search time,
+    on the clock of time.monotonic. errors_alone: see `loop.discover`.
     """
 
     mechanism: Mechanism
@@ -206,17 +206,17 @@ class State:
 
     @property
     def found(self) -> tuple[Candidate, ...]:
-        """Candidates of the findings, in order."""
+        """Candidate effects of the findings, in order."""
         return tuple(f.candidate for f in self.findings)
 
     @property
     def evolved(self) -> tuple[Candidate, ...]:
-        """Candidates from genetic programming that are offered as groups."""
+        """Candidates from genetic programming that the selection may use."""
         return tuple(c for r in self.rounds for c in r.evolved)
 
     @property
     def late(self) -> bool:
-        """Whether the time is up."""
+        """Whether the time limit of the search is reached."""
         return time.monotonic() > self.ends
 
     @property
@@ -245,7 +245,7 @@ class State:
         return self._fit(model, self.train, start)
 
     def fit_sample(self, model: ErrorModel, start: Calibration | None = None) -> Calibration:
-        """Fit a model to the sample, on which effects are selected."""
+        """Fit a model to the sample of poses on which effects are selected."""
         return self._fit(model, self.sample, start)
 
     def _fit(self, model: ErrorModel, rows: IntArray, start: Calibration | None) -> Calibration:
@@ -262,6 +262,6 @@ class State:
         return calibrate(self.model(()), self.poses, condition_limit=self.condition_limit, seed=JUDGED)
 
     def add_rung(self, name: str, calibration: Calibration, finding: int | None = None) -> None:
-        """Add a step: a fit with its errors on the training and the held-out poses."""
+        """Add a step of the model: a fit with its errors on the training and the held-out poses."""
         heldout = errors_on(calibration, self.poses.subset(self.heldout)) if len(self.heldout) else np.zeros(0)
         self.steps.append(Step(name, calibration, calibration.error, heldout, finding))

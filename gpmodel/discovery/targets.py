@@ -39,7 +39,7 @@ def targets(residual: Residual, sites: Sequence[Site], rows: IntArray) -> Target
 
 
 def aimed(blank: Targets, residual: Residual, sites: Sequence[Site], rows: IntArray, values: Array) -> Targets:
-    """Return targets for other residual values (M + B,)."""
+    """Return the targets of evolution for other residual values (M + B,)."""
     pull = _by_pose(residual, _columns(residual, sites) * values[: residual.measured, None], rows)
     return replace(blank, pull=pull, energy=float(values @ values) * len(rows) / len(residual.poses))
 
@@ -57,13 +57,13 @@ def _by_pose(residual: Residual, values: Array, rows: IntArray) -> Array:
 
 
 def _compact(cross: Array) -> Array:
-    """Compress `cross` (K, N) to min(K, N) rows of equal BᵀB."""
+    """Compress `cross` (K, N), i.e. Bᵀr by pose, to min(K, N) rows of equal products."""
     few = len(cross) <= cross.shape[1]
     return cross if few else linalg.qr(cross, mode="r", check_finite=False)[0][: cross.shape[1]]
 
 
 KINDS = {"m": "length", "Nm": "torque", "N": "force", "degC": "temperature", "K": "temperature", "s": "time"}
-"""Kind of a column by its unit. A column with another unit is of the kind of that unit."""
+"""Kind of quantity of a table column by its unit. A column with another unit is of a kind named after its unit."""
 
 ALIKE = 1e-4
 """Largest unexplained share of variance between two proportional columns: a hundredth of the spread, as large as the
@@ -123,7 +123,7 @@ def in_proportion(first: Array, second: Array) -> bool:
 
 
 def kind_of(name: str, states: States) -> str:
-    """Return the kind of a column. A column with memory of an angle is a travel, which has no period."""
+    """Return the kind of quantity of a column. A column with memory of an angle is a travel without a period."""
     unit = states.units[name]
     if name == "row":
         return "row"

@@ -1,1 +1,1 @@
-"""Evidence of the measurements for an effect: residuals, scores, permutation nulls, tests, limits."""
+"""Compute residuals, scores, permutation nulls and tests that measure the evidence for an effect."""

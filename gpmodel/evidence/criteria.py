@@ -1,4 +1,4 @@
-"""The acceptance rule: the limits of all tests of a candidate, and the verdict from these tests."""
+"""The acceptance rule: the limits of all tests of a candidate effect, and the verdict from these tests."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,40 +8,40 @@ from gpmodel import wording
 
 @dataclass(frozen=True)
 class Criteria:
-    """Limits that a candidate has to pass to become a finding, and settings of the tests.
+    """Limits that a candidate effect has to pass to become a finding, and settings of the tests.
 
     Tests of one candidate:
-        significance: largest p-value on permuted residuals.
-        minimum_nats: least gain of any group in description length, and part of its price, nats; pure noise reaches
-            4.2, five is a Bayes factor of 150, "very strong" (Kass and Raftery 1995).
+        significance: largest p-value of a candidate against permuted residuals.
+        minimum_nats: least gain in description length of any candidate, nats. The gain on pure noise reaches 4.2 nats;
+            5 nats are a Bayes factor of 150, "very strong" (Kass and Raftery 1995).
         minimum_cv_t: least cross-validated gain of a named effect over random folds, in standard errors of its mean.
-            Zero: evidence and permutation null decide, and predictions must not become worse. At 1.5 the model of 90
-            poses of a measured cobot lost a third of its effects, and its error rose by a fifth (CONTRIBUTING).
-        apart_cv_t: least cross-validated gain over stretches of ordered rows, and over machines; half of 3, as an
-            effect of t standard errors lowers the squared error by t² σ² and noise changes that by 2 t σ².
-        clear_cv_t: least cross-validated gain of an unnamed expression, over none, a named effect and any part of
-            itself: the two-sided 5 %, since among many expressions some predict a little better by chance.
-        minimum_share: least share of an effect's motion that the other effects of the model do not explain. Below it an
-            error of the model of a hundredth decides the coefficient.
-        scored_share: least unique share of a column that is scored; with less the coefficient is rounding.
-        largest_between: largest ratio of a basis between the measured poses to its size at them; more is a pole.
+            With 0 evidence and permutation null decide, and predictions must not become worse. With 1.5 the model of 90
+            poses of a measured cobot lost a third of its effects; its error rose by a fifth (CONTRIBUTING).
+        apart_cv_t: least cross-validated gain over stretches of ordered rows, and over machines, in standard errors.
+            Half of 3: an effect of t standard errors lowers the squared error by t² σ², noise changes it by 2 t σ².
+        clear_cv_t: least cross-validated gain of an unnamed expression over no effect, a named effect and a part of the
+            expression, in standard errors: two-sided 5 %, as some of many expressions gain by chance.
+        minimum_share: least share of an effect's motion that the other effects of the model do not explain. With a
+            smaller share, a relative model error of 0.01 decides the coefficient.
+        scored_share: least unique share of a column that is scored; below it the coefficient is rounding error.
+        largest_between: largest ratio of a basis function between the poses to its size at them; above it a pole.
     Naming:
-        head_start: nats by which an unnamed expression has to beat a named effect, as it states no cause.
-        naming_margin: cost of a curve without a named part if formulas of it are offered, nats.
-        tie: difference within which the shortest of equivalent expressions is used, nats.
+        head_start: gain by which an unnamed expression has to exceed a named effect, nats; it states no cause.
+        naming_margin: price of an unnamed smooth term for which formulas are offered, nats.
+        tie: difference in gain within which the shortest of equivalent expressions is used, nats.
     Selection of groups:
-        one_pose_share: largest share of a group's gain from a single pose; a group with more fits an outlier.
+        one_pose_share: largest share of a group's gain from a single pose; above it the group fits an outlier.
     Poses:
-        fewest_bundles: least number of groups of poses that are permuted as a whole; fewer have too few orders for a
-            p-value, and only repeats of a pose are kept together.
-        blocks: number of stretches of rows, and of regions of space, within which poses may be dependent; ten leave
-            each long enough to contain a drift.
+        fewest_bundles: least number of blocks of poses for a permutation test; fewer blocks have too few orders for a
+            p-value, and then only repeats of a pose are permuted together.
+        blocks: number of stretches of rows, and of regions of space, with dependent errors; with ten, each stretch is
+            long enough to contain a drift.
         outlier_sigmas: robust standard deviations beyond which a residual is winsorised; beyond six a Gaussian has one
             pose in 5e8.
         folds: number of folds of cross-validation, the usual ten (Kohavi 1995).
         shuffles: number of permuted residuals on which the catalogue is scored.
-        confirmation: largest one-sided p-value of the test on held-out poses that the findings predict better than the
-            standard model; above it the standard model is shipped.
+        confirmation: largest one-sided p-value of the held-out test that the findings predict better than the standard
+            model; above it the standard model is shipped.
         input_significance: largest p-value of an input in the histogram, corrected for the number of inputs.
     """
 
@@ -68,7 +68,7 @@ class Criteria:
 
 @dataclass(frozen=True)
 class Test:
-    """One test of a candidate: the measured value, its limit, and whether it passed."""
+    """Test of one candidate: the measured value, its limit, and whether the candidate passed."""
 
     __test__ = False
     name: str
@@ -91,20 +91,20 @@ _WORDS: dict[str, Callable[[Test], str]] = {
 
 @dataclass(frozen=True)
 class Verdict:
-    """The tests of one candidate, in order. The candidate is accepted if all tests pass."""
+    """The tests of one candidate effect, in order. The candidate is accepted if all tests pass."""
 
     tests: tuple[Test, ...]
 
     @property
     def accepted(self) -> bool:
-        """Whether every test is passed."""
+        """Whether the candidate passed every test."""
         return all(test.passed for test in self.tests)
 
     @property
     def why(self) -> str:
-        """Failed tests in words; empty if none failed."""
+        """Failed tests of the candidate in words; empty if all were passed."""
         return "; ".join(_WORDS[test.name](test) for test in self.tests if not test.passed)
 
     def passed(self, name: str) -> bool:
-        """Return whether the test of that name passed or did not apply."""
+        """Return whether the candidate passed the test `name`, or the test did not apply."""
         return all(test.passed for test in self.tests if test.name == name)

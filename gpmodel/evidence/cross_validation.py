@@ -1,4 +1,4 @@
-"""Compare predictions of two models, refitted without each fold, or on held-out poses that selected no effect."""
+"""Compare the predictions of two models, by cross-validation or on held-out poses that selected no effect."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,8 +18,8 @@ from gpmodel.numerics.rank import NEGLIGIBLE
 
 @dataclass(frozen=True)
 class Predicted:
-    """Predictions without each fold. rms: 3-D RMS, m. per_unit: squared error (U,), m², summed over each block of
-    poses. coefficients: (folds, E) of the effects."""
+    """Predictions of the held-out poses of each fold. rms: 3-D RMS error, m. per_unit: (U,) squared errors of each
+    block, m². coefficients: (folds, E)."""
 
     rms: float
     per_unit: Array
@@ -27,7 +27,7 @@ class Predicted:
 
 
 def cross_validated(residual: Residual, effects: Sequence[Effect]) -> Predicted:
-    """Compute prediction errors with these effects in the model, fold by fold, from one factorisation.
+    """Compute the prediction errors of the model with some effects in every fold, from one factorisation.
 
     X (M + B, E) are the columns of the effects and r the residual, after projection; x, r_f their rows in a fold. A = I
     - H for these rows, H the hat matrix. The columns without the fold have the products XᵀX - xᵀA⁻¹x and Xᵀr -
@@ -61,8 +61,8 @@ def paired_t(gain: Array) -> float:
 def gained(before: Predicted, after: Predicted, sigmas: float) -> float:
     """Return the paired t of the gain of prediction `after` over `before`, over independent units of poses.
 
-    Errors of both count up to median + sigmas · 1.4826 MAD of the errors before. A curve may miss a single pose by far,
-    which decides nothing.
+    Errors of both predictions are limited to median + sigmas · 1.4826 MAD of the errors before. Without this limit, one
+    pose that a curve misses by far would decide.
     """
     limit = outlier_limit(np.sqrt(before.per_unit), sigmas) ** 2
     return paired_t(np.minimum(before.per_unit, limit) - np.minimum(after.per_unit, limit))
@@ -79,8 +79,8 @@ class Confirmation:
     """Paired test of two models on held-out poses.
 
     t: mean gain in squared error of the second model over `units` independent units of poses, in standard errors.
-    p_value: one-sided probability of such a gain between equally good models.
-    passed: whether the p-value is below its limit.
+    p_value: one-sided probability of a gain as large between equally good models.
+    passed: whether the p-value is below the limit `confirmation` of the criteria.
     """
 
     t: float
@@ -97,10 +97,10 @@ def confirmation(standard: Calibration, found: Calibration, heldout: Poses, crit
 
 
 def paired(before: Array, after: Array, units: IntArray, criteria: Criteria) -> Confirmation:
-    """Test the 3-D errors (N,) of two models on poses that selected neither of them. NaN: unknown error.
+    """Test whether the second of two models has smaller 3-D errors (N,) on poses that selected neither model.
 
-    units: (N,) code of the poses that count as one observation. The errors of both models are winsorised at median + 6
-    · 1.4826 MAD of those of the first, so that one bad measurement decides nothing. A single unit has p = 1.
+    units: (N,) code of the poses that count as one observation. Unknown errors are NaN. Both models' errors are
+    winsorised at median + 6 · 1.4826 MAD of the first model's errors. With a single unit p = 1.
     """
     known = np.isfinite(before) & np.isfinite(after)
     errors = before[known], after[known]

@@ -14,14 +14,14 @@ from gpmodel.table.units import clock_names
 
 
 def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
-    """Return the variance inflation (at least 1) of a candidate's coefficient by repeats, rows and space.
+    """Return the variance inflation (at least 1) of a candidate's coefficient by dependent repeats, rows and regions.
 
-    With s the product of the candidate's contribution and the remaining residual, summed over each pose, it is Σ_blocks
-    (Σ s)² / Σ s², the ratio of cluster-robust to plain variance (Liang and Zeger 1986). This inflation is divided by
-    its expectation for independent noise (`_when_independent`), and set to 1 unless it exceeds 1 by two standard
-    deviations √(2/blocks). One candidate in thirty exceeds this limit by chance. Unless a candidate depends on time,
-    its ratio is therefore shrunk toward those of the model's columns (`_among`). A permutation of whole blocks corrects
-    less, since a drift within a block remains in any order of the blocks (experiments/coverage).
+    With s the product of the candidate's contribution and the remaining residual, summed over each pose, the inflation
+    is Σ_blocks (Σ s)² / Σ s², the ratio of cluster-robust to plain variance (Liang and Zeger 1986). The inflation is
+    divided by its expectation for independent noise (`_when_independent`), and set to 1 unless it exceeds 1 by two
+    standard deviations √(2/blocks), as one candidate in thirty does without dependence. Unless a candidate depends on
+    time, its inflation is therefore shrunk to the mean of the model's columns (`_among`). A permutation of blocks
+    corrects less: a drift within a block remains in any order of the blocks.
     """
     explained = contribution(residual, candidate)
     left = residual.values - explained * (explained @ residual.values / max(float(explained @ explained), 1e-300))
@@ -41,28 +41,28 @@ def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
 
 
 def reads_a_clock(candidate: Candidate, states: States) -> bool:
-    """Return whether a candidate is a function of the rows or of the time."""
+    """Return whether a candidate effect is a function of the row number or of time."""
     return not clock_names(states.units).isdisjoint(candidate.inputs)
 
 
 def _ratios(scores: Array, block: IntArray) -> Array:
-    """Return Σ_blocks (Σ s)² / Σ s² (K,) of scores s (N, K) of the poses."""
+    """Return the variance inflation Σ_blocks (Σ s)² / Σ s² (K,) of scores s (N, K) of the poses."""
     together = np.zeros((int(block.max()) + 1, scores.shape[1]))
     np.add.at(together, block, scores)
     return np.asarray(np.sum(together**2, axis=0) / np.maximum(np.sum(scores**2, axis=0), 1e-300))
 
 
 def _if_above(ratio: float, count: int) -> float:
-    """Return a ratio of `count` independent sums, or 1 if it exceeds 1 by less than two standard deviations."""
+    """Return a variance inflation over `count` blocks, or 1 if the inflation is below 1 + 2 √(2/count)."""
     return ratio if ratio > 1.0 + 2.0 * np.sqrt(2.0 / count) else 1.0
 
 
 def _among(residual: Residual, ratio: float, block: IntArray) -> float:
-    """Shrink a ratio toward the mean ratio of the model's columns, by how much of their variance is chance.
+    """Shrink a variance inflation toward the mean inflation of the model's columns, by the share of chance in it.
 
-    m + (ratio - m) τ² / (τ² + c), τ² = max(0, v - c), with m and v the mean and variance of the ratios of the columns,
-    and c = 2 m²/blocks the variance of each under independence. Without dependence all ratios are equal; with a drift
-    of the instrument they differ by how slowly each column varies. Source: Efron and Morris (1973).
+    m + (ratio - m) τ² / (τ² + c), τ² = max(0, v - c), with m and v the mean and variance of the inflation of the
+    columns, and c = 2 m²/blocks the variance of each inflation under independence. Without dependence all inflations
+    are equal; with a drift of the instrument a slowly varying column has a larger one. Source: Efron and Morris (1973).
     """
     columns = residual.system[: residual.measured]
     scores = np.zeros((len(residual.poses), columns.shape[1]))
@@ -75,11 +75,11 @@ def _among(residual: Residual, ratio: float, block: IntArray) -> float:
 
 
 def _when_independent(explained: Array, placed: Array, pose: IntArray, block: IntArray) -> float:
-    """Return the expected ratio (Σ_blocks (Σ s)²) / Σ s² for independent noise, if several poses place one body.
+    """Return the expected variance inflation for independent noise, if several poses place one body, such as a bar.
 
-    The fit of a body, such as a bar, removes the part along U: Σ_blocks (|e|² - |Uᵀe|²) over this sum over poses. The
-    ends of a bar have equal residuals, half of the error of its length, so that the ratio is two. explained: e. placed:
-    (M, k) rows of U times e. pose: (M,) of the rows. block: (N,) of the poses.
+    The fit of the body removes the part of the residual e along U: Σ_blocks (|e|² - |Uᵀe|²) over its sum over poses.
+    The two ends of a bar have equal residuals, half of its length error: an inflation of two. explained: (M,) e.
+    placed: (M, k) rows of U times e. pose: (M,) pose of each row. block: (N,) block of each pose.
     """
     whole = float(explained @ explained)
     taken = []
@@ -99,7 +99,7 @@ def order_matters(residual: Residual, candidate: Candidate) -> bool:
 
 
 def _partitions(residual: Residual) -> Iterator[tuple[str, IntArray]]:
-    """Yield each kind of dependence (repeats, rows, space) and the block (N,) of each pose."""
+    """Yield the block (N,) of each pose for each kind of dependence: repeats, rows, space."""
     count, poses = residual.criteria.blocks, len(residual.poses)
     if residual.unit_of_pose.max() + 1 < poses:
         yield "repeats", residual.unit_of_pose

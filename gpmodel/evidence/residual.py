@@ -1,4 +1,4 @@
-"""Form the residual of a calibration, project columns of effects alike, and permute blocks of poses."""
+"""Form the residual of a calibration, project the columns of effects like the residual, and permute blocks of poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,8 +24,8 @@ from gpmodel.table.dataset import Dataset
 def independent_units(dataset: Dataset, criteria: Criteria) -> IntArray:
     """Return the code (N,) of the poses that count as one observation, in order of first appearance.
 
-    Such poses are the groups and repeats of the table. If these are too few for a permutation test, only measurements
-    at one pose count as one.
+    Groups and repeats of the table count as one observation. If groups and repeats are too few for a permutation test,
+    only measurements at one pose count as one observation.
     """
     codes = bundles(dataset)
     if codes.max(initial=-1) + 1 < criteria.fewest_bundles:
@@ -37,8 +37,8 @@ def independent_units(dataset: Dataset, criteria: Criteria) -> IntArray:
 def exchangeable(dataset: Dataset, criteria: Criteria) -> IntArray:
     """Return the code (N,) of the poses that are permuted as one block.
 
-    Blocks are independent units. For single poses in the order of measurement, blocks are stretches of rows, which keep
-    the dependence between neighbouring rows. Source: Künsch (1989), blocks.
+    Blocks are groups and repeats of the table. For single poses in the order of measurement, blocks are stretches of
+    rows, which keep the dependence between neighbouring rows. Source: Künsch (1989), blocks.
     """
     unit = independent_units(dataset, criteria)
     count = len(dataset)
@@ -50,8 +50,8 @@ def exchangeable(dataset: Dataset, criteria: Criteria) -> IntArray:
 def reordered(problem: Linearised, values: Array, unit: IntArray, rng: np.random.Generator, count: int) -> Array:
     """Permute the values (M,) of a problem over blocks of poses, `count` times: (M, count).
 
-    unit: (N,) block 0, 1, ... of each pose. Poses keep their order within a block. A value is zero if the pose that
-    takes its place was not measured.
+    unit: (N,) block number of each pose. Poses keep their order within a block. The value of a measured component is
+    zero if the pose permuted into its place did not measure it.
     """
     present = problem.weights > 0
     blocks = np.zeros(present.shape)
@@ -66,7 +66,7 @@ def reordered(problem: Linearised, values: Array, unit: IntArray, rng: np.random
 
 
 STEPS, SETTLED = 30, 1.01
-"""Largest number of iterations for the noise, and the factor on σ that ends them."""
+"""Largest number of iterations for the noise σ, and the ratio of successive σ below which the iteration ends."""
 
 
 @dataclass(frozen=True)
@@ -75,15 +75,15 @@ class Residual:
 
     The B effects with priors add rows θ σ / prior = 0 below the M measured rows.
     system: (M + B, K) columns of the model, of unit length.
-    target: (M + B,) right side.
-    span: orthonormal basis of the columns.
+    target: (M + B,) right side of the linear system.
+    span: orthonormal basis of the columns of the model.
     values: (M + B,) residual, m.
-    names: effects of the columns after those of the placement.
-    fold_of_row: (M,) fold of cross-validation.
+    names: effects of the columns after the columns of registration and tool.
+    fold_of_row: (M,) fold of each row in the cross-validation.
     unit_of_pose: (N,) block of poses that counts as one observation.
-    gram: (K, K) products of the columns; empty if no effect has a prior.
-    sizing: number of prior rows on lengths and tool, the only ones that fix the overall scale.
-    noise: σ for which the priors are weighed, m.
+    gram: (K, K) inner products of the columns; empty if no effect has a prior.
+    sizing: number of prior rows on lengths and tool point, the only rows that fix the overall scale.
+    noise: standard deviation σ that weights the priors, m.
     """
 
     calibration: Calibration
@@ -113,12 +113,12 @@ class Residual:
 
     @property
     def freedom(self) -> int:
-        """Degrees of freedom: number of residuals minus the fitted columns, at least 1."""
+        """Degrees of freedom of the residual: number of values minus number of fitted columns, at least 1."""
         return max(len(self.values) - self.span.size - max(self.sizing - 1, 0), 1)
 
     @property
     def sigma(self) -> float:
-        """Standard deviation σ of one weighted component, m."""
+        """Standard deviation σ of one weighted component of the residual, m."""
         return float(np.sqrt(self.energy / self.freedom))
 
     @cached_property
@@ -127,13 +127,13 @@ class Residual:
         return float(np.linalg.norm(self.values[: self.measured]) / np.sqrt(len(np.unique(self.problem.pose_of_row))))
 
     def columns(self, effects: Sequence[Effect]) -> Array:
-        """Return the weighted columns (M, E) of any effects at these poses."""
+        """Return the weighted columns (M, E) of any effects at the poses of the residual."""
         return self.problem.effect_rows(effects, self.calibration.model)
 
     def projected(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
-        """Return the columns (M + B, E) with the model projected out, and the remaining share (E,) of each.
+        """Return columns (M + B, E) of effects with the model projected out, and the remaining share (E,) of each.
 
-        The share is zero for values that overflow.
+        The share of a column that overflows is zero.
         """
         asked = tuple(effects)
         found = self._projected.get(asked)
@@ -145,7 +145,7 @@ class Residual:
 
     @cached_property
     def _projected(self) -> dict[tuple[Effect, ...], tuple[Array, Array]]:
-        """Cache of the last projection, which all tests of one candidate share."""
+        """Cache of the last projection, which all tests of one candidate use."""
         return {}
 
     def _without_enabled(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
@@ -187,16 +187,16 @@ class Residual:
 
     @cached_property
     def placed_by_units(self) -> Array:
-        """Basis (M, k) of the placement columns that one block alone determines, such as those of a bar."""
+        """Basis (M, k) of the placement columns that one block of poses alone determines, such as those of a bar."""
         columns = self.system[: self.measured]
         alone = of_one_fold(columns, self.unit_of_pose[self.problem.pose_of_row])
         return ident.orthonormal(columns[:, alone])
 
     def at_own_noise(self) -> "Residual":
-        """Weigh the priors by the residual's own σ, with σ² = r·r / freedom, by iteration.
+        """Weight the priors by the residual's σ, with σ² = r·r / freedom, by iteration.
 
-        Without a large effect the residual exceeds the noise of the full model. At that noise other effects would
-        exceed their priors to explain it, and a small effect would replace the large one.
+        Without a large effect the residual exceeds the noise of the full model. With the noise of the full model, other
+        effects would exceed their priors to explain the residual, and a small effect would replace the large one.
         """
         found = self
         for _ in range(STEPS):
@@ -206,7 +206,7 @@ class Residual:
         return found
 
     def _weighed_for(self, sigma: float) -> "Residual":
-        """Weigh the prior rows for another σ, m."""
+        """Weight the prior rows for another noise σ, m."""
         weight, rows = sigma / self.noise, slice(self.measured, None)
         system, target = self.system.copy(), self.target.copy()
         system[rows], target[rows] = weight * system[rows], weight * target[rows]
@@ -218,7 +218,7 @@ class Residual:
 
     @cached_property
     def in_stretches(self) -> "Residual":
-        """Replace the folds by as many stretches of rows, so that neighbouring rows are in one fold."""
+        """Replace the random folds by an equal number of stretches of rows; neighbouring rows are in one fold."""
         first = np.full(self.unit_of_pose.max() + 1, np.inf)
         np.minimum.at(first, self.unit_of_pose, self.poses.states["row"])
         stretch = stretches(first, self.criteria.folds)[self.unit_of_pose]
@@ -226,7 +226,7 @@ class Residual:
 
     @cached_property
     def omitted(self) -> tuple[Omitted, ...]:
-        """Rows of each fold, and the linear system without these rows."""
+        """Rows of each fold, and the linear system without the rows of the fold."""
         folds = (np.flatnonzero(self.fold_of_row == fold) for fold in np.unique(self.fold_of_row))
         return tuple(Omitted.of(rows, self.span.basis) for rows in folds)
 
@@ -236,7 +236,7 @@ def residual_of(
 ) -> Residual:
     """Form the residual of a calibration at poses; outliers are winsorised, not dropped.
 
-    trusted: (N,) poses that are not winsorised. seed: of the folds.
+    trusted: (N,) poses that are not winsorised. seed: seed of the random folds.
     """
     problem = problem_at(calibration, poses)
     shrink = winsorising(problem, len(poses), criteria.outlier_sigmas)
@@ -255,11 +255,10 @@ def residual_of(
 
 
 def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tuple[Array, Array, tuple[str, ...], int]:
-    """Return columns and right side (M + B) of the model, the names of its effects, and the number of rows on lengths
-    and tool.
+    """Return columns and right side (M + B) of the model, names of its effects, and number of prior rows on size.
 
-    These rows are priors for measurements without a scale: with gaps of zero, a machine that shrinks to a point would
-    have no residual.
+    Prior rows on lengths and tool fix a scale that no measurement fixes: with gaps of zero, a machine that shrinks to a
+    point would have no residual.
     """
     shortened = problem.residual * shrink[problem.pose_of_row]
     model, theta, kept = calibration.model, calibration.theta, calibration.kept

@@ -13,18 +13,18 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.numerics import rank as ident
 
 CHUNK = 256
-"""Number of candidates projected at once; half or double changes no number, only memory."""
+"""Number of candidates projected at once; half or double changes memory and no result."""
 NOISE_STEPS = 5
-"""Number of iterations to estimate the noise under a prior; the third changes no printed digit."""
+"""Number of iterations that estimate the noise under a prior; the third changes no printed digit."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """Score of a candidate.
+    """Score of a candidate effect.
 
-    gain: share of the residual's sum of squares that it removes.
-    nats: gain in description length, nats.
-    share: smallest unique share of its columns.
+    gain: share of the residual's sum of squares that the candidate removes.
+    nats: gain in description length by the candidate, nats.
+    share: smallest unique share of the candidate's columns.
     """
 
     gain: float
@@ -41,7 +41,7 @@ def saved(residual: Residual, gain: float | Array, unknowns: int, cost: float, i
 
 
 def scores(residual: Residual, pool: Sequence[Candidate]) -> tuple[Score, ...]:
-    """Score every candidate. A candidate has no gain if the model explains its columns."""
+    """Score every candidate of a pool. A candidate has no gain if the model explains its columns."""
     out: list[Score] = []
     for part in (pool[start : start + CHUNK] for start in range(0, len(pool), CHUNK)):
         left, shares = residual.projected([e for c in part for e in c.effects])
@@ -56,7 +56,7 @@ def scores(residual: Residual, pool: Sequence[Candidate]) -> tuple[Score, ...]:
 
 
 def deflated(residual: Residual, candidate: Candidate, inflations: Sequence[float]) -> list[float]:
-    """Compute the gains of a candidate, nats, at inflated variances of the noise."""
+    """Compute the gains of a candidate, nats, for inflated noise variances."""
     if not inflations:
         return []
     span, _ = residual.projected(candidate.effects)
@@ -77,8 +77,8 @@ def contribution(residual: Residual, candidate: Candidate) -> Array:
 def own_share(residual: Residual, candidate: Candidate) -> float:
     """Compute the share |C⊥ w| / |C w| of a candidate's motion that the other effects of the model do not explain.
 
-    C (M, E): columns of the candidate, for the instrument without the part of registration and tool. C⊥: C with the
-    model projected out. w: the smallest coefficients, in units of their priors if any, with the candidate's
+    C (M, E): columns of the candidate; for an instrument error without the part of registration and tool. C⊥: C with
+    the model projected out. w: smallest coefficients, in units of their priors if any, that give the candidate's
     contribution to the residual.
     """
     columns, size = residual.columns(candidate.effects), np.ones(len(candidate.effects))
@@ -108,7 +108,7 @@ def _gain(residual: Residual, candidate: Candidate, span: Array, inflation: floa
 
 
 def directions(residual: Residual, candidate: Candidate, span: Array) -> tuple[Array, Array]:
-    """Decompose columns times priors as U s Vᵀ: U (M + B, E) and s (E,)."""
+    """Decompose the columns of a candidate times their priors as U s Vᵀ: U (M + B, E) and s (E,)."""
     norms = np.linalg.norm(residual.columns(candidate.effects), axis=0)
     prior = np.array([e.prior for e in candidate.effects])
     weighted = span * norms * prior
@@ -118,10 +118,10 @@ def directions(residual: Residual, candidate: Candidate, span: Array) -> tuple[A
 
 
 def _noise(residual: Residual, s: Array, parts: Array) -> float:
-    """Estimate the variance of the noise under priors by the marginal likelihood.
+    """Estimate the noise variance under the priors of a candidate by the marginal likelihood.
 
     With f = s² / (s² + σ²):  E = r·r - Σ f (u·r)²,  nats = dof/2 ln(r·r / E) - ½ Σ ln(1 + s²/σ²) - cost.
-    parts: squares (E,) of u·r. Source: MacKay (1992), evidence.
+    parts: (E,) squares of u·r. Source: MacKay (1992), evidence.
     """
     sigma2 = residual.energy / residual.freedom
     for _ in range(NOISE_STEPS):
@@ -130,21 +130,21 @@ def _noise(residual: Residual, s: Array, parts: Array) -> float:
 
 
 def fitted(variance: Array, s: Array, q: Array) -> Array:
-    """Compute Σ_i a q_i² / (1 + a s_i) (G,), the decrease of yᵀC⁻¹y by each of G groups at its variance (G,)."""
+    """Compute Σ_i a q_i² / (1 + a s_i) (G,), the decrease of yᵀC⁻¹y by G groups at their prior variances a (G,)."""
     return np.asarray(np.sum(variance[:, None] * q**2 / (1.0 + variance[:, None] * np.maximum(s, 0.0)), axis=1))
 
 
 def with_own_noise(gains: Array, fit: Array, mismatch: float) -> Array:
-    """Correct gains (G,) for the noise, which is estimated with each group. Q (G,): decrease of E = yᵀC⁻¹y.
+    """Correct the gains (G,) of groups for the noise, which is estimated again with each group.
 
-    With all variances in proportion to the noise: gain - Q/2 - E/2 ln(1 - Q/E). With few poses the noise estimated
-    without the group is too large, and the uncorrected gains are too small.
+    Q (G,) is the decrease of E = yᵀC⁻¹y by a group. With variances in proportion to the noise: gain - Q/2 - E/2 ln(1 -
+    Q/E). With few poses the noise without the group is too large, and an uncorrected gain too small.
     """
     return gains - 0.5 * fit - 0.5 * mismatch * np.log1p(-np.minimum(fit / mismatch, 1.0 - 1e-12))
 
 
 def rotated(inner: Array, rhs: Array) -> tuple[Array, Array]:
-    """Compute eigenvalues s (G, K) of S (G, K, K) and q = Vᵀ rhs (G, K)."""
+    """Compute the eigenvalues s (G, K) of S (G, K, K) = V s Vᵀ and the products q = Vᵀ rhs (G, K)."""
     if inner.shape[-1] == 1:
         return inner[:, :, 0], rhs
     s, turn = np.linalg.eigh(inner)

@@ -1,12 +1,12 @@
-"""Find the credible set of a selected group: all candidates that could replace it, with their probabilities.
+"""Find the credible set of a selected group: all candidates that could replace the group, with their probabilities.
 
-    p(h | y) ∝ exp L(model with h in the place of g),   h over all groups of the pool
+    p(h | y) ∝ exp L(model with h in the place of the selected group g),   h over all groups of the pool
 
-L is the objective of the selection: log marginal likelihood minus price. The rest of the model is re-estimated with h,
-and groups that h makes superfluous are deleted. Candidates that differ only in constants inside their basis functions,
-such as a time constant, are one cause. A joint group of several sites that contains g is none: it adds other sites. All
-unnamed candidates are one cause, "none of these". Sources: Wang et al. (2020), a sum of single effects; Raftery et al.
-(1997), the models near the best one.
+L is the objective of the selection: log marginal likelihood minus price, nats. The other groups are re-estimated with
+h, and groups that h makes superfluous are deleted. Candidates that differ only in constants inside their basis
+functions, such as a time constant, are one cause. A joint group of several sites that contains g is no cause, because a
+joint group adds other sites. All unnamed candidates together are one cause, "none of these". Sources: Wang et al.
+(2020), sum of single effects; Raftery et al. (1997), averaging over models near the best.
 """
 
 from collections.abc import Iterable, Sequence
@@ -26,16 +26,16 @@ from gpmodel.selection.smooth_terms import nats_without_a_name
 from gpmodel.selection.sparse_bayes import prune, reestimate
 
 NEAR, MOST, ALIKE = 9.0, 40, 1e-3
-"""Candidates within NEAR nats of the best are re-estimated, at most MOST of them; others have a probability below
-0.0001. ALIKE: relative difference of contributions below which no measurement at these poses distinguishes them."""
+"""Candidates within NEAR nats of the best are re-estimated, at most MOST; others have a probability below 0.0001.
+ALIKE: relative difference of contributions up to which measurements at these poses cannot separate candidates."""
 
 
 @dataclass(frozen=True)
 class Cause:
-    """Indistinguishable groups, and their probability.
+    """A possible cause of a finding: indistinguishable groups, and their probability.
 
-    own: the first of them is selected. amount: coefficients of the selected effects under this cause, relative to
-    their selected values; 0 if the cause does not contain them.
+    own: whether the first of these groups is the selected group. amount: coefficients of the selected effects if this
+    cause is true, relative to the selected values; 0 if the cause does not contain these effects.
     """
 
     groups: tuple[Group, ...]
@@ -46,19 +46,19 @@ class Cause:
 
 @dataclass(frozen=True)
 class CredibleSet:
-    """Causes, the most probable first. none: probability of an unnamed cause, 0 outside the set."""
+    """Possible causes of a finding, the most probable first. none: probability of an unnamed cause, 0 to 1."""
 
     causes: tuple[Cause, ...]
     none: float
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all causes."""
+        """Names of all possible causes in the set."""
         return tuple(group.name for cause in self.causes for group in cause.groups)
 
 
 def credible_set(model: Active, g: int, sites: Sequence[Site] = (), inputs: Sequence[str] = ()) -> CredibleSet:
-    """Compute the probabilities of all candidates in the place of a selected group. sites, inputs: of smooth terms."""
+    """Compute the probabilities of all candidates, smooth terms included, in the place of a selected group."""
     near, groups = dict(_near(model, g)), model.pool.groups
     unnamed = _smooth_terms(model, g, sites, inputs) if _named(groups[g]) else np.zeros(0)
     total = float(logsumexp([*(trial.objective for trial in near.values()), *unnamed]))
@@ -83,7 +83,7 @@ def _kind(group: Group) -> str:
 
 
 def _amount(model: Active, g: int, trial: Active, h: int) -> float:
-    """Return the motion of a group's terms in the model with h in its place, projected on their motion in the model."""
+    """Return the motion by a group's terms if h replaces the group, projected on the group's motion in the model."""
     own, other = _motion(model, g), _motion(trial, h)
     square = sum(value**2 for value in own.values())
     return sum(value * other[term] for term, value in own.items() if term in other) / square if square else 0.0
@@ -97,9 +97,9 @@ def _motion(model: Active, g: int) -> dict[tuple[str, str, str], float]:
 
 
 def _near(model: Active, g: int) -> Iterable[tuple[int, Active]]:
-    """Yield candidates in the place of a group, itself included, and the model with each.
+    """Yield each candidate that could replace a group, the group itself included, and the model with the candidate.
 
-    Curves of other groups keep their variances.
+    Smooth terms of other groups keep their prior variances.
     """
     yield g, model
     model, own = beside_curves(model, [g], model.pools), model.pool.groups[g].effects
@@ -128,9 +128,9 @@ def _smooth_terms(model: Active, g: int, sites: Sequence[Site], inputs: Sequence
 
 
 def _lines(model: Active, g: int, chance: dict[int, float]) -> list[tuple[float, tuple[int, ...]]]:
-    """Merge groups of one kind, and those with equal contributions given the model without g.
+    """Merge groups of one kind, and groups with equal contributions given the model without g.
 
-    Return for each cause its probability and one group of each kind: g, or the most probable.
+    Return for each cause its probability and one group of each kind: the selected group g, or the most probable one.
     """
     fewer, groups, lines = model.without(g), model.pool.groups, list[tuple[dict[str, int], Array, list[float]]]()
     for h in sorted(chance, key=lambda h: (h != g, -round(chance[h], 6), groups[h].name)):

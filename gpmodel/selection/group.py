@@ -1,4 +1,4 @@
-"""A group: columns that enter the model together under one variance; and the price of its description, nats."""
+"""A group of columns that enter the model together under one prior variance; and the price of a group, nats."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,17 +16,17 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.states import States
 
 CAP = 5e-3
-"""Largest √a, rad or m: no undeclared effect of a machine in service moves its site by more."""
+"""Largest prior standard deviation √a, rad or m: an undeclared effect of a working machine moves its site by less."""
 DECLARED_CAP = 0.3
-"""Largest √a of an effect that is known to exist, in its own unit."""
+"""Largest prior standard deviation √a of an effect that is known to exist, in the unit of the effect."""
 FEW = 2
-"""Largest number of coefficients of a single effect: a number, or a sine and cosine. A curve has more."""
+"""Largest number of coefficients of a single effect: a number, or a sine and cosine. A smooth term has more."""
 FLAT = 1e-6
 """Relative variance of a basis function below which it is constant and thus part of the geometry."""
 
 
 class Shapes:
-    """Values (N,) of basis functions at fixed poses, each computed once."""
+    """Values (N,) of basis functions at fixed poses; each function is computed once."""
 
     def __init__(self, states: States) -> None:
         self.states = states
@@ -41,7 +41,7 @@ class Shapes:
         return self._values[text]
 
     def moments(self, basis: Basis) -> tuple[float, float]:
-        """Return variance and mean square over the poses."""
+        """Return variance and mean square of a basis function over the poses."""
         text = str(basis)
         if text not in self._moments:
             values = self(basis)
@@ -52,12 +52,13 @@ class Shapes:
 
 @dataclass(frozen=True)
 class Group(Candidate):
-    """A candidate with coefficients u_k ~ N(0, a spread_k²), with one variance a for all of them.
+    """A candidate with coefficients u_k ~ N(0, a spread_k²), with one prior variance a for all coefficients.
 
     spreads: (E,) standard deviations of the coefficients for a = 1, scaled so that Σ spread_k² var(φ_k) = 1. √a is then
-    the RMS motion of its site by the whole group, rad or m. where: slot and axis. cap: largest √a; for specified priors
-    the specified value. always_included: exempt from deletion. parts: groups of one kind at several sites that form
-    this group, empty for a plain group. inner: None also if some of the effects are deleted.
+    the RMS motion of the group's site, rad or m. where: slot (frame of the chain) and axis. cap: largest √a; for
+    specified priors the specified value. always_included: exempt from deletion. parts: groups of one kind at several
+    sites that form this group, empty for a plain group. inner: constants inside basis functions; None also if an effect
+    is deleted.
     """
 
     spreads: tuple[float, ...] = ()
@@ -67,7 +68,7 @@ class Group(Candidate):
     parts: tuple["Group", ...] = ()
 
     def with_prior(self, variance: float) -> tuple[Effect, ...]:
-        """Return its effects with prior standard deviations √a spread_k, a = `variance`."""
+        """Return the group's effects with prior standard deviations √a spread_k, a = `variance`."""
         root = math.sqrt(variance)
         return tuple(replace(e, prior=root * s) for e, s in zip(self.effects, self.spreads, strict=True))
 
@@ -89,9 +90,9 @@ def spread_of(effect: Effect, shapes: Shapes) -> float:
 
 
 def group_of(candidate: Candidate, shapes: Shapes) -> Group | None:
-    """Return a candidate as a group. Finite priors give the ratios of its effects; others contribute equally.
+    """Return a candidate as a group. Finite priors give the ratios of the effects; other effects contribute equally.
 
-    Effects that do not vary over the poses are omitted; None if no effect varies.
+    Effects that do not vary over the poses are omitted; the result is None if no effect varies.
     """
     sizes = [spread_of(e, shapes) for e in candidate.effects]
     alive = [(e, s) for e, s in zip(candidate.effects, sizes, strict=True) if np.isfinite(s) and s > 0]
@@ -107,11 +108,10 @@ def group_of(candidate: Candidate, shapes: Shapes) -> Group | None:
 
 
 def geometry_groups(effects: Iterable[Effect]) -> tuple[Group, ...]:
-    """Group constant errors as lengths, angles, and those with priors, which keep their ratios; others are single
-    groups.
+    """Group constant errors as lengths, angles, and errors with priors, whose ratios are kept; others are single.
 
-    All are always included, with variances limited to errors of a description. Along a direction that the poses hardly
-    determine, a wrist 29 cm away would otherwise fit in the linear problem like two curves.
+    The groups are always included, with prior variances limited to errors of a machine description. Without the limit a
+    wrist 29 cm away, along a direction that the poses hardly determine, would fit like two curves.
     """
     kinds: dict[str, list[Effect]] = {"geometry, lengths": [], "geometry, angles": [], "geometry, with priors": []}
     for e in effects:
@@ -141,11 +141,11 @@ READABLE = 12
 
 @dataclass(frozen=True)
 class Price:
-    """Prices of groups, nats.
+    """Prices of groups, nats: the gain in log evidence that a group needs.
 
-    limits: minimum_nats for any group, head_start for one without a name, naming_margin for a curve or a long formula.
+    limits: minimum_nats for any group, head_start for an unnamed group, naming_margin for a curve or a long formula.
     of_input: price of each input, from the inputs of evolved programs; an input without a price is free. with_formulas:
-    names of curves for which formulas are offered.
+    names of smooth terms for which formulas are offered.
     """
 
     limits: Criteria = field(default_factory=Criteria)
@@ -153,16 +153,16 @@ class Price:
     with_formulas: frozenset[str] = frozenset()
 
     def to_describe(self, group: Group) -> float:
-        """Return the log of the number of alternatives, plus the price of a group without a name."""
+        """Return the log of the number of alternatives, plus the price of a group without a name, nats."""
         return group.cost + self.limits.head_start * (not group.family)
 
     def to_enter(self, group: Group) -> float:
-        """Return the gain that a group needs to enter the model: minimum gain, description and inputs."""
+        """Return the gain, nats, that a group needs to enter the model: minimum, price of description and of inputs."""
         read = [self.of_input.get(name, 0.0) for name in group.inputs]
         return self.limits.minimum_nats + self.to_describe(group) + (float(np.mean(read)) if read else 0.0)
 
     def to_read(self, group: Group) -> float:
-        """Return the price of a smooth term with offered formulas, or of a long formula: both are hard to read."""
+        """Return the price, nats, of a smooth term with offered formulas or a long formula: both are hard to read."""
         names = {group.name, *(part.name for part in group.parts)}
         curve = is_curve(group) and len(group.effects) > FEW and not names.isdisjoint(self.with_formulas)
         basis = group.place.basis

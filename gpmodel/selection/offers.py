@@ -1,4 +1,4 @@
-"""Offered groups: each candidate of the catalogue, and a joint group of each kind that acts at several joints."""
+"""Form the candidate groups: each candidate of the catalogue, and a joint group of each kind at several joints."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence, Set
@@ -21,7 +21,7 @@ LARGEST_BLOCK = 130
 SMALLEST_BLOCK = 3
 """Least number of sites of a joint group."""
 BLOCK_COST = 1.0
-"""Price of a joint group in addition to that of one part, nats: there are few kinds."""
+"""Price of a joint group in addition to the price of one part, nats; small, because there are few kinds of effects."""
 
 
 def of_offers(offers: Iterable[Offer]) -> Builder:
@@ -35,9 +35,9 @@ def of_offers(offers: Iterable[Offer]) -> Builder:
 
 
 def of_evolved(candidates: Sequence[Candidate], cost: Callable[[int], float]) -> Builder:
-    """Return a builder of groups from evolved candidates, one for each set of inputs that terms share.
+    """Return a builder of groups from evolved candidates, one group for each set of inputs that terms share.
 
-    Its parts are the single terms. cost: function from a number of nodes to nats.
+    The parts of a group are the single terms. cost: function that converts a number of nodes to a price, nats.
     """
 
     def build(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
@@ -51,12 +51,12 @@ def of_evolved(candidates: Sequence[Candidate], cost: Callable[[int], float]) ->
 
 @dataclass(frozen=True)
 class Offering:
-    """Groups that a selection may use.
+    """Candidate groups that a selection may use.
 
-    single: builders of groups that are offered from the start.
-    sites, inputs: of proposed smooth terms of one or two inputs.
-    grids: of sinusoids at any frequency of a range.
-    wanted: function that returns whether a group may be offered.
+    single: builders of the groups that are candidates from the start.
+    sites, inputs: sites and inputs of proposed smooth terms of one or two inputs.
+    grids: frequency grids of proposed sinusoids.
+    wanted: function that returns whether a group may be a candidate.
     """
 
     single: Sequence[Builder]
@@ -69,7 +69,7 @@ class Offering:
 def singles(offering: Offering, mechanism: Mechanism, shapes: Shapes) -> list[Group]:
     """Return the single groups that vary over these poses, without groups of equal columns.
 
-    Terms that evolved together are offered separately if one of them is also offered by name.
+    Terms of one evolved program become separate candidates if one of the terms is also a candidate with a name.
     """
     built = chain.from_iterable(builder(mechanism, shapes) for builder in offering.single)
     found = without_copies(group for group in built if group is not None and offering.wanted(group))
@@ -78,7 +78,7 @@ def singles(offering: Offering, mechanism: Mechanism, shapes: Shapes) -> list[Gr
 
 
 def without_copies(groups: Iterable[Group]) -> list[Group]:
-    """Return the first of all groups with equal columns."""
+    """Return groups without copies: the first of all groups with equal columns."""
     found: dict[object, Group] = {}
     for group in groups:
         found.setdefault((tuple(e.terms for e in group.effects), group.spreads, group.cap), group)
@@ -86,13 +86,13 @@ def without_copies(groups: Iterable[Group]) -> list[Group]:
 
 
 def _apart(group: Group, named: Set[tuple[Term, ...]]) -> tuple[Group, ...]:
-    """Return a group, or its terms that are not offered by name if some are. named: terms of the named groups."""
+    """Return a group, or only its terms that no named group contains. named: terms of the named groups."""
     left = tuple(part for part in group.parts if part.effects[0].terms not in named)
     return left if len(left) < len(group.parts) else (replace(group, parts=()),)
 
 
 def shared_kinds(mechanism: Mechanism, groups: Iterable[Group]) -> list[Group]:
-    """Return joint groups of groups that differ only in the joint, to detect many weak effects of one kind."""
+    """Return joint groups of all groups that differ only in the joint, to detect many weak effects of one kind."""
     kinds: dict[str, list[Group]] = defaultdict(list)
     for group in groups:
         for j in mechanism.joints:

@@ -1,4 +1,4 @@
-"""Form the whitened linear problem, and the inner products of all offered columns."""
+"""Form the whitened linear problem, and the inner products of the columns of all candidate groups."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -19,9 +19,9 @@ Site = tuple[str, str]
 
 
 class Rows:
-    """M weighted rows: the sensitivity (M,) to a unit twist at each site, whitened, with the placement projected out.
+    """M weighted rows: sensitivity (M,) to a unit twist at each site, whitened, registration and tool projected out.
 
-    A column is a sensitivity times a basis function, x = r ∘ φ(pose), so that Xᵀv = Φᵀ (sums of r ∘ v over each pose).
+    A column x is a sensitivity r times a basis function φ of the pose, so that Xᵀv = Φᵀ (sums of r ∘ v over each pose).
     """
 
     def __init__(
@@ -38,15 +38,15 @@ class Rows:
 
     @property
     def freedom(self) -> int:
-        """Number of rows minus the number of placement columns."""
+        """Number of rows minus the number of columns of registration and tool."""
         return len(self.pose_of_row) - int(self.placement.shape[1])
 
     def clean(self, whitened: Array) -> Array:
-        """Project the placement out of whitened rows."""
+        """Project registration and tool out of whitened rows."""
         return whitened - self.placement @ (self.placement.T @ whitened)
 
     def sensitivity(self, site: Site) -> Array:
-        """Return the rows (M,) of a unit twist along one axis of one slot."""
+        """Return the rows (M,) of a unit twist along one axis of one frame of the chain."""
         slot, axis = site
         if slot not in self._sensitivity:
             blocks = self.problem.observed.sensitivity(places(self.mechanism).index(slot))
@@ -75,7 +75,7 @@ class Rows:
 
 
 class Atoms:
-    """Products of vectors with all columns at once, by the distinct pairs of site and basis function."""
+    """Inner products of vectors with all columns at once, by the distinct pairs of site and basis function."""
 
     def __init__(self, rows: Rows, effects: Sequence[Effect]) -> None:
         self.rows = rows
@@ -102,13 +102,13 @@ class Atoms:
         self.weights = sparse.csr_matrix((weight, (at, of)), shape=(len(effects), count))
 
     def cross(self, values: Array) -> Array:
-        """Return the products (E, K) of all E columns with whitened values (M, K) without registration and tool."""
+        """Return the inner products (E, K) of all E columns with whitened values (M, K) without the registration."""
         by_pose = self.reach @ self.rows.apart(self.rows.whitening.whiten(values))
         return np.asarray(self.weights @ np.vstack([phi @ by_pose[:, s] for s, phi in enumerate(self.shapes)]))
 
 
 CHUNK = 400
-"""Number of groups whose products are formed at once; half or double changes only memory, a few megabytes."""
+"""Number of groups whose inner products are formed at once; half or double changes only memory, a few megabytes."""
 
 
 @dataclass(frozen=True)
@@ -122,18 +122,18 @@ class SizeClass:
     rhs: Array
 
     def part(self, at: IntArray) -> "SizeClass":
-        """Return some of the groups."""
+        """Return the size class with only the groups at some positions."""
         return SizeClass(self.ids[at], self.index[at], self.spreads[at], self.inner[at], self.rhs[at])
 
 
 class GroupPool:
     """Groups over distinct effects, which groups may share. Columns are scaled by the `spread` of their coefficients.
 
-    sizes: (G,) number of effects. cost, price, reading: (G,) nats for description, entry and reading, see `Price`.
-    block: (G,) index of the joint group that contains it, -1 for none. wholes: (B,) index of each joint group. shared:
-    (B,) nats of the description that further parts do not pay again: all but the log of n joints. square: yᵀy of the
-    whitened target without the placement. rhs: (E,) products of the target with the distinct unit columns. constant,
-    reading_held, kinds_held: contributions of held groups to objective, reading prices and numbers of parts.
+    sizes: (G,) number of effects of each group. cost, price, reading: (G,) prices of description, entry and reading,
+    nats. block: (G,) index of the joint group that contains it, -1 for none. wholes: (B,) index of each joint group.
+    shared: (B,) description price that further parts do not pay, nats: all but the log of n joints. square: yᵀy of the
+    whitened target y without registration. rhs: (E,) products of the target with the distinct unit columns. constant,
+    reading_held, kinds_held: shares of held groups in objective, reading prices and numbers of parts.
     """
 
     constant, reading_held, kinds_held = 0.0, 0.0, np.zeros(1, np.int64)
@@ -186,7 +186,7 @@ class GroupPool:
         return out
 
     def _inner(self, index: IntArray) -> Array:
-        """Return XᵀX (G, K, K) of unit columns, whitened, with the placement projected out."""
+        """Return XᵀX (G, K, K) of the unit columns, whitened, with registration and tool projected out."""
         count, size = index.shape
         columns = self.rows.whitening.whiten(self.rows.columns([self.effects[e] for e in index.ravel()]))
         placed = self.rows.placement.T @ columns
@@ -195,7 +195,7 @@ class GroupPool:
         return stacked @ np.swapaxes(stacked, 1, 2) - taken @ np.swapaxes(taken, 1, 2)
 
     def crossed(self, g: int) -> Array:
-        """Return the products (E, K) of every distinct unit column with the scaled columns of group g."""
+        """Return the inner products (E, K) of every distinct unit column with the scaled columns of group g."""
         if g not in self._crossed:
             self._crossed[g] = self._crossed_with(g)
         return self._crossed[g]
@@ -204,7 +204,7 @@ class GroupPool:
         return self.atoms.cross(self.columns(g))
 
     def columns(self, g: int) -> Array:
-        """Return the scaled columns (M, K) of a group, whitened, with the placement projected out."""
+        """Return the scaled columns (M, K) of a group, whitened, with registration and tool projected out."""
         if g not in self._columns:
             self._columns[g] = self._cleaned(g)
         return self._columns[g]
@@ -214,10 +214,9 @@ class GroupPool:
         return self.rows.clean(self.rows.whitening.whiten(own))
 
     def gram(self, chosen: Mapping[int, IntArray]) -> Array:
-        """Return the products (K, K) of the scaled columns of some groups. chosen: indices of the effects of each group
-        that are still in the model.
+        """Return the inner products (K, K) of the scaled columns of groups. chosen: indices of their remaining effects.
 
-        The products of all groups so far are cached, and the last result.
+        The inner products of all groups so far are cached, and so is the last result.
         """
         key = tuple((g, c.tobytes()) for g, c in chosen.items())
         if self._gram[0] != key:
@@ -229,7 +228,7 @@ class GroupPool:
         return self._gram[1]
 
     def _beside(self, g: int) -> None:
-        """Add the products of the scaled columns of a group to the cache."""
+        """Add the inner products of the scaled columns of a group to the cache."""
         effects = np.concatenate([self._effects, self.index[g]])
         spreads = np.concatenate([self._spreads, self.spreads[g]])
         new = spreads[:, None] * self.crossed(g)[effects]

@@ -1,7 +1,7 @@
-"""Groups in the model: their posterior, the evidence, and the gain of each group.
+"""Posterior of the groups in a model, log evidence of the model, and gain of each group.
 
-With A (M, K) the active columns times √a, C = σ² I + A Aᵀ and H = (σ² I + AᵀA)⁻¹ = L⁻ᵀL⁻¹: C⁻¹ = (I - A H Aᵀ) / σ², so
-that S and q of any group need only the products XᵀA.
+With A (M, K) the columns of the selected groups times √a, C = σ² I + A Aᵀ and H = (σ² I + AᵀA)⁻¹ = L⁻ᵀL⁻¹: C⁻¹ = (I - A
+H Aᵀ) / σ², so that S and q of any group need only the products XᵀA.
 """
 
 import math
@@ -21,8 +21,8 @@ from gpmodel.selection.pool import GroupPool
 LEAST_NOISE = 1e-8
 """Least noise of one coordinate, m: a tenth of an instrument's resolution. In an exact table less is rounding."""
 LEAST = 10.0**-DECADES
-"""Least ratio of the variance of a group to its largest. A group that explains nothing reaches this ratio, and is
-deleted."""
+"""Least ratio of the prior variance of a group to its largest allowed variance. A group that explains nothing reaches
+this ratio, and is deleted."""
 
 
 @dataclass(frozen=True)
@@ -36,16 +36,16 @@ class Active:
 
     @property
     def criteria(self) -> Criteria:
-        """Limits for adding and deleting groups."""
+        """Limits for adding and deleting groups, see `Criteria`."""
         return self.pool.prices.limits
 
     def added(self, g: int, variance: float, part: Sequence[int] | None = None) -> "Active":
-        """Return the model with group g at a prior variance. part: its effects that come in; None for all effects."""
+        """Return the model with group g at a prior variance. part: effects to add; None for all effects."""
         effects = np.arange(len(self.pool.index[g]))[slice(None) if part is None else part]
         return replace(self, variances={**self.variances, g: variance}, chosen={**self.chosen, g: effects})
 
     def beside(self, group: Group, variance: float) -> "Active":
-        """Return the model with a new group, in a pool without other groups."""
+        """Return the model with a new group, in a pool without other candidate groups."""
         pool = GroupPool(self.pool.rows, [*(self.pool.groups[g] for g in self.variances), group], self.pool.prices)
         variances = dict(enumerate(self.variances.values()))
         there = Active(pool, variances, dict(enumerate(self.chosen.values())), self.sigma2)
@@ -58,12 +58,12 @@ class Active:
 
     @cached_property
     def pools(self) -> dict[frozenset[int], GroupPool]:
-        """Pools formed for this model, by the set of held groups."""
+        """Pools formed for this model, by the set of groups with fixed variance."""
         return {}
 
     @cached_property
     def blocks(self) -> dict[int, slice]:
-        """Slice of the columns of each group."""
+        """Slice of the columns that belong to each group of the model."""
         out, at = {}, 0
         for g in self.variances:
             out[g] = slice(at, at + len(self.chosen[g]))
@@ -72,7 +72,7 @@ class Active:
 
     @cached_property
     def index(self) -> IntArray:
-        """Index of the distinct effect (K,) of each column."""
+        """Index of the distinct effect (K,) that belongs to each column."""
         return np.concatenate([self.pool.index[g][self.chosen[g]] for g in self.variances])
 
     @cached_property
@@ -83,13 +83,13 @@ class Active:
 
     @cached_property
     def inner(self) -> Array:
-        """Products AᵀA (K, K) of the active columns, scaled by √a."""
+        """Inner products AᵀA (K, K) of the columns of the model, scaled by √a."""
         root = np.sqrt(np.repeat(list(self.variances.values()), [len(c) for c in self.chosen.values()]))
         return np.asarray(root[:, None] * self.pool.gram(self.chosen) * root)
 
     @cached_property
     def rhs(self) -> Array:
-        """Products Aᵀy (K,) of the active columns, scaled by √a, with the target y."""
+        """Inner products Aᵀy (K,) of the columns of the model, scaled by √a, with the target y."""
         return self.scale * self.pool.rhs[self.index]
 
     @cached_property
@@ -108,13 +108,13 @@ class Active:
 
     @cached_property
     def spanned(self) -> Array:
-        """A L⁻ᵀ (M, K). Its product with its transpose projects rows onto the groups of the model."""
+        """Basis B = A L⁻ᵀ (M, K) of the groups of the model. B Bᵀ projects rows onto these groups."""
         columns = [np.sqrt(a) * self.pool.columns(g)[:, self.chosen[g]] for g, a in self.variances.items()]
         return np.hstack(columns) @ self.inverse.T
 
     @cached_property
     def mean(self) -> Array:
-        """Posterior mean H Aᵀy (K,), in units of `scale`."""
+        """Posterior mean H Aᵀy (K,) of the coefficients, in units of `scale`."""
         return self.inverse.T @ (self.inverse @ self.rhs)
 
     @cached_property
@@ -138,7 +138,7 @@ class Active:
 
     @property
     def unknowns(self) -> float:
-        """γ, the number of coefficients that the data determine."""
+        """Number γ of coefficients that the data determine."""
         return len(self.mean) - self.sigma2 * float(np.sum(self.inverse**2))
 
     @cached_property
@@ -148,13 +148,13 @@ class Active:
 
     @cached_property
     def evidence(self) -> float:
-        """Log marginal likelihood of the target, with the placement projected out, nats."""
+        """Log marginal likelihood of the target, registration and tool projected out, nats."""
         freedom, count = self.pool.rows.freedom, len(self.rhs)
         volume = (freedom - count) * float(np.log(self.sigma2)) + 2.0 * float(np.sum(np.log(np.diag(self.lower))))
         return -0.5 * (volume + self.mismatch + freedom * float(np.log(2 * np.pi)))
 
     def own(self, g: int, part: IntArray | slice = slice(None)) -> tuple[Array, Array]:
-        """Return eigenvalues s and products q (1, K) of an active group, or some of its columns, given the others."""
+        """Return eigenvalues s and products q (1, K) of a group in the model, or of a part, given the others."""
         at = np.arange(self.blocks[g].start, self.blocks[g].stop)[part]
         return self._taken_out(at[None], np.array([self.variances[g]]))
 
@@ -171,11 +171,11 @@ class Active:
 
     @cached_property
     def gains(self) -> dict[int, tuple[float, float]]:
-        """Gain of each active group over the model without it, at its best variance, and that variance."""
+        """Gain of each group in the model over the model without the group, and its best prior variance."""
         return self._gains(np.arange(len(self.variances)))
 
     def _gains(self, of: IntArray) -> dict[int, tuple[float, float]]:
-        """Return gains and best variances of some active groups, by their position in the model.
+        """Return gains and best prior variances of some groups in the model, by their position in the model.
 
         Small groups are padded with columns of zeros, which gain nothing.
         """
@@ -191,16 +191,16 @@ class Active:
 
     @cached_property
     def _columns(self) -> tuple[IntArray, IntArray]:
-        """First column of each group, and its number of columns."""
+        """First column of each group, and number of columns of each group."""
         first = np.array([own.start for own in self.blocks.values()], dtype=np.int64)
         return first, np.diff(first, append=len(self.rhs))
 
     @cached_property
     def reestimated(self) -> dict[int, float]:
-        """Variance of each group for the next step: the best one for one or two columns, else MacKay's a |μ|² / γ.
+        """Prior variance a of each group for the next step: the best one for one or two columns, else a |μ|² / γ.
 
-        γ = K - σ² tr H_gg of the K coefficients are determined. This update needs no eigenvalues, and is stationary at
-        the largest evidence.
+        MacKay's γ = K - σ² tr H_gg is the number of the K coefficients that the data determine. The update a |μ|² / γ
+        needs no eigenvalues, and is stationary at the largest evidence.
         """
         (first, sizes), determined = self._columns, 1.0 - self.sigma2 * np.sum(self.inverse**2, axis=0)
         known, squares = (np.add.reduceat(part, first) for part in (determined, self.mean**2))
@@ -211,7 +211,7 @@ class Active:
 
     @cached_property
     def found(self) -> tuple[int, ...]:
-        """Indices of the selected groups: those that are not always included."""
+        """Indices of the selected groups: all groups that are not always included."""
         return tuple(g for g in self.variances if not self.pool.groups[g].always_included)
 
     @cached_property
@@ -222,7 +222,7 @@ class Active:
 
     @property
     def paid(self) -> float:
-        """Sum of the prices of the selected groups, each without a discount for its kind, nats."""
+        """Sum of the prices of the selected groups without discounts for several groups of one kind, nats."""
         return sum(float(self.pool.price[g]) + self._further_sites(g) for g in self.found)
 
     @property
@@ -242,13 +242,13 @@ class Active:
 
     @cached_property
     def prices(self) -> Array:
-        """Price (G,) of each group given the others, nats: that of its site if another of its kind is in the model."""
+        """Price (G,) of each group given the others, nats: the price of its site if its kind is in the model."""
         others = np.append(self.of_kind, 0)[self.pool.block]
         others[list(self.found)] -= 1
         return self.pool.price - np.where(others > 0, np.append(self.pool.shared, 0.0)[self.pool.block], 0.0)
 
     def price(self, g: int) -> float:
-        """Return the price of a group given the others, nats, with ln n for each further one of its n sites."""
+        """Return the price of a group given the others, nats; each further one of its n sites costs ln n."""
         return float(self.prices[g]) + self._further_sites(g)
 
     def _further_sites(self, g: int) -> float:
@@ -257,7 +257,7 @@ class Active:
         return max(len(np.unique(self.part_of_column(g))) - 1, 0) * self.price_of_site(g)
 
     def price_of_site(self, g: int) -> float:
-        """Return ln n, nats, for a group at several of n sites."""
+        """Return the price ln n, nats, of the site of a group that may act at n sites."""
         return math.log(max(len(self.pool.groups[g].parts), 1))
 
     def part_of_column(self, g: int) -> IntArray:

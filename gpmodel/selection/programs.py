@@ -17,11 +17,11 @@ from gpmodel.model.sites import Site
 from gpmodel.model.states import States
 
 DIGITS = 5
-"""Significant digits of an evolved constant. The coefficient of the basis function is fitted anew, with σ."""
+"""Significant digits of an evolved constant. The coefficient of the basis function is fitted anew, with error."""
 
 
 def as_candidate(program: Program, site: Site, names: Mapping[str, str], cost: float, maker: str) -> Candidate | None:
-    """Return a program as effects at its site, one for each output; None if it depends on no input."""
+    """Return a program as effects at its site, one for each output; None if the program depends on no input."""
     texts = [expression_text(program.select([k]), names) for k in range(len(program.outputs))]
     try:
         bases = [Expression(t) for t in dict.fromkeys(texts)]
@@ -44,7 +44,7 @@ def parts(program: Program) -> list[Program]:
 def laws(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate, ...]:
     """Split an evolved candidate into one formula for each set of inputs that its terms share.
 
-    cost: function from a number of nodes to nats.
+    cost: function that converts a number of nodes to a price, nats.
     """
     sets: list[list[int]] = []
     for k, effect in enumerate(candidate.effects):
@@ -56,21 +56,21 @@ def laws(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate,
 
 
 def terms(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate, ...]:
-    """Return each term of an unnamed evolved candidate alone; empty for one term. cost: function from nodes to nats."""
+    """Return each term of an unnamed evolved candidate alone; empty for one term. cost: price of nodes, nats."""
     if candidate.family or len(candidate.effects) == 1:
         return ()
     return tuple(_some(candidate, [k], cost) for k in range(len(candidate.effects)))
 
 
 def _some(candidate: Candidate, own: Sequence[int], cost: Callable[[int], float]) -> Candidate:
-    """Return a candidate with some of the terms of another."""
+    """Return a candidate that has only some of the terms of another candidate."""
     effects = [candidate.effects[k] for k in own]
     nodes = sum(Expression(str(effect.terms[0].basis)).program.complexity for effect in effects)
     return replace(candidate, name=law_name(effects), effects=numbered(effects), cost=cost(nodes))
 
 
 def without_poles(criteria: Criteria, candidate: Candidate, measured: States, between: Columns) -> bool:
-    """Return whether the basis functions of a candidate are bounded between the measured poses, without a pole."""
+    """Return whether the basis functions of a candidate are bounded (without a pole) between the measured poses."""
     for effect in candidate.effects:
         for term in effect.terms:
             largest = float(np.max(np.abs(term.basis(between))))
@@ -82,7 +82,7 @@ def without_poles(criteria: Criteria, candidate: Candidate, measured: States, be
 def expression_text(program: Program, names: Mapping[str, str]) -> str:
     """Write a one-output program over the table's columns, with constants of `DIGITS` digits.
 
-    A program that is a single input is written unscaled: its coefficient includes the scale.
+    A program that is a single input is written unscaled, because its coefficient includes the scale.
     """
     if len(program.nodes) == 1 and program.nodes[0].operator == "input":
         return str(program)
@@ -100,7 +100,7 @@ def with_plain_signs(program: Program) -> Program:
 
 
 def _plain(builder: Builder, node: Node, copies: list[int]) -> int:
-    """Write a sum or difference such that its second argument has no negative number in front."""
+    """Write a sum or difference such that its second operand does not begin with a negative number."""
     if node.operator not in _OTHER:
         return builder.add(node, copies)
     first, second = (copies[k] for k in node.arguments)
@@ -115,7 +115,7 @@ def _plain(builder: Builder, node: Node, copies: list[int]) -> int:
 
 
 def _turned(builder: Builder, index: int) -> int | None:
-    """Return the node of opposite sign of a negative number or a product that begins with one; None for others."""
+    """Return the opposite of a node that is a negative number or a product with a negative first factor; else None."""
     node = builder.nodes[index]
     if node.operator == "multiply":
         factor = _turned(builder, node.arguments[0]) if _is_number(builder, node.arguments[0]) else None

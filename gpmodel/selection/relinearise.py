@@ -22,14 +22,14 @@ from gpmodel.selection.sparse_bayes import reestimate
 
 @dataclass(frozen=True)
 class Expansion:
-    """Point at which the chain is linearised.
+    """Point at which the kinematic chain is linearised.
 
     fitting: model, poses and weights of the fit.
     theta: (E,) values of the effects, SI units.
-    placement: registration and tool.
+    placement: values of registration and tool point.
     sigma: standard deviation of one coordinate, m.
     variances: prior variance of each group in the model, by name.
-    left: terms of the remaining effects of each of these groups, by name.
+    left: terms of the remaining effects of each group, by name of the group.
     """
 
     fitting: Fitting
@@ -42,11 +42,11 @@ class Expansion:
 
 @dataclass(frozen=True)
 class Refit:
-    """Fit of the exact chain.
+    """Fit of the exact (nonlinear) kinematic chain.
 
-    state: its point of expansion.
-    problem: the problem linearised at that point, with independent rows.
-    unknowns: number of unknowns that the measurements determine.
+    state: point at which the chain is linearised.
+    problem: problem linearised at the fitted values, with independent rows.
+    unknowns: number of fitted unknowns that the measurements determine.
     error: (N,) 3-D error of each pose, m.
     """
 
@@ -57,9 +57,9 @@ class Refit:
 
 
 def refit(state: Expansion) -> Refit:
-    """Fit all values and the placement on the exact chain, θ ~ N(0, prior²), at the noise of a state.
+    """Fit all effects θ ~ N(0, prior²), registration and tool on the exact chain, at the noise of a state.
 
-    Each damped step lowers the sum of squares, priors included.
+    Each damped step lowers the sum of squares, prior rows included.
     """
     inflation = 1.0 + state.fitting.ratio
     model = replace(state.fitting.model, noise=state.sigma * float(np.sqrt(inflation)))
@@ -80,13 +80,13 @@ def refit(state: Expansion) -> Refit:
 def inliers(error: Array, use: Mask, sigmas: float) -> Mask:
     """Mark the poses (N,) within `sigmas` robust standard deviations of the median error, and all but OUTLIER_SHARE.
 
-    error: (N,) m. use: (N,) poses from which median and deviation are computed.
+    error: (N,) error of each pose, m. use: (N,) poses for median and deviation.
     """
     return ~((error > outlier_limit(error[use], sigmas)) & among_worst(error))
 
 
 UNKNOWN = 1e-6
-"""First prior variance of a group that is always included, rad² or m²; re-estimation changes it."""
+"""First prior variance of a group that is always included, rad² or m²; re-estimation changes this value."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Screening:
 def relinearised(
     screening: Screening, groups: Sequence[Group], state: Expansion, step: Callable[[Active], Active]
 ) -> tuple[Active, Expansion]:
-    """Linearise at a state, make a step of the selection from its groups, and fit the exact chain with the result."""
+    """Linearise at a state, make a step of the selection from its groups, and fit the exact chain afterwards."""
     active = step(_started(screening, groups, state))
     return active, _refitted(active, screening, state)
 
@@ -111,7 +111,7 @@ def with_only(screening: Screening, groups: Sequence[Group], state: Expansion) -
 
 
 def _started(screening: Screening, groups: Sequence[Group], state: Expansion) -> Active:
-    """Linearise at a state, with the groups selected before. Coefficients are total values minus their prior means."""
+    """Linearise at a state, with the groups selected before. A coefficient is a value minus its prior mean."""
     fitting, model = state.fitting, state.fitting.model
     problem = fitting.linearised(state.theta, state.placement)
     target = problem.residual + problem.columns[:, problem.placement :] @ off_mean(model, state.theta)
@@ -155,7 +155,7 @@ def _refitted(active: Active, screening: Screening, state: Expansion) -> Expansi
 
 
 def _readmitted(state: Expansion, criteria: Criteria) -> Mask:
-    """Return the inliers (N,) of a fit to all poses: the model may explain the outliers of an earlier model."""
+    """Return the inliers (N,) of a fit to all poses, because the model may explain outliers of an earlier model."""
     everything = np.ones(len(state.fitting.use), dtype=bool)
     fit = refit(replace(state, fitting=replace(state.fitting, use=everything)))
     return inliers(fit.error, everything, criteria.outlier_sigmas)

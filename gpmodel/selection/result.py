@@ -26,12 +26,12 @@ from gpmodel.table.bundles import JUDGED
 
 @dataclass(frozen=True)
 class Kept:
-    """A selected group.
+    """A group of effects that the selection has added to the model.
 
-    gain: evidence minus that of the model without it, before its price, nats.
-    variance: prior variance.
-    determined: number of its coefficients that the data determine.
-    shared: part of its price that another selected group of its kind pays, nats.
+    gain: log evidence minus the log evidence without the group, before the price, nats.
+    variance: prior variance of the coefficients.
+    determined: number of the group's coefficients that the data determine.
+    shared: part of the group's price that another selected group of its kind pays, nats.
     """
 
     group: Group
@@ -42,7 +42,7 @@ class Kept:
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """Effects with their learned priors."""
+        """Effects of the group with their learned priors."""
         return self.group.with_prior(self.variance)
 
 
@@ -50,8 +50,8 @@ class Kept:
 class Offered:
     """The groups that a selection may use.
 
-    always: always included. single: of the catalogue and evolved. proposed: smooth terms, sinusoids and formulas for a
-    residual. grids: of sinusoids.
+    always: groups that are always included. single: groups of the catalogue and evolved groups. proposed: smooth terms,
+    sinusoids and formulas proposed for a residual. grids: frequency grids of sinusoids.
     """
 
     screening: Screening
@@ -61,24 +61,24 @@ class Offered:
     grids: Sequence[FrequencyGrid]
 
     def with_formulas_of(self, curves: frozenset[str]) -> "Offered":
-        """Return the offer with formulas of some curves; from now on these curves pay a reading price."""
+        """Add formulas for some smooth terms to the candidates; from now on these terms pay a reading price."""
         prices = self.screening.prices
         prices = replace(prices, with_formulas=prices.with_formulas | curves)
         return replace(self, screening=replace(self.screening, prices=prices))
 
     def groups(self, mechanism: Mechanism) -> list[Group]:
-        """Return all groups, with joint groups for each kind at several joints."""
+        """Return all candidate groups, with joint groups for each kind of effect at several joints."""
         return [*self.always, *self.single, *shared_kinds(mechanism, self.single), *self.proposed]
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Selected groups and the model that contains them.
+    """Selected groups and the model that contains the groups.
 
     kept: selected groups in order of decreasing gain.
     offered: groups that could be selected.
-    active: linear model with their posterior.
-    state: fit of the exact chain with them.
+    active: linear model with the posterior of the selected groups.
+    state: fit of the exact chain with the selected groups.
     """
 
     kept: tuple[Kept, ...]
@@ -150,7 +150,7 @@ def gain_null(
 
 
 def running_maximum(found: Array, s: Array, q: Array, cap: Array, cost: Array) -> Array:
-    """Update the largest gains (T,) minus description prices with those of G groups, nats. s: (G, K). q: (T, G, K).
+    """Update the largest gains (T,) minus description prices with the gains of G groups, nats. s: (G, K). q: (T, G, K).
 
     No gain exceeds ½ Σ q² / s. The best variance is computed for the group with the largest bound on each trial, then
     for the groups whose bound exceeds that maximum.
@@ -167,9 +167,9 @@ def running_maximum(found: Array, s: Array, q: Array, cap: Array, cost: Array) -
 def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: int) -> Array:
     """Add residuals permuted over exchangeable blocks to the prediction of the model: targets (M, count), whitened.
 
-    Permuted residuals are rescaled to σ, since the fit removed degrees of freedom and removes them again from each.
-    Placement columns of a body measured in one block alone, such as a bar, remove them only once: the residual of
-    another block has no part along them.
+    Permuted residuals are rescaled to σ, since the fit removed degrees of freedom and removes them again from each
+    permuted residual. The columns of a body measured in one block alone, such as a bar, are removed only once: the
+    residual of another block has no part along them.
     """
     rows, left = active.pool.rows, active.left
     codes = np.unique(bundle, return_inverse=True)[1].reshape(-1)
@@ -183,7 +183,7 @@ def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: 
 
 
 def _of_one_bundle(rows: Rows, codes: IntArray) -> Array:
-    """Return a basis (M, k) of the placement columns that one block alone determines. codes: (N,) blocks."""
+    """Return a basis (M, k) of the registration columns that one block alone determines. codes: (N,) blocks."""
     placed = rows.problem.columns[:, : rows.problem.placement]
     alone = of_one_fold(placed, codes[rows.pose_of_row])
     return ident.orthonormal(rows.whitening.whiten(placed[:, alone]))

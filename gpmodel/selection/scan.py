@@ -1,4 +1,4 @@
-"""Score every group given a model, and hold the variances of some groups while others change."""
+"""Score every group given a model, and hold the prior variances of some groups while others change."""
 
 from collections.abc import Iterable
 from copy import copy
@@ -15,14 +15,14 @@ from gpmodel.selection.pool import GroupPool, SizeClass
 from gpmodel.selection.posterior import Active
 
 MEMORY = 4_000_000
-"""Largest number of values in memory at once, 32 MB."""
+"""Largest number of values in memory at once: 32 MB."""
 
 
 class Scan:
-    """Compute the gain of each group when it is added to a model.
+    """Compute the gain of each candidate group when the group is added to a model.
 
-    table, right: whitened products T = XᵀA L⁻ᵀ (E, K) of the distinct columns with those of the model, and t = L⁻¹Aᵀy.
-    classes: S (G, K, K) and XᵀC⁻¹y (G, K) of the groups of each size. among: groups to score; the gain of others is -∞.
+    table, right: T = XᵀA L⁻ᵀ (E, K), whitened, of the distinct columns X and the columns A of the model; t = L⁻¹Aᵀy.
+    classes: S (G, K, K) and XᵀC⁻¹y (G, K) of the groups of each size. among: groups to score; others have the gain -∞.
     """
 
     def __init__(self, active: Active, among: IntArray | None = None) -> None:
@@ -55,10 +55,10 @@ class Scan:
         return inner, rhs
 
     def gains(self, least: Array | None = None) -> tuple[Array, Array, Array]:
-        """Return gain (G,), best variance (G,) and decrease of yᵀC⁻¹y (G,) of every group.
+        """Return gain (G,), best prior variance (G,) and decrease of yᵀC⁻¹y (G,) of every group.
 
-        If the bound ½ yᵀC⁻¹X S⁻¹ XᵀC⁻¹y of a gain, with the noise estimated again, is below `least` (G,), the bound is
-        returned.
+        If the bound ½ yᵀC⁻¹X S⁻¹ XᵀC⁻¹y of a gain, with the noise estimated again, is below `least` (G,), the bound
+        replaces the gain.
         """
         pool, gains, mismatch = self.active.pool, np.full(len(self.active.pool.groups), -np.inf), self.active.mismatch
         variances, fit = np.ones(len(gains)), np.zeros(len(gains))
@@ -74,7 +74,7 @@ class Scan:
 
 
 class PoolBeside(GroupPool):
-    """A pool of groups given held groups, whose variances are constant in units of the noise.
+    """A pool of groups given held groups, whose prior variances are constant in units of the noise variance.
 
     The held groups are projected out: with P = σ²C⁻¹, every product uᵀv of columns becomes uᵀPv.
     """
@@ -102,7 +102,7 @@ class PoolBeside(GroupPool):
 
 
 def beside_curves(model: Active, moving: Iterable[int], pools: dict[frozenset[int], GroupPool]) -> Active:
-    """Hold the groups of many coefficients, except those in `moving`. pools: earlier pools, by their held groups."""
+    """Hold the prior variances of groups with many coefficients, except groups in `moving`. pools: by held groups."""
     held = frozenset(g for g in model.found if model.pool.sizes[g] > FEW) - frozenset(moving)
     if not held:
         return model
@@ -112,7 +112,7 @@ def beside_curves(model: Active, moving: Iterable[int], pools: dict[frozenset[in
 
 
 def whole(model: Active) -> Active:
-    """Return the model in the pool of all groups, the held ones included."""
+    """Return the model in the pool of all groups, held groups included."""
     if not isinstance(model.pool, PoolBeside):
         return model
     held, units = model.pool.held, model.sigma2 / model.pool.held.sigma2
@@ -121,6 +121,6 @@ def whole(model: Active) -> Active:
 
 
 def _part(model: Active, groups: Iterable[int], pool: GroupPool) -> Active:
-    """Return some groups of a model."""
+    """Return a model that contains only some groups of a model."""
     own = sorted(groups)
     return Active(pool, {g: model.variances[g] for g in own}, {g: model.chosen[g] for g in own}, model.sigma2)

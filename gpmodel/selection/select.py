@@ -1,4 +1,4 @@
-"""Select groups: linearise, propose, select, fit the exact chain; until nothing changes."""
+"""Select groups: linearise, propose candidates, select, fit the exact chain; until nothing changes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -25,7 +25,7 @@ from gpmodel.selection.sparse_bayes import exchange, grow
 Step = Callable[[Active], Active]
 
 Proposer = Callable[[Selection], tuple[Sequence[Group], frozenset[str]]]
-"""Function from a selection to groups proposed for its residual, and the names of curves with formulas among them."""
+"""Function from a selection to candidate groups for its residual, and the names of smooth terms with formulas."""
 
 
 def select(
@@ -39,9 +39,9 @@ def select(
 ) -> Selection:
     """Select groups by marginal likelihood, propose others for the residual, and select again until nothing changes.
 
-    Groups are added and deleted, then exchanged. Smooth terms and sinusoids are proposed for the residual of every new
-    selection, other groups if the selection is unchanged. poses: of the calibration. workers: search for proposals.
-    propose: proposes other groups, such as formulas of the selected curves.
+    A step adds and deletes groups, then exchanges groups. Smooth terms and sinusoids are proposed for the residual of
+    every new selection, other groups if it is unchanged. poses: poses of the calibration. workers: search for
+    proposals. propose: proposes other groups, such as formulas of smooth terms.
     """
     with threadpool_limits(limits=1, user_api="blas"):
         chosen = nothing_selected(calibration, poses, prices or Price(), offering.grids)
@@ -77,7 +77,7 @@ def select(
 def nothing_selected(
     calibration: Calibration, poses: Poses, prices: Price, grids: Sequence[FrequencyGrid]
 ) -> Selection:
-    """Return a selection of the effects of a calibration alone, always included, linearised at their values."""
+    """Return a selection with only the effects of a calibration, always included, linearised at their values."""
     screening = Screening(Shapes(_predicted_states(calibration, poses)), prices)
     base = geometry_groups(calibration.model.effects)
     fitting, theta, placement = fitting_of(calibration, poses), calibration.theta, calibration.placement
@@ -87,7 +87,7 @@ def nothing_selected(
 
 
 def _among(before: Selection, groups: Sequence[Group], new: Sequence[Group], step: Step) -> Selection:
-    """Make a step from a selection, among its groups and new ones. Every group may be added or deleted."""
+    """Make a step from a selection, with its groups and new groups. Every group may be added or deleted."""
     offered = before.offered
     known = {group.name for group in groups}
     unique = {group.name: group for group in (*offered.proposed, *new) if group.name not in known}
@@ -107,7 +107,7 @@ def _smooth_terms(active: Active, offering: Offering) -> list[Group]:
 def _predicted_states(calibration: Calibration, poses: Poses) -> States:
     """Return the states of poses, with the predicted point in the frame of the instrument.
 
-    The measured point is no input: it contains the noise, and its effects could absorb all lengths of the arm.
+    The measured point is no input: it contains the noise, and effects that depend on it could absorb the arm's lengths.
     """
     there = resolved(calibration, poses)
     observed = observe(calibration.model, there, calibration.theta, calibration.placement)

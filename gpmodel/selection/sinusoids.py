@@ -1,8 +1,8 @@
 """Propose sinusoids of the joint angles for the residual of a model, at any frequency of a grid.
 
 The columns of a sinusoid are x = r ∘ sin(rate (q - start)) and r ∘ cos(rate (q - start)), with r (M,) the sensitivity
-of the rows to the joint, times its load if the amplitude is proportional to it. Products with x are sums over the
-poses, so that no column is formed for each frequency. Repeats of a pose share one angle.
+of the rows to the joint angle q, times the joint's load if the amplitude is proportional to the load. Inner products
+with x are sums over the poses, so that no column is formed for each frequency. Repeats of a pose have one angle.
 """
 
 from collections.abc import Iterable, Sequence
@@ -30,7 +30,7 @@ MOST_WAVES = 12
 """Largest number of sinusoids proposed at once: two for each of six joints."""
 
 ROUNDING = 0.5
-"""Largest loss of a constant rounded to fewer digits, nats: one standard deviation."""
+"""Largest loss of log evidence by rounding a constant to fewer digits, nats: one standard deviation."""
 
 REFINEMENTS = 30
 """Largest number of iterations to find the frequency of largest gain."""
@@ -38,13 +38,13 @@ REFINEMENTS = 30
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Products of the rows of a model with sinusoids of any frequency of a grid.
+    """Inner products of the rows of a model with sinusoids of any frequency of a grid.
 
-    angle: (P,) q - start of each pose, rad.
-    energy: (P,) sums of r².
-    sums: (P, K) of r times the projected-out columns.
-    rhs: (P, T) of r times the residual of each target.
-    sigma2: variance of the noise.
+    angle: (P,) joint angle q - start of each pose, rad.
+    energy: (P,) sums of r² (r: sensitivity of a row) over each pose.
+    sums: (P, K) sums of r times the projected-out columns.
+    rhs: (P, T) sums of r times the residual of each target.
+    sigma2: variance σ² of the noise.
     """
 
     grid: FrequencyGrid
@@ -66,13 +66,13 @@ class Spectrum:
         return inner / self.sigma2, np.stack([w @ self.rhs for w in waves], axis=1) / self.sigma2
 
     def bound(self) -> Array:
-        """Compute ½ qᵀS⁻¹q (F, T) of every rate of the grid, an upper bound of the gain."""
+        """Compute ½ qᵀS⁻¹q (F, T) at every rate of the grid, an upper bound of the gain, nats."""
         rates = self.grid.rates
         parts = np.array_split(rates, -(-rates.size * len(self.angle) // AT_ONCE))
         return np.concatenate([_bound(*self.at(part)) for part in parts])
 
     def gain(self, rate: float) -> float:
-        """Compute the gain of a sinusoid at its best variance on the first target, nats."""
+        """Compute the gain of a sinusoid at its best prior variance on the first target, nats."""
         inner, rhs = self.at(np.array([rate]))
         return float(best(*rotated(inner, rhs[:, :, 0]), np.array([CAP]))[0][0])
 
@@ -88,7 +88,7 @@ def _bound(inner: Array, rhs: Array) -> Array:
 
 
 def spectrum(active: Active, grid: FrequencyGrid, targets: Array) -> Spectrum:
-    """Form the products of a frequency grid given a model. targets: (M, T), whitened, placement projected out."""
+    """Form the inner products of a frequency grid given a model. targets: (M, T), whitened, placement projected out."""
     rows = active.pool.rows
     reach = sum(w * rows.sensitivity((slot, axis)) for slot, axis, w in grid.joint.drive)
     if grid.load:
@@ -144,7 +144,7 @@ def propose_sinusoids(active: Active, grids: Sequence[FrequencyGrid]) -> list[Gr
 
 
 def _peak(there: Spectrum) -> tuple[float, float]:
-    """Find the frequency of largest gain between the neighbours of the best one of a grid, and that gain, nats."""
+    """Find the frequency of largest gain between the neighbours of the best grid frequency, and the gain, nats."""
     rates = there.grid.rates
     bound = there.bound()[:, 0]
     k = int(np.argmax(bound))

@@ -1,8 +1,8 @@
 """Propose smooth terms of one or two inputs at any site for the residual of a model.
 
 A smooth term of one input is a sum of sines with the prior variances of a Gaussian process
-(``gpmodel.evolution.smooth``), one of two inputs a sum of their products. Its marginal likelihood given a model decides
-whether the residual at a site depends on these inputs, in whatever form.
+(``gpmodel.evolution.smooth``), a smooth term of two inputs a sum of products of sines. The marginal likelihood of a
+smooth term given a model decides whether the residual at a site depends on these inputs, in whatever form.
 """
 
 import math
@@ -27,9 +27,9 @@ from gpmodel.selection.group import CAP, Group, Shapes, group_of
 from gpmodel.selection.posterior import Active
 
 LENGTHS: tuple[tuple[float, ...], ...] = ((0.35,), (0.9,), (0.6, 0.6), (0.6, 1.5), (1.5, 0.6), (1.2, 1.2))
-"""Correlation lengths, relative to half the range of each input: of one input, and of two."""
+"""Correlation lengths of smooth terms of one input and of two, relative to half the range of each input."""
 SCREENED = 300
-"""Largest number of poses of the screening; the selection uses all poses."""
+"""Largest number of poses in the screening of smooth terms; the selection uses all poses."""
 SHORT_LIST, OFFERED, OF_ONE_PLACE = 40, 24, 4
 """Number of sites and inputs that are scored exactly after the screening; of proposals; of proposals at one site."""
 COARSE, COMPONENTS = 0.6, 5
@@ -42,7 +42,7 @@ NEGLIGIBLE = 0.02
 
 @dataclass(frozen=True)
 class SmoothTerm:
-    """A smooth term: sines of one input, or products of those of two.
+    """A smooth term: sines of one input, or products of sines of two inputs.
 
     index: (m, 1 or 2) for each column, the number of the sine of each input.
     spreads: (m,) relative prior standard deviation of each column.
@@ -65,13 +65,13 @@ class SmoothTerm:
         return tuple(w.name for w in self.sines)
 
     def values(self) -> Array:
-        """Return its columns (N, m), scaled so that their variances over the poses add up to 1."""
+        """Return the columns (N, m) of the term, scaled so that their variances over the poses add up to 1."""
         parts = [w.values[:, self.index[:, i]] for i, w in enumerate(self.sines)]
         out = parts[0] if len(parts) == 1 else parts[0] * parts[1]
         return np.asarray(out / np.sqrt(out.var(axis=0).sum()))
 
     def group(self, site: Site, cost: float, shapes: Shapes) -> Group | None:
-        """Return its group at a site; None if no column varies."""
+        """Return the term as a group at a site; None if no column varies."""
         name = f"{site.name} over {' and '.join(self.inputs)}"
         effects = []
         for number, (row, spread) in enumerate(zip(self.index.tolist(), self.spreads.tolist(), strict=True), 1):
@@ -109,7 +109,7 @@ class _Found:
 def propose_smooth_terms(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> list[Group]:
     """Return the smooth terms of largest net gain given a model, at most a few at each site.
 
-    For a term of two inputs the terms of each input are proposed too, so that a sum is distinguished from a product.
+    For a term of two inputs a term of each input is proposed too, so that a sum is distinguished from a product.
     """
     found = sorted(_best(active, sites, inputs), key=lambda f: -f.nats)
     out: dict[tuple[str, ...], _Found] = {}
@@ -127,7 +127,7 @@ def propose_smooth_terms(active: Active, sites: Sequence[Site], inputs: Sequence
 
 
 def nats_without_a_name(active: Active, sites: Sequence[Site], inputs: Sequence[str], offered: int) -> Array:
-    """Return net gains (K,), nats, of smooth terms at some sites. offered: number of all offered sites."""
+    """Return net gains (K,), nats, of smooth terms at some sites. offered: number of all candidate sites."""
     further = math.log(offered / len(sites)) + active.criteria.minimum_nats
     return np.array([found.nats - further for found in _best(active, sites, inputs)])
 
@@ -165,9 +165,9 @@ def _best(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> Itera
 
 @dataclass(frozen=True)
 class SiteProducts:
-    """Products of unit twists at each of P poses and S sites, given a model.
+    """Inner products of unit twists at each of P poses and S sites, given a model.
 
-    inner: with each other (S, P, P), with the model projected out. rhs: with the residual (S, P).
+    inner: (S, P, P) products of two twists, with the model projected out. rhs: (S, P) products with the residual.
     """
 
     poses: IntArray
@@ -176,12 +176,12 @@ class SiteProducts:
 
     @cached_property
     def single(self) -> NDArray[np.float32]:
-        """The products `inner` in single precision, for the screening."""
+        """The inner products `inner` in single precision, for the screening."""
         return self.inner.astype(np.float32)
 
     @staticmethod
     def of(active: Active, sites: Sequence[Site]) -> "SiteProducts":
-        """Project the rows of a model; of many poses, use a subset spread evenly along the rows."""
+        """Project the rows of a model; with many poses, use a subset spread evenly along the rows."""
         rows = active.pool.rows
         at = np.unique(np.linspace(0, len(rows.present) - 1, min(SCREENED, len(rows.present))).astype(int))
         taken = np.hstack([rows.placement, active.spanned])

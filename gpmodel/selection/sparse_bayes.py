@@ -3,11 +3,11 @@
     y = Σ_g X_g u_g + e,   u_g ~ N(0, a_g I),   e ~ N(0, σ² I)
     L = ln p(y | a, σ²) - Σ_g price_g over the groups that are not always included        [nats]
 
-`grow` increases L by single groups. If two groups describe together what a third describes alone, no single step leads
-from one model to the other: `exchange` removes groups, forbids them, and grows again. Models are compared by their
-utility: L minus the prices of curves and formulas that are hard to read. A weak curve without a formula stays; a
-formula replaces a curve if it explains nearly as much. Sources: Tipping and Faul (2003), for groups of columns in place
-of single ones; MacKay (1992); tabu: Glover (1989).
+`grow` increases L by adding single groups. If two groups together describe an effect that a third describes alone, no
+single step leads from one model to the other: `exchange` removes groups, forbids them, and grows the model again.
+Models are compared by their utility: L minus the prices of curves and formulas that are hard to read. A weak smooth
+term without a formula stays; a formula replaces a smooth term if the formula explains nearly as much. Sources: Tipping
+and Faul (2003), for groups of columns in place of single columns; MacKay (1992); tabu: Glover (1989).
 """
 
 from collections import defaultdict
@@ -25,26 +25,26 @@ from gpmodel.selection.posterior import LEAST_NOISE, Active
 from gpmodel.selection.scan import Scan, beside_curves, whole
 
 TOLERANCE = 0.05
-"""Rise of L, nats, below which a loop ends."""
+"""Rise of the objective L, nats, below which a loop ends."""
 SWEEPS = 30
-"""Largest number of re-estimations; far fewer are usual."""
+"""Largest number of re-estimations of the prior variances; far fewer are usual."""
 FREE = 1e4
-"""Factor on the variance of a group of few coefficients from which its prior has no influence."""
+"""Factor on the prior variance of a group of few coefficients from which the prior has no influence."""
 SHORT_LIST = 100
-"""Number of groups that are scored again after a full scan, until none of them has a net gain."""
+"""Number of groups that are scored again after a full scan, until none of these groups has a net gain."""
 TOGETHER, BEGIN, GO_ON = 3, 0.05, 0.33
 """Number of best groups whose gains must reach a share of the lost utility for a regrowth to begin, and to go on. Two
 groups that share nothing gain little until the first is included and reduces the noise: a twentieth (a hinge by a line
-and a ramp, 12 %), then more than half. At a third, two exchanges in three of a measured robot end early.
+and a ramp, 12 %), then more than half. With a limit of a third, two of three exchanges on a measured robot end early.
 """
 
 
 def exchange(model: Active, new: frozenset[str] | None = None) -> Active:
     """Maximise the utility over all groups of the pool by exchanges, after growing the model. Deterministic.
 
-    Removals that failed on an earlier model are tried last, until none improves the model. Meanwhile the other groups
-    of many coefficients are held; a better model is then grown in full. new: names of groups with which every regrowth
-    begins, if all others were tried before; None for all.
+    Removals that failed on an earlier model are tried last, until no removal improves the model. Meanwhile other groups
+    of many coefficients are held; a better model is grown in full. new: names of groups with which every regrowth
+    begins, if all others were tried before; None for all groups.
     """
     model, tried, pools = named_by_site(grow(model)), dict[frozenset[int], int](), dict[frozenset[int], GroupPool]()
     first = np.array([new is None or group.name in new for group in model.pool.groups])
@@ -65,8 +65,8 @@ def exchange(model: Active, new: frozenset[str] | None = None) -> Active:
 def grow(model: Active, listed: IntArray | None = None, reading: bool = False, goal: float = -np.inf) -> Active:
     """Add the group of largest net gain, re-estimate, prune; until no group has a net gain.
 
-    listed: groups that may be added; None for all. reading: include the reading prices of curves, as for comparing
-    models. goal: least useful utility; growth ends if the best groups cannot reach it.
+    listed: groups that may be added; None for all groups. reading: whether to include the reading prices of curves, as
+    in the comparison of models. goal: least useful utility, nats; growth ends if the best groups cannot reach the goal.
     """
     model = prune(reestimate(model))
     refused, among = set[int](), listed
@@ -116,7 +116,7 @@ def _exchanged(model: Active, removed: frozenset[int], first: Mask) -> Iterator[
     Growth begins with the group of largest net gain among the first (G,), with free variances of the remaining groups,
     since a group with a fixed variance excludes groups that would change it. Growth continues among the best SHORT_LIST
     groups. One group may approximate two effects well: new groups that gain more than half of the lost utility are
-    excluded from a second growth. In the place of a group of many coefficients, groups of few are grown alone.
+    excluded from a second growth. In place of a group of many coefficients, groups of few are grown alone.
     """
     pool, fewer = model.pool, reestimate(reduce(Active.without, removed, model), 4)
     lost = model.utility - fewer.utility
@@ -154,7 +154,7 @@ def _exchanged(model: Active, removed: frozenset[int], first: Mask) -> Iterator[
 
 
 def reestimate(model: Active, sweeps: int = SWEEPS) -> Active:
-    """Update all variances and the noise together in log a, with half the step if the evidence falls."""
+    """Update all prior variances and the noise together in log a, with half the step if the evidence falls."""
     step = 1.0
     for _ in range(sweeps):
         target = model.reestimated
@@ -183,9 +183,9 @@ def prune(model: Active, exempt: int = -1) -> Active:
 
 
 def named_by_site(model: Active) -> Active:
-    """Replace groups of several sites by their parts if more than half of their sites have a net gain of their own.
+    """Replace groups of several sites by their parts if more than half of their sites have a net gain.
 
-    Models are compared in this form, so that each named site pays its price. Sites without a net gain are deleted.
+    Models are compared in parts, so that each named site pays its price. Sites without a net gain are deleted.
     """
     blocks = [g for g in model.found if model.pool.groups[g].parts]
     number = {group.name: g for g, group in enumerate(model.pool.groups)} if blocks else {}
@@ -207,7 +207,7 @@ def rests_on_one_pose(before: Active, after: Active) -> bool:
 
 
 def _together(net: Array) -> float:
-    """Return the sum of the largest net gains, nats."""
+    """Return the sum of the largest net gains of groups, nats."""
     return float(np.sort(net)[-TOGETHER:].clip(0.0).sum())
 
 
