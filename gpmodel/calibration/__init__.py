@@ -1,1 +1,1 @@
-"""Fitting registration, tool, geometry and effects together."""
+"""Fit registration, tool point, geometric constants and effects together."""

@@ -20,13 +20,13 @@ from gpmodel.table.dataset import Dataset
 TOOL_POINT = (0.05, 0.07, 0.11)
 """Tool point of the comparison, m from the flange, off every axis, so that errors of the last joint displace it."""
 CONDITION_LIMIT = 1e4
-"""Condition number beyond which a combination of errors is indeterminate because joint values are displayed rounded."""
+"""Condition number beyond which a combination of errors is indeterminate, as displayed joint values are rounded."""
 
 
 def linearised_at_nominal(mechanism: Mechanism, effects: tuple[Effect, ...], data: Dataset) -> Linearised:
     """Return the linear problem of registration, tool, anchors and effects, all zero, at the poses of a table.
 
-    Only the kind of a measurement (finite or NaN) matters, not its value. Each distance has an anchor two metres away.
+    Only the kind of a measurement (finite or NaN) matters. The anchor of each distance is two metres away.
     """
     anchors = {name: np.array([2.0, 0.3 + i, 0.1]) for i, name in enumerate(data.distances)}
     model, placement = ErrorModel(mechanism, effects), Placement({"": np.eye(4)}, {"": se3.shift(TOOL_POINT)}, anchors)
@@ -36,10 +36,10 @@ def linearised_at_nominal(mechanism: Mechanism, effects: tuple[Effect, ...], dat
 
 @dataclass(frozen=True)
 class Step:
-    """One model of the sequence: its name, its fit to the training poses and its 3-D errors, m.
+    """One step in a sequence of models: its name, its fit to the training poses and its 3-D errors, m.
 
-    train_error: (N,) at training poses. heldout_error: (M,) at held-out poses, NaN for an unknown set-up or tool.
-    finding: index of the finding that the model adds, in a discovery.
+    train_error: (N,) errors at training poses. heldout_error: (M,) errors at held-out poses, NaN for an unknown set-up
+    or tool. finding: index of the finding that the model adds, in a discovery.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Unseen:
-    """A fit to the poses `seen`, and the poses `unseen` that it was not fitted to."""
+    """A fit to the poses `seen`, and the poses `unseen`, which the fit has not used."""
 
     fit: Calibration
     seen: Poses
@@ -64,11 +64,11 @@ class Unseen:
 
 
 Models = Sequence[tuple[str, tuple[Effect, ...]]]
-"""Names of models and all effects of each."""
+"""Names of models and all effects of each model."""
 
 
 def growing(standard: tuple[Effect, ...], groups: Models) -> Models:
-    """Return the models: registration, the standard model, and then one further group of effects each."""
+    """Return a sequence of models: registration, standard model, then one more group of effects in each model."""
     models: list[tuple[str, tuple[Effect, ...]]] = [("registration", ())]
     if standard:
         models.append(("standard", standard))
@@ -101,7 +101,7 @@ def step_of(name: str, fit: Calibration, seen: Poses, unseen: Poses) -> Step:
 
 
 def known_rows(trained: Dataset, other: Dataset) -> IntArray:
-    """Return the rows (K,) of `other` whose set-up and tool occur in `trained`, so that they can be predicted."""
+    """Return the rows (K,) of `other` whose set-up and tool occur in `trained`; only these rows can be predicted."""
     known = np.ones(len(other), dtype=bool)
     for column in ("setup", "tool"):
         known &= np.isin(other.label(column), trained.label(column))

@@ -18,10 +18,10 @@ from gpmodel.table.bundles import FOLDS, SAME_JOINT, folds
 from gpmodel.table.dataset import Dataset
 
 MINIMUM_SHARE = 1e-3
-"""Least unique share of a pose-dependent effect. With less, the other effects imitate it and it is dropped."""
+"""Least unique share of a pose-dependent effect. An effect with less is imitated by others and dropped."""
 
 LARGEST_LIMIT = 1e4
-"""Condition limit of a fit without constant effects, where none is chosen."""
+"""Condition limit of a fit without geometric constants, where no limit is selected."""
 
 
 def still_joints(mechanism: Mechanism, dataset: Dataset) -> tuple[str, ...]:
@@ -33,7 +33,7 @@ def still_joints(mechanism: Mechanism, dataset: Dataset) -> tuple[str, ...]:
 
 
 def stands_still(slots: Iterable[str], still: tuple[str, ...]) -> bool:
-    """Return whether all slots belong to joints that do not move; effects there are redundant."""
+    """Return whether all slots belong to joints that do not move; effects at such joints are redundant."""
     return {slot.rsplit(".", 1)[0] for slot in slots} <= set(still)
 
 
@@ -51,7 +51,7 @@ def preference(
     Effects of one kind keep their order. Effects at a joint that does not move are omitted, because the link before
     that joint has equivalent parameters.
     growth: (E,) similarity of each effect to a uniform scaling of the mechanism; the most similar lengths come last.
-    None if a measurement determines the scale.
+    growth is None if a measurement determines the scale.
     """
     zeros = {(slot, axis) for joint in mechanism.joints for slot, axis, _ in joint.drive}
     kinds = []
@@ -64,10 +64,10 @@ def preference(
 
 
 ENOUGH, LIMIT_OF_FEW = 1.5, 200.0
-"""Used if no measurement determines the scale: measurements per unknown from which all constants are fitted, and the
-condition limit with fewer; the limit is halved until a degree of freedom is left. Cross-validation cannot choose this
-limit, because folds ignore the prior that keeps such a fit from following the noise (of 20 tables with 40 touches on
-three balls, cross-validation left 4 with one constant)."""
+"""If no measurement determines the scale: measurements per unknown from which all constants are fitted, and the
+condition limit with fewer measurements, which is halved until a degree of freedom remains. Cross-validation cannot
+choose this condition limit, because folds ignore the prior that keeps a fit from following the noise (of 20 tables with
+40 touches on three balls, cross-validation left 4 with one constant)."""
 
 
 def choose(
@@ -75,13 +75,13 @@ def choose(
 ) -> tuple[Mask, float, tuple[ident.RankChoice, ...]]:
     """Return the mask (E,) of the effects to fit, the condition limit, and the cross-validation curve of the limit.
 
-    problem: the linear problem at `theta` (E,). nominal: problem of the constant effects alone, at zero. Constant
-    effects are ranked in the order of `preference` by their nominal columns, because fitted errors of a milliradian
-    would make parallel axes appear distinguishable. The limit of LIMITS with the most constants is chosen whose
-    cross-validated error is within one standard error of the smallest, so that tables of one machine fit the same
-    constants. If no measurement determines the scale, the limit is SIZE_LIMIT or LIMIT_OF_FEW, and the length most like
-    a growth is fitted. Pose-dependent effects need a unique share of MINIMUM_SHARE; effects with a prior are always
-    fitted.
+    problem: linear problem at the values `theta` (E,). nominal: linear problem of the geometric constants alone, at
+    zero. Constant effects are ranked in the order of `preference` by their nominal columns, because fitted errors of a
+    milliradian would make parallel axes appear distinguishable. Of the condition limits in LIMITS whose cross-validated
+    error is within one standard error of the smallest, the limit with the most constants is selected, so that tables of
+    one machine fit the same constants. If no measurement determines the scale, the condition limit is SIZE_LIMIT or
+    LIMIT_OF_FEW, and the length most similar to a uniform scaling is fitted. Pose-dependent effects need a unique share
+    of MINIMUM_SHARE; effects with a prior are always fitted.
     Raises InputError for fewer measurements than unknowns, or for a single fold.
     """
     constant = np.array([e.constant for e in model.effects], dtype=bool)
@@ -130,7 +130,7 @@ def choose(
 def of_one_fold(columns: Array, fold: IntArray) -> Mask:
     """Return the mask (P,) of columns that are nonzero in one fold only, such as a point that one fold alone touched.
 
-    No other fold determines such a column, so it is projected out.
+    No other fold determines a column that is zero outside one fold; the column is projected out.
     """
     there = np.array([np.any(columns[fold == k] != 0.0, axis=0) for k in np.unique(fold)])
     return np.asarray(there.sum(axis=0) == 1)

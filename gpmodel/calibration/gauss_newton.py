@@ -23,23 +23,23 @@ from gpmodel.table.bundles import sharing
 from gpmodel.table.dataset import Dataset
 
 STEPS = 10
-"""Largest number of steps of `split`; three are usual."""
+"""Largest number of Gauss-Newton steps of `split`; three are usual."""
 
 SETTLED = 1e-8
 """Largest displacement of a measurement by the last step, m: a hundredth of an instrument's resolution."""
 
 WEAKEST = 1e-3
 """Smallest singular value of the normalised columns of registration and tool that is used to absorb a residual. With a
-smaller one, a millimetre of residual would move the tool by a metre."""
+smaller singular value, a millimetre of residual would move the tool by a metre."""
 
 
 def with_taken_up(model: ErrorModel, known: ErrorModel) -> ErrorModel:
     """Return the model with the instrument's effects split into rigid motion and distortion as in a `known` model.
 
     With D (M, K) the columns of the instrument's effects, P the columns of registrations and tools and G = P⁺ D, an
-    error θ D of the measurements is P G θ + (D - P G) θ. The first part moves robot and tool rigidly; the second is
-    distortion by the instrument. The measurements determine only the sum, so the split must be copied from the known
-    model.
+    error θ D of the measurements is P G θ + (D - P G) θ. The first part P G θ moves robot and tool rigidly; the second
+    part is distortion by the instrument. The measurements determine only the sum of both parts, so the split must be
+    copied from the known model.
     """
     there = {(e.name, e.terms): e.taken_up for e in known.effects if e.taken_up}
     if not there:
@@ -49,7 +49,7 @@ def with_taken_up(model: ErrorModel, known: ErrorModel) -> ErrorModel:
 
 
 def split(fitting: Fitting, fitted: Fitted, kept: Mask) -> tuple[Fitting, Fitted]:
-    """Move the rigid part of the instrument's effects into registrations and tools; predicted measurements stay equal.
+    """Move the rigid part of the instrument's effects into registrations and tools; predictions do not change.
 
     kept: effects (E,) that are fitted.
     """
@@ -82,7 +82,7 @@ def split(fitting: Fitting, fitted: Fitted, kept: Mask) -> tuple[Fitting, Fitted
 def _moved(fitting: Fitting, problem: Linearised, theta: Array, placement: Placement, own: IntArray) -> Array:
     """Return the displacement (M,) of the measurements by the instrument's effects `own`.
 
-    The difference of the predictions with and without these effects; to first order if joints are free.
+    The displacement is the difference of predictions with and without these effects; of first order for free joints.
     """
     if problem.left is not None:
         return np.asarray(problem.columns[:, problem.placement + own] @ theta[own])
@@ -99,9 +99,9 @@ def _least(columns: Array, target: Array) -> Array:
 
 
 def _with(effect: Effect, problem: Linearised, share: Array) -> Effect:
-    """Return the effect with additional rigid motions `share` (R,), m and rad, in its `taken_up`.
+    """Return the effect with additional rigid motions `share` (R,), m and rad, in its field `taken_up`.
 
-    A registration of the problem turns about the mean of the points, one of the effect about the instrument's origin.
+    A registration of the problem turns about the mean of the points, that of the effect about the instrument's origin.
     """
     known = {(r.of, r.label): np.array(r.twist) for r in effect.taken_up}
     names = [problem.placement_names[k] for k in np.flatnonzero(problem.rigid)]
@@ -119,14 +119,14 @@ def _with(effect: Effect, problem: Linearised, share: Array) -> Effect:
 
 
 FREE_JOINTS_LIMIT = 50.0
-"""Condition limit in a fit with unmeasured joints. Source: Robertson (2003), 3.4."""
+"""Condition limit of a fit with unmeasured joints. Source: Robertson (2003), 3.4."""
 
 ATTEMPTS = 4
-"""Largest number of fits; each fit excludes the outliers of the previous one."""
+"""Largest number of fits in the exclusion of outliers; each fit excludes the outliers of the previous fit."""
 
 RATIO_SETTLED = 0.1
-"""Change of the log variance shared by the repeats of a pose below which the weights have converged. It changes
-standard errors by less than a twentieth."""
+"""Change of the log variance shared by the repeats of a pose below which the weights have converged. A change of this
+size changes standard errors by less than a twentieth."""
 
 UNSETTLED = 1.1
 """Factor on σ by which an unconverged fit counts as worse than a converged fit with another condition limit."""
@@ -137,7 +137,7 @@ ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class _Choices:
-    """Rank choice: mask of the fitted effects, condition limit, and the cross-validation curve it was chosen from."""
+    """Rank choice: mask of the fitted effects, condition limit, and the cross-validation curve of the limit."""
 
     kept: Mask
     limit: float
@@ -155,14 +155,14 @@ def calibrate(
 ) -> Calibration:
     """Fit all parameters by damped Gauss-Newton with analytic derivatives.
 
-    condition_limit: constant effects with a unique share below 1 / limit are dropped and listed. None: chosen by
-    cross-validation over rank.LIMITS, or by the number of measurements if none determines the scale; lowered while the
-    fit does not converge, unless σ grows by more than a tenth.
-    start: calibration whose placement and effect values are the initial values; without it, registration and tool are
-    fitted first.
-    robust: exclude outliers. seed: random seed of the cross-validation folds.
+    condition_limit: geometric constants with a unique share below 1 / limit are dropped and listed. None: the condition
+    limit is chosen by cross-validation over rank.LIMITS, or by the number of measurements if none determines the scale;
+    lowered while the fit does not converge, unless σ grows by more than a tenth.
+    start: calibration whose placement and effect values are the initial values; without `start`, registration and tool
+    are fitted first.
+    robust: whether to exclude outliers. seed: random seed of the cross-validation folds.
     If the fit ends with a larger cost than its start, the initial values are kept and `status` says so.
-    Raises InputError for fewer measurements than unknowns, or for poses that are all alike.
+    Raises InputError for fewer measurements than unknowns, or if all poses are equal.
     """
     with threadpool_limits(limits=1, user_api="blas"):
         return _calibrate(model, poses, condition_limit, start, robust, seed)
@@ -207,7 +207,7 @@ def _placed(bare: Fitting) -> Placement:
 
 @dataclass(frozen=True)
 class _Manner:
-    """Options of a fit. robust: exclude outliers. weigh: estimate the weight of rotations. seed: of the folds."""
+    """Options of a fit. robust: whether to exclude outliers. weigh: whether to weigh rotations. seed: of the folds."""
 
     robust: bool
     weigh: bool
@@ -217,7 +217,7 @@ class _Manner:
 def _fit(
     fitting: Fitting, theta: Array, placement: Placement, condition_limit: float | None, manner: _Manner
 ) -> Calibration:
-    """Choose the rank, iterate and exclude outliers; repeat until no outlier is new.
+    """Choose the rank, iterate and exclude outliers; repeat until no new outlier is found.
 
     If outliers prevent convergence, the next attempt begins again from the initial values.
     """
@@ -268,7 +268,7 @@ def _nominal(fitting: Fitting, placement: Placement) -> Linearised:
 def _better(
     fitting: Fitting, fitted: Fitted, choices: _Choices, origin: tuple[Array, Placement]
 ) -> tuple[Fitted, _Choices, str]:
-    """Return the fit, or its initial values if these have the smaller cost on the same poses; and the reason, or ""."""
+    """Return the fit, or its initial values if they have the smaller cost on equal poses; and the reason, or ""."""
     theta, placement = origin
     free = fitted.problem.left is not None
     start = fitting.at(theta, placement) if free else fitting.beside(fitted.problem, theta, placement)
@@ -284,8 +284,7 @@ def _better(
 
 
 def without_outliers(observed: Observed, dataset: Dataset, use: Mask) -> Mask:
-    """Return the mask (N,) of poses without isolated outliers: the largest errors, at most OUTLIER_SHARE of
-    the poses."""
+    """Return the mask (N,) of poses without isolated outliers, at most OUTLIER_SHARE of the poses."""
     error = pose_error(observed, dataset)
     far = error > outlier_limit(error[use])
     far &= use & ~in_company(far, dataset.q, measured_minus(observed, dataset))

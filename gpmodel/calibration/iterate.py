@@ -19,13 +19,13 @@ from gpmodel.numerics.least_squares import MANY_COLUMNS, solve
 
 @dataclass(frozen=True)
 class LinearStep:
-    """Least-squares problem of one step: the columns of `free` (K,) scaled to unit length, and the rows of the priors.
+    """Least-squares problem of one Gauss-Newton step: scaled columns of `free` (K,), and rows of the priors.
 
     priors: (B, F) prior rows on the scaled columns.
-    pulls: (B,) right side of the priors.
+    pulls: (B,) right side of the prior rows.
     readings: prior rows of approximate joint values.
     factor: Cholesky factor of the normal equations if there are many columns, else None.
-    geometry: (G, E) prior rows of the geometric constants, on the effects.
+    geometry: (G, E) prior rows of the geometric constants in terms of all effects.
     """
 
     problem: Linearised
@@ -56,9 +56,9 @@ class LinearStep:
 def linear_step(
     model: ErrorModel, problem: Linearised, theta: Array, placement: Placement, kept: Mask, gram: Array | None
 ) -> LinearStep:
-    """Return the least-squares problem of a step over the placement and the `kept` effects (E,).
+    """Return the least-squares problem of a step over placement (registration and tool) and the `kept` effects (E,).
 
-    gram: products (K, K) of the columns, to solve the normal equations; None to solve by QR.
+    gram: (K, K) inner products of the columns, to solve the normal equations; None to solve by QR.
     """
     free = problem.free(kept)
     belief = beliefs(model, problem, theta, placement, kept)
@@ -83,28 +83,28 @@ MAX_ITERATIONS = 30
 MAX_HALVINGS = 10
 """Largest number of halvings of a step. At a thousandth of a step, rounding decides whether the cost falls."""
 REGAINED = 2
-"""Halvings by which the next step starts longer than the last accepted one. Short steps come in long sequences."""
+"""Halvings by which the next step starts longer than the last accepted step. Short steps come in long sequences."""
 SUFFICIENT = 0.5
 """Least decrease of the cost, as a share of the decrease that the linear problem predicts (Armijo 1966). Steps with a
 smaller decrease oscillate across a valley."""
 CORRECTIONS = 2
-"""Largest number of corrections of a step by the error of its linear prediction, before it is halved. In a curved
-valley a straight step is too short. Nearly equivalent parameters (twist, offset and tool) cause such a valley."""
+"""Largest number of corrections of a step by the error of its linear prediction before the step is halved. In a curved
+valley, which nearly equivalent parameters (twist, offset and tool) cause, a straight step is too short."""
 NEAR, BENT = 1e-6, 1e-4
 """Largest displacement of a measurement, m, and largest relative error of the predicted displacement, with which the
-next step reuses the columns. With residuals of 0.1 mm this moves the result by less than STEP_TOLERANCE."""
+next step reuses the columns. With residuals of 0.1 mm the reuse moves the result by less than STEP_TOLERANCE."""
 STEP_TOLERANCE = 1e-9
 """Largest displacement of a measurement, m, by the last step: a hundredth of an instrument's resolution."""
 FREE_JOINTS_TOLERANCE = 1e-8
-"""STEP_TOLERANCE of a fit with eliminated joints, m. Smaller steps oscillate: errors of the joints turn the columns by
-a second-order amount."""
+"""STEP_TOLERANCE of a fit with eliminated joints, m. Smaller steps oscillate: errors of the joints rotate the columns
+by a second-order amount."""
 
 REASONS = {
     "converged": f"the last step moved no pose by more than {STEP_TOLERANCE * 1e6:g} µm",
     "stalled": f"not converged after {MAX_ITERATIONS} iterations: poses too similar, or wrong joint values",
     "diverged": "diverged: wrong joint units, signs or order, or too few poses",
 }
-"""Explanation of each status with which iterations end."""
+"""Explanation of each status with which the iterations end."""
 
 
 @dataclass(frozen=True)
@@ -123,15 +123,15 @@ class Fitting:
     ratio: float = 0.0
 
     def linearised(self, theta: Array, placement: Placement) -> Linearised:
-        """Return the weighted linear problem at one point; noise shared by repeats is ignored."""
+        """Return the weighted linear problem at one point; noise that repeats share is ignored."""
         return linearise(self.model, self.poses, theta, placement, self.rotation_weight, self.use)
 
     def at(self, theta: Array, placement: Placement) -> Linearised:
-        """Return the linear problem at one point with decorrelated rows."""
+        """Return the linear problem at one point, with rows decorrelated between repeats."""
         return self._independent(self.linearised(theta, placement))
 
     def about(self, observed: Observed, placement: Placement) -> Linearised:
-        """Return the linear problem about given predictions with decorrelated rows; not for free joints."""
+        """Return the linear problem about given predictions, with decorrelated rows; not for free joints."""
         weight, use = self.rotation_weight, self.use
         return self._independent(linearise_about(observed, self.model, self.poses, placement, weight, use))
 
@@ -149,7 +149,7 @@ class Fitting:
     def cost(self, problem: Linearised, theta: Array, placement: Placement, at: LinearStep) -> float:
         """Return the cost of a point, m²: sum of squares of the residual and of the priors.
 
-        at: the step whose weights scale the priors, so that costs of several points compare.
+        at: the step whose weights scale the priors, which makes the costs of several points comparable.
         """
         sigma = noise_sigma(self.model, at.problem)
         prior = np.array([e.prior for e in self.model.effects])
@@ -162,7 +162,7 @@ class Fitting:
 
 @dataclass(frozen=True)
 class Reached:
-    """Current point of the iterations. The columns of `problem` may be those of a point close by."""
+    """Current point of the Gauss-Newton iterations. The columns of `problem` may be those of a point close by."""
 
     placement: Placement
     theta: Array
@@ -171,17 +171,17 @@ class Reached:
 
 @dataclass(frozen=True)
 class Fitted(Reached):
-    """Last point of the iterations. status: a key of REASONS."""
+    """Last point of the Gauss-Newton iterations. status: a key of REASONS."""
 
     status: str
 
 
 @dataclass(frozen=True)
 class _Step:
-    """Step of the linear problem.
+    """Step of the linear problem in a Gauss-Newton iteration.
 
-    whole: (K,) the step. fall: predicted decrease of the cost, m².
-    motion: (M,) predicted displacement of the measurements, m. turned: (W,) that of the approximate joint values, m.
+    whole: (K,) step of the parameters. fall: predicted decrease of the cost, m².
+    motion: (M,) predicted displacement of the measurements, m. turned: (W,) predicted change of joint values, m.
     """
 
     linear: LinearStep
@@ -197,18 +197,18 @@ class _Step:
 
     @property
     def anyway(self) -> bool:
-        """True if the step is below the tolerance, so that it is accepted at any cost."""
+        """True if the step is below the tolerance, so that the step is accepted at any cost."""
         return self.moved < (STEP_TOLERANCE if self.linear.problem.left is None else FREE_JOINTS_TOLERANCE)
 
 
 def iterate(
     fitting: Fitting, theta: Array, placement: Placement, kept: Mask, problem: Linearised | None = None
 ) -> Fitted:
-    """Iterate Gauss-Newton over the placement and the `kept` effects (E,).
+    """Iterate Gauss-Newton over the placement (registration and tool) and the `kept` effects (E,).
 
     problem: linear problem at the initial point, if known.
     A step that does not lower the cost enough is corrected by the error of its linear prediction, then halved. With
-    free joints it is only halved, since the rows change with the point.
+    free joints a step is only halved, since the rows change with the point.
     """
     here = Reached(placement, theta, problem or fitting.at(theta, placement))
     last, cut, since, gram = np.inf, 0, 0.0, None
@@ -244,8 +244,8 @@ def _step(fitting: Fitting, here: Reached, kept: Mask, gram: Array | None) -> _S
 def _lower(fitting: Fitting, here: Reached, step: _Step, cut: int) -> tuple[Reached | None, int]:
     """Return the first point that lowers the cost enough, from 2⁻ᶜᵘᵗ of the step on, and its number of halvings.
 
-    None if no point does. A step that opens a closed loop counts as too long. Columns are those of the former point,
-    except with free joints.
+    The result is None if no point lowers the cost enough. A step that opens a closed loop counts as too long. The
+    columns are the columns of the former point, except with free joints.
     """
     before = fitting.cost(here.problem, here.theta, here.placement, step.linear)
     count, free = here.problem.placement, here.problem.left is not None

@@ -30,14 +30,14 @@ LEAST_ERROR = 1e-6
 LEAST_SIGMA = 1e-12
 """Smallest noise, m: below the rounding of every table."""
 ROUNDING = 1e-14
-"""Information added to every parameter for a stable eigenvalue problem, relative to the scaled information of 1."""
+"""Information added to every parameter for a stable eigenvalue problem, relative to its scaled information of 1."""
 
 
 @dataclass(frozen=True)
 class JointReadings:
     """Linear equations for approximate joint values in the table, in units of `prior_sigmas`.
 
-    rows: (B, K). off: (B,) right side. Zero along joint directions that no pose determines.
+    rows: (B, K) left side. off: (B,) right side. Rows are zero along joint directions that no pose determines.
     shown: number of joint directions that the measurements determine.
     """
 
@@ -46,7 +46,7 @@ class JointReadings:
     shown: int
 
     def error(self, used: int = 0) -> float:
-        """Return τ: RMS error of the approximate joint values. used: number of unknowns determined by these values."""
+        """Return the RMS error τ of the approximate joint values. used: number of unknowns they determine."""
         return max(float(np.sqrt(np.sum(self.off**2) / max(self.shown - used, 1))), LEAST_ERROR)
 
     def alone(self, informed: Array, sigma: float) -> Array:
@@ -72,8 +72,8 @@ def joint_readings(
 ) -> JointReadings:
     """Return the linear equations for the approximate joint values at every pose.
 
-    off: (N, J) joint values of the table minus solved joint values. columns: (N, m, K), weighted, before elimination.
-    weights: (N, m), zero for measurements that are missing or not used.
+    off: (N, J) joint values of the table minus solved joint values. columns: (N, m, K) weighted columns before
+    elimination. weights: (N, m) weights, zero for measurements that are missing or not used.
 
     With the weighted sensitivities A = U S Vᵀ (m, n) of one pose to its free joints, in units of `prior_sigmas`, a step
     of the parameters with columns C moves the best-fitting joint values by -V S⁺ Uᵀ C step. The table differs from the
@@ -97,14 +97,14 @@ def joint_readings(
 class Linearised:
     """Weighted linear problem: columns (M, K) · step ≈ residual (M,), in metres.
 
-    The first `placement` columns are registration, tool and anchors; the others are the model's effects.
-    pose_of_row: (M,) pose of each row. placement_names: names of the placement's columns. observed: predicted
-    measurements.
+    The first `placement` columns are registration, tool and anchors; the other columns are the model's effects.
+    pose_of_row: (M,) pose of each row. placement_names: names of the columns of registration, tool and anchors.
+    observed: predicted measurements.
     poses: the given poses with free joints solved.
     sizes: (K,) norms of the weighted columns before free joints were eliminated.
     weights: (N, m), positive if a measurement is a row; a rotation is weighted by `rotation_weight`, m per rad.
     left: rows after elimination of free joints; None if no joint is free.
-    ratio: noise over the prior standard deviation of a constant, 1/m; None if either is unknown.
+    ratio: noise over the prior standard deviation of a constant, 1/m; None if noise or deviation is unknown.
     """
 
     columns: Array
@@ -125,7 +125,7 @@ class Linearised:
 
     @property
     def rigid(self) -> Mask:
-        """Mask (P,) of registrations and tools among the columns of the placement."""
+        """Mask (P,) of the columns of registrations and tools among the columns of the placement."""
         return np.array([n.startswith(("registration", "tool")) for n in self.placement_names], dtype=bool)
 
     def effect_rows(self, effects: Sequence[Effect], model: ErrorModel) -> Array:
@@ -183,8 +183,8 @@ def add_effect_rows(
 ) -> Array:
     """Add the weighted derivatives of the measurements by each effect to `out` (E, M), and return `out`.
 
-    weights: (N, m); only measurements with a positive weight are rows. The values equal those of `effect_columns`, but
-    memory is used for one effect at a time: the sensitivity of a slot is brought into rows once.
+    weights: (N, m) weights; only measurements with a positive weight are rows. The values equal those of
+    `effect_columns`, but memory is used for one effect at a time: the sensitivity of a slot is computed in rows once.
     """
     rows = weights > 0
     pose, weight = np.nonzero(rows)[0], weights[rows][:, None]
@@ -201,7 +201,7 @@ def _shaped(
 ) -> Iterator[tuple[int, int, int, Array]]:
     """Yield every term of the effects: effect number, slot index, axis index, weight times basis (N,).
 
-    After the terms of an effect follow its rigid motions that registrations and tools take up, with a negative sign.
+    The terms of an effect precede its rigid motions that registrations and tools absorb, with a negative sign.
     """
     known = places(model.mechanism)
     by_instrument = any(INSTRUMENT in effect.slots for effect in effects)
@@ -270,7 +270,7 @@ def _weighted(observed: Observed, poses: Poses, rotation_weight: float, use: Mas
 
 
 def residual_at(problem: Linearised, model: ErrorModel, theta: Array, placement: Placement) -> Linearised:
-    """Return the problem with the residual of another point and unchanged columns. Not for free joints."""
+    """Return the problem with the residual of another point and unchanged columns. Not valid for free joints."""
     observed = observe(model, problem.poses, theta, placement)
     rows = problem.weights > 0
     residual = measured_minus(observed, problem.poses.dataset)[rows] * problem.weights[rows]
@@ -281,8 +281,8 @@ def residual_at(problem: Linearised, model: ErrorModel, theta: Array, placement:
 class _Dense:
     """Arrays of all poses before elimination of free joints.
 
-    columns: (N, m, P). residual, weights: (N, m). names: of the placement's columns. table: (N, J) joint values as
-    measured.
+    columns: (N, m, P) columns of the placement. residual, weights: (N, m) residuals and weights. names: names of the
+    placement's columns. table: (N, J) joint values as measured.
     """
 
     columns: Array

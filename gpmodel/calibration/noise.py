@@ -10,16 +10,16 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.linearise import Linearised
 
 LARGEST_RATIO = 1e4
-"""Largest ratio of the variance that repeats share to the variance within repeats. Beyond it the difference of repeats
-carries no information."""
+"""Largest ratio of the variance that repeats share to the variance within repeats. Beyond this ratio the difference of
+repeats carries no information."""
 
 
 @dataclass(frozen=True)
 class Whitening:
     """Random-effects noise: the rows of a block share an error, cov = σ² (I + ρ 11ᵀ) in each block and component.
 
-    Whitened rows: v - (1 - 1/√(1 + n ρ)) mean(v), with n rows in the block.
-    block: (M,) code of pose and component of each row. ratio: ρ.
+    A whitened row is v - (1 - 1/√(1 + n ρ)) mean(v), with n rows in the block.
+    block: (M,) code of pose and component of each row. ratio: variance ratio ρ.
     Source: Fuller and Battese (1973), transformation of the random-effects model.
     """
 
@@ -35,8 +35,7 @@ class Whitening:
         return self._scaled(values, np.sqrt(1.0 + self.sizes * self.ratio))
 
     def _scaled(self, values: Array, factor: Array) -> Array:
-        """Return values (M, ...) with the mean of each block multiplied by a factor (B,); a single row is its
-        own mean."""
+        """Return values (M, ...) with the mean of each block multiplied by a factor (B,); a single row is its mean."""
         if self.ratio == 0.0:
             return values
         beside = [1] * (values.ndim - 1)
@@ -69,7 +68,7 @@ class Whitening:
     def estimated(self, residual: Array, unknowns: float) -> "Whitening":
         """Return the blocks with the ratio ρ estimated from a residual (M,) after a fit of `unknowns` unknowns.
 
-        ρ = max(0, between / within - 1) / n0, mean squares of one-way analysis of variance.
+        ρ = max(0, between / within - 1) / n0, with the mean squares of one-way analysis of variance.
         """
         sizes = self.sizes
         inside = len(self.block) - len(sizes)
@@ -97,8 +96,8 @@ def decorrelate(problem: Linearised, values: Array, bundle: IntArray, ratio: flo
 def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float) -> float:
     """Estimate the variance shared by the repeats of a pose over the variance of one measurement, after a fit.
 
-    problem: its residual was whitened by `ratio`. bundle: (N,) code of every pose. held: number of fitted effects.
-    Returns `ratio` if no pose was measured twice.
+    problem: linear problem whose residual was whitened by `ratio`. bundle: (N,) code of every pose. held: number of
+    fitted effects. Returns `ratio` if no pose was measured twice.
     """
     noise = blocks_of(problem, bundle, ratio)
     return noise.estimated(noise.restored(problem.residual) / np.sqrt(1.0 + ratio), problem.placement + held).ratio
@@ -107,8 +106,9 @@ def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float)
 def freedom(problem: Linearised, bundle: IntArray, ratio: float, rank: int) -> float:
     """Return the degrees of freedom of the variance of one measurement about a model of `rank` unknowns.
 
-    M - rank for M independent measurements. For B blocks of n with ratio ρ, Satterthwaite's value for the sum of both
-    variances: 2 (1 + ρ)² / V with V = (2 (1 + n ρ)² / (B - rank) + 2 (n - 1)² / (M - B)) / n². Source:
+    For M independent measurements the degrees of freedom are M - rank. For B blocks of n with ratio ρ, the degrees of
+    freedom are Satterthwaite's for the sum of both variances: 2 (1 + ρ)² / V with V = (2 (1 + n ρ)² / (B - rank) + 2 (n
+    - 1)² / (M - B)) / n². Source:
     JCGM 100 (2008), G.4.
     """
     count, blocks = len(problem.residual), len(blocks_of(problem, bundle).sizes)

@@ -11,12 +11,12 @@ from gpmodel.model.error_model import ErrorModel, Placement
 from gpmodel.numerics import rank as ident
 
 TOOL_REACH = 1.0
-"""Prior standard deviation of a tool point, m from the flange. It matters only if the poses do not determine
-the tool."""
+"""Prior standard deviation of a tool point, m from the flange. The prior matters only if the poses do not determine the
+tool."""
 
 GEOMETRY_REACH = 0.01
-"""Prior standard deviation of a geometric constant about its nominal value, m or rad. It matters only if the poses
-hardly determine the constant, as with hundreds of harmonics in the model."""
+"""Prior standard deviation of a geometric constant about its nominal value, m or rad. The prior matters only if the
+poses hardly determine the constant, as with hundreds of harmonics in the model."""
 
 
 def prior_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask) -> tuple[Array, Array]:
@@ -40,7 +40,7 @@ def off_mean(model: ErrorModel, theta: Array) -> Array:
 
 
 def of_the_description(model: ErrorModel) -> Mask:
-    """Return the mask (E,) of the constants of the nominal geometry, which have no prior of their own."""
+    """Return the mask (E,) of the constants of the nominal geometry, to which no effect prior applies."""
     return np.array([e.constant and e.prior == np.inf for e in model.effects], dtype=bool)
 
 
@@ -48,9 +48,9 @@ def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, placemen
     """Return the prior rows (H, H), m, of the fitted constants `at` (H,).
 
     If a measurement is in an instrument's frame, each constant has the standard deviation GEOMETRY_REACH. Otherwise the
-    dropped constants count too: the fitted ones, θ = A θ_all, have the covariance reach² A Aᵀ, so that the fit nearest
-    to the nominal geometry does not depend on which constants are dropped. The reach is then estimated, at most
-    TOLERANCE.
+    dropped constants count too: the fitted constants, θ = A θ_all, have the covariance reach² A Aᵀ, so that the fit
+    nearest to the nominal geometry does not depend on which constants are dropped. The standard deviation `reach` is
+    then estimated, at most TOLERANCE.
     """
     if not (len(at) and relative(problem)):
         return np.diag(np.full(len(at), residual_sigma(problem) / GEOMETRY_REACH))
@@ -102,7 +102,7 @@ class Beliefs:
     """Rows (B, K) and right side (B,) of all priors of a fit.
 
     own: number of rows, from the first, that are priors of effects.
-    single: number of rows, from the first, with one effect each.
+    single: number of rows, from the first, with one effect per row.
     geometry: (G, E) rows of the geometric constants, on the effects.
     """
 
@@ -129,7 +129,7 @@ def beliefs(model: ErrorModel, problem: Linearised, theta: Array, placement: Pla
 class ReadJoints:
     """Prior rows of the approximate joint values (B,) in the table: (q_table - q) σ / τ = 0.
 
-    alone: (B, W) combinations that the measurements determine less well.
+    alone: (B, W) combinations of joint values that the measurements determine less well.
     weight: σ / τ, metres.
     """
 
@@ -150,18 +150,18 @@ class ReadJoints:
         return cls(alone, sigma / known.error(alone.shape[1]))
 
     def rows(self, problem: Linearised) -> Array:
-        """Return the rows (W, K), metres."""
+        """Return the prior rows (W, K) of the approximate joint values, metres."""
         if problem.left is None:
             return np.zeros((0, problem.columns.shape[1]))
         return self.weight * self.alone.T @ problem.left.readings.rows
 
     def pull(self, problem: Linearised) -> Array:
-        """Return the right side (W,), metres."""
+        """Return the right side (W,) of the prior rows of the approximate joint values, metres."""
         return np.zeros(0) if problem.left is None else self.weight * self.alone.T @ problem.left.readings.off
 
 
 def noise_sigma(model: ErrorModel, problem: Linearised) -> float:
-    """Return the noise σ of one component, m, that scales the priors: the model's own, else the RMS residual."""
+    """Return the noise σ of one component, m, that scales the priors: the model's noise, else the RMS residual."""
     return residual_sigma(problem) if model.noise is None else model.noise
 
 

@@ -21,8 +21,8 @@ from gpmodel.numerics.least_squares import MANY_COLUMNS, inverse_gram, inverse_o
 from gpmodel.numerics.rank import RankChoice
 
 CORRELATED = 0.8
-"""Correlation of two parameters above which they are reported as interchangeable. The standard error of each is then at
-least 1.7 times as large as with the other known."""
+"""Correlation of two parameters above which they are reported as interchangeable. The standard error of either
+parameter is then at least 1.7 times as large as if the other were known."""
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ class Placed:
 
 @dataclass(frozen=True)
 class Covariance:
-    """Covariance of registration, tool and effects: values (P + E, P + E), SI, zero where not fitted.
+    """Covariance of registration, tool and effects: values (P + E, P + E), SI units, zero where not fitted.
 
     placement: names of the P unknowns before the effects.
     centre: (3,) m in the instrument's frame, the point about which a rotation of the registration turns.
-    others: (A,) effects that are alternative explanations of a finding; zero in the fit.
+    others: (A,) effects that are alternative explanations of a finding; these effects are zero in the fit.
     over_causes: (P + E + A, P + E + A) second moment of all unknowns about the fit, averaged over the alternative
     explanations, SI; empty if the fit has none.
     """
@@ -68,11 +68,11 @@ class Covariance:
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """Uncertainty of a fit.
+    """Uncertainty of the parameters of a fit.
 
-    stderr, unique_share: (E,), NaN and zero where dropped.
-    correlation: (E, E).
-    covariance: of all fitted quantities.
+    stderr, unique_share: (E,) standard errors and unique shares, NaN and zero for dropped effects.
+    correlation: (E, E) correlations of the effects.
+    covariance: covariance of all fitted quantities.
     placed: registration and tool, number by number.
     sigma: standard deviation of one component of a measurement about the model, m.
     freedom: degrees of freedom of sigma, also for Student's t of the estimates.
@@ -94,10 +94,10 @@ class Calibration(Uncertainty):
     """Fitted model with its uncertainty and diagnostics.
 
     theta: (E,) values of model.effects, zero where dropped.
-    kept: (E,) True where fitted.
+    kept: (E,) True for fitted effects.
     error: (N,) 3-D error of each pose, m.
     outliers: indices of poses excluded from the fit.
-    condition_limit, rank_curve: limit for dropping constants, and the cross-validation curve it was chosen from.
+    condition_limit, rank_curve: condition limit for dropping constants, and the cross-validation curve of the limit.
     rotation_weight: weight of a radian of measured rotation, m.
     pose_ratio: variance shared by the repeats of a pose over the variance of one measurement; 0 without repeats.
     status: converged, stalled, diverged or kept previous. reason: explanation of the status.
@@ -128,7 +128,7 @@ class Calibration(Uncertainty):
 
     @property
     def effective(self) -> int:
-        """Effective number of unknowns; one with a prior counts 1 - (stderr / prior)². Source: MacKay (1992)."""
+        """Effective number of unknowns; an unknown with a prior counts 1 - (stderr / prior)². Source: MacKay (1992)."""
         prior = np.array([e.prior for e in self.model.effects])
         fitted = np.sqrt(np.diag(self.covariance.values)[len(self.covariance.placement) :])
         held = np.clip(fitted[self.kept] / prior[self.kept], 0.0, 1.0)
@@ -172,7 +172,7 @@ def resolved(calibration: Calibration, poses: Poses) -> Poses:
 
 
 def without_outlier_marks(calibration: Calibration) -> Calibration:
-    """Return the calibration without outliers, so that the next fit judges every pose again."""
+    """Return the calibration without outliers, so that the next fit decides on every pose again."""
     return replace(calibration, outliers=np.zeros(0, dtype=np.int64))
 
 
@@ -234,8 +234,8 @@ def _rank(columns: Array) -> int:
 def placed_numbers(placement: Placement, problem: Linearised, covariance: Array) -> tuple[Placed, ...]:
     """Return registration and tool as numbers with standard errors.
 
-    Each frame has a position, m, and a rotation vector, rad: the root in the instrument's frame, the tool in the
-    flange.
+    Each frame has a position, m, and a rotation vector, rad: the robot's root in the instrument's frame, the tool in
+    the flange.
     """
     out: list[Placed] = []
     centre = problem.observed.tip[:, :3, 3].mean(axis=0)

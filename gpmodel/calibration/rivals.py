@@ -1,4 +1,4 @@
-"""Alternatives to constants of the standard model: catalogue effects that a constant may hide."""
+"""Find alternatives to constants of the standard model: catalogue effects whose motion a constant may absorb."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ from gpmodel.wording import measured
 
 @dataclass(frozen=True)
 class FittedColumns:
-    """Weighted columns (M, K) of a fitted model at given poses: first the placement, then the effects."""
+    """Weighted columns (M, K) of a fitted model at given poses: columns of registration and tool, then of effects."""
 
     calibration: Calibration
     problem: Linearised
@@ -53,8 +53,8 @@ class FittedColumns:
 
     @cached_property
     def apart(self) -> LeaveOneOut:
-        """Each fitted column with the other columns projected out, as far as their priors allow. Prior rows follow the
-        M rows."""
+        """Each fitted column with the other columns projected out, as far as the priors of the other columns allow.
+        Prior rows follow the M measured rows."""
         fit = self.calibration
         loose = fit.kept & np.array([not effect.constant for effect in fit.model.effects], dtype=bool)
         priors, _ = prior_rows(fit.model, fit.theta, self.problem, loose)
@@ -89,19 +89,18 @@ PLAUSIBLE = 3.0
 """Largest plausible size of a candidate, in standard deviations of its prior."""
 
 UNKNOWNS = 2
-"""Largest number of unknowns of an alternative. A smooth term with many imitates every constant."""
+"""Largest number of unknowns of an alternative. A smooth term with more unknowns imitates every constant."""
 
 VISIBLE = 0.05
-"""Least share of a candidate that the model does not absorb. A candidate with less is no alternative to a constant."""
+"""Least share of a candidate's motion that the model does not absorb. A candidate with less is no alternative."""
 
 POOL = 400
 SHOWN = 4
-"""Number of random poses within the joint limits, and number of them that are reported because the explanations differ
-most there."""
+"""Number of random poses within the joint limits, and number of reported poses, where the explanations differ most."""
 
 
 AT_ONCE = 50
-"""Candidates with columns in memory at the same time; a candidate needs megabytes with thousands of poses."""
+"""Number of candidates with columns in memory at once; a candidate needs megabytes with thousands of poses."""
 
 ROW = "row"
 """Input of effects that depend on the row number of the table."""
@@ -111,8 +110,8 @@ ROW = "row"
 class Rival:
     """A constant of the standard model, and an alternative explanation of its fitted value.
 
-    value: of the constant, in `unit`.
-    sizes: (k,) sizes of the candidate's effects that displace the measurements alike.
+    value: value of the constant, in `unit`.
+    sizes: (k,) sizes of the candidate's effects that displace the measurements like the constant.
     moves: RMS displacement, m, of the measured point by the candidate.
     apart: distance of the two explanations over all poses, in standard deviations of the noise.
     poses: (p, n) joint values where the two explanations differ most. difference: (p,) their distance there, m.
@@ -141,9 +140,10 @@ class Rival:
         return float(np.linalg.norm(self.sizes))
 
     def words(self, kinds: Sequence[str]) -> str:
-        """State in one sentence which effect the constant could equally be, and the poses that would separate the two.
+        """State in one sentence which effect could replace the constant, and the poses that would separate the two.
 
-        kinds: kind of each joint."""
+        kinds: kind of each joint (revolute or prismatic).
+        """
         size, rival = measured(self.value, None, self.unit), measured(self.amplitude, None, self.candidate.unit)
         said = f"{self.constant} of {size} may instead be {self.candidate.name} of {rival}"
         if self.session:
@@ -160,8 +160,8 @@ def rivals_of_constants(calibration: Calibration, poses: Poses, pool: Iterable[C
     """Return every significant constant that a candidate of `pool` imitates within the noise, the closest first.
 
     With c the constant's column, C the candidate's and ⊥ the part that no other column of the model explains (smooth
-    terms as far as their priors allow), w minimises |θ c⊥ - C⊥ w|. The two are indistinguishable if this is below
-    TOLD_APART σ. Removing all columns, c included, leaves C⊥ - ĉ ĉᵀC of C, with ĉ the unit vector along c⊥. One
+    terms as far as their priors allow), w minimises |θ c⊥ - C⊥ w|. The two are indistinguishable if this minimum is
+    below TOLD_APART σ. Removing all columns, c included, leaves C⊥ - ĉ ĉᵀC of C, with ĉ the unit vector along c⊥. One
     projection of a candidate therefore serves all constants; the triangle R of its QR decomposition and ĉᵀC replace C⊥.
     """
     model, theta = calibration.model, calibration.theta
@@ -204,7 +204,7 @@ def rivals_of_constants(calibration: Calibration, poses: Poses, pool: Iterable[C
 
 
 def _looked_at(here: FittedColumns, offered: Sequence[Candidate]) -> Iterator[tuple[Candidate, Array, Array]]:
-    """Yield every candidate with its columns (M, k) and their part that the model does not explain."""
+    """Yield every candidate with its columns (M, k), and the part of the columns that the model does not explain."""
     for first in range(0, len(offered), AT_ONCE):
         some = offered[first : first + AT_ONCE]
         columns = here.over_all_rows(np.hstack([here.of(candidate) for candidate in some]))
@@ -216,9 +216,9 @@ def _looked_at(here: FittedColumns, offered: Sequence[Candidate]) -> Iterator[tu
 def hidden_rivals(calibration: Calibration, poses: Poses) -> tuple[Rival, ...]:
     """Return the alternatives to significant constants: at most one per constant, at most LISTED in total.
 
-    Candidates are those of the catalogue with at most UNKNOWNS unknowns. For each constant the plausible one that moves
-    the point least is chosen, if other measurements could distinguish it and it moves the point by a size that an error
-    has: more than the standard error of a mean, less than GEOMETRY_REACH. Effects that depend on the row number are
+    Candidates are effects of the catalogue with at most UNKNOWNS unknowns. For each constant the plausible candidate
+    that moves the point least is selected, if other measurements could distinguish it and its motion has the size of an
+    error: more than the standard error of a mean, less than GEOMETRY_REACH. Effects that depend on the row number are
     excluded, because a constant acts on all rows alike.
     """
     least = calibration.sigma / np.sqrt(len(poses))
@@ -243,8 +243,8 @@ def hidden_rivals(calibration: Calibration, poses: Poses) -> tuple[Rival, ...]:
 def of_the_session(poses: Poses, mechanism: Mechanism, effects: Sequence[Effect]) -> tuple[str, ...]:
     """Return the inputs of effects that joint values do not determine.
 
-    The result is the instrument if an effect acts there, else all inputs except joint values, the point and computed
-    loads.
+    The result is the instrument if an effect acts on the instrument, else all inputs except joint values, the point and
+    computed loads.
     """
     if any(INSTRUMENT in effect.slots for effect in effects):
         return (INSTRUMENT,)
@@ -277,7 +277,7 @@ def _telling(
 ) -> list[tuple[Array, Array]]:
     """Return for each pair the joint values (p, n) where constant and candidate differ most, and the distances (p,), m.
 
-    found: index of the constant, candidate and its sizes. Candidates of one constant are solved together.
+    found: index of the constant, candidate and sizes of the candidate. Candidates of one constant are solved together.
     """
     mechanism, poses = fresh.calibration.model.mechanism, fresh.problem.poses
     out = [(np.zeros((0, len(mechanism.joints))), np.zeros(0))] * len(found)
@@ -299,9 +299,9 @@ def _telling(
 
 
 def _shared(here: FittedColumns, fresh: FittedColumns) -> tuple[IntArray, IntArray]:
-    """Return the indices, in `here` and in `fresh`, of the fitted columns that both have.
+    """Return the indices, in `here` and in `fresh`, of the fitted columns that `here` and `fresh` have in common.
 
-    A table's own unknowns, such as anchors, exist in `here` only.
+    Unknowns of one table alone, such as anchors, exist in `here` only.
     """
     names = [c.problem.placement_names for c in (here, fresh)]
     pairs = [(names[0].index(name), k) for k, name in enumerate(names[1]) if name in names[0]]

@@ -1,8 +1,8 @@
 """Scale of a mechanism that touches and relative measurements leave undetermined.
 
 If all lengths of a mechanism, its tool and the positions of the touched bodies are scaled by one factor, no touch
-changes. The fit with the constants nearest to their nominal values is then chosen. A bar, a ball of known diameter, an
-artefact or measured coordinates determine the scale.
+changes. The fit with the constants nearest to their nominal values is then selected. A bar, a ball of known diameter,
+an artefact or measured coordinates determine the scale.
 """
 
 from collections.abc import Sequence
@@ -21,13 +21,13 @@ from gpmodel.model.touches import Touches
 from gpmodel.numerics import rank as ident
 
 LIMIT = 5000.0
-"""Condition limit if no measurement determines the scale. Nearly redundant combinations are then held by their prior,
-so that the fit is nearest to the description; a lower limit would drop them instead."""
+"""Condition limit if no measurement determines the scale. Nearly redundant combinations of constants are then held by
+their prior, so that the fit is nearest to the description; a lower limit would drop the combinations instead."""
 
 TOLERANCE = 1e-3
 """Largest prior standard deviation of a constant that no measurement determines, m or rad. Makers state 0.5 to 2 mm and
-mrad for links and joint zeros. With ten times as much, touches of a two-armed robot made it 8 % larger. At half and at
-double, the constants that the measurements determine do not change."""
+mrad for links and joint zeros. With ten times this value, touches of a two-armed robot made the robot 8 % larger. At
+half and at double this value, the constants that the measurements determine do not change."""
 LEAST, MOST, GRID = 3e-5, 3e-2, 60
 """Grid of the standard deviation of constants about their nominal values, m and rad: smallest (machined parts), largest
 (lost joint zeros), and number of values."""
@@ -67,7 +67,7 @@ def without_frame(kinds: Sequence[Observation]) -> bool:
 
 
 def share_of_size(model: ErrorModel, problem: Linearised) -> Array:
-    """Return how similar each effect is to a uniform scaling of the mechanism (E,): |cosine| of the displacements.
+    """Return the similarity (E,) of each effect to a uniform scaling of the mechanism: |cosine| of the displacements.
 
     Displacements of the tool point over the poses are compared, after rigid motions of the root and the tool are
     projected out.
@@ -86,11 +86,10 @@ def share_of_size(model: ErrorModel, problem: Linearised) -> Array:
 def standing_for(
     model: ErrorModel, problem: Linearised, placement: Placement, held: IntArray, others: IntArray
 ) -> tuple[Array, Array]:
-    """Return the changes of the held effects that are equivalent to one unit of each other effect, and to uniform
-    scaling.
+    """Return the changes of held effects that are equivalent to a unit of each other effect, and to uniform scaling.
 
     Returns (H, O), unknowns per unknown, and (H,), unknowns per relative scaling. Effects are equivalent if they move
-    the tool point of the nominal mechanism alike over the poses, up to rigid motions of the root and the tool.
+    the tool point of the nominal mechanism equally over the poses, up to rigid motions of the root and the tool.
     """
     count = len(problem.poses)
     nominal = observe(ErrorModel(model.mechanism, ()), problem.poses, np.zeros(0), placement)

@@ -47,7 +47,7 @@ def _tool_axes(observed: Observed) -> int:
 def placement_after(observed: Observed, placement: Placement, step: Array) -> Placement:
     """Return the placement after a step (P,), m and rad, in the order of the columns of `linearise`.
 
-    Registrations turn about the mean of the predicted points, tools about their own axes. Rotations stay orthonormal.
+    Registrations rotate about the mean of the predicted points, tools about their own axes. Rotations stay orthonormal.
     """
     i = 0
     registration, tool, anchors = dict(placement.registration), dict(placement.tool), dict(placement.anchors)
@@ -73,7 +73,7 @@ START_POSES = 400
 """Largest number of poses used for the initial values. The fit uses all poses."""
 
 TOOL_PULL = 1e-4
-"""Penalty on the tool point, m of error per m from the flange. It matters only if the poses do not determine
+"""Penalty on the tool point, m of error per m from the flange. The penalty matters only if the poses do not determine
 the tool."""
 
 GOOD_START = 1e-4
@@ -89,8 +89,8 @@ def start_placements(poses: Poses) -> Iterator[Placement]:
 
     If only balls were touched, each of TRIED_TOOLS gives one start, because the fit has several local minima: a ball of
     unknown position fits another tool with another radius. Starts without a valid ball are skipped.
-    Each instrument's own unknowns are initialised from the predicted tips. Raises InputError if a set-up has fewer than
-    3 measured poses, or an instrument has too few measurements for its own unknowns.
+    The unknowns of each instrument are initialised from the predicted tips. Raises InputError if a set-up has fewer
+    than 3 measured poses, or an instrument has too few measurements for its unknowns.
     """
     data = poses.dataset
     slots = se3.chain(poses.transforms)
@@ -124,15 +124,15 @@ def start_placements(poses: Poses) -> Iterator[Placement]:
 
 
 def _balls(data: Dataset) -> bool:
-    """Return whether a spherical surface was touched."""
+    """Return whether any measurement touched a spherical surface."""
     touches = (kind for kind in observations(data) if isinstance(kind, Touches))
     return any(f.surface == "on_sphere" for kind in touches for body in kind.bodies for f in body.features)
 
 
 def _with_tools(poses: Poses, slots: Array, registration: dict[str, Array], points: Array) -> Placement:
-    """Return the placement of given registrations and tool points (T, 3), m, with the instruments' own unknowns.
+    """Return the placement of given registrations and tool points (T, 3), m, with the instruments' unknowns.
 
-    Tools are rotated as measured. slots: (S, N, 4, 4) frames of the nominal mechanism.
+    The orientations of the tools are the measured ones. slots: (S, N, 4, 4) frames of the nominal mechanism.
     """
     data, frames = poses.dataset, slots[poses.tip_slot, np.arange(len(poses))]
     tool_frames = {name: se3.shift(point) for name, point in zip(data.codes("tool")[0], points, strict=True)}

@@ -7,7 +7,7 @@ the measurements, F the columns of the placement and of declared effects, A thos
 
 where f_a are unknown smooth functions of the joint values. γ_a, τ and n maximise the restricted likelihood. Constants
 are then fitted by generalised least squares with the covariance V of the functions and the noise. The conditional mean
-of the functions becomes part of the model, with α = V⁻¹ (r - F ρ - A θ):
+of the functions becomes a part of the model, with α = V⁻¹ (r - F ρ - A θ):
 
     f_a(q) = γ_a² Σ_m K(q, q_m) c_a,m α_m
 
@@ -43,27 +43,27 @@ without a mean, constants absorb it and touches leave arms less accurate outside
 With other shares and rates from 1 to 4.5 the error outside is up to twice as large on planes, within a fifth elsewhere.
 """
 MOST_ROWS, LARGEST = 400, 3000
-"""Measurements from which variances are estimated, drawn evenly along the rows; and measurements up to which their
-covariance is inverted. With more, the noise is taken as white."""
+"""Number of measurements from which variances are estimated, drawn evenly along the rows; and number up to which their
+covariance is inverted. With more measurements, the noise is taken as white."""
 STEPS = 20
-"""Updates of the variances; with 40 no constant changes by a tenth of its standard error."""
+"""Number of updates of the variances; with 40 no constant changes by a tenth of its standard error."""
 PASSES = 3
-"""Steps of generalised least squares after the ordinary fit; the third moves no measurement by 0.1 µm."""
+"""Number of steps of generalised least squares after the ordinary fit; the third moves no measurement by 0.1 µm."""
 SHOWN = 0.1
 """Least RMS displacement of the measurements by a function, in units of their noise; a smaller function is omitted."""
 MOST_WAVES, FAINT = 200, 1e-2
-"""Most sinusoids of one function in a model, and their least size relative to the largest."""
+"""Largest number of sinusoids of one function in a model, and their least size relative to the largest."""
 SMOOTH, UNDECLARED = "smooth functions of the joint values", "undeclared"
-"""Name and family of the effect that adds the undeclared functions to a model. Its unknown is a factor, 1 as
-estimated."""
+"""Name and family of the effect that adds the undeclared functions to a model. The unknown of this effect is a factor,
+1 for the estimated functions."""
 ALONE_STEPS = 200
-"""Updates of τ and n without functions; with 100 the likelihood is equal within a thousandth of a nat."""
+"""Number of updates of τ and n without functions; with 100 the likelihood is equal within a thousandth of a nat."""
 EARNED = 20.0
-"""Least gain, nats, at which undeclared effects are reported. The largest of 56 tables of touches and cameras without
-an undeclared effect was 11, the least of eight with a compliant joint and two oval gears 38. At half, one table more of
-pure noise is reported; at double, one table with an effect is missed."""
+"""Least gain in log evidence at which undeclared effects are reported, nats. The largest gain of 56 tables of touches
+and cameras without an undeclared effect was 11 nats, the least of eight with a compliant joint and two oval gears 38
+nats. At half this limit, one table more of pure noise is reported; at double, one table with an effect is missed."""
 START, SMALLEST = (1e-4, 3e-4, 0.3), 1e-8
-"""Initial γ and τ, m and rad, and initial share of noise in the measurements; and the smallest γ and n, rounding."""
+"""Initial γ and τ, m and rad, and initial share of noise in the measurements; smallest γ and n, at rounding."""
 
 
 @dataclass(frozen=True)
@@ -71,9 +71,9 @@ class Undeclared:
     """Standard deviations of undeclared effects, constants and noise.
 
     sizes: (A,) γ of the unknown function at each axis of `geometric_effects`, m and rad.
-    constant: τ of a constant, m and rad.
-    noise: n of a measurement, m.
-    gain: log restricted likelihood minus that without the functions, nats.
+    constant: standard deviation τ of a constant, m and rad.
+    noise: standard deviation n of a measurement, m.
+    gain: log restricted likelihood minus the log restricted likelihood without the functions, nats.
     """
 
     sizes: Array
@@ -129,7 +129,7 @@ class Coloured:
 
     axes: (M, A) columns of the axes times γ / n.
     values: (M, W) sinusoids at the measurements.
-    lower: L (M, M).
+    lower: (M, M) Cholesky factor L.
     """
 
     unknown: Undeclared
@@ -147,8 +147,8 @@ class Coloured:
     def mean(self, white: Array, model: ErrorModel) -> Effect | None:
         """Return the conditional mean of the functions, as an effect, given the residual (M,) of whitened rows.
 
-        None if all functions are below SHOWN times the noise. The effect's prior is the standard deviation of the
-        functions relative to their mean, both RMS over the measurements.
+        The result is None if all functions are below SHOWN times the noise. The effect's prior is the standard
+        deviation of the functions relative to their mean, both RMS over the measurements.
         """
         pulled = linalg.solve_triangular(self.lower, white, lower=True, trans="T", check_finite=False)
         weights = self.values.T @ (self.axes * pulled[:, None])
@@ -168,9 +168,9 @@ class Coloured:
         return len(self.lower) - float(np.sum(self._solved(np.eye(len(self.lower))) ** 2))
 
     def left(self, q: Array, axes: Array, columns: Array, fit: Calibration, fitted: Linearised) -> Array:
-        """Return the posterior variance (N,), m², of points, by the unknowns and the functions together.
+        """Return the posterior variance (N,), m², of points, due to the unknowns and the functions together.
 
-        axes, columns: (N, 3, A) and (N, 3, K), derivatives of the points by the axes and by the unknowns. fitted: the
+        axes, columns: (N, 3, A) and (N, 3, K), derivatives of the points by the axes and by the unknowns. fitted:
         problem of the fit. The part of an unknown that the functions absorb is not counted twice (universal kriging).
         """
         unknowns, out = fit.covariance.values, np.sum((axes * self.unknown.sizes) ** 2, axis=(1, 2))
@@ -183,7 +183,7 @@ class Coloured:
     def left_among(self, problem: Linearised, model: ErrorModel, fitted: Linearised) -> tuple[Array, Array]:
         """Return a square root (R, R), m, of the posterior covariance of other measurements by the functions.
 
-        Also return how much of each unknown the functions absorb there (R, K).
+        The function also returns the share (R, K) of each unknown that the functions absorb at these measurements.
         """
         q, columns = problem.poses.dataset.q[problem.pose_of_row], _axes(problem, model)
         at, there = columns * self.unknown.sizes, self.waves.values(q)
@@ -195,8 +195,8 @@ class Coloured:
         return np.asarray(explained.T @ self._solved(fitted.columns) / self.unknown.noise)
 
     def _explained(self, q: Array, columns: Array) -> Array:
-        """Return L⁻¹ times the covariance (M, N), m, of the measurements and others. q: (N, J). columns: (N, A) of the
-        axes."""
+        """Return L⁻¹ times the covariance (M, N), m, of the fitted measurements and other measurements. q: (N, J) joint
+        values of the other measurements. columns: (N, A) columns of the axes."""
         there = self.waves.values(q) @ self.values.T
         return self._solved((((columns * self.unknown.sizes) @ self.axes.T) * there).T)
 
@@ -212,7 +212,7 @@ Wave = tuple[str, int, float]
 class Waves:
     """Products of sinusoids of the joint values; an unknown function is a weighted sum of these products.
 
-    names: of the joints.
+    names: names of the joints.
     sizes: (W,) standard deviation of the coefficient of each product.
     parts: sinusoids of each product.
     """
@@ -296,7 +296,7 @@ def _axes(problem: Linearised, model: ErrorModel) -> Array:
 def uncertain_functions(model: ErrorModel, fitted: Linearised, theta: Array, other: Linearised) -> tuple[Array, Array]:
     """Return `Coloured.left_among` of the undeclared effects of a model, for other measurements.
 
-    fitted: the problem that the model was fitted to, at `theta` (E,).
+    fitted: problem to which the model was fitted, at `theta` (E,).
     """
     return Undeclared.estimated(fitted, model, theta).covariance(fitted, model).left_among(other, model, fitted)
 
@@ -311,10 +311,10 @@ def _smooth(model: ErrorModel) -> Mask:
 
 
 def apart_from_effects(fit: Calibration, poses: Poses) -> Calibration:
-    """Refit constants separately from undeclared effects, and add these effects to the model.
+    """Refit constants separately from undeclared effects, and add the undeclared effects to the model.
 
-    The fit is returned unchanged if a measurement is in an instrument's frame. sigma² is n² plus the mean variance of
-    the functions over the measurements.
+    The fit is returned unchanged if a measurement is in an instrument's frame. The variance sigma² is n² plus the mean
+    variance of the functions over the measurements.
     """
     fitting = fitting_of(fit, poses)
     raw = fitting.at(fit.theta, fit.placement)
@@ -341,7 +341,7 @@ def apart_from_effects(fit: Calibration, poses: Poses) -> Calibration:
 def _generalised(fitting: Fitting, known: Coloured, fit: Calibration) -> tuple[Fitted, Array]:
     """Fit by generalised least squares from an ordinary fit; return the end point and the whitened residual (M,).
 
-    The instruments' own unknowns are solved anew at every point.
+    The unknowns of the instruments are solved again at every point.
     """
     theta, placement = fit.theta, fit.placement
     for _ in range(PASSES):

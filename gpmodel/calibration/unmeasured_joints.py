@@ -1,4 +1,4 @@
-"""Joints without a sensor: their table values are approximate, so the joint values of every pose are unknowns too.
+"""Joints without a sensor: the joint values in the table are approximate, and are unknowns of every pose.
 
 The unknown joint values are eliminated pose by pose (variable projection). With the weighted sensitivities A (m, n) of
 one pose to its free joints and A = U S Vᵀ, only the measurements along the columns of U with a negligible singular
@@ -18,20 +18,19 @@ from gpmodel.model.observed import Observed
 from gpmodel.table.dataset import Dataset
 
 TRUNCATION = 1e-2
-"""Least singular value, relative to the largest, of a joint direction that the measurements determine. Other directions
-keep the table's values."""
+"""Least singular value, relative to the largest, of a joint direction that the measurements determine. Along other
+joint directions the table's values are kept."""
 
 ELIMINATED = 1e-2
 """Least share of a column that free joints do not absorb. A column with a smaller share is set to zero."""
 
 ROUNDING = 1e-7
-"""Singular value, relative to the largest, below which a combination is rounding: the square root of double
-precision."""
+"""Singular value, relative to the largest, below which a combination is rounding error: √ of double precision."""
 PRIOR_SIGMA = {"revolute": np.radians(1.0), "prismatic": 1e-3}
 """Standard deviation of approximate joint values if none is stated, rad and m: read from a scale by eye."""
 ROTATION_WEIGHT = 0.3
-"""Weight of a radian of orientation, m: a typical lever from wrist to tool. The fit of a table replaces it by the ratio
-of the residuals."""
+"""Weight of a radian of orientation, m: a typical lever from wrist to tool. The fit of a table replaces this weight by
+the ratio of the residuals."""
 MAX_ITERATIONS = 20
 """Largest number of steps for the joint values of a pose; three are usual."""
 STEP_TOLERANCE = 1e-9
@@ -46,7 +45,7 @@ def free_joints(mechanism: Mechanism) -> tuple[int, ...]:
 
 
 def prior_sigmas(mechanism: Mechanism) -> Array:
-    """Return the prior standard deviations (n,) of the free joints, 1 deg or 1 mm. Only their ratios matter."""
+    """Return the prior standard deviations (n,) of the free joints, 1 deg or 1 mm. Only ratios of deviations matter."""
     return np.array([PRIOR_SIGMA[mechanism.joints[i].kind] for i in free_joints(mechanism)])
 
 
@@ -124,8 +123,8 @@ def observable(rows: Array, nominal: Array, sizes: Array) -> Array:
 def solve_joints(model: ErrorModel, poses: Poses, theta: Array, placement: Placement) -> Poses:
     """Return the poses with their free joints solved against the measurements.
 
-    Per pose: the joint values nearest to the table's (in units of `prior_sigmas`) among those that fit the measurements
-    best, by truncated Gauss-Newton:  δ = σ (V S⁺ Uᵀ r + (I - V V⁺) (q_table - q) / σ).
+    Solution per pose: the joint values nearest to the table's (in units of `prior_sigmas`) among those that fit the
+    measurements best, by truncated Gauss-Newton:  δ = σ (V S⁺ Uᵀ r + (I - V V⁺) (q_table - q) / σ).
     Without a free joint, and in rows without a measurement, joint values are unchanged.
     """
     free = list(free_joints(model.mechanism))
@@ -160,7 +159,7 @@ def solve_joints(model: ErrorModel, poses: Poses, theta: Array, placement: Place
 def what_is_left(mechanism: Mechanism, observed: Observed, measured: Mask, values: Array) -> Array:
     """Remove from measurements (N, m), in metres, or columns (N, m, K) the part that each pose's free joints explain.
 
-    Unchanged if no joint is free. m: all measured components, or the first few of them.
+    The result is unchanged if no joint is free. m: all measured components, or the first few of them.
     """
     if not free_joints(mechanism):
         return values
@@ -178,7 +177,7 @@ def check_points(dataset: Dataset) -> None:
 
 
 def points_flaw(dataset: Dataset) -> str | None:
-    """Return the reason why free joints explain every measured point; None if they do not."""
+    """Return the reason why free joints explain every measured point; None if free joints do not."""
     points = dataset.position[np.isfinite(dataset.position).all(axis=1)]
     if not len(points) and (dataset.has_rotation or dataset.distances or dataset.observations):
         return None
@@ -186,7 +185,7 @@ def points_flaw(dataset: Dataset) -> str | None:
 
 
 def sphere_flaw(points: Array, where: str) -> str | None:
-    """Return the reason why points (N, 3) determine no sphere: fewer than 4, alike, or coplanar; None if they do."""
+    """Return why points (N, 3) determine no sphere (fewer than 4, equal, or coplanar); None if they determine one."""
     expected = f"expected at least {MINIMUM_POSES} different points that are not all in one plane"
     if len(points) < MINIMUM_POSES:
         return f"{where}: {len(points)} measured poses; {expected}"

@@ -29,12 +29,12 @@ from gpmodel.table.dataset import Dataset
 HELD = 0.9
 """Share of the measured points inside the ball that bounds the measured region; outlying points are ignored."""
 DRAWN = 400
-"""Random poses over which the error inside and outside the measured region is averaged."""
+"""Number of random poses over which the error inside and outside the measured region is averaged."""
 
 
 @dataclass(frozen=True)
 class Region:
-    """Ball about the median of the measured points: middle (3,) and radius, m."""
+    """Measured region: the ball about the median of the measured points, with middle (3,) and radius, m."""
 
     middle: Array
     radius: float
@@ -93,8 +93,8 @@ def held_at_description(fit: Calibration, poses: Poses, *, searched: bool = Fals
     """Yield sentences on the expected error inside and outside the measured region, on undeclared effects, and on
     constants that the measurements do not determine.
 
-    Yields nothing if a measurement is in an instrument's frame. searched: the model is the result of a search for
-    effects. A constant counts as not determined if its standard error without priors, σ / (|c| share), is above
+    Yields nothing if a measurement is in an instrument's frame. searched: whether the model is the result of a search
+    for effects. A constant counts as not determined if its standard error without priors, σ / (|c| share), is above
     TOLERANCE.
     """
     problem = problem_at(fit, poses)
@@ -129,7 +129,7 @@ def held_at_description(fit: Calibration, poses: Poses, *, searched: bool = Fals
 def errors_by_region(fit: Calibration, poses: Poses, unknown: Undeclared) -> tuple[float, float, float]:
     """Return the radius of the measured region, m, and the RMS error of a predicted point, m, inside and outside.
 
-    The variance includes constants, placement, and the posterior variance of undeclared effects.
+    The variance includes constants, registration, tool, and the posterior variance of undeclared effects.
     """
     model = fit.model
     drawn = anywhere(model.mechanism, poses.dataset)

@@ -1,5 +1,4 @@
-"""Weight of a pixel or a degree relative to a metre, estimated by two fits; the second uses the weights of
-the first."""
+"""Weight of a pixel or a degree relative to a metre, from two fits; the second uses the weights of the first."""
 
 from dataclasses import replace
 
@@ -22,7 +21,7 @@ from gpmodel.table.dataset import Readings
 def hang_payload(mechanism: Mechanism, poses: Poses) -> tuple[Mechanism, Poses]:
     """Return the mechanism and its poses with the payload at the tool point, fitted with registration and tool alone.
 
-    Unchanged if a centre of mass is given, no pose has a payload, or the mechanism is built in Python.
+    The mechanism is unchanged if a centre of mass is given, no pose has a payload, or it is built in Python.
     """
     if not isinstance(mechanism, LoadedMechanism) or mechanism.choice.payload_com is not None:
         return mechanism, poses
@@ -35,7 +34,7 @@ def hang_payload(mechanism: Mechanism, poses: Poses) -> tuple[Mechanism, Poses]:
 def find_lever(mechanism: Mechanism, poses: Poses) -> Mechanism:
     """Return the mechanism with its lever extended to the tool point, fitted with registration and tool alone.
 
-    Only a loaded mechanism with a lever changes; nominal frames do not. The lever is the length that grows with
+    Only a loaded mechanism with a lever changes; nominal frames do not change. The lever is the length that grows with
     temperature.
     """
     if not isinstance(mechanism, LoadedMechanism) or not hasattr(mechanism.bare, "reaching"):
@@ -51,15 +50,15 @@ def _tool_point(mechanism: Mechanism, poses: Poses) -> Array:
 FITS = 2
 """Number of fits; the second uses weights estimated by the first."""
 TRUSTED = 0.95
-"""Share of the rows, with the smallest residuals, that the noise is estimated from. One row in twenty may be an
+"""Share of the rows, with the smallest residuals, from which the noise is estimated. One row in twenty may be an
 outlier."""
 
 
 def weighed(mechanism: Mechanism, poses: Poses) -> Poses:
     """Return the poses with pixels and inclinations converted to metres.
 
-    With lengths in the table, the factors equalise the residuals of the standard model. Without lengths, a pixel counts
-    as its size at the distance of the board, and a radian as one metre.
+    If the table has lengths, the factors equalise the residuals of the standard model. Without lengths in the table, a
+    pixel counts as its size at the distance of the board, and a radian as one metre.
     """
     dataset = poses.dataset
     if not any(isinstance(kind, Pixels | Inclination) for kind in dataset.observations):
@@ -87,12 +86,11 @@ def _counted(kind: Readings, spreads: dict[str, float], lengths: list[float], ob
 
 
 def _spread(kind: Observation, observed: Observed) -> float:
-    """Return a robust standard deviation of the residuals of one instrument, in its unit, corrected for its own
-    unknowns.
+    """Return a robust standard deviation of the residuals of one instrument, in its unit, corrected for its unknowns.
 
     σ² = Σ |r|² / (ν F) over the rows of the smaller |r|, with ν degrees of freedom per row and F the share of the sum
-    that these rows of normal residuals have. A median of components would fail: of a ball bar's six, five are fitted to
-    zero.
+    that these rows of normal residuals have. A median of components would fail: of the six components of a ball bar,
+    five are fitted to zero.
     """
     left = kind.residual(observed.tips, observed.own)
     read = np.isfinite(left)

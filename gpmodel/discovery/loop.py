@@ -59,8 +59,7 @@ def discover(
 
     At the end the held-out poses decide whether the model with the findings or the standard model is shipped.
 
-    train, heldout: rows of `poses` for training and for testing; heldout may be empty. candidates: effects that may be
-    missing.
+    train, heldout: rows of `poses`; heldout may be empty. candidates: effects that may be missing.
     standard: effects of the standard model; None for the complete geometry.
     known: effects in the model from the start. noise: σ that weights finite priors, m; None for the σ of the residual.
     condition_limit: limit of the standard model; None for a cross-validated limit.

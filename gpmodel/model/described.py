@@ -17,10 +17,10 @@ KINDS = ("cameras", "board", "surfaces")
 """Kinds of objects that a file may describe."""
 
 SOLVED = {"focal": (0, 1), "centre": (2, 3), "distortion": (4, 5, 6, 7), "distortion k3": (8,)}
-"""Indices of the lens parameters that each word of `solve` selects."""
+"""Indices of the lens parameters that each word of the entry `solve` selects."""
 
 MOST_BENT = 1e4
-"""Largest distortion coefficient; k3 of a narrow lens may be some hundreds."""
+"""Largest distortion coefficient of a lens; k3 of a narrow lens may be some hundreds."""
 MOST_MARKERS = 1000
 """Largest number of markers along a side of a board."""
 

@@ -1,4 +1,4 @@
-"""Effects: one coefficient each, times a small twist at one or more slots with a basis function of the pose."""
+"""Effects: a coefficient times a small twist at one or more frames of the chain, with a basis function of the pose."""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from gpmodel.mechanism.protocol import AXES, INSTRUMENT, Joint
 from gpmodel.model.states import States
 
 REGISTRATION, TOOL = "setup", "tool"
-"""Columns of a table with the label of the set-up (one registration each) and of the tool."""
+"""Columns of a table with the label of the set-up (one registration per set-up) and of the tool."""
 
 
 def made_of(parts: object, kind: type) -> bool:
@@ -23,7 +23,7 @@ def made_of(parts: object, kind: type) -> bool:
 
 @dataclass(frozen=True)
 class Term:
-    """`weight · basis` along one axis of the frame of one slot."""
+    """Term of an effect: `weight · basis` along one axis of one frame of the chain."""
 
     slot: str
     axis: str
@@ -39,11 +39,10 @@ class Term:
 
 @dataclass(frozen=True)
 class TakenUp:
-    """A twist (6,), m and rad, of the registration of one set-up in the instrument's frame, or of one tool in its own
-    frame.
+    """A twist (6,), m and rad, of one set-up's registration in the instrument's frame, or of one tool in its own frame.
 
     of: REGISTRATION or TOOL.
-    label: the set-up or the tool.
+    label: name of the set-up or the tool.
     """
 
     of: str
@@ -55,9 +54,9 @@ class TakenUp:
 class Effect:
     """A small twist per unit of one coefficient θ: Σ weight φ(s) e_axis over its terms.
 
-    unit: unit of θ.
-    family: family of the catalogue, empty if there is none.
-    prior: prior standard deviation of θ around `mean`; infinite for none.
+    unit: unit of the coefficient θ.
+    family: family of the catalogue, empty for an effect without a family.
+    prior: prior standard deviation of θ around `mean`; infinite without a prior.
     taken_up: rigid motions per unit of θ that are subtracted from the effect, so that registration and tool do not
     change.
     """
@@ -76,12 +75,12 @@ class Effect:
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the state columns in its basis functions."""
+        """Names of the state columns in the effect's basis functions."""
         return tuple(dict.fromkeys(i for term in self.terms for i in term.basis.inputs))
 
     @cached_property
     def slots(self) -> tuple[str, ...]:
-        """Names of the slots at which it acts."""
+        """Names of the slots (frames of the chain) at which the effect acts."""
         return tuple(dict.fromkeys(term.slot for term in self.terms))
 
     @property
@@ -104,20 +103,20 @@ class Effect:
 
 
 def axis_unit(axis: str) -> str:
-    """Return m for a translation, rad for a rotation."""
+    """Return the unit of an axis: m for a translation, rad for a rotation."""
     return "m" if axis.startswith("T") else "rad"
 
 
 def effect_at(
     name: str, slot: str, axis: str, basis: Basis = ONE, unit: str = "", family: str = "", prior: float = math.inf
 ) -> Effect:
-    """Return an effect with one slot, one axis and one basis function. θ φ(s) e_axis is its twist there.
+    """Return an effect with one slot, one axis and one basis function. θ φ(s) e_axis is its twist at the slot.
 
     slot: "J4.moving", "J4.fixed", "base", "tool", or "instrument".
     axis: "Tx" to "Tz", m, or "Rx" to "Rz", rad, of the frame of the slot.
     basis: φ, an Expression or any object with `inputs`, `str()` and a call that returns (N,).
-    unit: of the coefficient θ; that of the axis if empty.
-    family, prior: as in Effect.
+    unit: unit of the coefficient θ; the unit of the axis if empty.
+    family, prior: family and prior standard deviation, as in Effect.
     Raises InputError for an unknown axis.
     """
     return Effect(name, (Term(slot, axis, basis),), unit or axis_unit(axis), family, prior)

@@ -20,11 +20,11 @@ from gpmodel.table.dataset import Dataset
 
 @dataclass(frozen=True)
 class Placement:
-    """Registrations and tools that a fit determined, by the labels of the table.
+    """Registrations and tools from a fit, by the labels of the table.
 
     registration: transform (4, 4) of the mechanism's root in the frame of the instrument, by set-up.
-    tool: transform (4, 4) of the measured frame in the flange, by tool. Only its point is determined without rotations.
-    anchors: unknowns (k,) of observations, by key. For a distance: its anchor (3,) in the mechanism's root frame, m.
+    tool: transform (4, 4) of the measured frame in the flange, by tool. Without rotations only its point is determined.
+    anchors: unknowns (k,) of observations, by key. For a distance: the anchor (3,) in the root frame, m.
     """
 
     registration: Mapping[str, Array]
@@ -57,9 +57,9 @@ class Poses:
 
 
 def prepare(mechanism: Mechanism, dataset: Dataset, same: States | None = None) -> Poses:
-    """Compute the nominal transforms and the states of every pose once. same: see `states_of`.
+    """Compute the nominal transforms and the states of every pose once. same: states for equal poses, see `states_of`.
 
-    Raises OpenLoopsError, naming the row, if closed loops do not meet at its joint values.
+    Raises OpenLoopsError, naming the row, if closed loops do not meet at the joint values of a row.
     """
     with rows_named(dataset):
         states = states_of(mechanism, dataset, same)
@@ -80,11 +80,11 @@ def rows_named(dataset: Dataset) -> Iterator[None]:
 class ErrorModel:
     """T = E · T_register · Π_i T_i(q) exp(Σ_k θ_k φ_k e_k) · T_tool, with one coefficient θ_k for each effect.
 
-    E is the twist of the effects at the slot `instrument`. The basis functions of effects at `instrument` may
+    E is the twist of the effects at the slot `instrument`. Basis functions of effects at the slot `instrument` may
     depend on the point in the frame of the instrument.
 
-    noise: standard deviation of one measured coordinate, m, if known beforehand. None: it is estimated from the
-    residual.
+    noise: standard deviation of one measured coordinate, m, if known beforehand. With noise = None the noise is
+    estimated from the residual.
     Raises InputError for an effect at an unknown slot.
     """
 
@@ -102,7 +102,7 @@ class ErrorModel:
                     )
 
     def twists(self, poses: Poses, theta: Array) -> dict[int, Array]:
-        """Return the error twists (N, 6), m and rad, by the index of their slot. Slots without an error are missing."""
+        """Return the error twists (N, 6), m and rad, by index of their slot. Slots without an error are missing."""
         out: dict[int, Array] = {}
         terms = ((t, v * t.weight) for e, v in zip(self.effects, theta, strict=True) if v != 0.0 for t in e.terms)
         for term, size in terms:
@@ -112,14 +112,14 @@ class ErrorModel:
         return {at: twist.T for at, twist in out.items()}
 
     def of_the_mechanism(self, theta: Array) -> tuple["ErrorModel", Array]:
-        """Return the model and its coefficients without effects of the instrument alone."""
+        """Return the model and its coefficients without effects of the instrument."""
         own = [i for i, effect in enumerate(self.effects) if not effect.of_the_instrument]
         return ErrorModel(self.mechanism, tuple(self.effects[i] for i in own)), theta[own]
 
     def instrument_twist(self, poses: Poses, theta: Array, points: Array) -> Array | None:
         """Return the twist (N, 6), m and rad, of the measured `points` (N, 3), m, in the frame of the instrument.
 
-        None if there is no effect of the instrument.
+        The result is None if there is no effect of the instrument.
         """
         acting = [(e, v) for e, v in zip(self.effects, theta, strict=True) if v != 0.0 and INSTRUMENT in e.slots]
         if not acting:
@@ -139,7 +139,7 @@ class ErrorModel:
         return out
 
     def frames(self, poses: Poses, theta: Array) -> Array:
-        """Return the frames (S, N, 4, 4) of the slots in the root, m, each after its own error twist."""
+        """Return the frames (S, N, 4, 4) of the slots in the root, m, each frame after its error twist."""
         return self.frames_after(poses, self.twists(poses, theta))
 
     def frames_after(self, poses: Poses, twists: Mapping[int, Array]) -> Array:
@@ -179,7 +179,8 @@ def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement)
     slots.
 
     theta: (E,) values of model.effects, SI.
-    placement: a registration for every set-up of the poses and a point for every tool. KeyError if one is missing.
+    placement: a registration for every set-up of the poses and a point for every tool. Raises KeyError if one is
+    missing.
     """
     data, tip_slot = poses.dataset, poses.tip_slot
     twists = model.twists(poses, theta)
@@ -207,15 +208,14 @@ def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement)
 def _completed(known: Own, kinds: tuple[Observation, ...], tips: Tips) -> Own:
     """Add missing unknowns of the observations, estimated from these poses, to the unknowns of a fit.
 
-    An example is a point that only held-out poses touched.
+    An example of an unknown is a point that only held-out poses touched.
     """
     new = [kind for kind in kinds if not known.keys() >= kind.own.keys()]
     return {**{key: value for kind in new for key, value in kind.start(tips).items()}, **known} if new else known
 
 
 def measured_minus(observed: Observed, dataset: Dataset) -> Array:
-    """Return measured minus predicted (N, m): m, rad (rotation vector of R_meas R_predᵀ), then the unit of each other
-    kind.
+    """Return measured minus predicted (N, m): m, rad (rotation vector of R_meas R_predᵀ), then units of other kinds.
 
     Unmeasured components are NaN.
     """
@@ -223,7 +223,7 @@ def measured_minus(observed: Observed, dataset: Dataset) -> Array:
 
 
 def pose_error(observed: Observed, dataset: Dataset) -> Array:
-    """Return the length (N,) of each pose's measured-minus-predicted vector over all components but rotations, m."""
+    """Return the length (N,) of measured minus predicted of each pose over all components but rotations, m."""
     lengths = (measured_minus(observed, dataset) * observed.scales(1.0))[:, ~observed.turns]
     return np.asarray(np.sqrt(np.nansum(lengths**2, axis=1)))
 

@@ -24,12 +24,12 @@ STEEPEST = np.radians(89.9)
 
 @dataclass(frozen=True, eq=False)
 class Inclination:
-    """Measurements of inclinometers.
+    """Measurements of inclinometers on links.
 
-    values: (N, 2) rad.
+    values: (N, 2) measured inclinations, rad.
     links: name, and index of the slot, of each link with an inclinometer.
     link: (N,) index into `links`, -1 for no measurement.
-    metres: metres that one radian counts as.
+    metres: length that one radian counts as, m.
     """
 
     values: Array
@@ -44,7 +44,7 @@ class Inclination:
 
     @cached_property
     def own(self) -> Mapping[str, tuple[str, ...]]:
-        """Unknowns: the tilt of the base and the mounting of each inclinometer."""
+        """Unknowns of the inclinometers: the tilt of the base and the mounting of each inclinometer."""
         return {VERTICAL: ("Rx", "Ry"), **{f"inclinometer {name}": ("Rx", "Ry", "Rz") for name, _ in self.links}}
 
     @property
@@ -65,11 +65,11 @@ class Inclination:
         return self.values - np.arcsin(np.clip(rise, -1.0, 1.0))
 
     def by_tip(self, tips: Tips, own: Own) -> Array:
-        """Return zeros: the tool point does not change an inclination."""
+        """Return zero derivatives: the tool point does not change an inclination."""
         return np.zeros((len(self.values), 2, 6))
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
-        """Return the derivative by a rotation ω of each link: d(s·up) = (s × up)·ω."""
+        """Return the derivative of an inclination by a rotation ω of each link: d(s·up) = (s × up)·ω."""
         axes, out = self._axes(tips, own), {}
         change = np.cross(axes, own[VERTICAL]) * self._steep(axes, own)
         for i, (_, slot) in enumerate(self.links):
@@ -116,7 +116,7 @@ class Inclination:
         return out
 
     def _steep(self, axes: Array, own: Own) -> Array:
-        """Return d asin(s·up) / d (s·up) (N, 2, 1)."""
+        """Return the derivative d asin(s·up) / d (s·up) (N, 2, 1)."""
         rise = axes @ own[VERTICAL]
         return np.asarray(1.0 / np.sqrt(np.maximum(1.0 - rise**2, np.cos(STEEPEST) ** 2)))[:, :, None]
 

@@ -23,7 +23,7 @@ KNOWN = "surfaces"
 """Name of the artefact that contains all surfaces with a known relative pose."""
 
 SAME_VIEW = 1e-6
-"""Largest difference of joint values within one view, rad or m: rounding of written digits."""
+"""Largest difference of joint values within one camera view, rad or m: rounding of written digits."""
 
 METRES_A_PIXEL, METRES_A_RADIAN = 1e-3, 1.0
 """Metres per pixel and per radian before the measurements are weighted: a pixel at a metre, a lever of a metre."""
@@ -34,8 +34,8 @@ def with_observations(
 ) -> Dataset:
     """Return the table with the observations in its columns `on_plane` to `inclination_y`.
 
-    described: replaces Dataset.described. Raises InputError for a label with too few touches, a camera or marker
-    without a description, or too few corners.
+    described: descriptions that replace Dataset.described. Raises InputError for a label with too few touches, a camera
+    or marker without a description, or too few corners.
     """
     dataset = dataset if described is None else replace(dataset, described=described)
     found: list[Observation] = [*_touches(dataset), *_pixels(dataset, mechanism), *_inclinations(dataset, mechanism)]
@@ -149,7 +149,7 @@ def _pixels(dataset: Dataset, mechanism: Mechanism) -> Iterator[Pixels]:
 
 
 def _spelled(board: str, markers: Mapping[str, Array]) -> Iterator[tuple[str, Array]]:
-    """Yield each marker by its own name, and by the name of the board and its own."""
+    """Yield each marker by its name, and by the name of the board followed by its name."""
     for name, at in markers.items():
         yield name, at
         yield f"{board}/{name}", at
@@ -185,7 +185,7 @@ def _inclinations(dataset: Dataset, mechanism: Mechanism) -> Iterator[Inclinatio
 
 
 def _codes(dataset: Dataset, column: str) -> tuple[list[str], IntArray]:
-    """Return the distinct labels without the empty one, and the index of each row's label, -1 if it is empty."""
+    """Return the distinct labels without the empty label, and the index of each row's label, -1 for an empty label."""
     names, codes = dataset.codes(column)
     kept = {name: i for i, name in enumerate(name for name in names if name)}
     return list(kept), np.array([kept.get(name, -1) for name in names], dtype=np.int64)[codes]

@@ -12,12 +12,12 @@ from gpmodel.arrays import Array
 
 NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 UNDISTORTING = 20
-"""Fixed-point iterations that remove distortion; each gains two digits for a usual lens."""
+"""Number of fixed-point iterations that remove distortion; each iteration gains two digits for a usual lens."""
 
 
 def pixels(points: Array, lens: Array) -> Array:
-    """Return u, v (N, 2), px, of points (N, 3) in the frame of the camera, m, z forward. lens: (N, 9) in the order of
-    NAMES."""
+    """Return u, v (N, 2), px, of points (N, 3) in the frame of the camera, m, z forward. lens: (N, 9) lens parameters
+    in the order of NAMES."""
     fx, fy, cx, cy = lens.T[:4]
     x, y = _distorted(points[:, 0] / points[:, 2], points[:, 1] / points[:, 2], lens)
     return np.column_stack([fx * x + cx, fy * y + cy])

@@ -24,8 +24,8 @@ from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import TEMPERATURES, is_time
 
 OFTEN = 0.05
-"""Least share of rows close to the previous row from which a joint counts as standing still. Of random poses in a range
-of 0.2 rad, one in two hundred is within SAME_JOINT."""
+"""Least share of rows close to the previous row from which a joint counts as standing still. Of random poses in a joint
+range of 0.2 rad, one in two hundred is within SAME_JOINT of the previous pose."""
 _LAST_MOVE = re.compile(r"last_move_(?P<of>\w+)$")
 _WITH_CONSTANT = re.compile(r"(?P<what>play|stop|lag)_(?P<of>\w+)_(?P<size>\d+(?:p\d+)?)$")
 FEWEST_ROWS = 10
@@ -33,12 +33,12 @@ FEWEST_ROWS = 10
 
 
 def word(value: float, digits: int = 4) -> str:
-    """Write a positive constant as the end of a name: 0.0123 as `0p0123`."""
+    """Write a positive constant as the end of a column name: 0.0123 as `0p0123`."""
     return np.format_float_positional(float(f"{value:.{digits}g}"), trim="-").replace(".", "p")
 
 
 def read_by(name: str) -> tuple[str, ...]:
-    """Return the source column of a column with memory, such as J2 for `last_move_J2`. Empty for any other name."""
+    """Return the source column of a column with memory, such as J2 for `last_move_J2`. Empty for other names."""
     match = _LAST_MOVE.match(name) or _WITH_CONSTANT.match(name)
     return (match["of"],) if match else ()
 
@@ -46,7 +46,7 @@ def read_by(name: str) -> tuple[str, ...]:
 def constant_of(name: str) -> tuple[str, str, float] | None:
     """Return the operation of a column with memory (`play`, `stop`, `lag`), its source column and its constant.
 
-    None for any other name.
+    The result is None for any other name.
     """
     match = _WITH_CONSTANT.match(name)
     return (match["what"], match["of"], float(match["size"].replace("p", "."))) if match else None
@@ -77,7 +77,7 @@ class Past:
         return self._known[name]
 
     def unit(self, name: str) -> str:
-        """Return the unit of the source column, or `1` for a direction."""
+        """Return the unit of the source column of a column with memory, or `1` for a direction."""
         return "1" if _LAST_MOVE.match(name) else self.units[read_by(name)[0]]
 
     def _in_order(self, name: str, values: Array, order: IntArray) -> Array:
@@ -96,7 +96,7 @@ def jitter(values: Array) -> float:
     """Return the largest change (rad or m) of the values (N,) of a joint that is no move.
 
     The limit is SAME_JOINT if more than the share OFTEN of the rows differs from the previous row by less, as for a
-    joint that is measured while it stands still. The limit is ROUNDING if the values are commands.
+    joint that stands still while it is measured. The limit is ROUNDING if the values are commands.
     """
     steps = np.abs(np.diff(values))
     held = np.sum((steps > ROUNDING) & (steps <= SAME_JOINT))
@@ -126,7 +126,7 @@ def play(values: Array, half_width: float) -> Array:
 
 
 def lag(values: Array, time: Array, constant: float) -> Array:
-    """Return the solution (N,) of tau dy/dt = x - y, y_0 = x_0, at the rows, with x linear between the rows."""
+    """Return the lagged column y (N,) with tau dy/dt = x - y, y_0 = x_0, at the rows; x is linear between the rows."""
     out = np.array(values, dtype=float)
     step = np.diff(time) / constant
     decay = np.exp(-step)
@@ -138,7 +138,7 @@ def lag(values: Array, time: Array, constant: float) -> Array:
 
 
 def clock_of(dataset: Dataset) -> str | None:
-    """Return the column that orders the rows: one of times that never falls, or `row` if the table states the order.
+    """Return the column that orders the rows: a column of times that never falls, or `row` if the table states it.
 
     None if the order of measurement is unknown. Raises InputError if the table states the order and a time falls.
     """
@@ -159,8 +159,8 @@ def clock_of(dataset: Dataset) -> str | None:
 def standing(past: Past, joints: Sequence[str]) -> list[str]:
     """Return the columns with memory that every search uses.
 
-    The columns with memory are the last move of each moving joint, the stop operator of each over a tenth of its range,
-    and temperatures with a lag of a thirtieth, a tenth and a third of the session.
+    The columns with memory are the last move of each moving joint, the stop operator of each moving joint over a tenth
+    of its range, and temperatures with a lag of a thirtieth, a tenth and a third of the session.
     """
     moving = {j: float(np.ptp(past.columns[j])) for j in joints if np.ptp(past.columns[j]) > SAME_JOINT}
     names = [f"last_move_{j}" for j in moving]

@@ -14,11 +14,11 @@ from gpmodel.table.dataset import Dataset
 
 @dataclass(frozen=True)
 class Tips:
-    """Predicted poses of the tip (N, 4, 4), m.
+    """Predicted poses of the measured tip (N, 4, 4), m.
 
-    root: in the root frame of the mechanism.
-    instrument: in the frame of the instrument.
-    slots: (S, N, 4, 4), frames of the slots in the root frame.
+    root: poses in the root frame of the mechanism.
+    instrument: poses in the frame of the instrument.
+    slots: (S, N, 4, 4), frames of the chain in the root frame.
     """
 
     root: Array
@@ -27,7 +27,7 @@ class Tips:
 
     @property
     def turn(self) -> Array:
-        """Rotations (N, 3, 3) from the axes of the root frame to those of the instrument."""
+        """Rotations (N, 3, 3) from the axes of the root frame to the axes of the instrument frame."""
         return self.instrument[:, :3, :3] @ np.swapaxes(self.root[:, :3, :3], 1, 2)
 
 
@@ -40,15 +40,15 @@ class Observation(Protocol):
 
     @property
     def name(self) -> str:
-        """Unique name in the table and in messages."""
+        """Unique name of the observation in the table and in messages."""
 
     @property
     def unit(self) -> str:
-        """Unit of the components: "m", "rad" or "px"."""
+        """Unit of the measured components: "m", "rad" or "px"."""
 
     @property
     def metres(self) -> float | None:
-        """Metres that one unit counts as. None for a rotation, whose weight the fit estimates."""
+        """Metres that one unit of the measurement counts as. None for a rotation, whose weight the fit estimates."""
 
     @property
     def components(self) -> int:
@@ -83,20 +83,20 @@ class Observation(Protocol):
     def by_tip(self, tips: Tips, own: Own) -> Array:
         """Return the derivative (N, m, 6) of the prediction by the motion of the tip, in the axes of the instrument.
 
-        The motion is the shift of its point, m, and a rotation about it, rad.
+        The motion of the tip is the shift of its point, m, and a rotation about the point, rad.
         """
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
         """Return the derivative by a motion of the frame of each slot, by slot index, in the axes of the root."""
 
     def by_own(self, tips: Tips, own: Own) -> Array:
-        """Return the derivative (N, m, k) by a step of the unknowns of the observation."""
+        """Return the derivative (N, m, k) of the prediction by a step of the unknowns of the observation."""
 
     def moved(self, key: str, value: Array, step: Array) -> Array:
-        """Return the unknown `key` after a step (k,)."""
+        """Return the value of the unknown `key` after a step (k,)."""
 
     def start(self, tips: Tips) -> Own:
-        """Return initial values of the unknowns. Raises InputError if the measurements do not determine them."""
+        """Return initial values of the unknowns. Raises InputError if measurements do not determine them."""
 
 
 class AtTheTip:
@@ -105,11 +105,11 @@ class AtTheTip:
     kept: ClassVar[tuple[str, ...]] = ()
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
-        """Return nothing: no other slot changes the measurement."""
+        """Return no derivatives: the frame of no slot but the tip changes the measurement."""
         return {}
 
     def moved(self, key: str, value: Array, step: Array) -> Array:
-        """Return the sum of value and step."""
+        """Return the sum of the value of an unknown and a step."""
         return value + step
 
 
@@ -126,15 +126,15 @@ class NothingOwn(AtTheTip):
 
     @property
     def absolute(self) -> bool:
-        """Whether anything was measured, so that the measurements determine the registration."""
+        """Whether any component was measured, so that the measurements determine the registration."""
         return bool(self.readings.any())
 
     def by_own(self, tips: Tips, own: Own) -> Array:
-        """Return an empty array: there are no unknowns."""
+        """Return an empty array: the observation has no unknowns."""
         return np.zeros((len(self.values), 3, 0))
 
     def start(self, tips: Tips) -> Own:
-        """Return no unknowns."""
+        """Return an empty mapping: the observation has no unknowns."""
         return {}
 
 
@@ -163,7 +163,7 @@ class Point(NothingOwn):
 class Orientation(NothingOwn):
     """Orientation of the tip in the frame of the instrument: rotation vectors (N, 3), rad.
 
-    The residual is the rotation vector of R_measured R_predictedᵀ.
+    The residual of an orientation is the rotation vector of R_measured R_predictedᵀ.
     """
 
     values: Array
@@ -196,7 +196,7 @@ class Orientation(NothingOwn):
 class Distance(AtTheTip):
     """Distance of the tip from an anchor fixed to the mechanism's root: values (N,), m.
 
-    The unknown is the position (3,) of the anchor in the root frame, m.
+    The unknown of a distance is the position (3,) of the anchor in the root frame, m.
     """
 
     name: str
@@ -209,7 +209,7 @@ class Distance(AtTheTip):
 
     @property
     def own(self) -> Mapping[str, tuple[str, ...]]:
-        """The unknown: the anchor."""
+        """The unknown of a distance: its anchor."""
         return {self.name: ("anchor x", "anchor y", "anchor z")}
 
     @property
@@ -235,7 +235,7 @@ class Distance(AtTheTip):
         return ((own[self.name] - tips.root[:, :3, 3]) / self.predict(tips, own))[:, None, :]
 
     def start(self, tips: Tips) -> Own:
-        """Return the anchor by trilateration, linear in a and |a|²: d² = |p|² - 2 p·a + |a|²."""
+        """Return the anchor a by trilateration from tip positions p, linear in a and |a|²: d² = |p|² - 2 p·a + |a|²."""
         seen = np.isfinite(self.values)
         if seen.sum() < 4:
             raise InputError(f"column '{self.name}': {int(seen.sum())} distances; its anchor needs at least 4")

@@ -20,7 +20,7 @@ class Observed:
     twists: error twist (N, 6), m and rad, of each slot; twists[S] of the instrument, twists[S + 1] of the tool.
     kinds: kinds of measurements, such as positions or pixels.
     own: unknowns (k,) that belong to a kind of measurement, by its key.
-    carried: derivative of the tool's twist by that of a slot, for closed loops; None for a chain.
+    carried: derivative of the tool's twist by the twist of a slot, for closed loops; None for a chain.
     lineage: (S, S) true if a twist at one slot moves the frame of another.
     tip_slot: (N,) slot that carries the tip.
     """
@@ -42,7 +42,7 @@ class Observed:
 
     @property
     def components(self) -> int:
-        """Number of components of a pose: 3 of position, 3 of rotation, then those of the other observations."""
+        """Number of components of a pose: 3 of position, 3 of rotation, then the components of other observations."""
         return sum(kind.components for kind in self.kinds)
 
     @property
@@ -74,10 +74,10 @@ class Observed:
         """Return the derivative (N, m, 6) of the m components by an error twist at a slot, at its present twist. It is
         cached.
 
-        slot: index of the slot. The index after that of the instrument is the tool. The frame is the one after the
-        twist ξ, so that exp(ξ + dξ) = exp(ξ) exp(J_r(ξ) dξ) contains the right Jacobian. A translation e moves the
-        point by R e, a rotation e by (R e) × (p_tip - p_slot); the rotation turns the tip by R e. With closed loops,
-        the twist at the slot is first converted to one of the tool slot, the last before the instrument.
+        slot: index of the slot. The index after that of the instrument is the tool. The frame of a slot is the frame
+        after its twist ξ, so that exp(ξ + dξ) = exp(ξ) exp(J_r(ξ) dξ) contains the right Jacobian. A translation e
+        moves the point by R e, a rotation e by (R e) × (p_tip - p_slot); the rotation turns the tip by R e. With closed
+        loops, the twist at the slot is first converted to a twist of the tool slot, the last before the instrument.
         """
         if slot not in self._known:
             self._known[slot] = self._sensitivity(slot)
@@ -107,7 +107,7 @@ class Observed:
 
     @cached_property
     def _by_slots(self) -> list[tuple[slice, int, Array]]:
-        """Components that depend on the frame of a slot, that slot, and the derivative (N, m, 6) in the instrument's
+        """Components that depend on the frame of a slot, the slot, and the derivative (N, m, 6) in the instrument's
         axes."""
         axes = np.zeros((len(self.tip), 6, 6))
         axes[:, :3, :3] = axes[:, 3:, 3:] = np.swapaxes(self.tips.turn, 1, 2)
@@ -118,7 +118,7 @@ class Observed:
         ]
 
     def tool_sensitivity(self) -> Array:
-        """Return the derivative (N, m, 6) by a twist of the tool frame."""
+        """Return the derivative (N, m, 6) of the components by a twist of the tool frame."""
         turn = self.tip[:, :3, :3]
         return self._moved(_motion(turn, np.zeros_like(turn), turn))
 
@@ -128,14 +128,14 @@ class Observed:
         return self._moved(_motion(eye, -se3.hat(self.tip[:, :3, 3] - centre), eye), absolute=True)
 
     def own_sensitivity(self, kind: Observation) -> Array:
-        """Return the derivative (N, m, k) by a step of the unknowns of an observation."""
+        """Return the derivative (N, m, k) of the components by a step of the unknowns of an observation."""
         out = np.zeros((len(self.tip), self.components, sum(len(names) for names in kind.own.values())))
         out[:, self.rows(kind)] = kind.by_own(self.tips, self.own)
         return out
 
     def _moved(self, motion: Array, absolute: bool = False) -> Array:
-        """Return the derivative (N, m, 6) by a motion of the tip. absolute: only of measurements in the instrument's
-        frame."""
+        """Return the derivative (N, m, 6) of the components by a motion of the tip. absolute: whether to include only
+        measurements in the instrument's frame."""
         parts = [kind.by_tip(self.tips, self.own) @ motion for kind in self.kinds]
         if absolute:
             parts = [p if kind.absolute else np.zeros_like(p) for p, kind in zip(parts, self.kinds, strict=True)]

@@ -1,4 +1,4 @@
-"""Corners of a board in the image of a camera. Each of the two is fixed to the world or carried by a link.
+"""Corners of a board in the image of a camera. Camera and board are each fixed to the world or carried by a link.
 
 X = (F_c C)⁻¹ F_b B x: a corner x (3,) of the board, its pose B in its carrier F_b, the camera's pose C in its carrier
 F_c; pixels by gpmodel.model.lens. B, C and the unknown parameters of the lens are estimated.
@@ -19,15 +19,15 @@ from gpmodel.numerics import se3
 from gpmodel.numerics.se3 import by_pose, frame_of, numbers_of, turned
 
 REWEIGHTED = 10
-"""Fits of a homography, of the pose of a body, or of a hand-eye transform; each reduces the weights of outliers of the
-previous fit."""
+"""Number of fits of a homography, of the pose of a body, or of a hand-eye transform; each fit reduces the weights of
+outliers of the previous fit."""
 IN_TURN = 20
 """Gauss-Newton steps for the pose of a body between two weightings."""
 TURNING = 1e-3
-"""Smallest ratio of the second smallest singular value to the largest. For a smaller ratio all views turn about one
-axis."""
+"""Smallest ratio of the second smallest to the largest singular value of a hand-eye problem. With a smaller ratio all
+views rotate about one axis."""
 FEWEST_VIEWS = 3
-"""Least number of views: their two rotations about two axes determine a hand-eye transform."""
+"""Least number of camera views: their two rotations about two axes determine a hand-eye transform."""
 
 
 def homography(flat: Array, seen: Array) -> Array:
@@ -99,8 +99,8 @@ def view_pose(board: Array, seen: Array, plane: Array | None) -> Array:
 def _body_pose(body: Array, seen: Array) -> Array:
     """Estimate the pose (4, 4) of a body whose points are not in one plane, in the frame of the camera.
 
-    Starts from weak perspective, then alternates: t fits the lines of sight given R, R fits the nearest points on them.
-    Each step reduces the weights of outliers. Source: Lu, Hager and Mjolsness (2000).
+    The estimate starts from weak perspective, then alternates: t fits the lines of sight given R, R fits the nearest
+    points on them. Each step reduces the weights of outliers. Source: Lu, Hager and Mjolsness (2000).
     """
     sight = np.column_stack([seen, np.ones(len(seen))])
     onto = sight[:, :, None] * sight[:, None, :] / np.sum(sight**2, axis=1)[:, None, None]
@@ -125,9 +125,9 @@ def _body_pose(body: Array, seen: Array) -> Array:
 
 
 def hand_eye(moved: Array, seen: Array) -> tuple[Array, Array]:
-    """Return B and C (4, 4) with A B = C T. Raises InputError if the views do not determine them. Source: Shah (2013).
+    """Return B and C (4, 4) with A B = C T. Raises InputError if views do not determine them. Source: Shah (2013).
 
-    moved: A (V, 4, 4), the board's carrier in that of the camera. seen: T (V, 4, 4), the board in the camera.
+    moved: A (V, 4, 4), board's carrier in camera's carrier. seen: T (V, 4, 4), the board in the camera frame.
     """
     if len(moved) < FEWEST_VIEWS:
         raise InputError(f"{len(moved)} poses; expected at least {FEWEST_VIEWS}")
@@ -168,7 +168,7 @@ WORLD = -1
 
 FEWEST_CORNERS, FEWEST_MARKERS = 4, 6
 """Least number of corners and of markers in one view. Fewer corners do not determine the pose of a board, and fewer
-markers not that of a body if some are wrong."""
+markers not the pose of a body if some markers are wrong."""
 FLAT = 1e-3
 """Largest distance of a board's corners from one plane, as a fraction of its size."""
 
@@ -183,7 +183,7 @@ class Mounted:
 
 @dataclass(frozen=True, eq=False)
 class Camera(Mounted):
-    """A camera. lens: (9,) as lens.NAMES, zero if not known. solved: indices of the estimated parameters."""
+    """A camera. lens: (9,) parameters as lens.NAMES, zero if unknown. solved: indices of estimated ones."""
 
     lens: Array
     solved: tuple[int, ...]
@@ -204,9 +204,9 @@ class Board(Mounted):
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """Measured pixels of corners. Each of camera, board: (N,) index, -1 for no measurement.
+    """Measured pixels of corners. camera, board: (N,) index, -1 for no measurement.
 
-    values: (N, 2) u v, px. corner: (N, 3) on its board, m. view: (N,) code of the pose. metres: of one pixel.
+    values: (N, 2) u v, px. corner: (N, 3) on its board, m. view: (N,) code of pose. metres: size of one pixel, m.
     """
 
     values: Array
@@ -253,7 +253,7 @@ class Pixels:
         return np.where(self.readings, self.values - lens.pixels(seen.points, seen.lens), np.nan)
 
     def by_tip(self, tips: Tips, own: Own) -> Array:
-        """Return zeros: the tool point is not in the image."""
+        """Return zero derivatives: the tool point is not in the image."""
         return np.zeros((len(self.values), 2, 6))
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
@@ -289,7 +289,7 @@ class Pixels:
     def start(self, tips: Tips) -> Own:
         """Return initial values in closed form: lenses, poses of the views, then cameras and boards pair by pair.
 
-        Raises InputError if the views do not determine them.
+        Raises InputError if the views do not determine the initial values.
         """
         lenses = [self._lens(i, c) for i, c in enumerate(self.cameras)]
         cameras: dict[int, Array] = {}
@@ -376,8 +376,8 @@ class Pixels:
 
 @dataclass(frozen=True)
 class _View:
-    """camera, board: (N, 4, 4) in the root. world, points: (N, 3) corner in the root and in the camera, m. lens: (N,
-    9)."""
+    """camera, board: (N, 4, 4) poses in the root. world, points: (N, 3) corner in the root and in the camera, m. lens:
+    (N, 9)."""
 
     camera: Array
     board: Array
@@ -387,7 +387,7 @@ class _View:
 
 
 def _placed(tips: Tips, parts: list[tuple[int, Array]], which: IntArray) -> Array:
-    """Return the pose in the root (N, 4, 4) of the camera or board of each row. which: its index in `parts`."""
+    """Return the pose in the root (N, 4, 4) of the camera or board of each row. which: (N,) index in `parts`."""
     out = np.broadcast_to(np.eye(4), (len(which), 4, 4)).copy()
     for i, (slot, value) in enumerate(parts):
         rows = which == i

@@ -85,23 +85,23 @@ def _renamed(term: Term, names: Mapping[str, str]) -> Term:
 
 @dataclass(frozen=True)
 class Site:
-    """A place at which a twist may act: one axis of one slot, or the drive of a joint, which may have several terms."""
+    """A site at which a twist may act: one axis of one frame, or the drive of a joint, which may have several terms."""
 
     terms: tuple[tuple[str, str, float], ...]
 
     @property
     def slot(self) -> str:
-        """Slot of the first term."""
+        """Slot (frame of the chain) of the site's first term."""
         return self.terms[0][0]
 
     @property
     def axis(self) -> str:
-        """Axis of the first term."""
+        """Axis of the site's first term."""
         return self.terms[0][1]
 
     @property
     def name(self) -> str:
-        """Slot and axis."""
+        """Name of the site: slot and axis."""
         return f"{self.slot} {self.axis}"
 
     def effect(self, name: str, basis: Basis, unit: str, family: str = "") -> Effect:
@@ -112,7 +112,7 @@ class Site:
 def sites_of(mechanism: Mechanism) -> tuple[Site, ...]:
     """Return the sites of a mechanism: the base, every joint, the tool.
 
-    A joint has its drive, the other axes of its moving side, and those axes of its fixed side that are no axis of the
+    A joint has its drive, the other axes of its moving side, and the axes of its fixed side that are no axis of the
     previous frame. A link that follows other joints has the axes of its moving side. With closed loops, the sites of
     the geometric constants replace those of the joints.
     """
@@ -139,8 +139,8 @@ def _followers(mechanism: Mechanism) -> list[str]:
 
 
 def _is_new(step: Array, axis: str) -> bool:
-    """Return whether a twist along an axis of a frame is along no axis of the previous frame. step: (4, 4) from the
-    previous frame."""
+    """Return whether a twist along an axis of a frame is along no axis of the previous frame. step: transform (4, 4)
+    from the previous frame."""
     along = step[:3, "xyz".index(axis[1])]
     turned = np.cross(step[:3, 3], along) if axis[0] == "R" else np.zeros(3)
     return int(np.sum(np.abs([*along, *turned]) > ROUNDING)) > 1
@@ -151,7 +151,7 @@ def geometric_effects(mechanism: Mechanism) -> tuple[Effect, ...]:
     every link that follows other joints, such as the wrist of a palletiser.
 
     With closed loops, the mechanism states its constants. With several arms, each arm but the first has six more twists
-    where it is mounted.
+    at its mounting.
     """
     loops, tree = closed(mechanism), branched(mechanism)
     stand = [mechanism.slots[i] for i in stands(tree)] if tree else []

@@ -49,7 +49,7 @@ class Seen:
         return seen_columns(np.where(whole[:, None], self.points, middle))
 
     def column(self, name: str) -> Array | None:
-        """Return the column (N,) of that name, or None."""
+        """Return the column (N,) named `name`, or None."""
         return self.columns.get(name) if name.startswith(PREFIX) else None
 
     def unit(self, name: str) -> str:
@@ -73,18 +73,18 @@ class Derived:
 
     @cached_property
     def columns(self) -> Mapping[str, Array]:
-        """All columns, by name."""
+        """All derived columns, by name."""
         return self.made()
 
     def column(self, name: str) -> Array | None:
-        """Return the column (N,) of that name, or None."""
+        """Return the column (N,) named `name`, or None."""
         return self.columns.get(name) if self.known(name) else None
 
 
 def link_weights(mechanism: Mechanism, q: Array) -> Derived | None:
     """Return the joint torques of the weight of each link, as `Weighed.unit_loads`; None if the weights are unknown.
 
-    The unit is N·m; for a first moment of mass (`_of_J4_x`) it is N·m per kg·m, which is m/s².
+    The unit is N·m; for a first moment of mass (`_of_J4_x`) the unit is N·m per kg·m, which is m/s².
     """
     if not isinstance(mechanism, Weighed):
         return None
@@ -164,17 +164,17 @@ PAYLOAD_SHARE = "payload_"
 
 @dataclass(frozen=True)
 class States:
-    """Columns (N,) by name, and their units.
+    """Columns (N,) of the poses by name, and their units.
 
     Listed in `columns`: joint names (rad or m), x y z (nominal tip in the mechanism's root frame, m), the loads of the
-    mechanism (Nm, N), payload (kg, if the table has it), payload_torque_J2 (its torque alone, if it varies), the extra
-    columns of the table in their own units, and row (from 1).
+    mechanism (Nm, N), payload (kg, if the table has it), payload_torque_J2 (torque of the payload alone, if it varies),
+    the extra columns of the table in their units, and row (from 1).
 
     Computed on demand and not listed: columns with memory (`past`), torques of each link (`weights`), the point in the
     frame of the instrument (`seen`), angles of ball joints (`turned`), torques of a constant payload (`carried`).
 
     past: the whole table, if its rows are in the order of measurement.
-    rows: (N,) rows of the whole table, so that a subset has the memory of poses that are not in it.
+    rows: (N,) rows of the whole table, so that a subset remembers poses outside the subset.
     loads: columns that are loads of the mechanism, computed or measured.
     """
 
@@ -224,7 +224,7 @@ class States:
         return len(next(iter(self.columns.values())))
 
     def unit(self, name: str) -> str:
-        """Return the unit of a column, also of a derived one. Raises InputError for an unknown name."""
+        """Return the unit of a column, derived columns included. Raises InputError for an unknown name."""
         if name in self.units:
             return self.units[name]
         self[name]
@@ -232,7 +232,7 @@ class States:
         return next(d.unit(name) for d in derived if d and d.column(name) is not None)
 
     def unit_of_constant(self, what: str, of: str) -> str:
-        """Return the unit of the constant of a column with memory: that of the clock for a lag, else that of column
+        """Return the unit of the constant of a column with memory: the clock's unit for a lag, else that of column
         `of`."""
         if what != "lag" or self.past is None:
             return self.unit(of)
@@ -278,8 +278,7 @@ def load_unit(name: str) -> str:
 
 
 def tip_slots(mechanism: Mechanism, dataset: Dataset) -> IntArray:
-    """Return the index (N,) of the slot that carries the measured tip of each row: for several chains that of its label
-    `tip`.
+    """Return the index (N,) of the slot that carries the measured tip of each row: for several chains by label `tip`.
 
     Raises InputError for an unknown tip.
     """
@@ -297,8 +296,8 @@ def tip_slots(mechanism: Mechanism, dataset: Dataset) -> IntArray:
 def states_of(mechanism: Mechanism, dataset: Dataset, same: States | None = None) -> States:
     """Return all columns that a basis function may use for the poses of `dataset`.
 
-    same: states of the same poses with approximate joint values, whose memory of a whole table is kept. Raises
-    InputError for a column of the table with the name of a computed one.
+    same: states of equal poses with approximate joint values, whose memory of a whole table is kept. Raises InputError
+    for a column of the table with the name of a computed column.
     """
     columns: dict[str, Array] = {}
     units: dict[str, str] = {}
@@ -346,8 +345,8 @@ def _of_the_payload(name: str) -> bool:
 def _carried(mechanism: Mechanism, dataset: Dataset, loads: Mapping[str, Array]) -> dict[str, Array]:
     """Return the joint torques of the payload alone, without the torques of the links.
 
-    If the payload varies, these torques are listed columns. Else they are derived on demand, for a model that was
-    fitted with varying payloads.
+    If the payload varies, these torques are listed columns. If the payload is constant, these torques are derived on
+    demand, for a model that was fitted with varying payloads.
     """
     bare = mechanism.loads(dataset.q, np.zeros(len(dataset)))
     torques = [f"torque_{joint.name}" for joint in mechanism.joints]

@@ -1,6 +1,6 @@
 """Surfaces that a tool may touch: a plane, a sphere, a line, a point, and the distance to each.
 
-In its own frame, the plane is z = 0, the line the z axis, the sphere about the origin, and the point the origin.
+In its own frame, a plane is z = 0, a line the z axis, a sphere is about the origin, and a point the origin.
 """
 
 from collections.abc import Callable
@@ -14,18 +14,18 @@ from gpmodel.errors import InputError
 from gpmodel.numerics import se3
 
 ALONG_A_LINE = 0.01
-"""Least ratio of the width of the touches across a line to their length. With less, the rotation of a plane about the
-line is unknown."""
+"""Least ratio of the width of the touches across a line to their length. With a smaller ratio, the rotation of a plane
+about the line is unknown."""
 
 
 @dataclass(frozen=True)
 class Surface:
-    """One kind of surface.
+    """A kind of touched surface.
 
-    needs: number of touches that determine it.
-    axes: observable twists of its frame, as indices.
+    needs: number of touches that determine the surface.
+    axes: observable twists of the surface's frame, as indices.
     gap: function of points (N, 3) in its frame to gaps (N, c), m; for a sphere the distance to its centre.
-    slope: function to the derivatives (N, c, 3) of the gaps.
+    slope: function of such points to the derivatives (N, c, 3) of the gaps.
     place: function of touches (N, 3) in the root and the radius, NaN if unknown, to its frame (4, 4) and radius.
     """
 
@@ -106,5 +106,5 @@ SURFACES = {
     "end": Surface(1, (2,), _height, partial(_everywhere, np.eye(3)[2:]), _place_point),
     "on_line": Surface(2, (0, 1, 3, 4), _across, partial(_everywhere, np.eye(3)[:2]), _place_line),
 }
-"""Kinds by the column of the table with the name of the touched surface; "point" is a shared point, "end" an end of a
-bar, along its z axis."""
+"""Kinds of surfaces by the column of the table with the name of the touched surface; "point" is a shared point, "end"
+an end of a bar, along its z axis."""

@@ -3,9 +3,9 @@
 A body has one unknown pose S in the root frame. A feature is a surface F fixed to a body. With the tool point p and y =
 (S F)⁻¹ p in the frame of the feature, the measurement is a gap g(y) of zero.
 
-A bar of length L has the pose nearest to the touches p of its ends: on their line, with coinciding middles. The gap of
-each end is (|p2 - p1| - L) / 2 along the bar. Of the unknowns of the bar, only its position along that line enters the
-linear problem.
+A bar of length L has the pose nearest to the touches p of its ends: on the line of the touches, with coinciding
+middles. The gap of each end of a bar is (|p2 - p1| - L) / 2 along the bar. Of the unknowns of a bar, only its position
+along the line of the touches enters the linear problem.
 """
 
 from collections.abc import Mapping
@@ -30,8 +30,8 @@ class Feature:
     """A surface fixed to a body.
 
     surface: key of SURFACES.
-    frame: its pose in the body (4, 4).
-    radius: m; NaN if unknown.
+    frame: pose (4, 4) of the surface in the body.
+    radius: radius, m; NaN if unknown.
     """
 
     surface: str
@@ -41,7 +41,7 @@ class Feature:
 
     @property
     def shape(self) -> Surface:
-        """Kind of surface."""
+        """Kind of the feature's surface."""
         return SURFACES[self.surface]
 
 
@@ -49,9 +49,9 @@ class Feature:
 class Artefact:
     """A rigid body with one unknown pose.
 
-    name: key of its unknowns.
-    axes: observable twists of its frame, as indices.
-    features: its surfaces.
+    name: key of the body's unknowns.
+    axes: observable twists of the body's frame, as indices.
+    features: surfaces of the body.
     """
 
     name: str
@@ -60,23 +60,23 @@ class Artefact:
 
     @property
     def sized(self) -> bool:
-        """Whether its radius is estimated."""
+        """Whether the radius of the body is estimated."""
         return bool(np.isnan(self.features[0].radius))
 
     @property
     def is_bar(self) -> bool:
-        """Whether it is a bar: two ends at a known distance."""
+        """Whether the body is a bar: two ends at a known distance."""
         return self.features[0].surface == "end"
 
     @property
     def unknowns(self) -> tuple[str, ...]:
-        """Names of its unknowns: observable twists of its frame, and the radius if it is estimated."""
+        """Names of the body's unknowns: observable twists of its frame, and the radius if it is estimated."""
         return (*(AXES[axis] for axis in self.axes), *(("radius",) if self.sized else ()))
 
 
 @dataclass(frozen=True, eq=False)
 class Touches(AtTheTip):
-    """Gaps of the tool point, measured as zero, m. body, feature: (N,) index of the touched one, -1 for none."""
+    """Gaps of the tool point, measured as zero, m. body, feature: (N,) index of the touched object, -1 for none."""
 
     name: str
     bodies: tuple[Artefact, ...]
@@ -89,13 +89,13 @@ class Touches(AtTheTip):
 
     @cached_property
     def components(self) -> int:
-        """Largest number of gap components of its surfaces."""
+        """Largest number of gap components of the touched surfaces."""
         each = (int(f.shape.slope(np.ones((1, 3))).shape[1]) for body in self.bodies for f in body.features)
         return max(each, default=0)
 
     @cached_property
     def own(self) -> Mapping[str, tuple[str, ...]]:
-        """Unknowns: the pose of every body."""
+        """Unknowns of the touches: the pose of every body."""
         return {body.name: body.unknowns for body in self.bodies}
 
     @cached_property
@@ -108,7 +108,7 @@ class Touches(AtTheTip):
 
     @cached_property
     def _rows(self) -> list[tuple[Surface, IntArray]]:
-        """Rows that touched each kind of surface."""
+        """Rows of the table that touched each kind of surface."""
         kinds = np.array(["" if b < 0 else self.bodies[b].features[f].surface for b, f in self._each])
         return [(SURFACES[kind], np.flatnonzero(kinds == kind)) for kind in sorted({*kinds.tolist()} - {""})]
 
@@ -164,8 +164,8 @@ class Touches(AtTheTip):
         return out
 
     def moved(self, key: str, value: Array, step: Array) -> Array:
-        """Return the pose after a twist of its axes, and the sum of radius and step. A bar is unchanged: it follows its
-        touches."""
+        """Return the pose after a twist of its axes, and the sum of radius and step. A bar is unchanged, because its
+        pose follows its touches."""
         body = self._by_name[key]
         if body.is_bar:
             return value
@@ -215,7 +215,7 @@ class Touches(AtTheTip):
 
     @cached_property
     def _features(self) -> tuple[IntArray, Array, Array]:
-        """Index (N,) of each row's feature among the features of all bodies; their frames in their bodies, and known
+        """Index (N,) of each row's feature among the features of all bodies; feature frames in their bodies, and known
         radii."""
         flat = [f for body in self.bodies for f in body.features]
         first = np.cumsum([0, *(len(body.features) for body in self.bodies)])[:-1]
@@ -248,8 +248,8 @@ class Touches(AtTheTip):
 
 @dataclass(frozen=True)
 class _Gaps:
-    """Geometry of each row. frames: (N, 4, 4) features in the root; within: in their bodies. in_body, points: (N, 3)
-    tool point in the body and in the feature, m. radius: (N,), m."""
+    """Geometry of the touch of each row. frames: (N, 4, 4) features in the root; within: (N, 4, 4) features in their
+    bodies. in_body, points: (N, 3) tool point in the body and in the feature, m. radius: (N,) radius, m."""
 
     frames: Array
     within: Array
