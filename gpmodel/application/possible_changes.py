@@ -12,6 +12,7 @@ from scipy import special
 from gpmodel.application.recheck import LEAST_FREEDOM, Recheck, kept_by
 from gpmodel.arrays import Array, NotNegative, Share
 from gpmodel.calibration.rivals import ROW
+from gpmodel.evidence.criteria import Criteria
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import without_phase
 from gpmodel.formula.expression import ONE, Expression
@@ -66,6 +67,16 @@ class PossibleChange:
         """Return the part of |z|² (chi-square) that the change explains, and its number of parameters."""
         u, s, _ = self._parts
         return float(np.sum((u.T @ z) ** 2)), len(s)
+
+    def fits_an_outlier(self, left: Recheck) -> bool:
+        """Return whether most of what the change explains is at one pose, and the other poses do not confirm it."""
+        limits, u = Criteria(), self._parts[0]
+        gained = np.asarray(np.bincount(left.pose, left.z**2 - rank.remove(u, left.z) ** 2), dtype=float)
+        if not limits.rests_on_one_pose(gained):
+            return False
+        its_rows = np.flatnonzero(left.pose == gained.argmax()) == np.arange(len(left.z))[:, None]
+        others = left.without(rank.remove(left.basis, its_rows.astype(float)))
+        return _chance(others, *self.beside(others).explained(others.z)) / self.share > limits.confirmation
 
     def fitted(self, z: Array) -> tuple[float, float]:
         """Return size and standard error of the change; with several numbers, of the length of their vector."""
@@ -247,9 +258,9 @@ def changes(
     """Select the significant changes, the least probable first, each given the earlier ones; return the residual after
     them.
 
-    The chance of a change is that of its F ratio over its share of the significance (weighted Bonferroni). If the
-    set-up drifts along the rows, a general slow drift is removed too; a change that it explains as well counts as
-    set-up.
+    The chance of a change is that of its F ratio over its share of the significance (weighted Bonferroni). A change
+    that fits an outlier is omitted. If the set-up drifts along the rows, a general slow drift is removed too; a change
+    that it explains as well counts as set-up.
     """
     out: list[NamedChange] = []
     left = found
@@ -257,12 +268,15 @@ def changes(
         here = [h.beside(left) for h in tried]
         scores = [h.explained(left.z) for h in here]
         chances = [_chance(found, *score) / h.share for h, score in zip(here, scores, strict=True)]
-        best = min(range(len(here)), key=lambda k: (chances[k], -scores[k][0]))
-        if chances[best] >= significance:
+        able = [k for k, chance in enumerate(chances) if chance < significance]
+        able.sort(key=lambda k: (chances[k], -scores[k][0]))
+        best = next((k for k in able if not here[k].fits_an_outlier(left)), None)
+        if best is None:
             break
         own, numbers = scores[best]
         alike = [k for k, (score, n) in enumerate(scores) if n <= numbers and score > own - AS_LIKELY]
-        best = next((k for k in alike if here[k].kind == SET_UP and chances[k] < significance), best)
+        aside = (k for k in alike if here[k].kind == SET_UP and k in able)
+        best = next((k for k in aside if not here[k].fits_an_outlier(left)), best)
         chosen, rivals = here[best], tuple(here[k].name for k in alike if k != best)
         size = chosen.fitted(left.z)
         out.append(NamedChange(chosen.name, chosen.kind, *size, chosen.unit, chances[best], rivals[:4]))

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from gpmodel import wording
+from gpmodel.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,10 @@ class Criteria:
     folds: int = 10
     shuffles: int = 199
     input_significance: float = 0.05
+
+    def rests_on_one_pose(self, gained: Array) -> bool:
+        """Return whether most of a gain is from one pose: a group fitted to an outlier. gained: (N,) of each pose."""
+        return float(gained.max()) > self.one_pose_share * float(gained.sum())
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gpmodel import wording
-from gpmodel.application.possible_changes import NamedChange
+from gpmodel.application.possible_changes import SET_UP, NamedChange
 from gpmodel.report.certificate import Certificate, Line, repeated, statistics
 from gpmodel.report.origin import Particulars
 from gpmodel.report.page import render
@@ -51,17 +51,17 @@ def sentences(record: Verification) -> Iterator[str]:
     after, promised, without = (
         size(record, mm) for mm in (record.after.rms_mm, record.promised_mm, record.without.rms_mm)
     )
-    answer, cause = {
-        "holds": ("The model holds", "Set-up or instrument changed"),
-        "drifted": ("The machine has drifted", "Changed"),
-    }.get(record.verdict, ("This is another machine, or many parts of the machine have changed", ""))
+    answer = {"holds": "The model holds", "drifted": "The machine has drifted"}.get(
+        record.verdict, "This is another machine, or many parts of the machine have changed"
+    )
     yield " ".join([*_rows_apart(record), f"{answer}: {after} RMS on {record.data.counted} measured afterwards."])
     yield f"Expected: {promised}. Nominal geometry at the driven joint values: {without}."
-    if cause:
-        yield from (f"{cause}: {change(found)}." for found in record.changes)
+    for found in record.changes:
+        what = "Set-up or instrument changed, not the machine" if found.kind == SET_UP else "Changed"
+        yield f"{what}: {change(found)}."
     if record.verdict == "drifted" and not record.changes:
         yield "No single change explains it."
-    if not cause and (record.without.rms_mm or 0.0) > LOST:
+    if record.verdict == "another machine" and (record.without.rms_mm or 0.0) > LOST:
         yield (
             "The nominal geometry does not fit either: check the units, the order of the joints and the type "
             "of machine."

@@ -91,7 +91,7 @@ def grow(model: Active, listed: IntArray | None = None, reading: bool = False, g
         if (
             trial.objective > model.objective + TOLERANCE
             and g in trial.variances
-            and not rests_on_one_pose(model, trial)
+            and not model.criteria.rests_on_one_pose(model.misfit * (model.sigma2 / trial.sigma2) - trial.misfit)
         ):
             model = trial
         else:
@@ -198,12 +198,6 @@ def named_by_site(model: Active) -> Active:
         if 2 * sum(strong) > len(strong):
             model = prune(trial)
     return model
-
-
-def rests_on_one_pose(before: Active, after: Active) -> bool:
-    """Return whether most of the gain of a move is from one pose: a group fitted to an outlier."""
-    gained = before.misfit * (before.sigma2 / after.sigma2) - after.misfit
-    return float(gained.max()) > before.criteria.one_pose_share * float(gained.sum())
 
 
 def _together(net: Array) -> float:
