@@ -156,14 +156,14 @@ def _clock(states: States) -> tuple[str, float, float, str]:
 def warm_up(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Yield warm-up effects exp(-t/τ) of joint zeros, set-up and links, for several time constants τ."""
     clock, start, span, unit = _clock(states)
-    since = clock if clock == "row" else f"({clock} - {start:.12g})"
+    since = clock if clock == "row" or start == 0 else f"({clock} - {start:.12g})"
     basis = Expression(f"exp(-{since}/{symbol()})")
     within = f"within {symbol()} {unit}"
     zeros = [
         drive_effect(f"warm-up of the zero {within}, {j.name}", j, basis, family="warm_up") for j in mechanism.joints
     ]
     places = [effect_at(f"warm-up of the set-up {within}, {a}", "base", a, basis, family="warm_up") for a in AXES]
-    links = link_growth(f"warm-up of the link before {{slot}} {within}", mechanism, basis, "1", "warm_up")
+    links = link_growth(f"warm-up of the link before {{slot}} {within}", mechanism, basis, "m/m", "warm_up")
     for effect in (*zeros, *places, *links):
         for share in (0.05, 0.1, 0.2, 0.4):
             tau = Constant("time constant", unit, float(f"{share * span:.4g}"), share * span)
@@ -196,7 +196,7 @@ def _settling(mechanism: Mechanism, basis: Expression, after: str) -> Iterator[E
     """Yield the settling of each joint zero and of each link."""
     for j in revolute(mechanism):
         yield drive_effect(f"settling of the zero {after}, {j.name}", j, basis, family="settling", prior=SETTLED)
-    yield from link_growth(f"settling of the link before {{slot}} {after}", mechanism, basis, "1", "settling", SETTLED)
+    yield from link_growth(f"settling of the link before {{slot}} {after}", mechanism, basis, "m/m", "settling", SETTLED)
 
 
 def _measured_temperatures(states: States) -> list[str]:
