@@ -196,7 +196,9 @@ def _settling(mechanism: Mechanism, basis: Expression, after: str) -> Iterator[E
     """Yield the settling of each joint zero and of each link."""
     for j in revolute(mechanism):
         yield drive_effect(f"settling of the zero {after}, {j.name}", j, basis, family="settling", prior=SETTLED)
-    yield from link_growth(f"settling of the link before {{slot}} {after}", mechanism, basis, "m/m", "settling", SETTLED)
+    yield from link_growth(
+        f"settling of the link before {{slot}} {after}", mechanism, basis, "m/m", "settling", SETTLED
+    )
 
 
 def _measured_temperatures(states: States) -> list[str]:

@@ -123,6 +123,16 @@ def test_the_noise_floor_is_where_the_error_is_not_just_mentioned(share: float, 
     assert said in of_discovery(replace(report, noise_floor_mm=share * rms))
 
 
+@pytest.mark.parametrize(("ratio", "said"), [(1.4, False), (4.5, True)])
+def test_a_held_out_error_far_above_that_of_training_is_said(ratio: float, said: bool) -> None:
+    report = discovered()
+    last = report.ladder[-1]
+    assert last.train.rms_mm is not None
+    held = replace(last.heldout, rms_mm=ratio * last.train.rms_mm)
+    there = replace(report, ladder=(*report.ladder[:-1], replace(last, heldout=held)))
+    assert ("is 4.5 times the training error" in of_discovery(there)) == said
+
+
 def test_a_calibration_says_what_it_gained() -> None:
     report = calibrated()
     first, last = (report.ladder[k].heldout.rms_mm for k in (1, -1))
