@@ -1,4 +1,4 @@
-"""p-value of a score from the best scores on permuted residuals."""
+"""Compute the p-value of a score from the best scores on permuted residuals."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ import numpy as np
 from gpmodel.arrays import Array
 
 FEWEST = 3
-"""Least number of scores on permuted residuals. With fewer, no distribution can be fitted and the p-value is 1."""
+"""Least number of scores on permuted residuals. With fewer, the p-value is 1."""
 _EULER = 0.5772156649015329
 _KURTOSIS = 5.4
 _NODES = 21
@@ -15,8 +15,8 @@ _NODES = 21
 
 @dataclass(frozen=True)
 class Chance:
-    """A p-value. p: probability of the score under the null. shuffles: number of permutations.
-    of: the noun that follows this number in a text."""
+    """A p-value from permutations. p: probability of a score as large under the null hypothesis. shuffles: number of
+    permutations. of: noun that follows the number of permutations in a text."""
 
     p: float
     shuffles: int
@@ -27,7 +27,7 @@ def chance(value: float, null: Array) -> Chance:
     """Return the p-value of a score, given the maxima (T,) of searches on permuted residuals.
 
     If some maximum reaches `value`, the p-value is the larger of the rank (1 + count) / (1 + T) and the tail of the
-    fitted distribution, otherwise the tail. With fewer than FEWEST finite maxima it is 1.
+    fitted distribution, otherwise the tail. With fewer than FEWEST finite maxima the p-value is 1.
     """
     finite = null[np.isfinite(null)]
     if len(finite) < FEWEST or np.isnan(value):

@@ -11,8 +11,8 @@ from gpmodel.formula.operators import BY_NAME, INPUT
 from gpmodel.formula.program import Program
 
 IDLE = 1e-12
-"""Share of a constant's derivative column outside the model's columns, below which the constant is not fitted: the
-model's columns do the same."""
+"""Share of a constant's derivative column outside the model's columns, below which the constant is not fitted, because
+the model's columns have an equal effect."""
 
 
 def polish(
@@ -25,9 +25,9 @@ def polish(
 ) -> tuple[Program, float]:
     """Fit the constants of a program at a site; return the program and its gain.
 
-    Levenberg-Marquardt on the projected residual (`kernels.constants`); the coefficient is solved at every step.
-    Constants with a value in ``held`` are not fitted. The gain never decreases. A program with several outputs, or
-    without a free constant, is returned unchanged.
+    The method is Levenberg-Marquardt on the projected residual (`kernels.constants`); the coefficient is solved at
+    every step. Constants with a value in ``held`` are not fitted. The gain never decreases in the fit. A program with
+    several outputs, or without a free constant, is returned unchanged.
     """
     place = targets if targets.sites == 1 else targets.only(site)
     free = np.array([value not in held for value in program.constants], dtype=bool)
@@ -46,8 +46,8 @@ def polish(
 
 
 def _nodes(program: Program, names: Sequence[str]) -> IntArray:
-    """Return op-codes and two arguments (3, nodes) of a program for the kernels.
-    names: its inputs, numbered in order."""
+    """Return op-codes and two arguments (3, nodes) of a program for the kernels. names: inputs of the program, numbered
+    in order."""
     from gpmodel.evolution.kernels.machine import CONSTANT
 
     numbers = count()
@@ -65,8 +65,7 @@ def _nodes(program: Program, names: Sequence[str]) -> IntArray:
 def own_constants_polished(
     program: Program, targets: Targets, site: int, inputs: Mapping[str, Array], own: Array, fixed: tuple[float, ...]
 ) -> Array:
-    """Return a program's own constants after ``polish``; constants that its effective code
-    does not use are unchanged."""
+    """Return a program's own constants after ``polish``; constants outside its effective code are unchanged."""
     better, _ = polish(program, targets, site, inputs, held=fixed, steps=8)
     change = dict(zip(program.constants, better.constants, strict=True))
     return np.array([change.get(value, value) for value in own.tolist()])

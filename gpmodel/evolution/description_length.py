@@ -1,4 +1,4 @@
-"""Description length of a fit in nats, for programs, effects and groups."""
+"""Description length of a fit in nats (log evidence), for programs, effects and groups."""
 
 import numpy as np
 
@@ -8,8 +8,8 @@ ROUNDING = 1e-12
 """Share of a sum of squares that is a rounding error: sums of 1e4 squares, each rounded at 1e-16."""
 
 RESOLUTION = 1e-6
-"""Difference of description lengths, nats, below which they are equal. Sums on another
-processor differ by up to 1e-8."""
+"""Difference of description lengths, nats, below which two description lengths are equal. Sums on another processor
+differ by up to 1e-8."""
 
 
 def fit_nats(gain: Array | float, components: float, rounding: float = ROUNDING) -> Array:
@@ -33,5 +33,5 @@ def ranked(nats: Array | float) -> Array:
 
 
 def gain_nats(gain: Array | float) -> Array:
-    """Return -ln(1 - gain), ``ranked``: the nats of two measured values, by which gains are compared."""
+    """Return -ln(1 - gain), ``ranked``: log likelihood of two measured values, nats, by which gains are compared."""
     return ranked(fit_nats(gain, 2.0))

@@ -1,4 +1,4 @@
-"""Runs populations of programs on the compiled kernels."""
+"""Run populations of programs on the compiled kernels."""
 
 import os
 import threading
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gpmodel.arrays import Array, IntArray
 
 SLICE = 512
-"""Programs that a thread runs together: their registers fit into its cache."""
+"""Number of programs that a thread runs together: their registers fit into its cache."""
 
 
 @cache
@@ -39,19 +39,19 @@ BLOCK = 128
 """Poses that are run together if a program can be dropped after any block: its rows fit into the first-level cache."""
 
 LONG_BLOCK = 512
-"""Poses that are run together if no program is dropped. Rows in the second-level cache cost less than four times as
-many jumps (18 %)."""
+"""Number of poses that are run together if no program is dropped. Rows in the second-level cache cost less than four
+times as many jumps (18 %)."""
 
 
 @dataclass(frozen=True)
 class Code:
-    """Effective code of P programs, as the kernels execute it.
+    """Effective code (instructions that reach an output) of P programs, as the kernels execute it.
 
     words: instructions (P, longest), of which the first ``count`` are used.
-    outputs: row (P, m) of each output.
-    nodes: number (P,) of operators and references to leaves.
-    hashes: hash (P,) of the code.
-    constants: constants (P, C) that belong to each program.
+    outputs: (P, m) row of each output.
+    nodes: (P,) number of operators and references to leaves.
+    hashes: (P,) hash of the code.
+    constants: (P, C) constants that belong to each program.
     """
 
     words: IntArray
@@ -62,7 +62,7 @@ class Code:
     constants: Array
 
     def take(self, rows: NDArray[np.intp]) -> "Code":
-        """Return the code of some of the programs."""
+        """Return the code of the programs at some rows."""
         return Code(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
 

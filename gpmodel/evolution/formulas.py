@@ -36,13 +36,13 @@ from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Program, length
 
 STARTED, STARTED_OF_SEVERAL = 200, 120
-"""Number of short forms whose constants are fitted, for a formula in one input, and for one part of a formula in
-several."""
+"""Number of short forms whose constants are fitted: for a formula of one input, and for one part of a formula of
+several inputs."""
 KEPT = 40
-"""Formulas in one input, fitted to binned values, whose constants are then fitted to all poses."""
+"""Number of formulas in one input, fitted to binned values, whose constants are then fitted to all poses."""
 PIECES, PRODUCTS = 8, 48
-"""Formulas kept for each factor, summand, weighted sum or distance, by description length;
-largest number of products."""
+"""Number of formulas kept for each factor, summand, weighted sum or distance, by description length;
+largest number of products of such formulas."""
 BEHIND = 40.0
 """Largest difference in log likelihood, nats, to the best structure at which a structure of
 several inputs is searched."""
@@ -55,11 +55,11 @@ def formulas_at(
 ) -> tuple[Solution, ...]:
     """Return the Pareto front of formulas of one term at a site, in gain, nodes and length of the text, shortest first.
 
-    names: inputs of the formula. To two inputs a third input of the problem is added if it saves much more. Of more
-    than three inputs the three with the best structure are used.
-    generations: largest number; with 0 the founders are only shortened.
-    ``problem.nats(formula.gain, formula.complexity + 1)`` is what a formula saves, with its coefficient solved. The
-    result depends on the arguments only. Raises InputError for an unknown input.
+    names: names of the formula's inputs. A third input of the problem is added to two inputs if the third input lowers
+    the description length much more. Of more than three inputs the three with the best structure are used.
+    generations: largest number of generations; with 0 the founders are only shortened.
+    ``problem.nats(formula.gain, formula.complexity + 1)`` is the net gain of a formula in nats, with its coefficient
+    solved. The result depends on the arguments only. Raises InputError for an unknown input.
     """
     there = problem.only(site, problem.inputs.names)
     there = replace(
@@ -95,7 +95,7 @@ class _Structure:
     """Structure of a formula in its inputs.
 
     noise: residual variance with smooth functions in place of formulas.
-    programs: searches the formulas.
+    programs: function that searches the formulas.
     """
 
     noise: float
@@ -103,16 +103,14 @@ class _Structure:
 
 
 def _of_two(problem: SlotProblem, every: SlotProblem) -> list[_Structure]:
-    """Return the likely structures of two inputs, or structures with a third input that are far likelier than all of
-    these."""
+    """Return the likely structures of two inputs, or structures with a third input that are far more likely."""
     own, further = _structures_of_two(problem), _with_a_third(problem, every)
     least = min(structure.noise for structure in own)
     return _likely(every, [s for s in further if _nats(problem, least, s.noise) > BEHIND] or own)
 
 
 def _with_a_third(problem: SlotProblem, every: SlotProblem) -> list[_Structure]:
-    """Return the product of two inputs and the third input with the least residual variance; [] if there is no third
-    input."""
+    """Return the product of two inputs and the third input with the least residual variance; [] without one."""
     pair, columns = problem.inputs.names, every.inputs.mapping()
     rest = sorted(set(columns).difference(pair))
     if not rest:
@@ -165,7 +163,7 @@ def _products(problem: SlotProblem) -> _Structure:
 
 
 def _sums(problem: SlotProblem) -> _Structure:
-    """Return sums of one formula for each of two inputs; each is searched with the other summand subtracted."""
+    """Return sums of one formula for each of two inputs; a formula is searched with the other summand subtracted."""
     first, second = summands(problem.targets, problem.inputs.values)
     seen = without(problem.targets, second), without(problem.targets, first)
 

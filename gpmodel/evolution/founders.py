@@ -38,16 +38,16 @@ LINE = "({q} - {a})"
 EDGE, BESIDE_EDGE = "step({q} - {a})", 0.05
 """Text of the step element; least share of the poses on either side of a step."""
 JOINED = 4.0
-"""Nats that an element has to gain, approximately the price of its nodes and constants."""
+"""Least gain of a further element, nats: approximately the price of its nodes and constants."""
 APART = 1.001
-"""Ratio of two constants that start at one point of the grid, so that they are fitted separately."""
+"""Ratio of two constants that start at one point of the grid; constants of different values are fitted separately."""
 BINS, CHUNK = 64, 1_000_000
 """Number of values of a column at which elements are compared; size of an array of compositions."""
 
 
 @dataclass(frozen=True)
 class Element:
-    """A function of x = k (u - c).
+    """An element: a function of x = k (u - c) of the scaled input u.
 
     text: formula in the unit of the input: {q} is the input, {k} and {a} are k and c, {b} is c + 1/k, {d} 1/k², {e}
     -k².
@@ -150,7 +150,7 @@ def _powers() -> Iterator[Element]:
 
 
 def _rectified() -> Iterator[Element]:
-    """Yield rectified waves. As compositions they start too far from the rate in the data."""
+    """Yield rectified waves. As compositions, rectified waves start too far from the rate in the data."""
     for c, k in product(_inside(ALONE), _in_proportion(TURNS, ALONE)):
         yield Element("abs(sin({k}*({q} - {a})))", lambda x: np.abs(np.sin(x)), 0.5 * k, c)
 
@@ -168,7 +168,7 @@ def _of_opposite(function: Callable[[Array], Array], x: Array) -> Array:
 
 
 class Elements:
-    """Elements sorted by text. every: all elements. first: index (T,) of the first element of each text."""
+    """Elements sorted by text. every: list of all elements. first: (T,) index of the first element of each text."""
 
     def __init__(self, every: Iterable[Element]) -> None:
         numbers: dict[str, list[Element]] = {}
@@ -212,8 +212,8 @@ Build = Callable[[], Program]
 
 @dataclass(frozen=True)
 class Founder:
-    """A short form before its constants are fitted. nats: gain minus the price of its elements. build: makes the
-    program."""
+    """A short form of a formula before its constants are fitted. nats: gain minus the price of its elements, nats.
+    build: function that makes the program."""
 
     nats: float
     build: Build
@@ -223,8 +223,8 @@ def founders(name: str, column: Array, targets: Targets, most: int) -> list[Prog
     """Return the ``most`` short forms of a column (N,) with the largest gain at the first site, before constants are
     fitted.
 
-    Of forms that differ in constants alone only the best is kept. Forms are compared on at most ``BINS`` values. A
-    constant column has none.
+    Of forms that differ in constants alone only the best is kept. Short forms are compared on at most ``BINS`` values.
+    A constant column has no short forms.
     """
     if not np.ptp(column):
         return []
@@ -303,7 +303,7 @@ def _composed(
 
 
 def _of_blocks(nats: Array, first: Elements, build: Callable[[int, int], Program]) -> Iterator[Founder]:
-    """Yield the best pair of elements of every pair of texts. nats: gains (E, F)."""
+    """Yield the best pair of elements for every pair of texts. nats: (E, F) gains of the pairs."""
     best = np.maximum.reduceat(np.maximum.reduceat(nats, first.first, axis=0), ELEMENTS.first, axis=1)
     for one, other in zip(*np.nonzero(best > 2.0 * JOINED), strict=True):
         rows, columns = first.of_text(one), ELEMENTS.of_text(other)

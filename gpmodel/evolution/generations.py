@@ -16,7 +16,7 @@ from gpmodel.evolution.settings import Settings
 from gpmodel.executor import cores
 
 POLISHED = 4
-"""Programs whose constants are fitted at a time."""
+"""Number of programs whose constants are fitted at a time."""
 
 
 class Generations:
@@ -34,8 +34,8 @@ class Generations:
         self.hopeless = np.inf
 
     def scores(self, population: Population, hopeless: float = np.inf, known: Scores | None = None) -> Scores:
-        """Return the scores of a population; scores of effective code in ``known`` are reused.
-        hopeless: score above which a program may get an infinite score."""
+        """Return the scores of a population; scores of effective code in ``known`` are reused. hopeless: score above
+        which a program may get an infinite score."""
         decode = population.decoder(self.layout)
         found = Scores.empty(len(population))
         order = None if known is None else np.argsort(known.hashes)
@@ -61,7 +61,7 @@ class Generations:
         return population, self.scores(population)
 
     def following(self, population: Population, scores: Scores) -> tuple[Population, Scores]:
-        """Breed the next population; return it and its scores."""
+        """Breed the next population; return the population and its scores."""
         count = self.budget.population
         mothers, fathers = self.selection.parents(scores, self.rng)
         children = self.breeding.offspring(population, mothers, fathers, self.rng)
@@ -74,8 +74,9 @@ class Generations:
     def scores_of_eligible(self, children: Population, few: int) -> Scores:
         """Return scores in which programs too bad to be selected may be infinite, which does not change the selection.
 
-        The maximum error over many poses is not computed to the end once it exceeds a limit, taken from the generation
-        before. If fewer than ``few`` programs are below the limit, all are scored without it.
+        The maximum error over many poses is not computed to the end once the error exceeds a limit, taken from the
+        generation before. If fewer than ``few`` programs are below the limit, all programs are scored without the
+        limit.
         """
         if not self.problem.can_drop_the_hopeless:
             return self.scores(children)
@@ -86,8 +87,7 @@ class Generations:
         return found
 
     def polished(self, population: Population, scores: Scores) -> tuple[Population, Scores]:
-        """Fit the constants of the best programs that were not fitted before, and let them
-        replace the worst programs."""
+        """Fit the constants of the best programs not fitted before; these programs replace the worst ones."""
         if not isinstance(self.problem, SlotProblem) or not self.layout.own_constants:
             return population, scores
         columns = self.problem.inputs.mapping()

@@ -16,11 +16,11 @@ from gpmodel.formula.program import Program
 
 @dataclass(frozen=True)
 class RunRecord:
-    """The best program of one run.
+    """The best program of one evolution run.
 
     representation: name of the representation.
     shuffled: whether the residual was permuted.
-    strength: gain in nats (slot) or -log(1 - gain) (compensator); larger is better.
+    strength: gain in nats (effect at a site) or -log(1 - gain) (compensator); larger is better.
     """
 
     representation: str
@@ -36,8 +36,8 @@ class Histogram:
     counts, shuffled: representation -> number (inputs,) of runs on the residual, and on permuted residuals.
     operators: representation -> number of runs that use each operator.
     runs, shuffled_runs: representation -> number of runs.
-    count_p, strength_p: the two p-values (inputs,) of ``histogram``.
-    significance: an input is significant if both p-values are below it.
+    count_p, strength_p: (inputs,) the two p-values that ``histogram`` computes.
+    significance: limit below which both p-values of a significant input are.
     """
 
     inputs: tuple[str, ...]
@@ -52,7 +52,7 @@ class Histogram:
 
     @property
     def p_values(self) -> tuple[float, ...]:
-        """The larger of the two p-values (inputs,): an input has to be referenced often, and by strong programs."""
+        """Larger of the two p-values (inputs,) of each input: programs have to use an input often, and be strong."""
         return tuple(map(max, self.count_p, self.strength_p))
 
     @property
@@ -84,8 +84,8 @@ def histogram(records: Sequence[RunRecord], inputs: Sequence[str], significance:
     * strength: the probability that a run on permuted residuals, with any inputs, is as strong as the best run that
     references the input (``gpmodel.evolution.chance``). A maximum over inputs needs no further correction (Westfall,
     Young 1993).
-    Runs on one residual agree even if it is noise, so that counts alone would call chance an effect. Raises InputError
-    if there is no run.
+    Runs on one residual agree even if the residual is noise, so that counts alone would call chance an effect. Raises
+    InputError if there is no run.
     """
     if not records:
         raise InputError("histogram: no run to count")
@@ -110,8 +110,8 @@ def histogram(records: Sequence[RunRecord], inputs: Sequence[str], significance:
 def input_prices(histograms: Sequence[Histogram]) -> dict[str, float]:
     """Return the price -ln(n p), nats, of using each of n inputs, from the references of evolved programs.
 
-    p is proportional to the Bayes factor of a reference, (k + 1) / (N + 2) over (k' + 1) / (N' + 2). k of N programs
-    evolved on residuals reference the input, k' of N' on permuted residuals. Without runs every price is zero.
+    p is proportional to the Bayes factor of a reference, (k + 1) / (N + 2) over (k' + 1) / (N' + 2). Of N programs
+    evolved on residuals k reference the input, of N' on permuted residuals k'. Without runs every price is zero.
     """
     references: dict[str, list[int]] = {}
     runs = sum(sum(h.runs.values()) for h in histograms)
@@ -150,8 +150,7 @@ def _by_count(real: Sequence[RunRecord], null: Sequence[RunRecord], inputs: Sequ
 
 
 def _at_least(count: int, marked: int, drawn: int, total: int) -> float:
-    """Return the probability of at least ``count`` marked among the drawn: the tail of the
-    hypergeometric distribution."""
+    """Return the probability of at least ``count`` marked items among the drawn (hypergeometric tail)."""
     ways = sum(comb(marked, k) * comb(total - marked, drawn - k) for k in range(count, min(marked, drawn) + 1))
     return ways / comb(total, drawn)
 

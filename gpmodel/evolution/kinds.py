@@ -87,7 +87,7 @@ NONE = 255
 
 @dataclass(frozen=True)
 class Typing:
-    """Numbered kinds that can arise from the kinds of the inputs. Without ``inputs`` every operation is allowed."""
+    """Numbered kinds that can arise from the kinds of the inputs. Without ``inputs`` all operations are allowed."""
 
     inputs: tuple[str, ...] = ()
 
@@ -103,7 +103,7 @@ class Typing:
 
     @cached_property
     def of_inputs(self) -> NDArray[np.uint8]:
-        """Number of the kind of each input; empty without kinds."""
+        """Number of the kind of each input; empty if the inputs have no kinds."""
         return self.numbers(self.inputs)
 
     def results(self, operator: Operator) -> NDArray[np.uint8]:

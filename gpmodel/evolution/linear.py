@@ -1,7 +1,7 @@
 """Linear sequence: a fixed-length array of operators and operands on an accumulator machine.
 
-Thesis section 5.2.2, Table 5.1 and Figs 5.3 to 5.5. The accumulator starts with the value of register 0. An operator at
-the very end that lacks its operand is dropped.
+Source: thesis section 5.2.2, Table 5.1 and Figs 5.3 to 5.5. The accumulator starts with the value of register 0. An
+operator at the very end that lacks its operand is dropped.
 """
 
 from collections.abc import Callable
@@ -25,12 +25,12 @@ from gpmodel.formula.program import Builder, Program
 class Linear:
     """Settings of programs that are sequences of ``length`` instructions (genes) on registers.
 
-    operators: name of a set (``gpmodel.formula.operators.SETS``) or names.
-    constants: fixed constants.
+    operators: name of a set (``gpmodel.formula.operators.SETS``), or names of operators.
+    constants: fixed constants that every program may use.
     own_constants: number of further constants that each program carries.
     registers, outputs: number of registers; number of registers whose final values are basis functions.
-    start_inputs: registers start with the inputs in turn rather than with 0.
-    direct: binary operators may take an element of the input array as well as a register.
+    start_inputs: whether registers start with the inputs in turn rather than with 0.
+    direct: whether binary operators may take an element of the input array as well as a register.
     crossover, mutation: rates per gene (Fig 5.3 of the thesis).
     Raises InputError for a value out of range.
     """
@@ -64,7 +64,7 @@ class Linear:
         )  # fmt: skip
 
     def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> "SequenceBreeding":
-        """Return the breeding of sequences over these inputs. start: inputs with which the registers start."""
+        """Return the breeding of sequences over given inputs. start: inputs with which the registers start."""
         first: list[str | None] = [*start]
         if not first and self.start_inputs:
             first = [inputs.names[k % len(inputs.names)] for k in range(self.registers)]
@@ -78,7 +78,7 @@ class Linear:
 
 @dataclass(frozen=True)
 class Sequences:
-    """A population of sequences. genes: (P, L). constants: (P, own constants)."""
+    """A population of linear sequences. genes: (P, L) genes. constants: (P, own constants)."""
 
     genes: NDArray[np.uint8]
     constants: Array
@@ -91,7 +91,7 @@ class Sequences:
         return Sequences(self.genes[rows], self.constants[rows])
 
     def join(self, other: "Sequences") -> "Sequences":
-        """Return both populations, this one first."""
+        """Return the programs of both populations, those of `self` first."""
         return Sequences(np.concatenate([self.genes, other.genes]), np.concatenate([self.constants, other.constants]))
 
     def decoder(self, layout: Layout) -> Callable[[slice], Code]:
@@ -138,7 +138,7 @@ class SequenceBreeding:
     threads: int = 1
 
     def initial(self, population: int, rng: np.random.Generator) -> Sequences:
-        """Return uniform random genes with standard normal own constants."""
+        """Return sequences of uniform random genes with standard normal own constants."""
         genes = rng.integers(0, 256, (population, self.length), dtype=np.uint8)
         return Sequences(genes, rng.normal(size=(population, self.layout.own_constants)))
 

@@ -20,7 +20,7 @@ from gpmodel.formula.operators import BY_NAME
 from gpmodel.formula.program import Builder, Program
 
 PRICE = 3.0
-"""Nats of a node or a constant: one of some twenty operators and inputs."""
+"""Price of a node or a constant, nats: the log of some twenty operators and inputs."""
 LARGEST_POWER = 8
 """Largest integer power that is written as a product."""
 
@@ -29,11 +29,11 @@ LARGEST_POWER = 8
 class Link:
     """A link function of a response.
 
-    operator, inverse: name of the link and of its inverse; "" for the identity.
+    operator, inverse: name of the link function and of its inverse; "" for the identity.
     with_inputs: every sum has the inputs under the same operator as terms: powers for the logarithm, squares for the
     square.
-    quotient: terms of a denominator are offered too, multiplied by the response: y (1 - sum b (phi - mean phi)) = sum c
-    phi.
+    quotient: whether terms of a denominator are offered too, multiplied by the response: y (1 - sum b (phi - mean phi))
+    = sum c phi.
     """
 
     operator: str = ""

@@ -21,9 +21,9 @@ class Layout:
 
     own_constants: number of further constants of each program.
     start: initial value of each register: the name of an input, or None for 0.
-    outputs: the first so many registers are the outputs.
-    direct: binary operators take an element for half of the operand codes, a register for the other half.
-    kinds: kind of each input, which restricts the operations. Empty: no restriction.
+    outputs: number of outputs, which are the first registers.
+    direct: whether binary operators take an element for half of the operand codes, a register for the other half.
+    kinds: kind of each input, which restricts the operations. Without kinds no operation is restricted.
     Raises InputError if a size exceeds what a gene or an output mask can address.
     """
 
@@ -111,8 +111,8 @@ class Layout:
 
     @cached_property
     def cell_of(self) -> NDArray[np.uint16]:
-        """Table of ``operand`` over ``256 op-code + gene``: the register, or the number of registers plus the row.
-        Row 0 if an op-code takes no operand."""
+        """Table of ``operand`` over ``256 op-code + gene``: the register, or the number of registers plus the row. The
+        entry is row 0 if an op-code takes no operand."""
         registers = len(self.start)
         table = np.full((max(BY_CODE) + 1, 256), registers, dtype=np.uint16)
         for code in [INPUT, LOAD, STORE, *(code for code, operator in BY_CODE.items() if operator.arity == 2)]:
@@ -129,7 +129,7 @@ class Layout:
 
     @cached_property
     def read_of(self) -> NDArray[np.uint32]:
-        """Bit mask of the registers that each instruction reads. Index: ``256 op-code + gene``."""
+        """Bit mask of the registers that each instruction reads. The index is ``256 op-code + gene``."""
         codes, bits = self._codes_and_bits()
         operands = np.where(codes == STORE, np.uint32(0), bits)
         return (operands | np.where(codes >= STORE, ACCUMULATOR, np.uint32(0))).astype(np.uint32)
@@ -141,7 +141,7 @@ class Layout:
 
     @cached_property
     def done_for(self) -> NDArray[np.uint16]:
-        """Executed operator for each requested one, as ``256 op-code + kind``; see ``Typing.repairs``."""
+        """Executed operator for each requested operator, as ``256 op-code + kind``; see ``Typing.repairs``."""
         return self.typing.repairs(self.operators)
 
     @cached_property

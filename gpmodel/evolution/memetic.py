@@ -1,8 +1,8 @@
 """Breeding of formulas at one site: crossover, composition and single edits, with constants fitted.
 
 An individual is an expression with one output. The coefficient of an expression is solved by projection, and its
-constants are fitted by variable projection (``constants.polish``). Offspring are compared by the nats that they save
-with their initial constants; the constants of the best are fitted. Selection is by description length:
+constants are fitted by variable projection (``constants.polish``). Offspring are compared by the net gain, nats, with
+their initial constants; the constants of the best are fitted. Selection is by description length:
 components / 2 * ln(1 - gain) + parsimony * (size + 1)
 Two individuals are equal if their columns, projected out of the model and normalised, agree to four digits.
 Source: Moscato (1989), memetic algorithms; Golub and Pereyra (1973), variable projection.
@@ -27,21 +27,21 @@ from gpmodel.formula.program import Builder, Node, Program, description_size
 LONGEST = 30
 """Largest number of nodes of a formula."""
 PARENTS, OFFSPRING, GENERATIONS = 6, 20, 3
-"""Number of parents, the shortest descriptions; of offspring whose constants are fitted;
+"""Number of parents, the formulas of shortest description; of offspring whose constants are fitted;
 largest number of generations."""
 SHORTENED = 2
-"""Formulas whose shorter forms are fitted at a time."""
+"""Number of formulas whose shorter forms are fitted at a time."""
 FIRST_STEPS = 4
-"""Steps in which constants are fitted before the better half is continued."""
+"""Number of steps in which constants are fitted before only the better half of the formulas is continued."""
 IMPROVED = 1.0
-"""Least fall of the description length, nats, in a generation for another generation to follow."""
+"""Least fall of the description length in a generation, nats, for another generation to follow."""
 DIGITS = 1e-4
 """Difference of normalised projected columns below which two formulas are equal."""
 
 
 class Formulas:
-    """Formulas with one output at the first site of a problem, each different formula fitted once.
-    allows: whether a program is allowed as a formula."""
+    """Formulas with one output at the first site of a problem; each different formula is fitted once. allows: function
+    that returns whether a program is allowed as a formula."""
 
     def __init__(self, problem: SlotProblem, allows: Callable[[Program], bool] = lambda _: True) -> None:
         self.problem, self.allows = problem, allows
@@ -54,7 +54,7 @@ class Formulas:
         self.holds_constants = not targets.gains(np.ones((1, targets.poses)))[0, 0] > 0.0
 
     def add(self, programs: Iterable[Program]) -> None:
-        """Fit the constants of new programs: some steps for all, then the better half to convergence."""
+        """Fit the constants of new programs: some steps for all programs, then the better half to convergence."""
         fresh = list[Program]()
         for one in map(_centred, programs) if self.holds_constants else programs:
             if one.inputs and one.complexity <= LONGEST and self.allows(one):
@@ -93,7 +93,7 @@ class Formulas:
         return list(of_form.values())[:count]
 
     def nats(self) -> float:
-        """Return the net gain of the best formula: by how many nats it lowers the description length."""
+        """Return the net gain of the best formula: the decrease of the description length, nats."""
         return max((-description_length(one, self.problem) for one in self.found), default=0.0)
 
     def _column(self, values: Array) -> bytes:
@@ -111,7 +111,7 @@ class Formulas:
 
 
 def _centred(program: Program) -> Program:
-    """Replace logistic(c x) by tanh(c/2 x). The two differ by a constant, which the geometric constants contain."""
+    """Replace logistic(c x) by tanh(c/2 x). The difference is a constant, which the geometric constants contain."""
     root = program.outputs[0]
     if program.nodes[root].operator != "logistic":
         return program
@@ -132,7 +132,7 @@ def _centred(program: Program) -> Program:
 
 
 def bred(population: Formulas, names: Sequence[str], generations: int = GENERATIONS) -> None:
-    """Breed a population until a generation no longer improves it. names: inputs that may join its formulas."""
+    """Breed a population until a generation no longer improves it. names: inputs that formulas may use."""
     before = population.nats()
     varying = ((name, population.columns[name]) for name in names)
     elements = {name: ELEMENTS.on_grid(column[None])[0] for name, column in varying if np.ptp(column) > 0}
@@ -146,7 +146,7 @@ def bred(population: Formulas, names: Sequence[str], generations: int = GENERATI
 
 
 def shortened(population: Formulas) -> None:
-    """Add the shorter forms of the best formulas until the description length falls no more."""
+    """Add the shorter forms of the best formulas until the description length no longer falls."""
     before = -np.inf
     while population.nats() > before:
         before = population.nats()
@@ -155,8 +155,8 @@ def shortened(population: Formulas) -> None:
 
 @dataclass(frozen=True)
 class _Trial:
-    """Offspring before its constants are fitted.
-    nats: approximate description length saved. build: makes the program."""
+    """A new formula before its constants are fitted. nats: approximate net gain, nats. build: function that makes the
+    program."""
 
     nats: float
     build: Callable[[], Program]
@@ -165,7 +165,7 @@ class _Trial:
 def _offspring(
     population: Formulas, parents: Sequence[Program], names: Sequence[str], elements: Mapping[str, Array]
 ) -> list[Program]:
-    """Return the most promising offspring. elements: values (E, N) of the elements of each input that varies."""
+    """Return the most promising offspring. elements: (E, N) values of the elements of each input that varies."""
     trials: list[_Trial] = []
     for program in parents:
         values = program.evaluate(population.columns)[0]
@@ -262,7 +262,7 @@ def _with_added(index: int, term: Program, builder: Builder, node: Node, copies:
 
 
 def _crossed(parents: Sequence[Program]) -> Iterator[Program]:
-    """Yield products and sums of one formula with a factor or term replaced by one of another formula."""
+    """Yield products and sums of a formula with a factor or term replaced by a factor or term of another formula."""
     for one, other in itertools.permutations(parents[:4], 2):
         operator, parts = _parts(one)
         for k, part in itertools.product(range(len(parts)), _parts(other)[1]):

@@ -20,8 +20,8 @@ from gpmodel.formula.program import Program
 class Solution:
     """A program, its site, and its gain.
 
-    gain: share of the residual sum of squares (slot) or of the norm (compensator) that it removes.
-    coefficients: factors of its outputs (ones for a compensator).
+    gain: share of the residual sum of squares (effect at a site) or of the norm (compensator) that the program removes.
+    coefficients: factors of the program's outputs (ones for a compensator).
     generation: generation in which a formula was bred, 0 for a founder.
     """
 
@@ -76,7 +76,7 @@ class Archive:
 
 
 def best_of(front: tuple[Solution, ...], problem: Problem) -> Solution:
-    """Return the solution with the least description length (slot) or the largest gain (compensator)."""
+    """Return the solution with the least description length (effect at a site) or the largest gain (compensator)."""
     if isinstance(problem, CartesianProblem):
         return max(front, key=lambda solution: solution.gain)
     return min(front, key=lambda solution: description_length(solution, problem))
@@ -96,7 +96,7 @@ def pareto(
 
 
 def description_length(solution: Solution, problem: SlotProblem) -> float:
-    """Return the description length of a solution at a slot, nats, with the price of its nodes and coefficients."""
+    """Return the description length of a solution at a site, nats, with the price of its nodes and coefficients."""
     return -float(problem.nats(solution.gain, solution.complexity + len(solution.coefficients)))
 
 
@@ -108,8 +108,8 @@ def program_at(population: Population, row: int, chosen: int, layout: Layout) ->
 def scored(program: Program, problem: Problem, site: int = 0) -> Solution:
     """Return a program as a solution of a problem at a site, with its gain and coefficients.
 
-    Slot: all outputs are solved together (``Targets.set_gain``). Compensator: the norm of the distances of the outputs,
-    with coefficients of one. Raises InputError if the program uses an unknown input.
+    At a site all outputs are solved together (``Targets.set_gain``). For a compensator the norm of the distances of the
+    outputs is computed, with coefficients of one. Raises InputError if the program uses an unknown input.
     """
     values = program.evaluate(problem.inputs.mapping())
     if isinstance(problem, CartesianProblem):

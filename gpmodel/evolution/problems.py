@@ -49,7 +49,7 @@ class Inputs:
         return np.asarray(self.values[self.names.index(name)])
 
     def mapping(self) -> dict[str, Array]:
-        """Return name -> column, as ``Program.evaluate`` expects it."""
+        """Return the mapping from name to column, as ``Program.evaluate`` expects it."""
         return dict(zip(self.names, self.values, strict=True))
 
     def select(self, names: Sequence[str]) -> "Inputs":
@@ -95,11 +95,11 @@ class CartesianProblem:
 
     @property
     def can_drop_the_hopeless(self) -> bool:
-        """Whether the scoring of a program may stop at a limit: for the maximum over many poses."""
+        """Whether the scoring of a program may stop at a limit; true for the maximum over many poses."""
         return self.norm == "max" and not self.parsimony and self.measured.shape[1] > BLOCK
 
     def initial_norm(self) -> float:
-        """Return the norm without compensation."""
+        """Return the norm of the distances without compensation."""
         return self._initial
 
     @cached_property
@@ -107,8 +107,8 @@ class CartesianProblem:
         return self.norm_of(self.inputs.select(COORDINATES).values)
 
     def norm_of(self, points: Array) -> float:
-        """Return the norm of the distances d of points (3, N) from the measured points: max d, or √ mean d².
-        In the unit of ``measured``; infinite or NaN if a point is."""
+        """Return the norm of the distances d of points (3, N) from the measured points: max d, or √ mean d². The norm
+        is in the unit of ``measured``; infinite or NaN if a point is."""
         with np.errstate(all="ignore"):
             squares = np.square(points - self.measured).sum(axis=0)
         return float(np.sqrt(squares.max() if self.norm == "max" else squares.mean()))
@@ -121,7 +121,7 @@ class CartesianProblem:
 
     def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
         """Return the scores of P decoded programs: norm plus parsimony times nodes, and gain 1 - norm / initial norm.
-        fixed: rows (base, N) of inputs and constants. Scores above ``hopeless`` may be infinite."""
+        fixed: (base, N) rows of inputs and constants. Scores above ``hopeless`` may be infinite."""
         fitness = compensator_fitness(code, fixed, self.measured, self.norm == "max", hopeless)
         whole = np.zeros(len(fitness), np.int64)
         with np.errstate(invalid="ignore"):
@@ -131,8 +131,8 @@ class CartesianProblem:
 
 @dataclass(frozen=True)
 class SlotProblem:
-    """The basis function of an effect and the site where it acts; coefficients are solved by projection.
-    parsimony: price of a node or a coefficient, nats."""
+    """Search for the basis function of an effect and its site; coefficients are solved by projection. parsimony: price
+    of a node or a coefficient, nats."""
 
     inputs: Inputs
     targets: Targets
@@ -163,7 +163,7 @@ class SlotProblem:
         return self.targets.set_gain(values, site)[0]
 
     def nats(self, gain: Array | float, size: Array | float) -> Array:
-        """Return the description length that is saved, nats: -components/2 · ln(1 - gain) - parsimony · size."""
+        """Return the decrease of the description length, nats: -components/2 · ln(1 - gain) - parsimony · size."""
         return ranked(fit_nats(gain, self.targets.components) - self.parsimony * np.asarray(size))
 
     def shuffled(self, rng: np.random.Generator) -> "SlotProblem":
@@ -172,7 +172,7 @@ class SlotProblem:
 
 
 class Scored(Protocol):
-    """Interface of a problem for the generations of a search."""
+    """Interface of a search problem for the generations of evolution."""
 
     @property
     def inputs(self) -> Inputs:
@@ -180,7 +180,7 @@ class Scored(Protocol):
 
     @property
     def start(self) -> tuple[str, ...]:
-        """Inputs with which the registers start."""
+        """Inputs with which the registers of a program start."""
 
     @property
     def slice(self) -> int:

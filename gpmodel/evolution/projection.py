@@ -24,7 +24,7 @@ SMALLEST = 1e-150
 """Largest magnitude below which a basis function counts as zero: its squares underflow."""
 
 ROUNDING_SHARE = 1e-8
-"""``UNIQUE_SHARE`` of noise-free regression, where only rounding makes columns alike."""
+"""``UNIQUE_SHARE`` of noise-free regression, where only rounding makes columns equal."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class Targets:
     pull: g (S, N), products of these sensitivities with the residual.
     energy: r·r, sum of squares of the residual r.
     names: names of the sites.
-    samples: number of measured values; 0 stands for N.
-    Arrays are stored row by row, so that sums round alike in every process. Raises InputError if shapes disagree or a
-    number is not finite.
+    samples: number of measured values; 0 for one value per pose.
+    Arrays are stored row by row, so that sums have equal rounding errors in every process. Raises InputError if shapes
+    disagree or a number is not finite.
     """
 
     weight: Array
@@ -68,12 +68,12 @@ class Targets:
 
     @property
     def sites(self) -> int:
-        """Number of sites at which a program may act."""
+        """Names of the sites at which a program may act."""
         return int(self.pull.shape[0])
 
     @cached_property
     def is_plain(self) -> bool:
-        """Whether this is plain regression: one site, and weight 1 at every pose."""
+        """Whether the problem is plain regression: one site, and weight 1 at every pose."""
         return self.sites == 1 and bool(np.all(self.weight == 1.0))
 
     @cached_property
@@ -83,8 +83,8 @@ class Targets:
 
     @cached_property
     def begins(self) -> IntArray:
-        """Index (K,) of the first number other than zero in each row of ``cross`` at the first site. After a QR many
-        are zero."""
+        """Index (K,) of the first number other than zero in each row of ``cross`` at the first site. After a QR
+        decomposition many numbers are zero."""
         return np.asarray(np.argmax(self.cross[0] != 0.0, axis=1), dtype=np.int64)
 
     @cached_property
@@ -159,9 +159,9 @@ class Targets:
     def set_gains(self, values: Sequence[Array], site: int) -> Array:
         """Return the gains (P,) of many sets of basis functions at one site, each set solved together.
 
-        values: m arrays (P, N), one basis function of every set each, or (1, N) if all sets share it. Solved in the
-        given order, not by forward selection as in ``set_gain``; the two differ slightly if rows of a set are nearly
-        alike.
+        values: m arrays (P, N), one basis function of every set each, or (1, N) if all sets share it. A set is solved
+        in the given order, not by forward selection as in ``set_gain``; the gains differ slightly if rows of a set are
+        nearly equal.
         """
         programs, count = max(map(len, values)), len(values)
         scaled = [unit_rows(rows) for rows in values]

@@ -34,11 +34,11 @@ from gpmodel.formula.program import Program
 EXACT = 1e-20
 """Share of the response's variance below which a residual is a rounding error, which is about 1e-28."""
 PROMISING = 1.0 - 1e-7
-"""Gain above which the formula of a program is tested at once."""
+"""Gain above which the formula of a program is tested for exactness at once."""
 FINISHING, FOUNDERS = 0.15, 12
-"""Share of the time in which the best formulas are bred; number of founders."""
+"""Share of the time in which the best formulas are bred further; number of founders."""
 PASSES = 2
-"""Number of solutions of a quotient, each weighted by the denominator of the one before."""
+"""Number of solutions of a quotient, each weighted by the denominator of the previous solution."""
 MOST_INPUTS = 2
 """Largest number of inputs of a problem in which formulas of one term are searched at the end, under the best
 link."""
@@ -57,7 +57,7 @@ class Law:
 
     @property
     def length(self) -> int:
-        """Number of nodes and constants."""
+        """Number of nodes and constants of the formula."""
         return self.program.complexity + len(self.program.constants)
 
 
@@ -162,7 +162,7 @@ class QuotientProblem(SlotProblem):
 
 
 class _Island:
-    """A population under one link, and the best program of each size so far."""
+    """A population under one link function, and the best program of each size so far."""
 
     def __init__(self, inputs: Inputs, response: Array, link: Link, rng: np.random.Generator) -> None:
         self.link, self.columns, self.response = link, inputs.mapping(), response
@@ -176,7 +176,7 @@ class _Island:
 
     @property
     def is_stuck(self) -> bool:
-        """Whether the score has not improved for so long that the population is replaced by a random one."""
+        """Whether the score has not improved for so long that a random population replaces the population."""
         return self.idle >= BUDGET.restart_after
 
     def best(self) -> list[Population]:
@@ -207,7 +207,7 @@ class _Island:
         return self.formulas([one.program] for one in formulas_at(self.problem, 0, self.problem.inputs.names))
 
     def every(self) -> Iterator[Program]:
-        """Return the formulas of all programs that were kept."""
+        """Return the formulas of all programs that the island has kept."""
         return self._of_sizes(self.archive.kept)
 
     def _of_sizes(self, sizes: Iterable[int]) -> Iterator[Program]:
@@ -218,7 +218,7 @@ class _Island:
             yield from self.formulas([above], below)
 
     def formulas(self, sets: Iterable[list[Program]], below: list[Program] | None = None) -> Iterator[Program]:
-        """Yield the formula of each set of terms, if there is one."""
+        """Yield the formula of each set of terms, if the set has one."""
         for terms in sets:
             formula = self.link.formula(terms, self.columns, self.response, below or [])
             if formula is not None:

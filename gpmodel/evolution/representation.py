@@ -45,7 +45,7 @@ class Breeding(Protocol):
 
     @property
     def layout(self) -> Layout:
-        """Registers and instructions from which the kernels decode its programs."""
+        """Registers and instructions from which the kernels decode the programs of the representation."""
 
     def initial(self, population: int, rng: np.random.Generator) -> Population:
         """Return a random population."""
@@ -63,7 +63,7 @@ class Representation(Protocol):
         """Constants that every program may use and that are never fitted."""
 
     def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> Breeding:
-        """Prepare the breeding over these inputs. start: inputs with which outputs start (x, y, z of a compensator)."""
+        """Prepare the breeding over given inputs. start: inputs with which outputs start (x, y, z of a compensator)."""
 
 
 def label(representation: Representation) -> str:

@@ -25,8 +25,8 @@ def row_products(first: Array, second: Array) -> Array:
 def independent(gram: Array, total: Array, limit: float) -> NDArray[np.intp]:
     """Return the indices of independent rows of a Gram matrix, by pivoted Cholesky.
 
-    total: squared norms before any projection. A row is left out if its part orthogonal to the selected rows is below
-    ``limit`` of its squared norm.
+    total: squared norms of the rows before any projection. A row is left out if its part orthogonal to the selected
+    rows is below ``limit`` of its squared norm.
     """
     remaining = gram.astype(float).copy()
     chosen: list[int] = []

@@ -20,24 +20,24 @@ from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Program
 
 Number = tuple[int, int]
-"""Number of a run: its round, or the index of its representation, and its index there."""
+"""Number of a run: its round, or the index of its representation, and the index of the run there."""
 
 
 class KeptRuns:
-    """Storage of finished runs, so that an interrupted search repeats only unfinished runs.
-    This class stores nothing."""
+    """Storage of finished runs, so that an interrupted search repeats only unfinished runs. The base class stores
+    nothing."""
 
     def run(self, number: Number) -> Evolution | None:
-        """Return the run with this number, or None if it has not finished."""
+        """Return the run with the number, or None if the run has not finished."""
         return None
 
     def keep_run(self, number: Number, found: Evolution) -> None:
-        """Store a run. Raises WriteError if it cannot be written."""
+        """Store a run. Raises WriteError if the run cannot be written."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """One run: everything that a worker process needs. shuffled: permute the residual over the poses."""
+    """Data of one run, as a worker process needs them. shuffled: whether to permute the residual over the poses."""
 
     problem: Problem
     settings: Settings
@@ -121,7 +121,7 @@ class Plan:
 class Run:
     """One finished run, as text and numbers.
 
-    heldout: gain on held-out poses, None without.
+    heldout: gain on held-out poses, None without held-out poses.
     front: complexity, gain and text of the programs with a larger gain than all simpler ones, simplest first.
     """
 
@@ -150,8 +150,8 @@ def known(value: float | None) -> float | None:
 
 
 def strength_of(evolution: Evolution, problem: Problem) -> float:
-    """Return the strength of the best program, comparable between runs.
-    Nats of description length saved for a slot, -log(1 - gain) for a compensator."""
+    """Return the strength of the best program, comparable between runs. The strength is the decrease of the description
+    length in nats at a site, -log(1 - gain) for a compensator."""
     best = evolution.best
     if isinstance(problem, CartesianProblem):
         return float(gain_nats(best.gain))

@@ -1,4 +1,4 @@
-"""Scores of decoded programs: the distance of a compensator, or the description length at a slot."""
+"""Score decoded programs by the distance of a compensator, or by the description length of an effect at a site."""
 
 from dataclasses import dataclass
 
@@ -15,9 +15,9 @@ from gpmodel.evolution.projection import Targets
 class Scores:
     """Scores of programs, one row per program.
 
-    score: minimised by selection.
-    gain: share of the residual that is removed.
-    complexity: nodes of the outputs in use.
+    score: value that selection minimises.
+    gain: share of the residual that the program removes.
+    complexity: number of nodes of the outputs in use.
     site: index of the site.
     chosen: bit set of the outputs in use.
     hashes: hash of the effective code.
@@ -57,7 +57,7 @@ def slot_scores(code: Code, fixed: Array, targets: Targets, parsimony: float) ->
     with coefficients solved together (see ``gpmodel.evolution.projection``). The score is the least description length
     of all sets and sites, in nats:
         components / 2 * ln(1 - gain) + parsimony * (nodes of the set + number of outputs in it)
-    code: P programs. fixed: rows (base, N) of inputs and constants. A program without gain scores 0.
+    code: code of P programs. fixed: (base, N) rows of inputs and constants. A program without gain scores 0.
     """
     return projected_scores(values(code, fixed), code, len(fixed), targets, parsimony)
 
@@ -65,8 +65,8 @@ def slot_scores(code: Code, fixed: Array, targets: Targets, parsimony: float) ->
 def projected_scores(scaled: Array, code: Code, base: int, targets: Targets, parsimony: float) -> Scores:
     """Return scores from the values (P, k m, N) of columns, which are scaled in place.
 
-    The columns are the m outputs, followed by columns derived from each output; each counts the nodes of its output.
-    base: number of fixed rows.
+    The columns are the m outputs, followed by columns derived from each output; a derived column counts the nodes of
+    its output. base: number of fixed rows.
     """
     from gpmodel.evolution.kernels.selection import choose_outputs, scale_and_multiply
 

@@ -20,13 +20,13 @@ from gpmodel.formula.program import Program
 
 @dataclass(frozen=True)
 class Evolution:
-    """Result of a run.
+    """Result of an evolution run.
 
     front: programs with a larger gain than all simpler ones, simplest first.
     history: one array per quantity (generation, best, median, gain, distinct, evaluations_per_second, seconds). best
-    and median are scores of finite programs, less being better.
-    histogram: number of references to each input in the effective code of the best program; operators: of each
-    operator.
+    and median are the best and the median score of programs with a finite score; smaller scores are better.
+    histogram: number of references to each input in the effective code of the best program; operators: number of uses
+    of each operator.
     evaluations: number of programs scored.
     """
 

@@ -26,8 +26,7 @@ class SelectionScheme(Protocol):
         """Return the rows (2, population) of the mothers and fathers of the next generation."""
 
     def survivors(self, scores: Scores, population: int) -> Rows | None:
-        """Return the rows of the survivors among parents and children, or None if the children
-        replace their parents."""
+        """Return the rows of the survivors among parents and children; None if the children replace their parents."""
 
 
 @dataclass(frozen=True)
@@ -91,12 +90,12 @@ class Budget:
     """Budget of one run, and its steps besides breeding.
 
     population: number of programs.
-    generations, seconds: whichever ends first.
+    generations, seconds: limits of the run, whichever is reached first.
     target: gain of a program that ends the run.
     polish_every: generations between fits of the own constants of the best programs (0: never).
     restart_after: generations without progress before a new random population (0: never).
-    climb: number of best programs from which formulas are bred at the end of a slot search (0: none).
-    threads: 0 for all cores; the result does not depend on it.
+    climb: number of best programs from which formulas are bred at the end of a search at sites (0: none).
+    threads: number of threads, 0 for all cores; the result does not depend on the number.
     Raises InputError for a value out of range.
     """
 
@@ -115,8 +114,8 @@ class Budget:
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of one run; the defaults search a basis function at a slot.
-    Raises InputError if the population is too small for the selection."""
+    """Settings of one run; the defaults search a basis function of an effect. Raises InputError if the population is
+    too small for the selection."""
 
     representation: Representation = field(default_factory=Linear)
     selection: SelectionScheme = field(default_factory=Tournament)

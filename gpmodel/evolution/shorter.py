@@ -3,7 +3,7 @@
 Constants that need no node are 0, 1 or -1 in a sum or product, ±π/2 in a sine, ±1 added to tanh, an exponent of 2, and
 a constant equal to another one, whose terms can be merged:
     x + 0 = x,  1 x = x,  y + (-1) x = y - x,  sin(x + π/2) = cos(x),  1 + tanh(x) = 2 logistic(2 x),  |x|^2 = x²
-The constants need not be near these values: each form is fitted again and selected by its description length.
+The constants need not be near these values: each shorter form is fitted again and selected by its description length.
 """
 
 from collections.abc import Iterator

@@ -47,7 +47,7 @@ class Sines:
         return Sines(name, np.sin(np.outer(column - start, rates)) * spreads, rates, start, spreads)
 
     def text(self, k: int) -> str:
-        """Return sine k as the text of an expression."""
+        """Return sine number k as the text of an expression."""
         return f"sin({float(self.rates[k])!r}*({self.name} - ({self.start!r})))"
 
 
@@ -58,27 +58,27 @@ BEYOND = 100.0
 SETTLED = 1e-4
 """Relative change of the noise variance below which iterations end."""
 TURNS, KEPT = (3, 15), 4
-"""Iterations over the factors from every start, and from the best starts; number of best starts."""
+"""Number of iterations over the factors from every start, and from the best starts; number of best starts."""
 STARTS = {1: 1, 2: 8, 3: 5, 4: 3}
-"""Starts of each factor but the first, its slowest sines, by the number of factors."""
+"""Number of starts of each factor but the first, its slowest sines, by the number of factors."""
 PARTS_IN_TURN = 3
-"""Iterations over a product and a summand. A fourth changes neither by a tenth of the noise."""
+"""Number of iterations over a product and a summand. A fourth changes either part by less than a tenth of the noise."""
 DIRECTIONS, MOST = {2: 13, 3: 7, 4: 4}, 2.0
 """Number of weights from -1 to 1 that are tried for each input of a sum but one, by the number of inputs; largest
 weight."""
 FINE = {"xatol": 0.01, "fatol": 0.01, "maxfev": 120}
-"""Tolerances of the best weights."""
+"""Tolerances of the optimisation of the weights of a sum."""
 POINTS, NEAREST = (-1.2, -0.6, 0.0, 0.6, 1.2), 3
 """Coordinates of the first points of a distance, in standard deviations of each input about its mean; number of best
 points that are refined."""
 NEAR = ((-3.0, 3.0), (-3.0, 3.0), (-1.5, 1.5))
-"""Bounds of the point, and of the logarithm of the ratio of the inputs' scales."""
+"""Bounds of the point of a distance, and of the logarithm of the ratio of the inputs' scales."""
 LEAST = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True)
 class Smooth:
-    """A smooth function. coefficients: (m,) of its sines. nats: gain. noise: residual variance."""
+    """A smooth function at a site. coefficients: (m,) of its sines. nats: gain, nats. noise: residual variance."""
 
     coefficients: Array
     nats: float
@@ -86,8 +86,8 @@ class Smooth:
 
 
 def smooth(targets: Targets, basis: Array, noise: float, turns: int = 1) -> Smooth:
-    """Fit the function of highest evidence in the span of a basis (N, m), given a noise variance.
-    turns: largest number of iterations, each with the residual variance of the one before as noise variance."""
+    """Fit the function of highest evidence in the span of a basis (N, m), given a noise variance. turns: largest number
+    of iterations, each with the residual variance of the previous one as noise variance."""
     axes = _axes(targets, basis[None])
     for _ in range(turns):
         found = _most_likely(targets, axes, np.array([noise]))

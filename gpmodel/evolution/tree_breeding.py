@@ -1,8 +1,9 @@
 """Creation and variation of trees (thesis section 5.2.2, Fig 5.6), by DEAP.
 
-DEAP uses Python's global random generator, which other threads may use too. Every call here replaces it by a generator
-of its own, seeded from the given NumPy generator. Kinds are enforced when a program is decoded, as for sequences:
-DEAP's typed sets need one kind of result for every operator and a leaf of every kind, and no leaf is a squared angle.
+DEAP uses Python's global random generator, which other threads may use too. Every call in this module replaces the
+global generator by one seeded from the given NumPy generator. Kinds are enforced when a program is decoded, as for
+sequences: DEAP's typed sets need one kind of result for every operator and a leaf of every kind, and no leaf is a
+squared angle.
 """
 
 import random
@@ -23,7 +24,7 @@ from gpmodel.evolution.representation import Population
 from gpmodel.evolution.tree_population import ConstantNode, ElementNode, Individual, OperatorNode, Trees
 
 _ONE_AT_A_TIME = threading.Lock()
-"""All threads share the generator of DEAP."""
+"""Lock held while DEAP runs, because all threads share its random generator."""
 
 
 @contextmanager
@@ -41,7 +42,7 @@ def _deap_random(rng: np.random.Generator) -> Iterator[None]:
 class TreeBreeding:
     """Creation and variation of trees.
 
-    style: as for ``Tree``; the operators of "thesis" are completed so that every tree is valid.
+    style: style as in ``Tree``; the operators of "thesis" are completed so that every tree is valid.
     shallow, start_depth: depths between which trees start, by ramped half-and-half.
     depth: largest depth of a tree.
     """
@@ -132,8 +133,7 @@ class TreeBreeding:
 def _complete(
     prefix: Sequence[gp.Primitive], supply: Iterator[gp.Primitive], primitives: gp.PrimitiveSet
 ) -> gp.PrimitiveTree:
-    """Return the tree of ``prefix``, then nodes of ``supply`` until it is complete; random
-    leaves if the supply ends."""
+    """Return the tree of ``prefix``, completed by nodes of ``supply``, or by random leaves if the supply ends."""
     nodes = []
     missing = 1
     for node in prefix:
@@ -154,8 +154,8 @@ def depth_first_crossover(
 ) -> tuple[gp.PrimitiveTree]:
     """Return the mother's nodes up to a random point, then the father's after it, in depth-first order (Fig 5.6).
 
-    The father's nodes are used until the child is complete. If they run out, or the father is shorter than the point,
-    open arguments become random leaves.
+    The father's nodes are used until the child is complete. If the father's nodes run out, or the father is shorter
+    than the point, open arguments become random leaves.
     """
     point = gp.random.randrange(len(mother))
     return (_complete(mother[: point + 1], iter(father[point + 1 :]), primitives),)

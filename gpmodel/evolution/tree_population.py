@@ -47,7 +47,7 @@ ConstantNode.code = OWN_BYTE
 
 @dataclass(slots=True)
 class Individual:
-    """Several trees that are bred together. codes: their prefix codes, one byte per node.
+    """Several trees that are bred together. codes: prefix codes of the trees, one byte per node.
 
     A code is empty if its tree has not been packed yet. A packed tree is never changed; variation works on a copy.
     """
@@ -69,7 +69,7 @@ class Individual:
 
 @dataclass(frozen=True)
 class Trees:
-    """A population of individuals. forest: its codes for the kernels."""
+    """A population of individuals (several trees each). forest: codes of the trees for the kernels."""
 
     individuals: tuple[Individual, ...]
 
@@ -122,8 +122,7 @@ class Trees:
         return Trees(self.individuals + other.individuals)
 
     def decoder(self, layout: Layout) -> Callable[[slice], Code]:
-        """Return a function from a slice of individuals to their effective code; prefix codes
-        are computed first, once."""
+        """Return a function from a slice of individuals to their effective code; prefix codes are computed once."""
         return partial(self.forest.decoded, layout)
 
     def program(self, row: int, layout: Layout) -> Program:

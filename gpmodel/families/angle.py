@@ -1,8 +1,8 @@
 """Families of effects that follow the joint coordinates: gears, encoders, bearings, couplings and linear axes.
 
-Errors of linear axes have the names of ISO 230-1: E, the direction of the error, the axis that moves. EXZ is the
-straightness in X of an axis along Z, EAZ its tilt about X, ECZ its roll about itself, EZZ its positioning, in the frame
-of the joint.
+Errors of linear axes have the names of ISO 230-1: E, the direction of the error, the axis that moves. Example of ISO
+230-1 names: EXZ is the straightness in X of an axis along Z, EAZ its tilt about X, ECZ its roll about itself, EZZ its
+positioning, in the frame of the joint.
 """
 
 from collections.abc import Iterator
@@ -27,7 +27,7 @@ LENGTH, ANGLE = 5e-5, 5e-5
 of a robot track (0.2 mm)."""
 
 WAVES = 4
-"""Number of half waves over the travel: guideways bend and sag over a quarter of their length or more."""
+"""Number of half waves over the travel of a guideway: guideways bend and sag over a quarter of their length or more."""
 
 LEADS = (1, 2, 2.5, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 32, 40)
 """Nominal leads of ball screws, mm (ISO 3408-2)."""
@@ -39,7 +39,7 @@ TURN = {"x": "A", "y": "B", "z": "C"}
 
 
 def prismatic(mechanism: Mechanism) -> list[Joint]:
-    """Return the prismatic joints."""
+    """Return the prismatic joints of a mechanism."""
     return [j for j in mechanism.joints if j.kind == "prismatic"]
 
 
@@ -86,7 +86,7 @@ def _curve(name: str, joint: Joint, axis: str, start: float, travel: float) -> I
 
 
 def cyclic(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield a positioning error with the period of each lead of ISO 3408-2 that fits into the travel three times."""
+    """Yield a positioning error with each screw lead of ISO 3408-2 that fits into the travel three times as period."""
     for j in prismatic(mechanism):
         start, travel = _travel(j, states)
         for lead in LEADS:
@@ -115,14 +115,14 @@ the prior falls off."""
 
 SMOOTH = (10, 3.0)
 """Number of harmonics of a smooth error curve, and the harmonic at which its prior falls off. Eccentric and bent gears
-cause the first few."""
+cause the first few harmonics."""
 
 WOBBLE, RUN_OUT = 5e-5, 2e-5
 """Tilt and radial run-out of a robot's crossed roller bearing, rad (10 arcsec) and m (ISO 230-7; Slocum 1992, ch.
 8)."""
 
 LOBES = (2, 3, 4)
-"""Lobes of a ball: three, as from centreless grinding, and the neighbouring numbers."""
+"""Numbers of lobes of a ball: three, as from centreless grinding, and the neighbouring numbers."""
 
 Curve = tuple[Effect, ...]
 
@@ -165,7 +165,7 @@ def harmonics(name: str, site: Site, angle: str, family: str, deviations: Array)
 def joint_curve(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Yield the error curve of each joint, and one candidate of smooth curves of all joints together.
 
-    The joint candidate is for curves that are too weak one by one.
+    The candidate for all joints is for curves that are too weak one by one.
     """
     highest = 12 if len(states) < 150 else 40 if len(states) < 600 else 60
     fine, smooth = CURVE_SPREAD * spectrum(highest, CURVE_CORNER), CURVE_SPREAD / 4 * spectrum(*SMOOTH)
@@ -181,7 +181,7 @@ def joint_curve(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 def axis_motion(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Yield wobble and run-out of each revolute joint about and along the axes other than its drive, as smooth curves.
 
-    Each ball of a machine has a run-out curve along its leg.
+    Each ball joint of a machine has a run-out curve along its leg.
     """
     for j in revolute(mechanism):
         for axis in AXES:
@@ -240,7 +240,7 @@ def parallel_bar(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def axis_wobble(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the tilt of each revolute joint about the two axes across its own: a sin q + b cos q, rad."""
+    """Yield the tilt of each revolute joint q about the two axes across its own axis: a sin q + b cos q, rad."""
     for j in revolute(mechanism):
         for a in across(j):
             site = Site(((f"{j.name}.moving", f"R{a}", 1.0),))
@@ -250,7 +250,7 @@ def axis_wobble(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 def run_out(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Yield the shift of each revolute joint along each axis, one period per turn, m; for an unmeasured joint also two.
 
-    Each ball of a machine shifts along its leg, one period per turn of each of its angles.
+    Each ball joint of a machine shifts along its leg, one period per turn of each of its angles.
     """
     for angle, said, site, balls in _machine_balls(mechanism):
         yield _phases(f"axis run-out, 1 per turn of {angle}, {said}", site, 1, angle, "axis_run_out", 5.5 + balls)
@@ -283,8 +283,8 @@ def _phases(name: str, site: Site, number: int, angle: str, family: str, cost: f
 
 
 def _machine_balls(mechanism: Mechanism) -> Iterator[tuple[str, str, Site, float]]:
-    """Yield each angle of each ball of a machine, the direction of its leg in words and as a site, and the log of the
-    number of balls."""
+    """Yield each angle of each ball joint of a machine, the direction of its leg in words and as a site, and the log of
+    the number of balls."""
     balls = [ball for ball in balls_of(mechanism) if ball.name]
     for ball in balls:
         said, shift = ball.along

@@ -37,7 +37,7 @@ def effects_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effe
 def check_defined(effect: Effect, mechanism: Mechanism, states: States, name: str = "") -> None:
     """Raise InputError if an effect has no term, has an unknown slot or input, or is not finite at some pose.
 
-    name: name of the effect in the message, if not its own.
+    name: name of the effect in the message, if different from the effect's name.
     """
     said = f"effect '{name or effect.name}'"
     if not effect.terms:
@@ -54,7 +54,7 @@ def check_defined(effect: Effect, mechanism: Mechanism, states: States, name: st
 def one_effect_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:
     """Return the effects of a single instance: one effect, or a sine and its cosine.
 
-    Raises InputError as `effects_named`, and for a family of several instances.
+    Raises InputError in the cases of `effects_named`, and for a family of several instances.
     """
     instances = [c.name for c in catalogue.of_family(name, mechanism, states)]
     if len(instances) > 1:

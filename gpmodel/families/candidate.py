@@ -1,4 +1,4 @@
-"""A candidate: effects that the model may lack and that enter it together, and the forms that many candidates have."""
+"""A candidate: effects that the model may lack and that enter the model together; common forms of candidates."""
 
 import math
 from collections.abc import Iterable
@@ -16,9 +16,9 @@ from gpmodel.model.effect import Effect, Term, axis_unit, drive_effect, made_of
 from gpmodel.model.states import States
 
 NO_LOAD, NEXT_TO_NONE = 1e-6, 1e-4
-"""Largest load that counts as rounding, N·m or N; and the least share of the largest load of equal unit that is not
-negligible. Under a smaller load a joint would have to be ten thousand times as soft as the others, and at other poses
-the load may be a hundred times as large.
+"""Largest load that counts as rounding error, N·m or N; and least share of the largest load of equal unit that is not
+negligible. Under a smaller load a joint would have to be ten thousand times as soft as the other joints, and at other
+poses the load may be a hundred times as large.
 """
 
 STANDARD_TEMPERATURE = {"degC": 20.0, "K": 293.15, "degF": 68.0}
@@ -30,9 +30,9 @@ CATALOGUE, NAMED, SMOOTH_TERM = "catalogue", "named", "smooth term"
 FORMULA, FORMULA_OF_PROGRAM = "formula", "formula of a program"
 BRED = tuple(f"formula of generation {g}" for g in range(1, 10))
 SEQUENCE, TREE = "sequence", "tree"
-"""Values of `found_by`: the catalogue; the user; a smooth term without a formula; a formula that replaces a smooth term
-or effect; a formula that replaces an evolved program; a formula bred from formulas, by its generation; genetic
-programming, by its representation.
+"""Values of `found_by`, the origin of a candidate: the catalogue; the user; a smooth term without a formula; a formula
+that replaces a smooth term or effect; a formula that replaces an evolved program; a formula bred from formulas, by its
+generation; genetic programming, by its representation.
 """
 
 
@@ -50,8 +50,8 @@ def is_program(found_by: str) -> bool:
 
 
 def formula_of(makers: Iterable[str], generation: int = 0) -> str:
-    """Return the value of `found_by` for a formula that replaces candidates of these makers. generation: 0 if it is not
-    bred."""
+    """Return the value of `found_by` for a formula that replaces candidates of the given origins. generation:
+    generation of the formula, 0 if it is not bred."""
     if generation:
         return BRED[generation - 1]
     unevolved = {CATALOGUE, NAMED, SMOOTH_TERM, FORMULA, *BRED}
@@ -65,14 +65,14 @@ def without_phase(name: str) -> str:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One error that the model may lack: effects that enter it together, each with its own coefficient.
+    """One error that the model may lack: effects that enter the model together, each with its own coefficient.
 
-    family: name of its family, empty if it has none.
-    cost: price of its description, nats: the log of the number of alternatives it was chosen from.
-    found_by: its origin, such as the catalogue or genetic programming.
-    explanation: its physical cause and source, as the family states them.
-    inner: constants inside its basis functions, None if there are none.
-    believed: its prior standard deviations come from a specification, so no larger ones are tried.
+    family: name of the candidate's family, empty without a family.
+    cost: price of the candidate's description, nats: the log of the number of alternatives.
+    found_by: origin of the candidate, such as the catalogue or genetic programming.
+    explanation: physical cause of the candidate and its source, as the family states them.
+    inner: constants inside the basis functions of the candidate, None if there are none.
+    believed: whether the prior standard deviations come from a specification, so that no larger ones are tried.
     """
 
     name: str
@@ -97,12 +97,12 @@ class Candidate:
 
     @property
     def has_priors(self) -> bool:
-        """Whether the effects have priors. Either all effects have one, or none has."""
+        """Whether the effects have priors. Either all effects of a candidate have priors, or none has."""
         return bool(np.isfinite(self.effects[0].prior))
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs of the basis functions, in the order of first use."""
+        """Names of the inputs of the candidate's basis functions, in the order of first use."""
         return tuple(dict.fromkeys(name for effect in self.effects for name in effect.inputs))
 
     @property
@@ -112,7 +112,7 @@ class Candidate:
 
     @property
     def unit(self) -> str:
-        """Unit of the amplitude: of a curve that of its motion, otherwise that of the first effect's coefficient."""
+        """Unit of the amplitude: for a curve that of its motion, otherwise of the first effect's coefficient."""
         return axis_unit(self.place.axis) if self.kind == "curve" else self.effects[0].unit
 
     @property
@@ -122,12 +122,12 @@ class Candidate:
 
     @property
     def kind(self) -> Kind:
-        """Kind of the effects together.
+        """Kind of the candidate, from all its effects.
 
-        single: one effect.
-        harmonic: sine and cosine of one argument.
-        vector: one basis function along several axes.
-        curve: a sum of different basis functions.
+        single: a candidate of one effect.
+        harmonic: a candidate of sine and cosine of one argument.
+        vector: a candidate of one basis function along several axes.
+        curve: a candidate that is a sum of different basis functions.
         """
         if len(self.effects) == 1:
             return "single"
@@ -170,13 +170,13 @@ def inside(inner: NonlinearParameters, family: str, cost: float) -> Candidate:
 
 
 def one(name: str, effect: Effect, cost: float) -> Candidate:
-    """Return the candidate of one effect, in the family of that effect."""
+    """Return the candidate of one effect, in the family of the effect."""
     return Candidate(name, (effect,), effect.family, cost)
 
 
 def pair(name: str, joint: Joint, argument: str, family: str, cost: float, prior: float = math.inf) -> Candidate:
-    """Return a harmonic on the drive of a joint: sine and cosine of `argument`, rad. prior: of each coefficient, rad or
-    m."""
+    """Return a harmonic on the drive of a joint: sine and cosine of `argument`, rad. prior: standard deviation of each
+    coefficient, rad or m."""
     effects = tuple(
         drive_effect(f"{name}, {f}", joint, Expression(f"{f}({argument})"), family=family, prior=prior)
         for f in ("sin", "cos")
@@ -191,7 +191,7 @@ def share_of_rows(states: States) -> str:
 
 
 def relative(states: States, column: str, unit: str) -> str:
-    """Write a column relative to a reference. The constants of a model describe the mechanism at that reference.
+    """Write a column relative to a reference. The constants of a model describe the mechanism at the reference.
 
     The reference is 20 °C for temperatures (ISO 1). For other columns the reference is the measured value nearest to
     zero: zero itself, or the start of a clock.
@@ -203,7 +203,7 @@ def relative(states: States, column: str, unit: str) -> str:
 
 
 def revolute(mechanism: Mechanism) -> list[Joint]:
-    """Return the revolute joints."""
+    """Return the revolute joints of a mechanism."""
     return [j for j in mechanism.joints if j.kind == "revolute"]
 
 
@@ -218,7 +218,7 @@ def loaded(states: States, load: str) -> bool:
     """Return whether the column of a load exists and is more than rounding and more than a negligible share; True for a
     column in another unit.
 
-    A negligible load: the torque about an axis that passes through the centre of mass, or that of a wrist hanging down.
+    Negligible: the torque about an axis through the centre of mass, or of a wrist that hangs down.
     """
 
     def most(name: str) -> float:

@@ -1,4 +1,4 @@
-"""The catalogue of known physical effects. One row is a family; a new effect needs one line.
+"""The catalogue of known physical effects. One row of the catalogue is a family; a new effect needs one line.
 
 Each family has a published mechanism or a recorded discovery.
 """
@@ -29,19 +29,19 @@ Builder = Callable[[Mechanism, States], Iterable[Candidate | Effect]]
 
 @dataclass(frozen=True)
 class Family:
-    """A named physical effect.
+    """A named physical effect in the catalogue.
 
     name: one word, as written on a command line.
-    explanation: the physical mechanism.
-    source: publication that describes it.
+    explanation: physical mechanism of the effect.
+    source: publication that describes the effect.
     build: function that yields each instance for a mechanism and the columns of a table.
-    grids: function that yields its harmonics at any frequency of a range, for a search.
-    offered: function that yields the instances for a search, None if they are those of `build`.
-    generic: it describes the form of an error and names no part; only a search uses such a family.
-    clamped: its value is kept constant well beyond the fitted ranges.
-    refit_constants: constants in its basis functions were chosen from many and are refined in the last fit.
-    yields: the effect is a compliance of a part without a drive, so that its coefficient is positive.
-    wanders: the effect is a random motion during the session, which no formula predicts after the session.
+    grids: function that yields harmonics of the effect at any frequency of a range, for a search.
+    offered: function that yields the instances for a search, None if they are the instances of `build`.
+    generic: whether the family describes the form of an error and names no part; only a search uses such a family.
+    clamped: whether the effect's value is kept constant well beyond the fitted ranges.
+    refit_constants: whether constants in the basis functions were selected from many and are refined in the last fit.
+    yields: whether the effect is a compliance of a part without a drive, so that its coefficient is positive.
+    wanders: whether the effect is a random motion during the session, which no formula predicts after the session.
     """
 
     name: str
@@ -81,12 +81,12 @@ def installed() -> tuple[Family, ...]:
 Offer = Family | Candidate | Effect
 
 PLAIN_COST = 4.0
-"""Price of an effect without a stated one, nats: that of the simplest families. exp(4) = 55 is about the number of
+"""Price of an effect without a stated price, nats: that of the simplest families. exp(4) = 55 is about the number of
 sites of a six-joint arm."""
 
 
 def distinct(offers: Iterable[object]) -> tuple[Offer, ...]:
-    """Return families, candidates and effects as a tuple. Raises InputError for another type, or two of one name."""
+    """Return families, candidates and effects as a tuple. Raises InputError for another type, or equal names."""
     kept: dict[str, Offer] = {}
     for offer in offers:
         if not isinstance(offer, Family | Candidate | Effect):
@@ -102,7 +102,7 @@ def distinct(offers: Iterable[object]) -> tuple[Offer, ...]:
 def instances(offer: Offer, mechanism: Mechanism, states: States, *, search: bool = False) -> Iterator[Candidate]:
     """Yield the candidates of a family, candidate or effect on a mechanism, with the explanation of the family.
 
-    search: yield the instances for a search, if the family has separate ones.
+    search: whether to yield the instances for a search, if the family has separate ones.
     """
     match offer:
         case Candidate():
@@ -209,12 +209,12 @@ def names() -> tuple[str, ...]:
 
 
 def family(name: str) -> Family | None:
-    """Return the family of that name, or None."""
+    """Return the family named `name`, or None."""
     return next((f for f in catalogue if f.name == name), None)
 
 
 def explained(name: str) -> str:
-    """Return the physical explanation and source of the family of that name, or an empty text."""
+    """Return the physical explanation and source of the family named `name`, or an empty text."""
     found = family(name)
     return f"{found.explanation} ({found.source})" if found else ""
 
@@ -224,7 +224,7 @@ def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]
     effect.
 
     Raises InputError for an unknown name, for a family without an instance on this mechanism and table, or if words
-    without a joint fit instances at several places. The family that a name begins with is searched first.
+    without a joint fit instances at several sites. The family that a name begins with is searched first.
     """
     first, *words = name.split() or [""]
     pool = of_family(first, mechanism, states)
@@ -246,7 +246,7 @@ def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]
 
 
 def of_family(name: str, mechanism: Mechanism, states: States) -> tuple[Candidate, ...]:
-    """Return all instances of the family of that name. Empty if the name is unknown or the family is generic."""
+    """Return all instances of the family named `name`. Empty for an unknown name or a generic family."""
     return candidates(mechanism, states, [f for f in catalogue if f.name == name])
 
 

@@ -14,18 +14,18 @@ from gpmodel.model.effect import drive_effect
 from gpmodel.model.states import States
 
 CLOSER = 4
-"""Frequencies per 2π over the travel. At a quarter of that spacing the best frequency loses at most 5 % of the gain, 1
+"""Frequencies per 2π over the travel. At a quarter of that spacing from a frequency the gain falls by at most 5 %, 1
 - sinc²(1/8)."""
 
 
 @dataclass(frozen=True)
 class FrequencyGrid:
-    """sin and cos of rate · (q - start) on the drive of a joint, at each rate of a grid. A load may multiply them.
+    """sin and cos of rate · (q - start) on the drive of a joint, at each rate of a grid. A load may multiply both.
 
-    template: the candidate with a symbol for the number in its name. The cost of the candidate is that of a named
-    effect plus the log of the number of rates that the poses resolve.
+    template: candidate with a symbol for the number in its name. The price of the candidate is that of a named effect
+    plus the log of the number of rates that the poses resolve.
     start: coordinate q at which the phase is zero, rad or m.
-    rates: (F,) rad of the argument per rad or metre of the coordinate, equally spaced.
+    rates: (F,) equally spaced rates, rad of the argument per rad or metre of the coordinate.
     value: function from a rate to the number in the name, which also converts back.
     load: column of the load, empty if there is none. called: meaning and unit of the number.
     """
@@ -40,7 +40,7 @@ class FrequencyGrid:
 
     @property
     def step(self) -> float:
-        """Distance between two neighbouring rates."""
+        """Distance between two neighbouring rates of the grid."""
         return float(self.rates[1] - self.rates[0])
 
     def at(self, rate: float, digits: int = 6) -> Candidate:
@@ -60,7 +60,7 @@ def frequency_grid(
 ) -> FrequencyGrid | None:
     """Return the grid of a harmonic `wave` with a symbol, over rates from span[0] to span[1], rad per rad or metre.
 
-    None if the travel is too short to resolve two rates of that range.
+    The result is None if the travel is too short to resolve two rates of the range.
 
     travel: lowest coordinate of the joint, and its range.
     value, load: as in `FrequencyGrid`.
@@ -75,8 +75,8 @@ def frequency_grid(
 
 
 NAMED, HIGHEST = range(3, 13), 400
-"""Ripples per turn that the catalogue names; and the largest number per turn, whole or not, that is searched: twice the
-ratio of the slowest strain-wave gears."""
+"""Numbers of ripples per turn that the catalogue names; and the largest number per turn, whole or not, that is
+searched: twice the ratio of the slowest strain-wave gears."""
 COST = 4.0
 """Price of an effect with a name, nats."""
 
@@ -96,7 +96,7 @@ def mesh_compliance(mechanism: Mechanism, states: States) -> Iterator[Candidate]
 def ripple_grids(mechanism: Mechanism, states: States) -> Iterator[FrequencyGrid]:
     """Yield ripples of each revolute joint at any number per turn up to HIGHEST, whole or not.
 
-    The error curves describe slower ripples, of fewer than two periods over the travel.
+    Error curves describe slower ripples, of fewer than two periods over the travel.
     """
     for j in revolute(mechanism):
         yield from _grid(_ripple("transmission_ripple", j, symbol(), COST), j, states)

@@ -21,15 +21,15 @@ NUMBER = r"-?\d+(?:\.\d+)?(?:e-?\d+)?"
 
 @dataclass(frozen=True)
 class Constant:
-    """A constant inside the basis functions of a candidate, on which they depend nonlinearly.
+    """A constant inside the basis functions of a candidate, such as a width, with a nonlinear influence.
 
-    name: its meaning, such as "time constant".
+    name: meaning of the constant, such as "time constant".
     unit: unit of `value`.
     step: distance from `value` to the next value of the grid, 0 if the grid is as fine as the poses resolve.
-    whole: the constant is the last row before an event; the basis functions use the middle between that row and the
-    next.
+    whole: whether the constant is the last row before an event; the basis functions use the middle between that row and
+    the next.
     rows: first and last row of the 95 % interval of an event, None if unknown.
-    number: number of its symbol in the template.
+    number: number of the constant's symbol in the template.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Constant:
 class FittedConstant:
     """A constant inside a finding, fitted to all poses.
 
-    name: its meaning, empty for a constant of an evolved formula.
+    name: meaning of the constant, empty for a constant of an evolved formula.
     stderr: standard error of `value`, None for the row of an event.
     low, high: first and last row of the 95 % interval of an event.
     """
@@ -73,7 +73,7 @@ class NonlinearParameters:
 
     @property
     def values(self) -> tuple[float, ...]:
-        """Values of the constants."""
+        """Values of the constants inside the candidate."""
         return tuple(c.value for c in self.constants)
 
     def at(self, values: Sequence[float]) -> "NonlinearParameters":
@@ -82,7 +82,7 @@ class NonlinearParameters:
         return replace(self, constants=constants)
 
     def without(self, k: int) -> "NonlinearParameters":
-        """Return the template without constant `k` and without the effects that depend on it."""
+        """Return the template without constant `k` and without the effects that depend on the constant."""
         symbol = self.constants[k].symbol
         left = tuple(e for e in self.template if not any(_reads(str(t.basis), symbol) for t in e.terms))
         unnamed = self.name == law_name(self.template)
@@ -91,7 +91,7 @@ class NonlinearParameters:
 
     @property
     def full_name(self) -> str:
-        """Name of the candidate with the values of the constants in it."""
+        """Name of the candidate with the values of the constants in the name."""
         return self._substituted(self.name)
 
     def read(self, name: str) -> tuple[float, ...] | None:
@@ -107,7 +107,7 @@ class NonlinearParameters:
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """Effects of the candidate with the values of the constants in them."""
+        """Effects of the candidate with the values of the constants in their basis functions."""
         bases = {str(term.basis) for effect in self.template for term in effect.terms}
         filled = {text: Expression(self._substituted(text, between=True)) for text in bases}
         return tuple(
@@ -174,7 +174,7 @@ def remembered(name: str, effects: Sequence[Effect], unit: Callable[[str, str], 
     """Return the constants in the names of columns with memory, such as the 40 in `lag_temperature_40`, with their
     template.
 
-    None if no effect depends on a column with memory.
+    The result is None if no effect depends on a column with memory.
 
     name: name of the candidate of these effects.
     unit: function from the kind of memory and the source column to the unit of the constant.
@@ -196,5 +196,5 @@ def _term(term: Term, symbols: Mapping[str, str]) -> Term:
 
 
 def _replaced(text: str, symbols: Mapping[str, str]) -> str:
-    """Replace whole words of a text."""
+    """Replace whole words of a text by symbols."""
     return re.sub(r"\w+", lambda match: symbols.get(match[0], match[0]), text)

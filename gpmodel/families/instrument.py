@@ -5,8 +5,8 @@ a, -cos a, 0) an elevation error, and a shift along (cos e cos a, cos e sin a, s
 about z is part of the registration.
 
 If the specification of the instrument is known, the prior standard deviation of each error is the specified limit at
-the distances of the table. A larger error is a separate candidate, at the price of an instrument out of order. A random
-walk along the rows is a motion of the stand of the instrument, which no specification covers.
+the distances of the table. An error larger than specified is a separate candidate, at the price of an instrument out of
+order. A random walk along the rows is a motion of the stand of the instrument, which no specification covers.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,17 +27,17 @@ ANGLE, LENGTH, SCALE = 3e-5, 5e-5, 2e-5
 15 µm + 6 µm/m, since an instrument with an error is out of order."""
 
 OUT_OF_ORDER = float(np.log(1000.0))
-"""Price of an error beyond the specification, nats. Yearly verification to ISO 10360-10 leaves about one instrument in
-a thousand out of order without the knowledge of its user."""
+"""Price of an instrument error beyond the specification, nats. Yearly verification to ISO 10360-10 leaves about one
+instrument in a thousand out of order without the knowledge of its user."""
 
 A, E, R = "instrument_azimuth", "instrument_elevation", "instrument_range"
 
 DEGREE = 3
-"""Degree of the smooth error field over the volume: a bend and an S shape along each direction."""
+"""Degree of the smooth error field over the measured volume: a bend and an S shape along each direction."""
 
 FINE, FINE_POSES = 5, 200
 """Largest number of half waves, over all directions together, of a detailed error field; and the least number of poses
-for such a field."""
+for a detailed field."""
 
 NEAREST, STEEPEST = 1.0, float(np.radians(85.0))
 """Least distance of a measured point from an instrument that measures angles and a distance, m; and the largest
@@ -47,15 +47,15 @@ WAVES = 8
 """Number of sine waves of a random walk along the rows. The eighth wave has 1/225 of the variance of the first."""
 
 FINE_WAVES = 32
-"""Number of sine waves of a detailed random walk. Eight waves leave a fortieth of its variance, which a step could
-explain."""
+"""Number of sine waves of a detailed random walk. Eight waves leave a fortieth of the walk's variance, which a step
+could explain."""
 
 
 @dataclass(frozen=True)
 class _Sizes:
     """Prior standard deviations of the errors of an instrument: a length, m, an angle, rad, and a scale.
 
-    believed: the standard deviations come from the specification of the instrument.
+    believed: whether the standard deviations come from the specification of the instrument.
     """
 
     length: float = LENGTH
@@ -98,7 +98,7 @@ def or_beyond(build: Callable[[Mechanism, States], Iterator[Candidate]]) -> Call
 
 
 def _shift(name: str, factor: str, unit: str, family: str, prior: float) -> Effect:
-    """Return an effect along the beam."""
+    """Return an effect that shifts the measured point along the beam."""
     ways = {"Tx": f"cos({E})*cos({A})", "Ty": f"cos({E})*sin({A})", "Tz": f"sin({E})"}
     terms = tuple(Term(INSTRUMENT, axis, Expression(f"{factor}*{way}")) for axis, way in ways.items())
     return Effect(name, terms, unit, family, prior)
@@ -159,7 +159,7 @@ def instrument_axes(mechanism: Mechanism, states: States) -> Iterator[Candidate]
 
 
 def instrument_field(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield an error over the volume, as polynomials of degree two and three in x, y and z.
+    """Yield an error over the measured volume, as polynomials of degree two and three in x, y and z.
 
     Polynomials of degree one are scale, shear and rotation, which other effects describe.
     """
@@ -178,7 +178,7 @@ def instrument_field(mechanism: Mechanism, states: States) -> Iterator[Candidate
 
 
 def _waves(scaled: list[str], size: _Sizes) -> Candidate:
-    """Return a more detailed error over the volume: products of cosines of up to FINE half waves in all.
+    """Return a detailed error over the measured volume: products of cosines of up to FINE half waves in all.
 
     Prior standard deviations fall as 1/(1 + k²).
     """
@@ -193,7 +193,7 @@ def _waves(scaled: list[str], size: _Sizes) -> Candidate:
 
 
 def _shifts(name: str, orders: tuple[int, ...], shape: str, prior: float) -> Iterator[Effect]:
-    """Yield one error over the volume along each axis, named after its orders along x, y and z."""
+    """Yield one error over the measured volume along each axis, named after its orders along x, y and z."""
     label = "".join(f"{c}{k}" for c, k in zip("xyz", orders, strict=True) if k)
     for axis in AXES[:3]:
         yield effect_at(f"{name}, {label} {axis}", INSTRUMENT, axis, Expression(shape), "m", "instrument_field", prior)
@@ -229,7 +229,7 @@ def instrument_walk(mechanism: Mechanism, states: States, waves: int = WAVES) ->
 
 
 def instrument_walks(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the random walks for a search: with few waves, and with so many that no step remains for other effects."""
+    """Yield the walks for a search: with few waves, and with so many that no step remains for other effects."""
     yield from instrument_walk(mechanism, states)
     waves = min(FINE_WAVES, len(states) // 4)
     for fine in instrument_walk(mechanism, states, waves) if waves > WAVES else ():
@@ -237,6 +237,6 @@ def instrument_walks(mechanism: Mechanism, states: States) -> Iterator[Candidate
 
 
 def _centred(column: str, values: Array) -> str:
-    """Write a column scaled to -1 to 1 over the volume."""
+    """Write a column scaled to -1 to 1 over the measured volume."""
     middle, half = 0.5 * (values.max() + values.min()), max(0.5 * float(np.ptp(values)), 1e-3)
     return f"(({column} - {middle:.4g})/{half:.4g})"

@@ -43,7 +43,7 @@ def payload_deflection(mechanism: Mechanism, states: States) -> Iterator[Candida
 
 
 def joint_bending(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the tilt of each revolute joint across its axis, in proportion to the moments there, rad/Nm."""
+    """Yield the tilt of each revolute joint across its axis, in proportion to the moments at the joint, rad/Nm."""
     for j in revolute(mechanism):
         axes = across(j)
         if f"moment_{j.name}_x" in states.columns:
@@ -65,7 +65,7 @@ def backlash_load(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def balancing_spring(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the error of the spring that balances the second revolute joint: sin q."""
+    """Yield the error of the spring that balances the second revolute joint: sin q of its angle q."""
     for j in revolute(mechanism)[1:2]:
         effect = drive_effect(f"balancing spring, {j.name}", j, Expression(f"sin({j.name})"), family="balancing_spring")
         yield one(effect.name, effect, 4.5)
@@ -83,7 +83,7 @@ def hardening(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def preload(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the shift of a ball along its leg under the pull beyond a part of its preload, m/N."""
+    """Yield the shift of a ball joint along its leg under the pull beyond a part of its preload, m/N."""
     for ball in balls_of(mechanism):
         if ball.axial and loaded(states, ball.axial):
             pull = states[ball.axial]
@@ -98,7 +98,7 @@ def preload(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 def support_sag(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Yield the shift of the support along gravity, as one effect and along each axis alone.
 
-    Each ball of a machine shifts along its leg in proportion to the load there, m/N.
+    Each ball joint of a machine shifts along its leg in proportion to the load at the ball, m/N.
     """
     for ball in balls_of(mechanism):
         if ball.axial and loaded(states, ball.axial):
@@ -114,8 +114,8 @@ def support_sag(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 DEFLECTION = 7e-4
-"""Typical deflection of a joint, rad: a shoulder of 4e6 N·m/rad under 3 kN·m, a forearm of 2e5 under 140 N·m (Dumas
-2011)."""
+"""Typical deflection of a joint under gravity, rad: a shoulder of 4e6 N·m/rad under 3 kN·m, a forearm of 2e5 under 140
+N·m (Dumas 2011)."""
 
 
 SECOND = 5.0
@@ -124,7 +124,7 @@ least gain of a finding."""
 
 
 def unknown_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the deflection of each joint under unit moments of mass of every link beyond it."""
+    """Yield the deflection of each joint under unit moments of mass of every link beyond the joint."""
     for j in revolute(mechanism):
         prefix = f"torque_{j.name}_of_"
         moments = [n for n in _unit_loads(states) if n.startswith(prefix) and n.endswith(("_x", "_y", "_z"))]
@@ -139,7 +139,7 @@ def unknown_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 def base_unknown_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Yield the tilt of the base about x and y under unit moments of mass of every link.
 
-    Each moment has one coefficient for both axes, since the base is assumed equally stiff about them.
+    Each moment of mass has one coefficient for both axes, since the base is assumed equally stiff about both axes.
     """
     loads, prefix = _unit_loads(states), "moment_base_x_of_"
     moments = [n for n in loads if n.startswith(prefix) and n.replace("moment_base_x", "moment_base_y") in loads]
@@ -159,7 +159,7 @@ def base_unknown_masses(mechanism: Mechanism, states: States) -> Iterator[Candid
 
 
 def wrong_masses(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the deflection of each joint under the weight of each link beyond it, with one coefficient a link."""
+    """Yield the deflection of each joint under the weight of each link beyond, with one coefficient per link."""
     for j in revolute(mechanism):
         prefix = f"torque_{j.name}_of_"
         parts = [n for n in _unit_loads(states) if n.startswith(prefix) and not n.endswith(("_x", "_y", "_z"))]

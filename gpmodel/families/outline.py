@@ -16,7 +16,7 @@ PRINTED = {"rad": (180.0 / math.pi, "deg"), "m": (1e3, "mm")}
 """Factor and unit in which lengths and angles are printed."""
 
 LINEAR = {"tanh": ("step", 1.0), "logistic": ("step", 2.0), "deadzone": ("dead zone", 2.0)}
-"""For each of these functions of (x - at): the word for its shape, and its width for a factor of one on x."""
+"""Word for the shape of each function of (x - at), and the width of the shape for a factor of one on x."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Outline:
 
     exp(-(x - at)² / (2 width²)) is a bump, tanh((x - at) / width) a step, deadzone(2 (x - at) / width) a dead zone.
 
-    what: bump, step or dead zone.
+    what: shape of the formula: bump, step or dead zone.
     of: name of the input.
     """
 
@@ -36,7 +36,7 @@ class Outline:
 
 
 def outline(basis: Expression) -> Outline | None:
-    """Return the shape, centre and width of a basis function, or None if it is no bump, step or dead zone."""
+    """Return the shape, centre and width of a basis function, or None if its shape is no bump, step or dead zone."""
     if len(basis.inputs) != 1 or not {"exp", *LINEAR} & set(basis.program.operator_counts):
         return None
     x = sympy.Symbol(basis.inputs[0], real=True)

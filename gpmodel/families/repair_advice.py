@@ -15,7 +15,7 @@ class RepairAdvice:
     """Four sentences of advice for whoever repairs the machine.
 
     sign: what is visible on the machine.
-    check: a check by hand.
+    check: how to check the machine by hand.
     clause: clause of ISO 9283, ISO 230 or another standard whose test result changes.
     compensation: what corrected joint values can and cannot do.
     """
@@ -27,7 +27,7 @@ class RepairAdvice:
 
     @property
     def lines(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of a heading and its sentence."""
+        """Pairs of a heading and its sentence of advice."""
         headings = ("sign", "check by hand", "standard", "compensation")
         return tuple(zip(headings, (self.sign, self.check, self.clause, self.compensation), strict=True))
 

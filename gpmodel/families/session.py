@@ -20,17 +20,17 @@ from gpmodel.model.memory import read_by, temperatures
 from gpmodel.model.states import States
 
 EXPANSION = 2e-5
-"""Thermal expansion, 1/K: between steel, 12e-6, and aluminium, 23e-6."""
+"""Typical thermal expansion of a link, 1/K: between steel, 12e-6, and aluminium, 23e-6."""
 
 TILT = 2e-5
-"""Tilt of the base, rad/K: that of a steel column 1 m high and 0.3 m wide, whose sides differ by half a kelvin for
-every kelvin."""
+"""Typical tilt of the base with temperature, rad/K: that of a steel column 1 m high and 0.3 m wide, whose sides differ
+by half a kelvin for every kelvin."""
 
 ZERO = 1e-5
-"""Drift of an encoder zero, rad/K. Gong (2000) reports up to 0.2 mrad over 20 K."""
+"""Typical drift of an encoder zero, rad/K. Gong (2000) reports up to 0.2 mrad over 20 K."""
 
 SHORTEST = 0.02
-"""Shortest link that gets a growth, m. A shorter link grows by less than 5 µm in 10 K."""
+"""Shortest link for which thermal growth is a candidate, m. A shorter link grows by less than 5 µm in 10 K."""
 
 
 def arm_growth(
@@ -55,8 +55,8 @@ def link_growth(
 
 
 def _lengths(mechanism: Mechanism, basis: Basis) -> Iterator[tuple[str, tuple[Term, ...]]]:
-    """Yield each slot with a length before it, and the terms that stretch it: the offset from the previous slot, and
-    the travel of a prismatic joint, whose screw or scale grows."""
+    """Yield each slot with a length before it, and the terms that stretch the length: the offset from the previous
+    slot, and the travel of a prismatic joint, whose screw or scale grows."""
     fixed = links(mechanism)
     travels = {
         slot: Term(slot, axis, Expression(f"{joint.name}*({basis})"), weight)
@@ -71,10 +71,10 @@ def _lengths(mechanism: Mechanism, basis: Basis) -> Iterator[tuple[str, tuple[Te
 
 
 MOST_STEPS = 200
-"""Largest number of rows at which a step is offered, evenly spaced."""
+"""Largest number of rows at which a step is a candidate, evenly spaced."""
 
 EVENTS = 12
-"""Number of moments at which settling may begin. Time constants of a twentieth of the session or more need no more."""
+"""Number of moments at which settling may begin. Time constants from a twentieth of the session need no more."""
 
 SETTLED = 1e-4
 """Prior standard deviation of settling, rad or share of the length of a link: 5 K of steel (Slocum 1992, ch. 2)."""
@@ -122,8 +122,7 @@ def thermal_zero(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def drift(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield a drift of the set-up in proportion to the row, along and about its axes, and one along a parabola of the
-    row."""
+    """Yield a drift of the set-up in proportion to the row, along and about its axes, or to a parabola of the row."""
     name, row = "drift of the set-up", Expression("row")
     along = [effect_at(f"{name}, {a}", "base", a, row, f"{axis_unit(a)}/row", "drift") for a in AXES]
     yield Candidate(name, tuple(along[:3]), "drift", 4.5)
@@ -206,14 +205,14 @@ def _measured_temperatures(states: States) -> list[str]:
 
 
 PLAY = 1e-4
-"""Half the play of a drive, rad. For a linear axis, m, it is a tenth: the play at a pitch radius of 0.1 m."""
+"""Half the play of a drive, rad. For a linear axis, m, a tenth of this value: the play at a pitch radius of 0.1 m."""
 
 WIDTHS = (0.02, 0.05, 0.1, 0.2)
-"""Half-widths of stop operators, as shares of the travel of a joint or the span of a torque. A narrower operator acts
-as play, a wider one as a smooth curve."""
+"""Half-widths of stop operators, as shares of the travel of a joint or the span of a torque. A stop operator of smaller
+width acts as play, one of larger width as a smooth curve."""
 
 LAGS = 8
-"""Number of time constants, in equal ratios from the time of one row to that of the session."""
+"""Number of time constants, in equal ratios from the time of one row to the time of the session."""
 
 
 def _play(joint: Joint) -> float:
@@ -292,7 +291,7 @@ def lagged_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 def _following(
     mechanism: Mechanism, basis: Expression, where: str, kelvin: str
 ) -> Iterator[tuple[str, tuple[Effect, ...], float]]:
-    """Yield the effects that may follow a temperature, each with its name and cost.
+    """Yield the effects that may follow a temperature, each effect with its name and price.
 
     The effects are the growth of the arm and of each link, the tilt of the base and of each axis, and the drift of each
     zero.

@@ -15,10 +15,10 @@ from gpmodel.formula.program import Builder, Node, Program
 _LARGEST_POWER = 64
 Pieces = Mapping[sympy.Symbol, sympy.Expr]
 LARGEST_PIECE = 30
-"""Largest number of operators and leaves of one expression in sympy. Longer expressions take minutes."""
+"""Largest number of operators and leaves of one sympy expression. Longer expressions take minutes."""
 
 logical_not = sympy.Function("not_")
-"""1 where the argument is 0, else 0. sympy does not simplify it."""
+"""Function that is 1 if the argument is 0, else 0. sympy does not simplify this function."""
 
 deadzone, logistic, hypot = map(sympy.Function, ("deadzone", "logistic", "hypot"))
 """Functions that sympy does not simplify: excess of the argument beyond -1 to 1; 1/(1 + exp(-a)); sqrt(a*a + b*b)."""
@@ -62,7 +62,7 @@ def in_pieces(program: Program, largest: int | None) -> tuple[dict[sympy.Symbol,
     """Return definitions of symbols for large subexpressions, and the outputs in terms of inputs and these symbols.
 
     No expression has more than about `largest` operators and leaves. The written-out form of a program with shared
-    parts may be exponentially longer, and algebra on it would not end. largest: None for no limit.
+    parts may be exponentially longer, and its algebra would not end. largest: largest size; None for no limit.
     """
     values: list[sympy.Expr] = []
     sizes: list[int] = []
@@ -91,7 +91,7 @@ def _value(node: Node, values: list[sympy.Expr]) -> sympy.Expr:
 
 
 def from_sympy(expressions: Sequence[sympy.Expr], pieces: Pieces | None = None) -> Program:
-    """Return the program of sympy expressions. `pieces` defines some of their symbols.
+    """Return the program of sympy expressions. `pieces` defines some symbols of the expressions.
 
     Raises ValueError for a function that no operator computes.
     """
@@ -224,9 +224,9 @@ def _unchanged(expression: sympy.Expr) -> sympy.Expr:
 def _by_levels(expression: sympy.Expr) -> sympy.Expr:
     """Simplify an expression level by level: functions of an angle inside another function come first.
 
-    The search of sympy for trigonometric identities inside the arguments of functions takes long. Each such argument is
-    therefore simplified alone and replaced by a symbol. A level with more than MOST_TERMS terms after expansion is not
-    simplified.
+    The search of sympy for trigonometric identities inside the arguments of functions takes long. Each argument of a
+    function is therefore simplified alone and replaced by a symbol. A level with more than MOST_TERMS terms after
+    expansion is not simplified.
     """
     inside: dict[sympy.Expr, sympy.Symbol] = {}
 

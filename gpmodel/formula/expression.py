@@ -31,7 +31,7 @@ LONGEST_TEXT = 50_000
 MOST_PARTS = 5_000
 """Largest number of operators, inputs and numbers of a formula."""
 DEEPEST = 300
-"""Largest nesting of a formula: that of a sequence of 256 instructions whose results are each used once."""
+"""Largest nesting of a formula: the nesting of a sequence of 256 instructions whose results are each used once."""
 _ALONE = threading.RLock()
 """Lock held while a text is parsed: Python 3.11 counts the depth of syntax trees for all threads together."""
 
@@ -155,19 +155,18 @@ def raise_to(builder: Builder, base: int, power: int) -> int:
 
 
 LARGEST_WRITTEN = 50_000
-"""Largest number of parts of a basis function with each name replaced by its definition; each name may double the
-number."""
+"""Largest number of parts of a basis function with each name replaced by its definition; a name may double it."""
 
 
 class Columns(Protocol):
-    """Columns (N,) by name, with one value a pose. The length of the object is N."""
+    """Named columns (N,), with one value per pose. The length of the object is N."""
 
     def __getitem__(self, name: str, /) -> Array: ...
     def __len__(self) -> int: ...
 
 
 class Basis(Protocol):
-    """A basis function φ(s) of the states s. `str(basis)` is its expression."""
+    """A basis function φ(s) of the states s. `str(basis)` is the expression of the basis function."""
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -196,7 +195,7 @@ class Expression:
 
     @property
     def program(self) -> Program:
-        """The program of the text, with equal subexpressions as one node."""
+        """The program of the text, with equal subexpressions merged into one node."""
         return _parsed(self.text)
 
     @cached_property
@@ -211,8 +210,8 @@ class Expression:
 
     @cached_property
     def call(self) -> tuple[str, str]:
-        """Name and argument of the outermost function, such as `sin` and `2*J4`. Name and argument are empty without an
-        outer function."""
+        """Name and argument of the outermost function of the expression, such as `sin` and `2*J4`. Name and argument
+        are empty without an outer function."""
         program = self.program
         last = program.nodes[program.outputs[0]]
         if len(last.arguments) != 1:
@@ -229,7 +228,7 @@ class Expression:
 
 @lru_cache(maxsize=1 << 16)
 def _parsed(text: str) -> Program:
-    """Return the program of a text. The program is cached, because each round writes thousands of candidates anew."""
+    """Return the program of a text. It is cached, because each round writes thousands of candidates anew."""
     program = parse(text, "basis")
     if len(program.outputs) != 1:
         raise InputError(f"basis {text!r}: {len(program.outputs)} values; expected one, for example sin(2*J4)")

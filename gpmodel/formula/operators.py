@@ -6,7 +6,7 @@ this table. The kernels compute equal functions on rows of numbers and are teste
 * Arithmetic is IEEE and unprotected: a division by zero gives an infinity. The search rejects a program whose output is
 not finite. No smooth function contains a hidden branch.
 * ``sqrt`` and ``log`` take the absolute value; ``modulo`` is ``a - b*floor(a/b)`` and has the sign of the divisor.
-* ``not`` is that of C: 1 where the argument is 0, else 0.
+* ``not`` is the operator of C: 1 where the argument is 0, else 0.
 * ``min`` and ``max`` propagate a NaN.
 * ``step`` is 1 above 0, else 0; ``deadzone`` is the excess of its argument below -1 or above 1, else 0.
 * ``logistic`` is 1/(1 + exp(-a)), ``hypot`` is sqrt(a*a + b*b).
@@ -28,11 +28,11 @@ TABLE_CONSTANTS: tuple[float, ...] = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 
 @dataclass(frozen=True)
 class Operator:
-    """An operator: its op-code, its function of one or two arguments and the partial derivatives of that function.
+    """An operator: its op-code, its function of one or two arguments and the partial derivatives of the function.
 
-    code: ``WRITTEN`` or more for an operator that only users write and evolution does not use.
-    smooth: the first derivative is continuous everywhere.
-    derivatives: function of the arguments that returns one array an argument; exact almost everywhere if not smooth.
+    code: op-code; ``WRITTEN`` or more for an operator that only users write and evolution does not use.
+    smooth: whether the first derivative is continuous everywhere.
+    derivatives: function of the arguments that returns one array per argument; exact almost everywhere if not smooth.
     """
 
     code: int
@@ -101,7 +101,7 @@ ARITHMETIC: tuple[Operator, ...] = (
     Operator(21, "asin", 1, False, _arcsin, lambda a: (1.0 / np.sqrt(1.0 - a * a),)),
     Operator(22, "reciprocal", 1, False, lambda a: 1.0 / a, lambda a: (-1.0 / (a * a),)),
 )
-"""All operators that can be evolved. Codes 3 to 17 are those of Table 5.1 of Robertson (2003)."""
+"""All operators that can be evolved. Codes 3 to 17 are the codes of Table 5.1 of Robertson (2003)."""
 
 LANGUAGE: tuple[Operator, ...] = (
     *ARITHMETIC,

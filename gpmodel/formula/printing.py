@@ -14,14 +14,14 @@ from gpmodel.formula.expression import DIGITS
 from gpmodel.formula.program import Program
 
 _ONE_LETTER = re.compile(r"[A-Za-z]\d*$")
-"""Names that LaTeX sets in italics. In a longer name each letter would look like a factor."""
+"""Pattern of names that LaTeX sets in italics. In a longer name each letter would look like a factor."""
 _STEP, _NOT = sympy.Function("step"), sympy.Function("not")
 
 
 def latex(program: Program) -> str:
     """Return the outputs in LaTeX, separated by commas, after the definitions of their parts if they are long.
 
-    Numbers are rounded to DIGITS.
+    Numbers in the LaTeX text are rounded to DIGITS.
     """
     parts, outputs = latex_lines(program)
     return ";\\; ".join([*(f"{name} = {text}" for name, text in parts), ", ".join(outputs)])
@@ -30,7 +30,7 @@ def latex(program: Program) -> str:
 def latex_lines(
     program: Program, names: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[list[tuple[str, str]], list[str]]:
-    """Return names and definitions of the parts in LaTeX, and one text for each output. names: replaced input names."""
+    """Return names and definitions of the parts in LaTeX, and one text for each output. names: new input names."""
     written = {sympy.Symbol(name, real=True): _symbol(names.get(name, name)) for name in program.inputs}
     pieces, outputs = _rounded(program)
 
@@ -49,7 +49,7 @@ def _symbol(name: str) -> str:
 
 
 def in_latex(name: str) -> str:
-    """Escape a name for LaTeX, so that it is no command and no comment."""
+    """Escape a name for LaTeX, so that the name is no command and no comment."""
     return harmless(name).replace("%", "\\%").replace(" ", "\\ ").replace("_", "\\_")
 
 
@@ -74,9 +74,9 @@ def _rounded(program: Program) -> tuple[dict[sympy.Symbol, sympy.Expr], list[sym
 
 
 def inline(program: Program, language: Literal["numpy", "c99"], columns: Mapping[str, str]) -> str:
-    """Write the first output as one expression. C99 needs <math.h>.
+    """Write the first output as one expression. C99 source needs <math.h>.
 
-    columns: name or source text of each input in that language.
+    columns: name or source text of each input in the language.
     """
     written: list[str] = []
     for node in program.nodes:

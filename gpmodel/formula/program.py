@@ -19,7 +19,7 @@ _ATOM = 9
 
 
 class Named(Protocol):
-    """Columns (N,) by name."""
+    """Named columns (N,) of values."""
 
     def __getitem__(self, name: str, /) -> Array: ...
 
@@ -112,7 +112,7 @@ class Program:
         yield from self.outputs
 
     def select(self, outputs: Iterable[int]) -> "Program":
-        """Return the program of some of the outputs, by index, without the nodes that only the others need."""
+        """Return the program of some of the outputs, by index, without nodes that only other outputs need."""
         return Builder(list(self.nodes)).program(self.outputs[k] for k in outputs)
 
     def with_constants(self, values: Iterable[float]) -> "Program":
@@ -126,7 +126,7 @@ class Program:
         )
 
     def with_leaves(self, nodes: Iterable[Node]) -> "Program":
-        """Return the program with replaced inputs and constants. Equal ones are merged.
+        """Return the program with replaced inputs and constants. Equal inputs and equal constants are merged.
 
         nodes: all nodes of the program, with the replacements. Raises InputError for a constant that is not finite.
         """
@@ -274,11 +274,11 @@ LINEAR = ("add", "subtract", "multiply", "divide")
 CURVED = frozenset(("sin", "cos", "tan", "atan", "exp", "log", "tanh", "asin", "reciprocal", "logistic"))
 NESTED = 2
 """Additional price of a function inside a function, nodes. With this price the search for 40 random formulas of two
-inputs found two better and none worse."""
+inputs found two better formulas and none worse."""
 
 
 def description_size(program: Program) -> int:
-    """Return the complexity of a program plus `NESTED` for every function of CURVED inside another one."""
+    """Return the complexity of a program plus `NESTED` for every function of CURVED inside another function."""
     curved, nested = list[bool](), 0
     for node in program.nodes:
         inside = any(curved[k] for k in node.arguments)

@@ -16,15 +16,15 @@ SMALLEST = 1e-300
 """Smallest probability that is distinguished from zero."""
 
 FEWEST = 4
-"""Least number of machines for an outlier test. With three machines, the spread of the others has one degree of
-freedom, and no deviation is improbable."""
+"""Least number of machines for the test for outlying machines. With three machines, the spread of the other machines
+has one degree of freedom, and no deviation is improbable."""
 
 
 @dataclass(frozen=True)
 class Shared:
     """Distribution of a parameter between machines.
 
-    mean, stderr: mean of the type and its standard error.
+    mean, stderr: mean of the parameter over the type and its standard error.
     spread: standard deviation τ between machines.
     low, high: interval of τ with coverage COVERAGE.
     """
@@ -37,8 +37,8 @@ class Shared:
 
 
 Judge = Callable[[Mask], tuple[Array, Array]]
-"""Function of the mask (m,) of machines that are no outliers. Returns z (m,) of each machine against the others, and
-its chance (m,)."""
+"""Function of the mask (m,) of machines that are no outliers. It returns z (m,) of each machine against the others, and
+the chance (m,) of z."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def between(values: Array, variances: Array) -> Shared:
     """Return mean and spread of estimates (m,), m ≥ 2, with variances (m,).
 
     τ² solves Q(τ²) = m - 1 with Q = Σ w_i (y_i - μ)², w_i = 1 / (v_i + τ²), μ = Σ w y / Σ w (Paule and Mandel 1982;
-    DerSimonian and Kacker 2007). At the ends of its interval Q is a quantile of χ² with m - 1 degrees of freedom
+    DerSimonian and Kacker 2007). At the ends of the interval of τ², Q is a quantile of χ² with m - 1 degrees of freedom
     (Viechtbauer 2007).
     """
     tail = (1.0 - COVERAGE) / 2.0
@@ -69,14 +69,14 @@ def between(values: Array, variances: Array) -> Shared:
 
 
 def _pooled(values: Array, variances: Array) -> tuple[float, float, float]:
-    """Return the mean, its standard error, and τ."""
+    """Return the mean over the machines, its standard error, and the spread τ."""
     variance = _variance(values, variances, len(values) - 1.0)
     mean, total, _ = _weighed(values, variances + variance)
     return mean, float(1.0 / np.sqrt(total)), float(np.sqrt(variance))
 
 
 def _weighed(values: Array, variances: Array) -> tuple[float, float, float]:
-    """Return the weighted mean, the sum of weights, and Q."""
+    """Return the weighted mean, the sum of weights, and the weighted sum of squares Q."""
     weights = 1.0 / variances
     mean = float(weights @ values / weights.sum())
     return mean, float(weights.sum()), float(weights @ (values - mean) ** 2)
@@ -124,7 +124,7 @@ def residual(value: float, variance: float, mean: float, prior: float, machines:
 def chance_of(z: float, machines: int) -> float:
     """Return the two-sided chance of a deviation of `z` from the mean of `machines` others in units of their spread.
 
-    The distribution is Student's t with `machines` - 1 degrees of freedom.
+    The deviation has Student's t distribution with `machines` - 1 degrees of freedom.
     """
     return 2.0 * float(special.stdtr(machines - 1, -abs(z)))
 
@@ -132,7 +132,7 @@ def chance_of(z: float, machines: int) -> float:
 def in_normal(z: float, chance: float) -> float:
     """Convert a corrected chance to the equally improbable number of standard deviations of a normal distribution.
 
-    The result has the sign of z. Machines that are no outliers get small values.
+    The converted number has the sign of z. Machines that are no outliers get small values.
     """
     return float(np.copysign(special.ndtri(0.5 * max(chance, SMALLEST)), z))
 

@@ -2,7 +2,7 @@
 
     b_i ~ N(μ, τ² P),  P = diag(prior²)                    b_i: the effects of machine i; P: their prior variances
 
-Poses determine such effects together, hardly one by one. All values here are in units of the priors, so that P = 1.
+Poses determine the effects together, hardly one by one. All values here are in units of the priors, so that P = 1.
 """
 
 from collections.abc import Sequence
@@ -19,15 +19,15 @@ from gpmodel.model.effect import Effect
 from gpmodel.numerics.interval import COVERAGE
 
 TOLD = 1.0
-"""Least ratio of the information of the poses to that of the prior in a direction for that direction to be tested.
-Other directions would dilute the test."""
+"""Least ratio of the information of the poses to that of the prior in a direction for the direction to be tested.
+Directions with a smaller ratio would dilute the test."""
 
 
 @dataclass(frozen=True)
 class BlockInformation:
     """Information of the poses of m machines about a block of E effects.
 
-    values: (m, E) with unit variance.
+    values: (m, E) estimates with unit variance.
     root: (m, E, E) factor of the information, zero in directions that the poses do not determine.
     count: (m,) number of determined directions.
     """
@@ -93,8 +93,8 @@ def block_information(fits: Sequence[Calibration], effects: tuple[Effect, ...]) 
 def shared(of: BlockInformation) -> tuple[float, float, float]:
     """Return τ of a block and its interval of coverage COVERAGE, as `between` does for one parameter.
 
-    Q(τ²) equals its expectation. At the ends of the interval Q is a quantile of χ² with m - 1 degrees of freedom, as if
-    all effects of a machine differed in one proportion.
+    τ is the spread at which Q(τ²) equals its expectation. At the ends of the interval Q is a quantile of χ² with m - 1
+    degrees of freedom, as if all effects of a machine differed in one proportion.
     """
     tail, free = (1.0 - COVERAGE) / 2.0, len(of.values) - 1
     low, high = (_common(of, float(special.chdtri(free, q)) / free).spread for q in (tail, 1.0 - tail))
@@ -102,7 +102,7 @@ def shared(of: BlockInformation) -> tuple[float, float, float]:
 
 
 def deleted(of: BlockInformation, inside: Mask) -> tuple[Array, Array]:
-    """Return the distance (m,) of each machine from the others that are `inside`, and its chance (m,)."""
+    """Return the distance (m,) of each machine from the others that are `inside`, and that distance's chance (m,)."""
     distances, chance = np.empty(len(inside)), np.empty(len(inside))
     for i in range(len(inside)):
         others = inside & (np.arange(len(inside)) != i)
@@ -115,9 +115,9 @@ def deleted(of: BlockInformation, inside: Mask) -> tuple[Array, Array]:
 def distance(of: BlockInformation, machine: int, mean: Array, covariance: Array, machines: int) -> tuple[float, float]:
     """Return √(χ² / n) of the n determined directions of a machine about a mean (E,), and its chance.
 
-    covariance: (E, E) of the mean and spread, estimated from `machines` others. Σ w_k χ²_k with Σ w_k = 1 is large no
-    more often than one χ² is (Székely and Bakirov 2003). The chance of a single effect with this distance is therefore
-    an upper bound, whichever effects differ.
+    covariance: (E, E) covariance of the mean and the spread, estimated from `machines` others. Σ w_k χ²_k with Σ w_k =
+    1 is large no more often than one χ² is (Székely and Bakirov 2003). The chance of a single effect with this distance
+    is therefore an upper bound, whichever effects differ.
     """
     root = of.root[machine]
     left = of.values[machine] - root @ mean
@@ -129,9 +129,9 @@ def distance(of: BlockInformation, machine: int, mean: Array, covariance: Array,
 def further_distance(
     fit: Calibration, effects: tuple[Effect, ...], believed: tuple[Effect, ...], machines: int
 ) -> tuple[float, float]:
-    """Return the distance of a machine fitted alone from the prior of its type, and its chance.
+    """Return the distance of a machine fitted alone from the prior of its type, and the chance of the distance.
 
-    believed: the effects with the prior learned from `machines` machines.
+    believed: effects with the prior learned from `machines` machines.
     """
     own, mean, deviation = (
         np.array([getattr(e, k) for e in of]) for of, k in ((effects, "prior"), (believed, "mean"), (believed, "prior"))
@@ -162,7 +162,7 @@ def _common(of: BlockInformation, share: float = 1.0) -> Common:
 def _weighed(of: BlockInformation, variance: float) -> tuple[Array, Array, float, float]:
     """Return the mean with prior μ ~ N(0, 1), its covariance, Q, and the expectation of Q at a given τ².
 
-    The expectation is the number of determined directions less those that the mean absorbs.
+    The expectation of Q is the number of determined directions minus the number that the mean absorbs.
     """
     weight = 1.0 / (1.0 + variance * np.sum(of.root**2, axis=2))
     weighed = weight[:, :, None] * of.root

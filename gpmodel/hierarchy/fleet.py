@@ -20,12 +20,12 @@ from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import table_names, translate
 
 WIDE = 3e-3
-"""Prior standard deviation of geometry in the fit of one machine, m and rad: more than that of any machine. This prior
-is removed before the type is estimated and remains only for constants that no machine's poses determine."""
+"""Prior standard deviation of geometric constants in the fit of one machine, m and rad: more than that of any machine.
+This prior is removed before the type is estimated and remains only for constants that no machine's poses determine."""
 
 STEPS, SETTLED = 500, 1e-4
-"""Largest number of iterations, and the relative change of every τ² that ends them: a hundredth of the standard error
-of τ² with hundreds of machines."""
+"""Largest number of iterations, and the relative change of every τ² at which iterations end: a hundredth of the
+standard error of τ² with hundreds of machines."""
 
 
 @dataclass(frozen=True)
@@ -44,16 +44,16 @@ def learned(
 ) -> tuple[Effect, ...]:
     """Return the effects with the mean of the type and the prior deviation √(τ² + var μ) of a further machine.
 
-    own: fits of the machines alone. The noise of each fit weights the poses; the fits contain at least the effects that
-    are not constant. Constant effects of one unit have one τ, every other effect has its own. The mean of a constant
-    has a prior of WIDE about zero; that of any other effect the smaller of its own prior and its size over the
-    machines.
+    own: fits of the single machines. The noise of each fit weights the poses; the fits contain at least the effects
+    that are not constant. Constant effects of one unit have one spread τ, every other effect has its own τ. The mean of
+    a constant has a prior of WIDE about zero; the mean of any other effect the smaller of the effect's prior and its
+    size over the machines.
     Source: Laird and Ware (1982), by the EM algorithm.
 
         b_i ~ N(μ, T),  T = diag(τ²)                                b_i: all effects of machine i, geometry complete
 
     The geometry keeps its redundant constants. Machines differ independently in all constants; a model without the
-    redundant ones would have correlated differences.
+    redundant constants would have correlated differences.
     """
     constant = np.array([e.constant for e in effects])
     size = np.array([WIDE if e.constant else min(e.prior, _size(own, e.name)) for e in effects])
@@ -86,7 +86,7 @@ def _size(own: Sequence[Calibration], name: str) -> float:
 def _information(fits: Sequence[Calibration], size: Array) -> Information:
     """Compute the information of the poses alone about the first effects of each fit, in units of `size`.
 
-    Λ = C⁻¹ - 1 and η = C⁻¹ θ, with θ, C of fits with `size` as prior. The later effects belong to the machine alone.
+    Λ = C⁻¹ - 1 and η = C⁻¹ θ, with θ, C of fits with `size` as prior. Later effects belong to one machine.
     """
     of_effects = [slice(first := len(fit.covariance.placement), first + len(size)) for fit in fits]
     own = [fit.covariance.values[at, at] for fit, at in zip(fits, of_effects, strict=True)]
@@ -96,12 +96,12 @@ def _information(fits: Sequence[Calibration], size: Array) -> Information:
 
 
 def _expectation_maximisation(told: Information, kinds: IntArray, constant: Mask) -> tuple[Array, Array]:
-    """Return μ (E,) and the prior deviations (E,) of a further machine. Effects of one kind (E,) have one τ.
+    """Return μ (E,) and the prior deviations (E,) of a further machine. Effects of one kind (E,) have one spread τ.
 
     Expectation: C_i = (Λ_i + T⁻¹)⁻¹, b_i = C_i (η_i + T⁻¹ μ). Maximisation: μ is the mean of b_i with prior μ ~ N(0,
     1), and τ² the mean of (b_i - μ)² + diag C_i. The precision of μ is P = 1 + Σ (1 + Λ_i T)⁻¹ Λ_i. The variance of μ
-    is diag P⁻¹. For a `constant` (E,) effect it is 1 / diag P, the variance with all other constants known, since
-    several constants are equivalent.
+    is diag P⁻¹. For a `constant` (E,) effect the variance of μ is 1 / diag P, the variance with all other constants
+    known, since several constants are equivalent.
     """
     count = np.bincount(kinds)
     mean, variance = np.zeros(len(kinds)), np.ones(len(kinds))
@@ -122,10 +122,10 @@ def _expectation_maximisation(told: Information, kinds: IntArray, constant: Mask
 
 @dataclass(frozen=True)
 class SharedBlock:
-    """A block of effects with priors, judged together.
+    """A block of effects with priors, tested together.
 
     spread: standard deviation between machines, as a share of the priors.
-    low, high: its interval.
+    low, high: 95 % interval of the spread.
     """
 
     name: str
@@ -137,16 +137,16 @@ class SharedBlock:
 
 @dataclass(frozen=True)
 class Fleet:
-    """Machines calibrated together.
+    """Machines of one type calibrated together.
 
-    alone: each machine calibrated alone, with its own selection of effects.
-    own: each machine by its poses alone, with the effects of the type.
-    shrunken: each machine by its poses and the type's `prior`, with complete geometry.
+    alone: calibration of each machine alone, with its own selection of effects.
+    own: calibration of each machine by its poses alone, with the effects of the type.
+    shrunken: calibration of each machine by its poses and the type's `prior`, with complete geometry.
     effects: effects without priors of their own.
-    values, stderr: (m, K + 1) of these effects and, last, of the logarithm of the noise.
-    shared: mean and spread of each of these K + 1 parameters.
+    values, stderr: (m, K + 1) values and standard errors of these effects and, last, of the logarithm of the noise.
+    shared: mean and spread of each of the K + 1 parameters over the machines.
     blocks: effects with priors of their own.
-    deviations: of each machine in each parameter and block.
+    deviations: deviation of each machine in each parameter and block.
     left_out: names of effects that not every machine's poses determine.
     """
 
@@ -168,12 +168,12 @@ def calibrate_fleet(
 ) -> Fleet:
     """Estimate each machine alone, the mean and spread of the type, then each machine with the type as its prior.
 
-    alone: fit of each machine alone, with `effects` first and then the effects of that machine alone. The latter stay
-    in all its fits.
+    alone: fit of each machine alone, with `effects` first and then the effects of the machine alone. The effects of the
+    machine alone stay in all its fits.
     effects: effects of the type. The prior of an effect holds for a machine alone and for the mean of the type.
 
-    A machine that is an outlier in an effect or a block keeps its own value of that effect or block. The type is
-    learned without such machines, unless fewer than two remain. Source: Efron and Morris (1975), empirical Bayes.
+    A machine that is an outlier in an effect or a block keeps its own value of the effect or block. The type is learned
+    without outlying machines, unless fewer than two machines remain. Source: Efron and Morris (1975), empirical Bayes.
     Raises InputError if a machine has too few poses for the effects.
     """
     held = np.all([fit.kept[: len(effects)] for fit in alone], axis=0)

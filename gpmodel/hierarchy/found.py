@@ -38,10 +38,10 @@ Residuals = Callable[[Sequence[Candidate]], Sequence[Residual]]
 
 @dataclass(frozen=True)
 class Pooled:
-    """A group scored on all machines.
+    """A candidate group scored on all machines.
 
-    nats: net gain at the best common variance.
-    typical: more than half of the machines gain at that variance, and the net gain without the best machine is
+    nats: net gain at the best common prior variance, nats.
+    typical: whether more than half of the machines gain at this variance and the net gain without the best machine is
     positive.
     """
 
@@ -54,9 +54,9 @@ def select_for_type(
 ) -> tuple[Candidate, ...]:
     """Select candidates for the type by forward selection with backward elimination over all machines.
 
-    Each step adds the candidate with the largest pooled net gain, if it is typical (no effect of a minority) and passes
-    the limits of `criteria`: net gain, permutation null over all candidates, pooled cross-validation. After each
-    addition, a selected candidate that fails given the others is deleted for good.
+    Each step adds the candidate with the largest pooled net gain, if the candidate is typical (no effect of a minority)
+    and passes the limits of `criteria`: net gain, permutation null over all candidates, pooled cross-validation. After
+    each addition, a selected candidate that fails given the others is deleted for good.
     """
     rng, chosen, left = np.random.default_rng(seed), dict[str, Candidate](), dict(proposals)
     while left:
@@ -80,9 +80,9 @@ def pooled(machines: Sequence[Residual], group: Group) -> Pooled:
 
         gain(a) = Σ_i ½ Σ_k [ a q_ik² / (1 + a s_ik) - ln(1 + a s_ik) ] - cost            i: machines, k: directions
 
-    The variance a and the price are common to all machines. S_i = X_iᵀX_i / σ_i² = V diag(s_i) Vᵀ and q_i = VᵀX_iᵀr_i /
-    σ_i². X_i are the columns of the group after projection onto the complement of the model of machine i; r_i is its
-    residual.
+    The prior variance a and the price are common to all machines. S_i = X_iᵀX_i / σ_i² = V diag(s_i) Vᵀ and q_i =
+    VᵀX_iᵀr_i / σ_i². X_i are the columns of the group after projection onto the complement of the model of machine i;
+    r_i is its residual.
     """
     spectra = [_spectrum(of, group, of.values[:, None]) for of in machines]
     gains = _gains(machines, group, spectra)
@@ -108,8 +108,8 @@ def _gain(of: Residual, variance: float, s: Array, q: Array) -> float:
 
 
 def _spectrum(of: Residual, group: Group, trials: Array) -> tuple[Array, Array]:
-    """Return s (K,) and q (T, K) of a group for T residuals. trials: residuals (M + B, T), M measurements and B prior
-    rows."""
+    """Return eigenvalues s (K,) and products q (T, K) of a group for T residuals. trials: residuals (M + B, T), M
+    measurements and B prior rows."""
     left, _ = of.projected(group.effects)
     x = left * np.linalg.norm(of.columns(group.effects), axis=0) * np.array(group.spreads) / of.sigma
     s, turn = np.linalg.eigh(x.T @ x)
@@ -128,7 +128,7 @@ def _null(machines: Sequence[Residual], groups: Sequence[Group], rng: np.random.
 
 
 def _weeded(chosen: dict[str, Candidate], residuals: Residuals, criteria: Criteria) -> dict[str, Candidate]:
-    """Delete candidates that fail given all others, the weakest first, and return the remaining ones."""
+    """Delete candidates that fail given all others, the weakest first, and return the remaining candidates."""
     while len(chosen) > 1:
         full = residuals(tuple(chosen.values()))
         nats = dict[str, float]()
@@ -187,20 +187,20 @@ class Found:
 
 @dataclass(frozen=True)
 class KeptMachines:
-    """Storage of the findings of each machine in a file, so that an interrupted run repeats only the unfinished ones.
+    """Storage of the findings of each machine in a file, so that an interrupted run repeats only unfinished machines.
 
-    files: None for no storage.
+    files: files of the storage; None for no storage.
     """
 
     files: Unfinished | None = None
 
     def machine(self, name: str) -> Found | None:
-        """Return the stored findings of the search of that name, or None if there are none."""
+        """Return the stored findings of the search named `name`, or None if there are none."""
         content = self.files.read(name) if self.files else None
         return None if content is None else Found(tuple(content["found"]), bool(content["confirmed"]))
 
     def keep_machine(self, name: str, found: Found) -> None:
-        """Store findings. Raises WriteError if the file cannot be written."""
+        """Store the findings of one machine. Raises WriteError if the file cannot be written."""
         if self.files:
             self.files.write(name, {"found": found.candidates, "confirmed": found.confirmed})
 
@@ -213,7 +213,7 @@ class Searched:
     """Data of the search on one machine, sent to a worker process.
 
     rows: indices of the training and held-out poses.
-    known: effects in its model from the start.
+    known: effects in the machine's model from the start.
     """
 
     mechanism: Mechanism
@@ -223,7 +223,7 @@ class Searched:
     known: tuple[Candidate, ...] = ()
 
     def found(self) -> Found:
-        """Search the catalogue, without evolution."""
+        """Search the catalogue for effects of the machine, without evolution."""
         result = discover(
             self.mechanism, self.poses, *self.rows, search=Search(runs=0, workers=1), known=self.known, seed=self.seed
         )
@@ -243,7 +243,7 @@ class Searched:
 class FleetSearch:
     """The searches on all machines.
 
-    kept: storage of findings. A machine with stored findings is not searched again.
+    kept: storage of the findings of each machine. A machine with stored findings is not searched again.
     """
 
     serials: Sequence[str]

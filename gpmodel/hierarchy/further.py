@@ -32,16 +32,16 @@ LARGEST = 1e3
 
 DOUBTFUL, TWICE = 1e-3, 2.0
 """Chance and distance ratio s from which a machine counts as different from its type. The chance neglects the error of
-the estimated prior, so that s has to be 2 as well."""
+the estimated prior, so that s has to be at least 2 as well."""
 
 
 @dataclass(frozen=True)
 class Likeness:
     """Comparison of a machine with the machines of its type.
 
-    times: s, the ratio of its distance from the mean of the type to that of a machine of the type.
-    chance: probability of an s at least as large for a machine of the type.
-    noise: σ of one coordinate, m, if it is a machine of the type.
+    times: ratio s of the machine's distance from the mean of the type to the distance of a machine of the type.
+    chance: probability of a ratio s as large for a machine of the type.
+    noise: standard deviation σ of one coordinate, m, if the machine is of the type.
     """
 
     times: float
@@ -50,7 +50,7 @@ class Likeness:
 
     @property
     def brother(self) -> bool:
-        """Whether the machine may be one of its type: s is below TWICE or its chance above DOUBTFUL."""
+        """Whether the machine may be of its type: s is below TWICE or its chance above DOUBTFUL."""
         return self.times < TWICE or self.chance > DOUBTFUL
 
 
@@ -93,19 +93,19 @@ def likeness(fit: Calibration, poses: Poses) -> Likeness:
 
 
 PRIOR, ALONE = "the prior of the fleet", "its own poses alone"
-"""Names of the last step of a further machine, and of the step before."""
+"""Names of the last step of a further machine, and of the step before the last."""
 
 LOUDER = 1.1
-"""Ratio of the noise to that of the type from which the last fit is repeated."""
+"""Ratio of the noise to the noise of the type from which the last fit is repeated."""
 
 
 @dataclass(frozen=True)
 class Further:
-    """Fits of a further machine.
+    """Fits of a further machine of a known type.
 
-    steps: registration, the fit to its poses alone if they are enough, and the fit with the prior of its type.
+    steps: registration, the fit to its poses alone if they are enough, and the fit with the type's prior.
     final: the last fit.
-    alone: the fit to its poses alone, None if it does not determine every effect.
+    alone: the fit to the machine's poses alone, None if the poses do not determine every effect.
     outlying: names of effects in which the machine differs from its type.
     likeness: comparison in the effects that are not outlying, or in all effects if at least half are outlying.
     """
@@ -123,7 +123,7 @@ class Further:
 
     @property
     def no_brother(self) -> str:
-        """Text that states how far the machine is from its type; empty if it may be one of its type."""
+        """Text that states how far the machine is from its type; empty if the machine may be of the type."""
         if self.likeness.brother:
             return ""
         times, chance = wording.significant(self.likeness.times, 2), wording.chance(self.likeness.chance)
@@ -165,7 +165,7 @@ def further_machine(fleet: FleetPart, mechanism: Mechanism, seen: Poses, unseen:
 
 
 def _own_poses(fleet: FleetPart, prior: ErrorModel, seen: Poses, unseen: Poses, seed: int) -> tuple[Step, ...]:
-    """Return the step of the registration and, if the poses are enough, that of the machine alone."""
+    """Return the step of the registration and, if the poses are enough, the step of the machine alone."""
     bare = tuple(effects_alone(fleet, prior).values())
     try:
         return climb(prior.mechanism, growing(bare, ()), seen, unseen, seed=seed)
@@ -178,8 +178,8 @@ def from_the_type(
 ) -> Discovery:
     """Run the discovery loop with the effects and priors of the type as its standard model.
 
-    Findings are in addition to the effects of the type. If the noise of these poses is larger than that of the type,
-    the fit to all poses is repeated with the larger noise.
+    Findings of the loop are in addition to the effects of the type. If the noise of these poses is larger than that of
+    the type, the fit to all poses is repeated with the larger noise.
     """
     machine = further_machine(fleet, mechanism, poses.subset(train), poses.subset(heldout))
     believed = replace(machine.final.model, noise=fleet.noise)
@@ -201,7 +201,7 @@ def from_the_type(
 def alone_steps(found: Discovery) -> tuple[Step, ...]:
     """Return the fit to the machine's poses without the prior, with errors on the poses that `found` held out.
 
-    Empty if the poses are too few for a fit without the prior.
+    The result is empty if the poses are too few for a fit without the prior.
     """
     rows = found.poses.dataset.row
     errors = np.full(len(rows), np.nan)
@@ -223,7 +223,7 @@ def fitted_with_prior(
 ) -> Calibration:
     """Fit poses with the prior of the type, except for the `outlying` effects, which keep their own priors.
 
-    The noise is the larger of that of the type and of the fit `alone`.
+    The noise is the larger of the noise of the type and the noise of the fit `alone`.
     """
     names = set(outlying) | {e.name for block in fleet.blocks if block.name in outlying for e in block.effects}
     untaught = {name: effect for name, effect in effects_alone(fleet, prior).items() if name in names}

@@ -1,6 +1,6 @@
 """fleet.json: mean, spread and machines of one type, with a bound on every value.
 
-Values are SI with their unit; lengths that end in `_mm` are millimetres.
+Values in fleet.json are in SI units, stated with each value; lengths that end in `_mm` are millimetres.
 """
 
 import math
@@ -56,7 +56,7 @@ class Folder:
 
     @property
     def said_mechanism(self) -> str:
-        """The mechanism of all machines. Raises InputError if the folder does not state it."""
+        """Mechanism of all machines in the folder. Raises InputError if the folder does not state it."""
         if self.mechanism is None:
             raise InputError(f"is missing; expected a name or a file, here or in {ABOUT}", "mechanism")
         return self.mechanism
@@ -110,7 +110,7 @@ def _tables(folder: Path) -> list[Path]:
 
 
 def _said(path: Path) -> tuple[str | None, dict[str, str]]:
-    """Return the mechanism and the serials of a fleet.toml; None and no serials if there is no such file."""
+    """Return the mechanism and the serials of a fleet.toml; None and no serials without such a file."""
     if not path.exists():
         return None, {}
     content = read_toml(path, EXPECTED)
@@ -127,11 +127,11 @@ def _said(path: Path) -> tuple[str | None, dict[str, str]]:
 
 KIND, SCHEMA, NAME = "gpmodel fleet", 2, "fleet.json"
 MACHINES = "machines"
-"""The folder next to fleet.json, with a folder for each machine."""
+"""Name of the folder next to fleet.json, which has a folder for each machine."""
 NOISE = "noise of one coordinate"
-"""Name of the last parameter. Its values are logarithms of metres."""
+"""Name of the last parameter of a fleet, the noise. Values of the noise parameter are logarithms of metres."""
 MOST_MACHINES = 10_000
-"""Largest number of machines. So many machines determine a type well enough."""
+"""Largest number of machines in a fleet. More machines hardly change the mean and spread of a type."""
 
 PerMachine = Annotated[tuple[Finite, ...], msgspec.Meta(max_length=MOST_MACHINES)]
 
@@ -139,11 +139,11 @@ PerMachine = Annotated[tuple[Finite, ...], msgspec.Meta(max_length=MOST_MACHINES
 class MachinePart(msgspec.Struct, frozen=True):
     """One machine of the fleet.
 
-    effects: names of its effects in addition to those of the type.
-    folder: folder of its page and its model, below that of fleet.json.
-    sigma_mm: σ of one coordinate.
-    standard_mm, own_mm, fleet_mm: RMS 3-D errors on held-out poses of the standard model, of the fit to its poses alone
-    and of the fit with the prior of the type; null if no pose is held out.
+    effects: names of the machine's effects in addition to the effects of the type.
+    folder: folder of the machine's page and model, below the folder of fleet.json.
+    sigma_mm: standard deviation σ of one coordinate, mm.
+    standard_mm, own_mm, fleet_mm: RMS 3-D errors on held-out poses of the standard model, of the fit to the machine's
+    poses alone and of the fit with the prior of the type; null if no pose is held out.
     """
 
     serial: Label
@@ -160,12 +160,12 @@ class MachinePart(msgspec.Struct, frozen=True):
 
 
 class SharedPart(msgspec.Struct, frozen=True):
-    """A parameter over the machines.
+    """A parameter over the machines of a type.
 
-    mean, stderr, spread: of the type. low, high: 95 % interval of the spread.
-    values, stderrs: of each machine alone.
-    shrunken: of each machine with the prior of the type. Empty for geometry, whose prior has further, equivalent
-    constants.
+    mean, stderr, spread: of the parameter over the type. low, high: 95 % interval of the spread.
+    values, stderrs: value and standard error of each machine alone.
+    shrunken: value of each machine with the prior of the type. This list is empty for geometry, whose prior has
+    further, equivalent constants.
     z, chances: deviation of each machine from the others, and its chance for any machine of a fleet without outliers.
     outliers: indices of outlying machines, which do not count for the mean and spread.
     """
@@ -204,16 +204,16 @@ class PriorPart(msgspec.Struct, frozen=True):
 
     @property
     def effect(self) -> Effect:
-        """The effect with that prior."""
+        """The effect with its prior for a further machine."""
         terms = tuple(Term(t.slot, t.axis, Expression(t.basis), t.weight) for t in self.terms)
         return Effect(self.name, terms, self.unit, self.family, self.deviation, self.mean)
 
 
 class BlockPart(msgspec.Struct, frozen=True):
-    """Effects with priors of their own, such as the harmonics of a curve, judged together.
+    """Effects with priors of their own, such as the harmonics of a curve, tested together.
 
-    effects: with their own priors.
-    spread, low, high: standard deviation between machines, as a share of these priors, and its 95 % interval.
+    effects: effects of the block with their own priors.
+    spread, low, high: standard deviation between machines, as a share of the effects' priors, and its 95 % interval.
     z: RMS distance of each machine from the others in the directions that its poses determine.
     chances, outliers: as in SharedPart.
     """
@@ -238,7 +238,7 @@ class FleetPart(msgspec.Struct, frozen=True):
     chosen: text on the origin of the effects.
     left_out: effects that not every machine's poses determine.
     parameters: geometry, effects without priors of their own, and the noise.
-    prior: effects of a further machine, with complete geometry.
+    prior: effects of a further machine and their priors, with complete geometry.
     """
 
     kind: str
@@ -284,7 +284,7 @@ class FleetPart(msgspec.Struct, frozen=True):
 
     @property
     def noise(self) -> float:
-        """σ of one coordinate, m, of a machine of the type."""
+        """Standard deviation σ of one coordinate, m, of a machine of the type."""
         return math.exp(self.parameters[-1].mean)
 
     def outliers(self) -> list[tuple[int, Part]]:
@@ -346,10 +346,10 @@ def fleet_text(fleet: FleetPart) -> str:
 
 
 def fleet_file(path: Path) -> Path:
-    """Return the fleet.json of a folder, or the file itself."""
+    """Return the path of the fleet.json in a folder, or the path itself for a file."""
     return path / NAME if path.is_dir() else path
 
 
 def read_fleet(path: Path) -> FleetPart:
-    """Read the content of a fleet.json. Raises InputError as `read_sealed`."""
+    """Read the content of a fleet.json. Raises InputError in the cases of `read_sealed`."""
     return read_sealed(path, FILE)[0]

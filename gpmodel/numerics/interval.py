@@ -20,10 +20,10 @@ SETTLED = 1e-3
 class Tails:
     """Student's t distributions of the errors of independent coordinates, weighted by their evidence.
 
-    freedom: degrees of freedom (K,).
-    scale: scales (K,), unit of the errors.
-    weight: weights (K,) that sum to one.
-    uncertain: relative standard errors of the scales (K,).
+    freedom: (K,) degrees of freedom.
+    scale: (K,) scales, in the unit of the errors.
+    weight: (K,) weights that sum to one.
+    uncertain: (K,) relative standard errors of the scales.
     evidence: logarithm of the mean likelihood over the degrees of freedom.
     """
 
@@ -54,7 +54,7 @@ def tails(values: Array, count: float, blur: Array | float = 0.0) -> Tails:
 
     For each number of degrees of freedom f in FREEDOMS the scale s of highest likelihood is found.
     The variance of s is s² (f + 3) / (2 f count).
-    count: number of independent values that the sample is worth.
+    count: number of independent values to which the sample is equivalent.
     blur: (M,) variance that an error of the fitted parameters adds to each value, relative to the value's own variance.
     The added error is taken as normal, as a sum of many terms.
     Student's t is computed as a mixture of normal distributions with variances s² u, u = f / χ²_f, at NODES quantiles
@@ -81,12 +81,12 @@ def with_far_ones(
 ) -> Tails:
     """Fit error distributions to accepted errors (M, 3) and to outliers (F, 3) that a fit excluded.
 
-    Two alternatives are weighted by their evidence. Either one distribution explains all errors, or outliers are
-    failures, uniform up to the farthest distance. Every rate of failures has the same prior probability, so that the
-    probability of F failures is F! M! / (F + M + 1)!.
+    Two alternative models of the errors are weighted by their evidence. Either one distribution explains all errors, or
+    outliers are failures, uniform up to the farthest distance. Every rate of failures has an equal prior probability,
+    so that the probability of F failures is F! M! / (F + M + 1)!.
     inside, far: accepted errors (M, 3) and outliers (F, 3), m.
-    count: number of independent coordinates that the accepted errors are worth.
-    blurs: (M,) and (F,), as `blur` of `tails`.
+    count: number of independent coordinates to which the accepted errors are equivalent.
+    blurs: (M,) and (F,) relative variances, as `blur` of `tails`.
     """
     own, other = (np.repeat(np.broadcast_to(b, len(v)), 3) for b, v in zip(blurs, (inside, far), strict=True))
     alone = tails(inside.ravel(), count, own)
@@ -135,14 +135,14 @@ def freedom_of_sum(deviations: Array, freedoms: Array) -> Array:
 
 
 SIGNIFICANCE = 0.01
-"""Significance level of a test, after correction for the number of tests. The acceptance rule
-of findings uses it too."""
+"""Significance level of a test, after correction for the number of tests. The acceptance rule of findings also uses
+this level."""
 
 
 def holm(chances: Array) -> Array:
     """Correct p-values of any shape for the number of tests, whether or not the tests are independent.
 
-    With p_(k) sorted upwards, k from 1, the k-th becomes max over j ≤ k of min(1, (n + 1 - j) p_(j)). Source: Holm
+    The k-th p-value p_(k), sorted upwards from k = 1, becomes max over j ≤ k of min(1, (n + 1 - j) p_(j)). Source: Holm
     (1979).
     """
     flat = chances.ravel()

@@ -34,11 +34,11 @@ SMALLEST_SPREAD = 1e-9
 
 
 NEIGHBOURS = 5
-"""Nearest poses that are compared with an outlier. If every fiftieth pose is an outlier at random, three of five are
-with a probability of 1e-4."""
+"""Number of nearest poses that are compared with an outlier. If every fiftieth pose is an outlier at random, three of
+five neighbours are with a probability of 1e-4."""
 
 ALIKE = 0.5
-"""Least cosine between two errors of one direction: true for a quarter of all directions."""
+"""Least cosine between two errors of one direction; a quarter of all pairs of directions have a larger cosine."""
 
 MAD_SIGMAS = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
@@ -54,7 +54,7 @@ def among_worst(errors: Array, use: Mask | None = None) -> Mask:
     """Mark the largest errors (N,) that may still be excluded as outliers.
 
     At most the share OUTLIER_SHARE of all poses, and at least one, is excluded altogether.
-    use: poses (N,) that are not excluded yet; None for all.
+    use: (N,) poses that are not excluded yet; None for all poses.
     """
     use = np.ones(len(errors), dtype=bool) if use is None else use
     most = max(1, int(OUTLIER_SHARE * len(errors))) - int((~use).sum())
@@ -66,7 +66,7 @@ def in_company(far: Mask, places: Array, errors: Array) -> Mask:
     """Mark outliers (N,) whose nearest neighbours are mostly outliers with errors in the same direction.
 
     In such a region the model is wrong, not the measurement; excluding these poses would hide the model's error.
-    far: outliers (N,).
+    far: (N,) outliers.
     places: joint values or positions (N, n), each column compared relative to its range.
     errors: (N, m), NaN where nothing was measured.
     """
@@ -91,7 +91,8 @@ normal equations regular."""
 def solve(system: Array, target: Array) -> Array:
     """Return x (K,) or (K, R) that minimises |A x - b|² for unit columns A (M, K).
 
-    Fewer than MANY_COLUMNS columns are solved by pivoted QR, more by normal equations, which their priors keep regular.
+    Fewer than MANY_COLUMNS columns are solved by pivoted QR, more columns by normal equations, which priors keep
+    regular.
     """
     if system.shape[1] < MANY_COLUMNS:
         return np.asarray(linalg.lstsq(system, target, cond=1e-10, lapack_driver="gelsy", check_finite=False)[0])
@@ -125,7 +126,7 @@ in the span of the other columns."""
 
 @dataclass(frozen=True)
 class LeaveOneOut:
-    """Singular value decomposition of columns (M, K), from which any one column is fitted by the others.
+    """Singular value decomposition of columns (M, K), from which the other columns can fit any one column.
 
     The columns are U s Vᵀ times their norms (K,); singular values at the level of rounding are left out. The part of
     column k orthogonal to the other columns lies along row k of the pseudo-inverse. Source: Golub and Van Loan, 5.5.
@@ -178,9 +179,9 @@ class Omitted:
     With the orthonormal basis B (M, K) of the columns and its omitted rows W (T, K), the residuals of the omitted rows
     are A⁻¹ times their residuals in the fit to all rows, A = I - W Wᵀ. If there are fewer columns than rows, A⁻¹ = I +
     W (I - WᵀW)⁻¹ Wᵀ.
-    rows: indices (T,) of the omitted rows.
-    there: W (T, K).
-    factor: Cholesky factor of the smaller of the two matrices, for scipy's cho_solve.
+    rows: (T,) indices of the omitted rows.
+    there: (T, K) the rows W.
+    factor: Cholesky factor of A or, if smaller, I - WᵀW, for scipy's cho_solve.
     Source: Cook and Weisberg (1982), 2.2.
     """
 
@@ -196,8 +197,7 @@ class Omitted:
         return cls(rows, there, factored(np.eye(len(square)) - square))
 
     def freed(self, values: Array) -> Array:
-        """Return A⁻¹ times values (T, R): residuals of the omitted rows, from their residuals
-        in the fit to all rows."""
+        """Return A⁻¹ times values (T, R): residuals of omitted rows, from their residuals in the fit to all rows."""
         if len(self.rows) <= self.there.shape[1]:
             return np.asarray(linalg.cho_solve(self.factor, values, check_finite=False))
         inside = linalg.cho_solve(self.factor, self.there.T @ values, check_finite=False)

@@ -16,8 +16,7 @@ changes."""
 
 
 def orthonormal(columns: Array) -> Array:
-    """Return an orthonormal basis (M, k) of the span of columns (M, K), scaled to unit norm
-    before the rank is decided."""
+    """Return an orthonormal basis (M, k) of the span of columns (M, K), which are first scaled to unit norm."""
     norms = np.linalg.norm(columns, axis=0)
     scaled = columns[:, norms > NEGLIGIBLE] / norms[norms > NEGLIGIBLE]
     if scaled.shape[1] == 0:
@@ -45,8 +44,8 @@ def factored(gram: Array) -> tuple[Array, bool]:
 class Span:
     """Span of columns, some of which have priors.
 
-    plain: orthonormal columns (M, k).
-    rest: columns with priors (M, b), orthogonal to the plain columns.
+    plain: (M, k) orthonormal columns.
+    rest: (M, b) columns with priors, orthogonal to the plain columns.
     factor: Cholesky factor of restᵀ rest, for scipy's cho_solve.
     """
 
@@ -80,7 +79,7 @@ class Span:
 
     @property
     def size(self) -> int:
-        """Number of columns that span it."""
+        """Number of columns that span the space."""
         return int(self.plain.shape[1] + (0 if self.rest is None else self.rest.shape[1]))
 
     def remove(self, columns: Array) -> Array:
@@ -120,8 +119,8 @@ def unique_shares(columns: Array) -> Array:
 class Ranking:
     """Candidate columns in order of preference, from which a well-conditioned subset is selected.
 
-    fixed: (R, F), orthonormal.
-    candidates: (R, C), of unit length.
+    fixed: (R, F) orthonormal columns that are always included.
+    candidates: (R, C) columns of unit length.
     order: indices of the candidates, the preferred first; candidates near zero are left out.
     """
 
@@ -133,7 +132,7 @@ class Ranking:
         """Select candidates in order of preference; return their sorted indices.
 
         A candidate is kept if at least 1 / condition_limit of its unit length is orthogonal to the fixed and the kept
-        columns. Which of several dependent columns is kept is thereby decided by their order, not by the poses.
+        columns. The order of several dependent columns, not the poses, thereby decides which column is kept.
         """
         basis, kept = self.fixed, []
         for k in self.order:
@@ -148,7 +147,7 @@ class Ranking:
 def rank(fixed: Array, candidates: Array, order: IntArray | None = None) -> Ranking:
     """Order candidate columns (M, C), given fixed columns (M, F), by preference.
 
-    order: indices of the candidates, the preferred first; by default as they come.
+    order: indices of the candidates, the preferred first; by default in the order of the columns.
     Columns near zero are dropped before scaling. QR reduces the number of rows to the number of columns and keeps all
     inner products. Source: Golub and Van Loan, 5.2.
     """
@@ -176,7 +175,7 @@ class Folded:
     cross-validated.
 
     triangles: R (K + 1, K + 1) per fold, with RᵀR = [columns, target]ᵀ [columns, target] of the rows of the fold.
-    rows: number of rows (folds,) of each fold.
+    rows: (folds,) number of rows of each fold.
     """
 
     triangles: tuple[Array, ...]
@@ -186,7 +185,7 @@ class Folded:
         """Return the sum of squared prediction errors (folds,) of each fold, with coefficients fitted to the other
         folds.
 
-        chosen: indices of the columns of the fit.
+        chosen: indices of the columns in the fit.
         """
         out = []
         for k, tested in enumerate(self.triangles):
@@ -199,7 +198,7 @@ class Folded:
 
 
 def folded(columns: Array, target: Array, fold_of_row: IntArray) -> Folded:
-    """Prepare columns (M, K) and target (M,) for cross-validation. fold_of_row: (M,) the fold of each row."""
+    """Prepare columns (M, K) and target (M,) for cross-validation. fold_of_row: (M,) fold of each row."""
     both = np.column_stack([columns, target])
     rows = np.unique(fold_of_row, return_counts=True)
     triangles = (triangle(both[fold_of_row == fold]) for fold in rows[0])

@@ -101,8 +101,8 @@ def output_values(
     rows: Array,
     values: Array,
 ) -> None:
-    """Fill the outputs ``values`` (P, outputs, N) of decoded programs.
-    fixed: inputs and constants (base, N). rows: scratch space for the registers."""
+    """Fill the outputs ``values`` (P, outputs, N) of decoded programs. fixed: (base, N) rows of inputs and constants.
+    rows: scratch space for the registers."""
     base, poses = fixed.shape
     block = rows.shape[1]
     for begin in range(0, poses, block):
@@ -137,7 +137,7 @@ def _sum(row: Array, width: int) -> float:
 
 @inlined
 def squared_distance(dx: float, dy: float, dz: float) -> float:
-    """Return the square of a distance, infinite if it is not a number."""
+    """Return the square of a distance, infinite if the square is not a number."""
     square = dx * dx + dy * dy + dz * dz
     return square if square < np.inf else np.inf
 

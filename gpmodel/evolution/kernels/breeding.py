@@ -55,8 +55,8 @@ def breed_sequences(
     """Fill the genes and constants of the children of pairs of parents; the first child has number ``begin``.
 
     At each element copying switches to the other parent at rate ``crossover``, and the element is replaced by a random
-    one at rate ``mutation``. Own constants come from the parent in use at the end. At a rate of one per four mutated
-    genes, at most 0.5 per child, one of them is multiplied by exp(N(0, 0.5)) or drawn again.
+    one at rate ``mutation``. Own constants of a child come from the parent in use at the end. At a rate of one per four
+    mutated genes, at most 0.5 per child, one constant is multiplied by exp(N(0, 0.5)) or drawn again.
     """
     length = genes.shape[1]
     log_cross = math.log1p(-crossover)

@@ -10,17 +10,17 @@ Result = TypeVar("Result")
 
 
 class Compiler(Protocol):
-    """Compiles a function; arguments and result stay the same."""
+    """A compiler of a function that changes neither its arguments nor its result."""
 
     def __call__(self, function: Callable[Arguments, Result], /) -> Callable[Arguments, Result]: ...
 
 
 compiled: Compiler = njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})
 reduction: Compiler = njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nnan", "nsz"})
-"""For sums and maxima over rows without a NaN; the order of summation is free."""
+"""Compiler for sums and maxima over rows without a NaN; the order of summation is free."""
 
 inlined: Compiler = njit(nogil=True, error_model="numpy", fastmath={"contract"}, inline="always")
-"""For functions called once per program or number, where passing arrays takes as long as a short program."""
+"""Compiler for functions called once per program or number, where passing arrays takes as long as a short program."""
 
 of_a_number: Compiler = njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 """For functions of numbers: compiled once and inlined by the optimiser. `inlined` would compile each use again."""

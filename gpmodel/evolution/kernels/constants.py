@@ -8,13 +8,13 @@ from gpmodel.evolution.kernels.differentiation import carry_tangents
 
 _ROUNDING = 1e-13
 TRIALS = 4
-"""Dampings that are tried per step, each ten times the one before."""
+"""Number of dampings that are tried per step, each ten times the previous one."""
 
 
 @compiled
 def solve(normal: Array, sizes: Array, count: int) -> bool:
-    """Solve symmetric normal equations by Gauss-Jordan in place; return False if they are singular.
-    The right side is column ``count``. sizes: scratch space for the original diagonal."""
+    """Solve symmetric normal equations by Gauss-Jordan in place; return False if they are singular. The right side of
+    the equations is column ``count``. sizes: scratch space for the original diagonal."""
     for k in range(count):
         sizes[k] = normal[k, k]
     for k in range(count):
@@ -120,9 +120,9 @@ def _normal_equations(
 
 @compiled
 def _moved(constants: Array, free: Mask, solved: Array, trial: Array) -> bool:
-    """Fill ``trial`` with the constants (C,), the free ones moved by the solution; return whether the result is usable.
-    Constants have to be finite and different, since equal constants would be one node. Row 0 of the
-    solution is unused."""
+    """Fill ``trial`` with the constants (C,), free constants moved by the solution; return whether the result is
+    usable. Constants have to be finite and different, since equal constants would be one node. Row 0 of the solution is
+    unused."""
     k, last = 0, solved.shape[1] - 1
     for i in range(len(constants)):
         k += free[i]
@@ -152,8 +152,8 @@ def fit_constants(
 ) -> float:
     """Fit the free constants (C,) of a program in place to the largest gain of its last node; return the gain.
 
-    nodes: as in ``carry_tangents``.
-    weight, pull (N,), cross (K, N): ``Targets`` of one site.
+    nodes: nodes of the program, as in ``carry_tangents``.
+    weight, pull (N,), cross (K, N): statistics of one site, see ``Targets``.
     begins: index (K,) of the first number other than zero in each row of cross.
     limits: least magnitude of a basis function, largest magnitude of a column, and least share of a column outside the
     columns of the model.

@@ -2,8 +2,8 @@
 
 Polynomials are near minimax (interpolated at Chebyshev points, 40 digits), with an error below a tenth of the rounding
 error. Sine, cosine and tangent reduce the angle by multiples of pi in two parts, the first short enough for an exact
-product. These functions are accurate to a few ulp of 1 up to ``ANGLE_LIMIT``; beyond it callers use the library's
-functions.
+product. The elementary functions are accurate to a few ulp of 1 up to ``ANGLE_LIMIT``; beyond it callers use the
+library's functions.
 """
 
 import math

@@ -41,8 +41,8 @@ def keep_live(
 
 @inlined
 def _leaves(words: IntArray, count: int, base: int) -> int:
-    """Return the number of leaves: the fixed rows and the own constants before the first operator.
-    Leaves come first."""
+    """Return the number of leaves: the fixed rows and the own constants before the first operator. Leaves come before
+    all operators."""
     leaves = base
     while leaves < base + count and words[leaves - base] & ROW == CONSTANT:
         leaves += 1

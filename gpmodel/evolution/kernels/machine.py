@@ -12,7 +12,7 @@ from gpmodel.arrays import IntArray
 from gpmodel.evolution.kernels.compiler import compiled, inlined
 
 CONSTANT = 1
-"""Pseudo op-code that fills the row with the program's own constant number ``first``."""
+"""Pseudo op-code that fills the row with the program's constant number ``first``."""
 
 LAST_BINARY = 9
 """Largest op-code that takes two arguments or an operand."""

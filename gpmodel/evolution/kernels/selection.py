@@ -72,7 +72,7 @@ def choose_outputs(
     seen: (U, K, S), Phi B^T of the distinct outputs; number: (P, m), index of each output among them.
     pull: (P, m, S), Phi g.
     sizes: (P, 2^roots), nodes by set of outputs; column i belongs to output i modulo the number of outputs.
-    Outputs are added in the order of the gain they add; the step with the least
+    Outputs are added in the order of their gain; the step with the least
         score = half_components * log(1 - gain) + parsimony * (size of the chosen outputs + their number)
     is selected, the first of equal ones. 1 - gain is at least the rounding error of the least independent output, to
     tell exact fits from nearly singular ones. A program without gain has score 0 and gain 0.

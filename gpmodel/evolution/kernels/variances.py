@@ -28,9 +28,8 @@ def _gain(log_variance: float, s: Array, q: Array) -> float:
 def largest_gains(
     s: Array, q: Array, top: Array, step: float, places: int, refinements: int, gains: Array, where: Array
 ) -> None:
-    """Fill the largest gain (G,) of groups with s and q (G, K), and the variance where it is reached.
-    Log variances up to ``top`` (G,) are tried at ``places`` points a ``step`` apart, then refined
-    by a golden section."""
+    """Fill the largest gain (G,) of groups with s and q (G, K), and the variance with the largest gain. Log variances
+    up to ``top`` (G,) are tried at ``places`` points a ``step`` apart, then refined by a golden section."""
     for g in range(len(s)):
         own_s, own_q = s[g], q[g]
         at, most = 0, _gain(top[g] - step * (places - 1), own_s, own_q)
