@@ -18,7 +18,7 @@ from gpmodel.table.bundles import FOLDS, SAME_JOINT, folds
 from gpmodel.table.dataset import Dataset
 
 MINIMUM_SHARE = 1e-3
-"""Least unique share of a pose-dependent effect. An effect with less is imitated by others and dropped."""
+"""Least unique share of a pose-dependent effect. Other effects imitate one with less; it is dropped."""
 
 LARGEST_LIMIT = 1e4
 """Condition limit of a fit without geometric constants, where no limit is selected."""
@@ -33,7 +33,7 @@ def still_joints(mechanism: Mechanism, dataset: Dataset) -> tuple[str, ...]:
 
 
 def stands_still(slots: Iterable[str], still: tuple[str, ...]) -> bool:
-    """Return whether all slots belong to joints that do not move; effects at such joints are redundant."""
+    """Return whether all slots (frames) belong to joints that do not move; effects at such joints are redundant."""
     return {slot.rsplit(".", 1)[0] for slot in slots} <= set(still)
 
 

@@ -101,7 +101,7 @@ def _least(columns: Array, target: Array) -> Array:
 def _with(effect: Effect, problem: Linearised, share: Array) -> Effect:
     """Return the effect with additional rigid motions `share` (R,), m and rad, in its field `taken_up`.
 
-    A registration of the problem turns about the mean of the points, that of the effect about the instrument's origin.
+    A registration of the problem turns about the mean of the points, one of the effect about the instrument's origin.
     """
     known = {(r.of, r.label): np.array(r.twist) for r in effect.taken_up}
     names = [problem.placement_names[k] for k in np.flatnonzero(problem.rigid)]
@@ -199,7 +199,7 @@ def _calibrate(
 
 
 def _placed(bare: Fitting) -> Placement:
-    """Return the best placement of the nominal mechanism, fitted from several starts to avoid local minima."""
+    """Return the best registration and tool of the nominal mechanism, from several starts to avoid local minima."""
     nothing = np.zeros(0, dtype=bool)
     reached = (iterate(bare, np.zeros(0), start, nothing) for start in start_placements(bare.poses))
     return min(reached, key=lambda found: residual_sigma(found.problem)).placement
@@ -207,7 +207,7 @@ def _placed(bare: Fitting) -> Placement:
 
 @dataclass(frozen=True)
 class _Manner:
-    """Options of a fit. robust: whether to exclude outliers. weigh: whether to weigh rotations. seed: of the folds."""
+    """Options of a fit. robust: exclude outliers. weigh: estimate the weight of rotations. seed: of the folds."""
 
     robust: bool
     weigh: bool

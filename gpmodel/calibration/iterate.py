@@ -245,7 +245,7 @@ def _lower(fitting: Fitting, here: Reached, step: _Step, cut: int) -> tuple[Reac
     """Return the first point that lowers the cost enough, from 2⁻ᶜᵘᵗ of the step on, and its number of halvings.
 
     The result is None if no point lowers the cost enough. A step that opens a closed loop counts as too long. The
-    columns are the columns of the former point, except with free joints.
+    columns are those of the previous point, except with free joints.
     """
     before = fitting.cost(here.problem, here.theta, here.placement, step.linear)
     count, free = here.problem.placement, here.problem.left is not None

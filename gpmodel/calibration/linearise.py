@@ -46,7 +46,7 @@ class JointReadings:
     shown: int
 
     def error(self, used: int = 0) -> float:
-        """Return the RMS error τ of the approximate joint values. used: number of unknowns they determine."""
+        """Return the RMS error τ of the approximate joint values. used: number of unknowns fitted to them."""
         return max(float(np.sqrt(np.sum(self.off**2) / max(self.shown - used, 1))), LEAST_ERROR)
 
     def alone(self, informed: Array, sigma: float) -> Array:
@@ -100,7 +100,7 @@ class Linearised:
     The first `placement` columns are registration, tool and anchors; the other columns are the model's effects.
     pose_of_row: (M,) pose of each row. placement_names: names of the columns of registration, tool and anchors.
     observed: predicted measurements.
-    poses: the given poses with free joints solved.
+    poses: the given poses, with joint values solved for free joints.
     sizes: (K,) norms of the weighted columns before free joints were eliminated.
     weights: (N, m), positive if a measurement is a row; a rotation is weighted by `rotation_weight`, m per rad.
     left: rows after elimination of free joints; None if no joint is free.
@@ -120,12 +120,12 @@ class Linearised:
     ratio: float | None = None
 
     def free(self, kept: Mask) -> Mask:
-        """Return the mask (K,) of the columns of the placement and of the effects that are `kept` (E,)."""
+        """Return the mask (K,) of the columns of registration and tool, and of the effects that are `kept` (E,)."""
         return np.concatenate([np.ones(self.placement, dtype=bool), kept])
 
     @property
     def rigid(self) -> Mask:
-        """Mask (P,) of the columns of registrations and tools among the columns of the placement."""
+        """Mask (P,) of registrations and tools among the columns that are no effects."""
         return np.array([n.startswith(("registration", "tool")) for n in self.placement_names], dtype=bool)
 
     def effect_rows(self, effects: Sequence[Effect], model: ErrorModel) -> Array:
@@ -199,7 +199,7 @@ def add_effect_rows(
 def _shaped(
     effects: Sequence[Effect], model: ErrorModel, poses: Poses, observed: Observed
 ) -> Iterator[tuple[int, int, int, Array]]:
-    """Yield every term of the effects: effect number, slot index, axis index, weight times basis (N,).
+    """Yield every term of the effects: effect number, index of frame, index of axis, weight times basis (N,).
 
     The terms of an effect precede its rigid motions that registrations and tools absorb, with a negative sign.
     """
@@ -221,7 +221,7 @@ def _shaped(
 def linearise(
     model: ErrorModel, poses: Poses, theta: Array, placement: Placement, rotation_weight: float, use: Mask
 ) -> Linearised:
-    """Return the weighted linear problem at one point. use: mask (N,) of the poses that count.
+    """Return the weighted linear problem at one point. use: mask (N,) of the poses that enter the fit.
 
     Free joints are solved for and eliminated.
     """
@@ -270,7 +270,7 @@ def _weighted(observed: Observed, poses: Poses, rotation_weight: float, use: Mas
 
 
 def residual_at(problem: Linearised, model: ErrorModel, theta: Array, placement: Placement) -> Linearised:
-    """Return the problem with the residual of another point and unchanged columns. Not valid for free joints."""
+    """Return the problem with the residual of another point and unchanged columns. It is not valid for free joints."""
     observed = observe(model, problem.poses, theta, placement)
     rows = problem.weights > 0
     residual = measured_minus(observed, problem.poses.dataset)[rows] * problem.weights[rows]
@@ -281,8 +281,8 @@ def residual_at(problem: Linearised, model: ErrorModel, theta: Array, placement:
 class _Dense:
     """Arrays of all poses before elimination of free joints.
 
-    columns: (N, m, P) columns of the placement. residual, weights: (N, m) residuals and weights. names: names of the
-    placement's columns. table: (N, J) joint values as measured.
+    columns: (N, m, P) columns of registration and tool. residual, weights: (N, m) residuals and weights. names: names
+    of these columns. table: (N, J) joint values as measured.
     """
 
     columns: Array

@@ -114,7 +114,7 @@ class Beliefs:
 
 
 def beliefs(model: ErrorModel, problem: Linearised, theta: Array, placement: Placement, kept: Mask) -> Beliefs:
-    """Return the priors of the `kept` effects (E,), linearised at `theta` and `placement`."""
+    """Return the priors of the `kept` effects (E,), linearised at given effects `theta` and `placement`."""
     at = np.flatnonzero(kept & of_the_description(model))
     geometry = np.zeros((len(at), len(model.effects)))
     geometry[:, at] = geometry_rows(model, theta, problem, placement, at)
@@ -130,7 +130,7 @@ class ReadJoints:
     """Prior rows of the approximate joint values (B,) in the table: (q_table - q) σ / τ = 0.
 
     alone: (B, W) combinations of joint values that the measurements determine less well.
-    weight: σ / τ, metres.
+    weight: weight σ / τ of a row, m.
     """
 
     alone: Array

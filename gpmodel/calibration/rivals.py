@@ -48,7 +48,7 @@ class FittedColumns:
 
     @property
     def held(self) -> Mask:
-        """Mask (K,) of the columns of the placement and of the fitted effects."""
+        """Mask (K,) of the columns of registration, tool and fitted effects."""
         return self.problem.free(self.calibration.kept)
 
     @cached_property

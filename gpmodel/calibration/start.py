@@ -45,7 +45,7 @@ def _tool_axes(observed: Observed) -> int:
 
 
 def placement_after(observed: Observed, placement: Placement, step: Array) -> Placement:
-    """Return the placement after a step (P,), m and rad, in the order of the columns of `linearise`.
+    """Return registration and tool after a step (P,), m and rad, in the order of the columns of `linearise`.
 
     Registrations rotate about the mean of the predicted points, tools about their own axes. Rotations stay orthonormal.
     """
@@ -70,7 +70,7 @@ def placement_after(observed: Observed, placement: Placement, step: Array) -> Pl
 
 
 START_POSES = 400
-"""Largest number of poses used for the initial values. The fit uses all poses."""
+"""Largest number of poses used for the initial values. The fit itself uses all poses."""
 
 TOOL_PULL = 1e-4
 """Penalty on the tool point, m of error per m from the flange. The penalty matters only if the poses do not determine
@@ -130,7 +130,7 @@ def _balls(data: Dataset) -> bool:
 
 
 def _with_tools(poses: Poses, slots: Array, registration: dict[str, Array], points: Array) -> Placement:
-    """Return the placement of given registrations and tool points (T, 3), m, with the instruments' unknowns.
+    """Return given registrations and tool points (T, 3), m, completed by the instruments' unknowns.
 
     The orientations of the tools are the measured ones. slots: (S, N, 4, 4) frames of the nominal mechanism.
     """

@@ -1,7 +1,7 @@
 """Separate constants from undeclared effects in measurements without an instrument's frame.
 
 Within the measured region, constants can imitate an undeclared effect; outside, their predictions differ. With r (M,)
-the measurements, F the columns of the placement and of declared effects, A those of all constants, c_a of axis a,
+the measurements, F the columns of registration, tool and declared effects, A those of all constants, c_a of axis a,
 
     r = F ρ + A θ + Σ_a c_a ∘ f_a(q) + e,   θ ~ N(0, τ² I),   f_a ~ N(0, γ_a² K),   e ~ N(0, n² I)
 
@@ -212,7 +212,7 @@ Wave = tuple[str, int, float]
 class Waves:
     """Products of sinusoids of the joint values; an unknown function is a weighted sum of these products.
 
-    names: names of the joints.
+    names: joint names.
     sizes: (W,) standard deviation of the coefficient of each product.
     parts: sinusoids of each product.
     """

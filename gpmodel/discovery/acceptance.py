@@ -21,7 +21,7 @@ class Hypothesis:
 
     chance: p-value of the candidate's score on permuted residuals. cv_rms, cv_before: cross-validated 3-D RMS error
     with the candidate and without, m. causes: possible causes of the candidate, None for a rejected candidate. rivals:
-    names of the alternative causes, each with the cross-validated 3-D RMS error of the model with it, m.
+    names of alternative causes, each with the cross-validated 3-D RMS error, m, of the model with that cause.
     """
 
     candidate: Candidate

@@ -78,7 +78,7 @@ class FittedSelection:
 class Proposals:
     """Propose formulas for the smooth terms of a selection, once for each, and refitted constants of its candidates.
 
-    fresh: names of programs evolved in the current round. laws: every proposed formula, by name.
+    fresh: names of programs evolved in the current round. laws: every proposed formula, by the name of its candidate.
     """
 
     problem: Problem
@@ -88,7 +88,7 @@ class Proposals:
     last: FittedSelection | None = None
 
     def __call__(self, chosen: Selection) -> tuple[Sequence[Group], frozenset[str]]:
-        """Return new groups for the residual of a selection, and names of smooth terms with formulas among them."""
+        """Return new groups for the residual of a selection, and names of smooth terms with a formula among them."""
         self.last = fitted = self.problem.fitted(chosen)
         shapes = chosen.offered.screening.shapes
         kept = list(zip(fitted.candidates.values(), chosen.kept, strict=True))

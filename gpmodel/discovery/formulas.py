@@ -1,4 +1,4 @@
-"""Propose formulas for the smooth terms of a selection."""
+"""Propose formulas for the smooth functions of a selection."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -45,10 +45,10 @@ MOST_INPUTS = 6
 
 
 def curves_of(kept: Sequence[tuple[Candidate, Kept]], fresh: frozenset[str]) -> dict[tuple[str, ...], Candidate]:
-    """Return curves of a selection that a formula may replace, by the names of their groups.
+    """Return the smooth functions (curves) of a selection that a formula may replace, by the names of their groups.
 
     Curves are smooth terms and named curves of few determined coefficients, and evolved programs of several terms or of
-    the current round. Several groups at one site with at most two inputs together are one more curve.
+    the current round. Groups at one site with at most two inputs in total are also combined to one curve.
     """
     found: dict[tuple[str, ...], Candidate] = {
         (c.name,): c
@@ -101,7 +101,7 @@ def run_law_task(task: LawTask) -> tuple[Solution, ...]:
 
 @dataclass(frozen=True)
 class ShortLaw:
-    """A formula for a curve: its program over the inputs of the task, and the candidate at the curve's site."""
+    """A formula for a smooth function: its program over the inputs of the task, and the candidate at the site."""
 
     program: Program
     task: LawTask
@@ -115,10 +115,10 @@ class ShortLaw:
 
 
 def formulas(left: Residual, curves: Sequence[Candidate], search: Search) -> Iterator[ShortLaw]:
-    """Yield formulas of one term in the inputs and at the site of each curve, and shorter versions of the best one.
+    """Yield formulas of one term in the inputs and at the site of each smooth function, and shorter forms of the best.
 
-    left: residual of a model with all the curves. The searches run in parallel. The searches are repeated without
-    winsorising the outliers of the curve, since a formula may have a sharper bend.
+    left: residual of a model with all the smooth functions. The searches run in parallel. The searches are repeated
+    without winsorising outliers of the smooth function, since a formula may have a sharp bend.
     """
     doubted = [doubtful(left, curve) for curve in curves]
     views = [(left, taken_as_measured(left, out)) if out.any() else (left,) for out in doubted]
@@ -140,10 +140,10 @@ def formulas(left: Residual, curves: Sequence[Candidate], search: Search) -> Ite
 
 
 def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
-    """Return the formula searches of a curve, in its inputs and at its site.
+    """Return the formula searches of a smooth function, in its inputs and at its site.
 
-    For an unnamed curve the site of largest gain is searched, too. A curve with several sites or too many inputs has no
-    search. If two inputs are lagged copies of one column, each is searched separately.
+    For a function without a name the site of largest gain is searched, too. A function with several sites or too many
+    inputs has no search. If two inputs are lagged copies of one column, each is searched separately.
     """
     residual = left.without(curve.effects)
     sites = places(curve)
@@ -229,7 +229,7 @@ GROSS = 2.0
 
 
 def doubtful(left: Residual, curve: Candidate) -> Mask:
-    """Return which poses (N,) are outliers of a model with a curve, but no gross errors without the curve."""
+    """Return which poses (N,) are outliers of a model with a smooth function, but no gross errors without it."""
     motion = left.columns(curve.effects) @ np.array(left.calibration.values_of(curve.effects))
     before = _lengths(left, left.problem.residual + motion)
     out = winsorising(left.problem, len(left.poses), left.criteria.outlier_sigmas) < 1.0

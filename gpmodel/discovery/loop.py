@@ -211,7 +211,7 @@ def _taken(state: State, accepted: Sequence[Hypothesis], number: int) -> tuple[s
 
 
 def _earlier_nulls(state: State) -> list[np.ndarray]:
-    """Return the permutation nulls of earlier rounds with the full budget. An opening round has a smaller one."""
+    """Return the permutation nulls of earlier rounds with the full budget, i.e. without opening rounds."""
     return [r.exploration.null_nats for r in state.rounds[bool(state.offers) :]]
 
 

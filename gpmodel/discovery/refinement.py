@@ -105,7 +105,7 @@ def refined_fit(
 def refined_at_one_site(residual: Residual, candidates: Mapping[str, Candidate]) -> Iterator[Candidate]:
     """Yield each candidate with refitted constants, as a replacement of all candidates with constants at its site.
 
-    If a constant lies between two offered values, both may be selected. residual: of the whole model.
+    If a constant lies between two offered values, both may be selected. residual: residual of the whole model.
     """
     movable = [c for c in candidates.values() if _movable(c)]
     for candidate in movable:
@@ -119,7 +119,7 @@ def _acts(candidate: Candidate) -> frozenset[tuple[str, str]]:
 
 
 def refined(residual: Residual, candidate: Candidate) -> Candidate:
-    """Fit the constants inside a candidate to the residual of a model without it.
+    """Fit the constants inside a candidate to the residual of a model without the candidate.
 
     If each effect has its own constant, effects with a gain below the price of coefficient and constant are deleted.
     """
@@ -216,7 +216,7 @@ HARMONICS = 12
 
 @dataclass(frozen=True)
 class InnerChange:
-    """A constant inside a formula, and the effect of a unit change of it."""
+    """A constant inside a formula, and the effect of a unit change of the constant."""
 
     constant: Constant
     effect: Effect

@@ -177,7 +177,7 @@ class State:
     """State of the discovery loop: findings, rounds, and steps of the model.
 
     standard: model without the known effects and the findings. seed: seed of evolution. ends: end of the search time,
-    on the clock of time.monotonic. errors_alone: see `loop.discover`.
+    on the clock of time.monotonic. errors_alone: compute errors only, see `loop.discover`.
     """
 
     mechanism: Mechanism
@@ -241,7 +241,7 @@ class State:
         return replace(self.standard, effects=(*self.standard.effects, *effects, *further))
 
     def fit(self, model: ErrorModel, start: Calibration | None = None) -> Calibration:
-        """Fit a model to the training poses, starting from `start`, and determine its outliers anew."""
+        """Fit a model to the training poses, starting from `start`, and determine the outliers of the fit."""
         return self._fit(model, self.train, start)
 
     def fit_sample(self, model: ErrorModel, start: Calibration | None = None) -> Calibration:

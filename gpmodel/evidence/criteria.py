@@ -16,8 +16,8 @@ class Criteria:
         minimum_nats: least gain in description length of any candidate, nats. The gain on pure noise reaches 4.2 nats;
             5 nats are a Bayes factor of 150, "very strong" (Kass and Raftery 1995).
         minimum_cv_t: least cross-validated gain of a named effect over random folds, in standard errors of its mean.
-            With 0 evidence and permutation null decide, and predictions must not become worse. With 1.5 the model of 90
-            poses of a measured cobot lost a third of its effects; its error rose by a fifth (CONTRIBUTING).
+            With 0, evidence and permutation null decide, and predictions must not become worse. With 1.5 the model of
+            90 poses of a measured cobot lost a third of its effects; its error rose by a fifth (CONTRIBUTING).
         apart_cv_t: least cross-validated gain over stretches of ordered rows, and over machines, in standard errors.
             Half of 3: an effect of t standard errors lowers the squared error by t² σ², noise changes it by 2 t σ².
         clear_cv_t: least cross-validated gain of an unnamed expression over no effect, a named effect and a part of the

@@ -19,7 +19,7 @@ from gpmodel.numerics.rank import NEGLIGIBLE
 @dataclass(frozen=True)
 class Predicted:
     """Predictions of the held-out poses of each fold. rms: 3-D RMS error, m. per_unit: (U,) squared errors of each
-    block, m². coefficients: (folds, E)."""
+    block, m². coefficients: (folds, E) effects."""
 
     rms: float
     per_unit: Array
@@ -61,8 +61,8 @@ def paired_t(gain: Array) -> float:
 def gained(before: Predicted, after: Predicted, sigmas: float) -> float:
     """Return the paired t of the gain of prediction `after` over `before`, over independent units of poses.
 
-    Errors of both predictions are limited to median + sigmas · 1.4826 MAD of the errors before. Without this limit, one
-    pose that a curve misses by far would decide.
+    Errors of both predictions are limited to median + sigmas · 1.4826 MAD of the errors of `before`. Without this
+    limit, one pose that a curve misses by far would decide.
     """
     limit = outlier_limit(np.sqrt(before.per_unit), sigmas) ** 2
     return paired_t(np.minimum(before.per_unit, limit) - np.minimum(after.per_unit, limit))

@@ -78,8 +78,8 @@ def _when_independent(explained: Array, placed: Array, pose: IntArray, block: In
     """Return the expected variance inflation for independent noise, if several poses place one body, such as a bar.
 
     The fit of the body removes the part of the residual e along U: Σ_blocks (|e|² - |Uᵀe|²) over its sum over poses.
-    The two ends of a bar have equal residuals, half of its length error: an inflation of two. explained: (M,) e.
-    placed: (M, k) rows of U times e. pose: (M,) pose of each row. block: (N,) block of each pose.
+    The two ends of a bar have equal residuals, half of its length error: an inflation of two. explained: (M,) the
+    residual e. placed: (M, k) rows of U times e. pose: (M,) pose of each row. block: (N,) block of each pose.
     """
     whole = float(explained @ explained)
     taken = []

@@ -41,7 +41,7 @@ def saved(residual: Residual, gain: float | Array, unknowns: int, cost: float, i
 
 
 def scores(residual: Residual, pool: Sequence[Candidate]) -> tuple[Score, ...]:
-    """Score every candidate of a pool. A candidate has no gain if the model explains its columns."""
+    """Score every candidate of a list. A candidate has no gain if the model explains its columns."""
     out: list[Score] = []
     for part in (pool[start : start + CHUNK] for start in range(0, len(pool), CHUNK)):
         left, shares = residual.projected([e for c in part for e in c.effects])
@@ -77,9 +77,9 @@ def contribution(residual: Residual, candidate: Candidate) -> Array:
 def own_share(residual: Residual, candidate: Candidate) -> float:
     """Compute the share |C⊥ w| / |C w| of a candidate's motion that the other effects of the model do not explain.
 
-    C (M, E): columns of the candidate; for an instrument error without the part of registration and tool. C⊥: C with
-    the model projected out. w: smallest coefficients, in units of their priors if any, that give the candidate's
-    contribution to the residual.
+    C (M, E): columns of the candidate; for an instrument error without the part of registration and tool. C⊥: part of C
+    that the model does not explain. w: smallest coefficients, in units of their priors if any, that give the
+    candidate's contribution to the residual.
     """
     columns, size = residual.columns(candidate.effects), np.ones(len(candidate.effects))
     if candidate.has_priors:

@@ -7,7 +7,7 @@ import numpy as np
 from gpmodel.arrays import Array
 
 FEWEST = 3
-"""Least number of scores on permuted residuals. With fewer, the p-value is 1."""
+"""Least number of scores on permuted residuals. With fewer scores, the p-value is 1."""
 _EULER = 0.5772156649015329
 _KURTOSIS = 5.4
 _NODES = 21

@@ -23,7 +23,7 @@ OWN_BYTE = 255
 class Forest:
     """Programs of several trees each, as flat prefix codes.
 
-    Tree k of program p is ``codes[bounds[p, k]:bounds[p, k + 1]]``. constants: (P, most constants), padded.
+    Tree k of program p is ``codes[bounds[p, k]:bounds[p, k + 1]]``. constants: (P, most constants) constants, padded.
     """
 
     codes: NDArray[np.int16]

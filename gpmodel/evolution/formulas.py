@@ -203,7 +203,7 @@ def _added(problem: SlotProblem, firsts: Sequence[Program], seconds: Sequence[Pr
 
 
 def _of_each(problem: SlotProblem, *targets: Targets) -> list[list[Program]]:
-    """Return formulas for each input of a problem, each with its own targets."""
+    """Return formulas for each input of a problem, searched with the targets of that input."""
     inputs = zip(problem.inputs.names, problem.inputs.values, targets, strict=True)
     return [_of_column(name, column, seen, problem.parsimony) for name, column, seen in inputs]
 

@@ -223,8 +223,8 @@ def founders(name: str, column: Array, targets: Targets, most: int) -> list[Prog
     """Return the ``most`` short forms of a column (N,) with the largest gain at the first site, before constants are
     fitted.
 
-    Of forms that differ in constants alone only the best is kept. Short forms are compared on at most ``BINS`` values.
-    A constant column has no short forms.
+    Of short forms that differ in constants alone only the best is kept. Short forms are compared on at most ``BINS``
+    values. A constant column has no short forms.
     """
     if not np.ptp(column):
         return []

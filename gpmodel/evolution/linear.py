@@ -115,7 +115,7 @@ class Sequences:
         return program_of(self.genes[row], self.constants[row], layout)
 
     def constants_of(self, row: int) -> Array:
-        """Return the own constants of one program."""
+        """Return the constants that belong to one program alone."""
         return np.array(self.constants[row])
 
     def with_constants(self, row: int, values: Array) -> "Sequences":

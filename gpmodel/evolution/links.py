@@ -85,7 +85,7 @@ class Link:
     def formula(
         self, terms: Sequence[Program], inputs: Mapping[str, Array], response: Array, below: Sequence[Program] = ()
     ) -> Program | None:
-        """Return the formula with these terms above and ``below`` the fraction bar, with coefficients by least squares.
+        """Return the formula with given terms above and ``below`` the fraction bar, with coefficients by least squares.
 
         Terms that gain less than their price are left out. An exponent becomes the nearest multiple of 1/2 if the price
         of a free exponent exceeds the loss; only then does the power of a negative number have a sign. Return None if

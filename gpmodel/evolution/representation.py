@@ -22,7 +22,7 @@ class Population(Protocol):
     def __len__(self) -> int: ...
 
     def take(self, rows: Rows) -> Self:
-        """Return the programs at some rows."""
+        """Return the programs of a population at some rows."""
 
     def join(self, other: Self) -> Self:
         """Return these programs followed by the programs of ``other``."""
@@ -34,7 +34,7 @@ class Population(Protocol):
         """Return one program with ``layout.outputs`` outputs."""
 
     def constants_of(self, row: int) -> Array:
-        """Return the own constants of one program."""
+        """Return the constants that belong to one program alone."""
 
     def with_constants(self, row: int, values: Array) -> Self:
         """Return a population of the program at ``row`` alone, with other own constants."""

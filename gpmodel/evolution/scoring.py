@@ -41,7 +41,7 @@ class Scores:
             getattr(self, name)[part] = getattr(other, name)
 
     def take(self, rows: NDArray[np.intp]) -> "Scores":
-        """Return the scores at some rows."""
+        """Return the scores of the programs at some rows."""
         return Scores(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
     def join(self, other: "Scores") -> "Scores":

@@ -126,7 +126,6 @@ class Settings:
 
 
 def thesis_settings(representation: Representation, population: int = 65536, generations: int = 100) -> Settings:
-    """Return the settings of section 5.2.2: the best 5 % have children, constants are not
-    fitted, there is no restart."""
+    """Return the settings of thesis section 5.2.2: the best 5 % have children, no fit of constants, no restart."""
     budget = Budget(population, generations, seconds=1e9, polish_every=0, restart_after=0)
     return Settings(representation, Truncation(0.05), budget)

@@ -22,7 +22,7 @@ from gpmodel.evolution.variances import best
 
 @dataclass(frozen=True)
 class Sines:
-    """The sines of one input.
+    """The sine functions of one input, from which a smooth function is formed.
 
     values: sines (N, m) times their relative prior standard deviations `spreads` (m,).
     rates: (m,) rad per unit of the input.

@@ -18,8 +18,8 @@ SHALLOW, DEEPEST_START = 1, 4
 
 @dataclass(frozen=True)
 class Tree:
-    """Settings of programs as ``outputs`` trees no deeper than ``depth``; the defaults search a basis function at a
-    slot.
+    """Settings of programs as ``outputs`` trees no deeper than ``depth``; the defaults search a basis function of an
+    effect.
 
     operators, constants, own_constants: as for ``Linear``.
     style: "koza" (subtree exchange, grown subtrees, node replacement) or "thesis" (the depth-first crossover and the
@@ -48,7 +48,7 @@ class Tree:
         return Tree(12, 3, "thesis", TABLE_CONSTANTS, own_constants=0, style="thesis", crossover=0.8)
 
     def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> "TreeBreeding":
-        """Return the breeding of trees over these inputs."""
+        """Return the breeding of trees over given inputs."""
         from gpmodel.evolution.tree_breeding import TreeBreeding
 
         layout = Layout(

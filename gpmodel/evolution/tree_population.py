@@ -114,7 +114,7 @@ class Trees:
             one.codes = (*one.codes[:k], code, *one.codes[k + 1 :])
 
     def take(self, rows: NDArray[np.intp]) -> "Trees":
-        """Return the trees at some rows."""
+        """Return the trees of a population at some rows."""
         return Trees(tuple(self.individuals[row] for row in rows))
 
     def join(self, other: "Trees") -> "Trees":

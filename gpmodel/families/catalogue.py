@@ -64,7 +64,7 @@ class Family:
 def installed() -> tuple[Family, ...]:
     """Return the families of all installed providers: entry points of the group `gpmodel.families`.
 
-    An entry point is a Family or several of them. A provider that cannot be loaded is skipped with a warning.
+    An entry point is one Family or a list of families. A provider that cannot be loaded is skipped with a warning.
     """
     found: list[Family] = []
     for provider in sorted(entry_points(group=PROVIDERS), key=lambda e: e.name):
@@ -256,7 +256,7 @@ def _of_full_name(name: str, pool: Sequence[Candidate]) -> tuple[Effect, ...]:
 
 
 def _with_constants(name: str, mechanism: Mechanism, states: States, pool: Sequence[Candidate]) -> tuple[Effect, ...]:
-    """Return the effects of a name with other constants than those of the pool, as `discover` prints it."""
+    """Return the effects of a name with other constants than the candidates have, as `discover` prints the name."""
     rates = (grid for f in catalogue for grid in f.grids(mechanism, states))
     known = [*(c.inner for c in pool if c.inner), *(i for g in rates if (i := g.at(float(g.rates[0])).inner))]
     for inner in {own.name: own for own in known}.values():

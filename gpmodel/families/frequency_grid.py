@@ -27,7 +27,7 @@ class FrequencyGrid:
     start: coordinate q at which the phase is zero, rad or m.
     rates: (F,) equally spaced rates, rad of the argument per rad or metre of the coordinate.
     value: function from a rate to the number in the name, which also converts back.
-    load: column of the load, empty if there is none. called: meaning and unit of the number.
+    load: column of the load, empty if there is none. called: meaning and unit of the number in the name.
     """
 
     template: Candidate

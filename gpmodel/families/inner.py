@@ -77,7 +77,7 @@ class NonlinearParameters:
         return tuple(c.value for c in self.constants)
 
     def at(self, values: Sequence[float]) -> "NonlinearParameters":
-        """Return the template with other values of its constants."""
+        """Return the template with other values of the constants inside its basis functions."""
         constants = tuple(replace(c, value=v) for c, v in zip(self.constants, values, strict=True))
         return replace(self, constants=constants)
 
@@ -95,8 +95,8 @@ class NonlinearParameters:
         return self._substituted(self.name)
 
     def read(self, name: str) -> tuple[float, ...] | None:
-        """Return the values of the constants in a full name, None if it is the name of another candidate or does not
-        contain all constants."""
+        """Return the values of the constants in a full name, None if the name belongs to another candidate or lacks a
+        constant."""
         pattern = re.escape(self.name)
         for constant in self.constants:
             pattern = pattern.replace(constant.symbol, rf"(?P<c{constant.number}>{NUMBER})(?: \(\d+ to \d+\))?", 1)

@@ -15,7 +15,7 @@ from gpmodel.model.states import States
 
 
 def base_compliance(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the tilt of the base about x and y in proportion to the moment on it, rad/Nm."""
+    """Yield the tilt of the base about x and y in proportion to the moment on the base, rad/Nm."""
     if "moment_base_x" in states.columns:
         terms = tuple(Term("base", f"R{a}", Expression(f"moment_base_{a}")) for a in "xy")
         yield one("base compliance", Effect("base compliance", terms, "rad/Nm", "base_compliance"), 4.0)

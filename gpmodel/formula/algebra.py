@@ -91,7 +91,7 @@ def _value(node: Node, values: list[sympy.Expr]) -> sympy.Expr:
 
 
 def from_sympy(expressions: Sequence[sympy.Expr], pieces: Pieces | None = None) -> Program:
-    """Return the program of sympy expressions. `pieces` defines some symbols of the expressions.
+    """Convert sympy expressions to a program. `pieces` defines some symbols of the expressions.
 
     Raises ValueError for a function that no operator computes.
     """

@@ -228,7 +228,7 @@ class Expression:
 
 @lru_cache(maxsize=1 << 16)
 def _parsed(text: str) -> Program:
-    """Return the program of a text. It is cached, because each round writes thousands of candidates anew."""
+    """Return the program of a text. The result is cached, because each round writes thousands of candidates anew."""
     program = parse(text, "basis")
     if len(program.outputs) != 1:
         raise InputError(f"basis {text!r}: {len(program.outputs)} values; expected one, for example sin(2*J4)")

@@ -39,7 +39,7 @@ class Node(NamedTuple):
 class Program:
     """A graph without dead code: every node reaches an output, equal nodes are merged, arguments come before their use.
 
-    A program evolved for a slot has a few outputs, each a basis function.
+    A program evolved for a site has a few outputs, each a basis function.
     """
 
     nodes: tuple[Node, ...]
@@ -139,7 +139,7 @@ class Program:
         return other if len(set(leaves)) == len(leaves) else other.rebuilt(Builder.add)
 
     def with_inputs(self, programs: Mapping[str, "Program"]) -> "Program":
-        """Return the program with one-output programs substituted for the inputs of these names."""
+        """Return the program with one-output programs substituted for the inputs with their names."""
 
         def build(builder: Builder, node: Node, copies: list[int]) -> int:
             other = programs.get(str(node.value)) if node.operator == "input" else None

@@ -37,8 +37,8 @@ class Shared:
 
 
 Judge = Callable[[Mask], tuple[Array, Array]]
-"""Function of the mask (m,) of machines that are no outliers. It returns z (m,) of each machine against the others, and
-the chance (m,) of z."""
+"""Function of the mask (m,) of machines that are no outliers. It returns z (m,), the deviation of each machine from the
+others, and the chance (m,) of z."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def deviations(judges: Sequence[Judge], machines: int) -> Deviations:
 
 
 def residual(value: float, variance: float, mean: float, prior: float, machines: int) -> tuple[float, float]:
-    """Return z of a further machine by the mean and prior deviation of `machines` others, and its two-sided chance."""
+    """Return z of a further machine by the mean and prior deviation of `machines` others, and the chance of z."""
     z = (value - mean) / float(np.hypot(np.sqrt(variance), prior))
     return z, chance_of(z, machines)
 

@@ -37,7 +37,7 @@ class BlockInformation:
     count: Array
 
     def subset(self, machines: Mask) -> "BlockInformation":
-        """Return the information of some machines. machines: mask (m,)."""
+        """Return the information of some machines. machines: mask (m,) of these machines."""
         return BlockInformation(self.values[machines], self.root[machines], self.count[machines])
 
 
@@ -51,7 +51,7 @@ class Common:
 
 
 def blocks(effects: Sequence[Effect]) -> list[tuple[str, tuple[Effect, ...]]]:
-    """Group effects with priors into named blocks: one block for each family and set of slots.
+    """Group effects with priors into named blocks: one block for each family and set of frames.
 
     An effect without a family is a block of its own.
     """

@@ -76,7 +76,7 @@ def select_for_type(
 
 
 def pooled(machines: Sequence[Residual], group: Group) -> Pooled:
-    """Score a group on all machines. The noise of each machine is estimated with the group.
+    """Score a candidate group on all machines. The noise of each machine is estimated with the group.
 
         gain(a) = Σ_i ½ Σ_k [ a q_ik² / (1 + a s_ik) - ln(1 + a s_ik) ] - cost            i: machines, k: directions
 
@@ -241,7 +241,7 @@ class Searched:
 
 @dataclass(frozen=True)
 class FleetSearch:
-    """The searches on all machines.
+    """The searches for effects on all machines.
 
     kept: storage of the findings of each machine. A machine with stored findings is not searched again.
     """

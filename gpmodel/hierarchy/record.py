@@ -56,7 +56,7 @@ class Folder:
 
     @property
     def said_mechanism(self) -> str:
-        """Mechanism of all machines in the folder. Raises InputError if the folder does not state it."""
+        """Mechanism of all machines in the folder. Raises InputError if the folder states no mechanism."""
         if self.mechanism is None:
             raise InputError(f"is missing; expected a name or a file, here or in {ABOUT}", "mechanism")
         return self.mechanism
@@ -137,7 +137,7 @@ PerMachine = Annotated[tuple[Finite, ...], msgspec.Meta(max_length=MOST_MACHINES
 
 
 class MachinePart(msgspec.Struct, frozen=True):
-    """One machine of the fleet.
+    """One machine of the fleet in fleet.json.
 
     effects: names of the machine's effects in addition to the effects of the type.
     folder: folder of the machine's page and model, below the folder of fleet.json.
@@ -215,7 +215,7 @@ class BlockPart(msgspec.Struct, frozen=True):
     effects: effects of the block with their own priors.
     spread, low, high: standard deviation between machines, as a share of the effects' priors, and its 95 % interval.
     z: RMS distance of each machine from the others in the directions that its poses determine.
-    chances, outliers: as in SharedPart.
+    chances, outliers: chances and outlying machines, as in SharedPart.
     """
 
     name: Label
@@ -232,7 +232,7 @@ Part = SharedPart | BlockPart
 
 
 class FleetPart(msgspec.Struct, frozen=True):
-    """The content of fleet.json without its seal.
+    """The content of fleet.json without its checksum (seal).
 
     columns: names of the joints in the tables, if all tables agree.
     chosen: text on the origin of the effects.

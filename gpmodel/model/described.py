@@ -25,7 +25,7 @@ MOST_MARKERS = 1000
 """Largest number of markers along a side of a board."""
 
 Slot = Callable[[str, str], int]
-"""Function of the name of a link, and of its location in a file, to the index of the slot that carries it."""
+"""Function of the name of a link, and of its location in a file, to the index of the slot (frame) that carries it."""
 
 
 def cameras_of(content: object, slot: Slot) -> tuple[Camera, ...]:

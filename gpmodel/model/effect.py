@@ -110,7 +110,7 @@ def axis_unit(axis: str) -> str:
 def effect_at(
     name: str, slot: str, axis: str, basis: Basis = ONE, unit: str = "", family: str = "", prior: float = math.inf
 ) -> Effect:
-    """Return an effect with one slot, one axis and one basis function. θ φ(s) e_axis is its twist at the slot.
+    """Return an effect with one slot (frame), one axis and one basis function. θ φ(s) e_axis is its twist at the slot.
 
     slot: "J4.moving", "J4.fixed", "base", "tool", or "instrument".
     axis: "Tx" to "Tz", m, or "Rx" to "Rz", rad, of the frame of the slot.
@@ -125,6 +125,6 @@ def effect_at(
 def drive_effect(
     name: str, joint: Joint, basis: Basis, unit: str = "", family: str = "", prior: float = math.inf
 ) -> Effect:
-    """Return an error of the coordinate of a joint, which acts at each slot of its drive."""
+    """Return an error of the coordinate of a joint, which acts at each frame of the joint's drive."""
     terms = tuple(Term(slot, axis, basis, weight) for slot, axis, weight in joint.drive)
     return Effect(name, terms, unit or ("rad" if joint.kind == "revolute" else "m"), family, prior)

@@ -38,9 +38,9 @@ class Placement:
 
 @dataclass(frozen=True)
 class Poses:
-    """A dataset prepared for one mechanism: nominal transforms (S, N, 4, 4) from slot to slot, states, and tip slots.
+    """A dataset prepared for one mechanism: nominal transforms (S, N, 4, 4) between frames, states, and tip frames.
 
-    tip_slot: (N,) slot that carries the measured tip of each row.
+    tip_slot: (N,) index of the frame that carries the measured tip of each row.
     """
 
     dataset: Dataset
@@ -102,7 +102,7 @@ class ErrorModel:
                     )
 
     def twists(self, poses: Poses, theta: Array) -> dict[int, Array]:
-        """Return the error twists (N, 6), m and rad, by index of their slot. Slots without an error are missing."""
+        """Return the error twists (N, 6), m and rad, by index of their slot. Slots without error are missing."""
         out: dict[int, Array] = {}
         terms = ((t, v * t.weight) for e, v in zip(self.effects, theta, strict=True) if v != 0.0 for t in e.terms)
         for term, size in terms:
@@ -139,7 +139,7 @@ class ErrorModel:
         return out
 
     def frames(self, poses: Poses, theta: Array) -> Array:
-        """Return the frames (S, N, 4, 4) of the slots in the root, m, each frame after its error twist."""
+        """Return the frames (S, N, 4, 4) of the chain in the root, m, each frame after its error twist."""
         return self.frames_after(poses, self.twists(poses, theta))
 
     def frames_after(self, poses: Poses, twists: Mapping[int, Array]) -> Array:
@@ -179,8 +179,8 @@ def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement)
     slots.
 
     theta: (E,) values of model.effects, SI.
-    placement: a registration for every set-up of the poses and a point for every tool. Raises KeyError if one is
-    missing.
+    placement: a registration for every set-up of the poses and a point for every tool. KeyError if a registration or
+    point is missing.
     """
     data, tip_slot = poses.dataset, poses.tip_slot
     twists = model.twists(poses, theta)

@@ -38,7 +38,7 @@ def word(value: float, digits: int = 4) -> str:
 
 
 def read_by(name: str) -> tuple[str, ...]:
-    """Return the source column of a column with memory, such as J2 for `last_move_J2`. Empty for other names."""
+    """Return the source column of a column with memory, such as J2 for `last_move_J2`. Empty for another name."""
     match = _LAST_MOVE.match(name) or _WITH_CONSTANT.match(name)
     return (match["of"],) if match else ()
 

@@ -16,13 +16,13 @@ class Observed:
     """Predicted measurements and their derivatives.
 
     tips: predicted poses of the tip.
-    frames: (S + 1, N, 4, 4) frames of S slots, then of the instrument, in the instrument's frame, with their errors.
-    twists: error twist (N, 6), m and rad, of each slot; twists[S] of the instrument, twists[S + 1] of the tool.
+    frames: (S + 1, N, 4, 4) frames of the chain, then of the instrument, in the instrument's frame, with their errors.
+    twists: error twist (N, 6), m and rad, of each frame; twists[S] of the instrument, twists[S + 1] of the tool.
     kinds: kinds of measurements, such as positions or pixels.
     own: unknowns (k,) that belong to a kind of measurement, by its key.
     carried: derivative of the tool's twist by the twist of a slot, for closed loops; None for a chain.
-    lineage: (S, S) true if a twist at one slot moves the frame of another.
-    tip_slot: (N,) slot that carries the tip.
+    lineage: (S, S) true if a twist at one frame moves the other frame.
+    tip_slot: (N,) index of the frame that carries the tip.
     """
 
     tips: Tips
@@ -71,10 +71,10 @@ class Observed:
         raise KeyError(kind.name)
 
     def sensitivity(self, slot: int) -> Array:
-        """Return the derivative (N, m, 6) of the m components by an error twist at a slot, at its present twist. It is
-        cached.
+        """Return the derivative (N, m, 6) of the m components by an error twist at a slot, at its present twist. The
+        result is cached.
 
-        slot: index of the slot. The index after that of the instrument is the tool. The frame of a slot is the frame
+        slot: index of the frame. The index after that of the instrument is the tool. The frame of a slot is the frame
         after its twist ξ, so that exp(ξ + dξ) = exp(ξ) exp(J_r(ξ) dξ) contains the right Jacobian. A translation e
         moves the point by R e, a rotation e by (R e) × (p_tip - p_slot); the rotation turns the tip by R e. With closed
         loops, the twist at the slot is first converted to a twist of the tool slot, the last before the instrument.

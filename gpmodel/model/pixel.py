@@ -125,7 +125,7 @@ def _body_pose(body: Array, seen: Array) -> Array:
 
 
 def hand_eye(moved: Array, seen: Array) -> tuple[Array, Array]:
-    """Return B and C (4, 4) with A B = C T. Raises InputError if views do not determine them. Source: Shah (2013).
+    """Return B and C (4, 4) with A B = C T. InputError if the views do not determine them. Source: Shah (2013).
 
     moved: A (V, 4, 4), board's carrier in camera's carrier. seen: T (V, 4, 4), the board in the camera frame.
     """
@@ -191,7 +191,7 @@ class Camera(Mounted):
 
 @dataclass(frozen=True, eq=False)
 class Board(Mounted):
-    """A board or a body. corners: (P, 3) of all its corners or markers, m. A view may contain only some corners."""
+    """A board or a body. corners: (P, 3) positions of corners or markers, m. A view may contain only some corners."""
 
     corners: Array
 

@@ -51,7 +51,7 @@ def _unit_loads(columns: Mapping[str, str]) -> dict[str, str]:
 
 
 def translate(text: str, names: Mapping[str, str]) -> str:
-    """Replace whole words of a text, also inside names of columns with memory. `J1` does not match in `J10`."""
+    """Replace whole words of a text, also inside names of columns with memory. `J1` is not found in `J10`."""
 
     def said(match: re.Match[str]) -> str:
         word = match[0]

@@ -43,7 +43,7 @@ class Seen:
 
     @cached_property
     def columns(self) -> dict[str, Array]:
-        """The columns of `seen_columns`. An incompletely measured point is replaced by the median point."""
+        """Columns of `seen_columns`. A point with unmeasured coordinates is replaced by the median point."""
         whole: Mask = np.asarray(np.isfinite(self.points).all(axis=1))
         middle = np.median(self.points[whole], axis=0) if whole.any() else np.zeros(3)
         return seen_columns(np.where(whole[:, None], self.points, middle))
@@ -278,7 +278,7 @@ def load_unit(name: str) -> str:
 
 
 def tip_slots(mechanism: Mechanism, dataset: Dataset) -> IntArray:
-    """Return the index (N,) of the slot that carries the measured tip of each row: for several chains by label `tip`.
+    """Return the index (N,) of the frame that carries the measured tip of each row: for several chains by label `tip`.
 
     Raises InputError for an unknown tip.
     """

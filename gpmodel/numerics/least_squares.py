@@ -180,7 +180,7 @@ class Omitted:
     are A⁻¹ times their residuals in the fit to all rows, A = I - W Wᵀ. If there are fewer columns than rows, A⁻¹ = I +
     W (I - WᵀW)⁻¹ Wᵀ.
     rows: (T,) indices of the omitted rows.
-    there: (T, K) the rows W.
+    there: (T, K) omitted rows W of the basis.
     factor: Cholesky factor of A or, if smaller, I - WᵀW, for scipy's cho_solve.
     Source: Cook and Weisberg (1982), 2.2.
     """

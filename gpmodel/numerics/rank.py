@@ -33,7 +33,7 @@ def remove(basis: Array, columns: Array) -> Array:
 def factored(gram: Array) -> tuple[Array, bool]:
     """Return the Cholesky factor of the normal matrix (K, K) of unit columns, for scipy's cho_solve.
 
-    The matrix is overwritten. The matrix is passed transposed, since LAPACK stores matrices column by column.
+    The input matrix is overwritten. The matrix is passed transposed, since LAPACK stores matrices column by column.
     """
     gram[np.diag_indices_from(gram)] += 1e-12
     factor: tuple[Array, bool] = linalg.cho_factor(gram.T, overwrite_a=True, check_finite=False)
@@ -185,7 +185,7 @@ class Folded:
         """Return the sum of squared prediction errors (folds,) of each fold, with coefficients fitted to the other
         folds.
 
-        chosen: indices of the columns in the fit.
+        chosen: indices of the fitted columns.
         """
         out = []
         for k, tested in enumerate(self.triangles):

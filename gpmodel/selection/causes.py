@@ -1,6 +1,6 @@
 """Find the credible set of a selected group: all candidates that could replace the group, with their probabilities.
 
-    p(h | y) ∝ exp L(model with h in the place of the selected group g),   h over all groups of the pool
+    p(h | y) ∝ exp L(model with h in the place of the selected group g),   h over all candidate groups
 
 L is the objective of the selection: log marginal likelihood minus price, nats. The other groups are re-estimated with
 h, and groups that h makes superfluous are deleted. Candidates that differ only in constants inside their basis
@@ -34,8 +34,8 @@ ALIKE: relative difference of contributions up to which measurements at these po
 class Cause:
     """A possible cause of a finding: indistinguishable groups, and their probability.
 
-    own: whether the first of these groups is the selected group. amount: coefficients of the selected effects if this
-    cause is true, relative to the selected values; 0 if the cause does not contain these effects.
+    own: whether the selected group is one of these groups, namely the first. amount: coefficients of the selected
+    effects if this cause is true, relative to the selected values; 0 if the cause does not contain these effects.
     """
 
     groups: tuple[Group, ...]

@@ -55,10 +55,10 @@ class Group(Candidate):
     """A candidate with coefficients u_k ~ N(0, a spread_k²), with one prior variance a for all coefficients.
 
     spreads: (E,) standard deviations of the coefficients for a = 1, scaled so that Σ spread_k² var(φ_k) = 1. √a is then
-    the RMS motion of the group's site, rad or m. where: slot (frame of the chain) and axis. cap: largest √a; for
-    specified priors the specified value. always_included: exempt from deletion. parts: groups of one kind at several
-    sites that form this group, empty for a plain group. inner: constants inside basis functions; None also if an effect
-    is deleted.
+    the RMS motion of the group's site, rad or m. where: slot (frame of the chain) and axis of the site. cap: largest
+    √a; for specified priors the specified value. always_included: exempt from deletion. parts: groups of one kind at
+    several sites that form this group, empty for a plain group. inner: constants inside basis functions; None also if
+    an effect is deleted.
     """
 
     spreads: tuple[float, ...] = ()

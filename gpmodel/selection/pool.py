@@ -122,7 +122,7 @@ class SizeClass:
     rhs: Array
 
     def part(self, at: IntArray) -> "SizeClass":
-        """Return the size class with only the groups at some positions."""
+        """Return the size class reduced to some of its groups."""
         return SizeClass(self.ids[at], self.index[at], self.spreads[at], self.inner[at], self.rhs[at])
 
 
@@ -130,10 +130,10 @@ class GroupPool:
     """Groups over distinct effects, which groups may share. Columns are scaled by the `spread` of their coefficients.
 
     sizes: (G,) number of effects of each group. cost, price, reading: (G,) prices of description, entry and reading,
-    nats. block: (G,) index of the joint group that contains it, -1 for none. wholes: (B,) index of each joint group.
-    shared: (B,) description price that further parts do not pay, nats: all but the log of n joints. square: yᵀy of the
-    whitened target y without registration. rhs: (E,) products of the target with the distinct unit columns. constant,
-    reading_held, kinds_held: shares of held groups in objective, reading prices and numbers of parts.
+    nats. block: (G,) index of the joint group that contains the group, -1 for none. wholes: (B,) index of each joint
+    group. shared: (B,) description price that further parts do not pay, nats: all but the log of n joints. square: yᵀy
+    of the whitened target y without registration. rhs: (E,) products of the target with the distinct unit columns.
+    constant, reading_held, kinds_held: shares of groups of fixed variance in objective, reading prices, kinds.
     """
 
     constant, reading_held, kinds_held = 0.0, 0.0, np.zeros(1, np.int64)

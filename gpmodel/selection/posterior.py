@@ -45,7 +45,7 @@ class Active:
         return replace(self, variances={**self.variances, g: variance}, chosen={**self.chosen, g: effects})
 
     def beside(self, group: Group, variance: float) -> "Active":
-        """Return the model with a new group, in a pool without other candidate groups."""
+        """Return the model with a new group, where no other group is a candidate."""
         pool = GroupPool(self.pool.rows, [*(self.pool.groups[g] for g in self.variances), group], self.pool.prices)
         variances = dict(enumerate(self.variances.values()))
         there = Active(pool, variances, dict(enumerate(self.chosen.values())), self.sigma2)
@@ -58,7 +58,7 @@ class Active:
 
     @cached_property
     def pools(self) -> dict[frozenset[int], GroupPool]:
-        """Pools formed for this model, by the set of groups with fixed variance."""
+        """Sets of candidate groups formed for this model, by the set of groups with fixed variance."""
         return {}
 
     @cached_property
@@ -108,7 +108,7 @@ class Active:
 
     @cached_property
     def spanned(self) -> Array:
-        """Basis B = A L⁻ᵀ (M, K) of the groups of the model. B Bᵀ projects rows onto these groups."""
+        """Basis B = A L⁻ᵀ (M, K) of the groups of the model. B Bᵀ projects rows onto the span of the groups."""
         columns = [np.sqrt(a) * self.pool.columns(g)[:, self.chosen[g]] for g, a in self.variances.items()]
         return np.hstack(columns) @ self.inverse.T
 

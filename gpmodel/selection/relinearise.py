@@ -80,7 +80,7 @@ def refit(state: Expansion) -> Refit:
 def inliers(error: Array, use: Mask, sigmas: float) -> Mask:
     """Mark the poses (N,) within `sigmas` robust standard deviations of the median error, and all but OUTLIER_SHARE.
 
-    error: (N,) error of each pose, m. use: (N,) poses for median and deviation.
+    error: (N,) error of each pose, m. use: (N,) poses that count for the median.
     """
     return ~((error > outlier_limit(error[use], sigmas)) & among_worst(error))
 
@@ -100,7 +100,7 @@ class Screening:
 def relinearised(
     screening: Screening, groups: Sequence[Group], state: Expansion, step: Callable[[Active], Active]
 ) -> tuple[Active, Expansion]:
-    """Linearise at a state, make a step of the selection from its groups, and fit the exact chain afterwards."""
+    """Linearise at a state, make a step of the selection from its groups, then fit the exact kinematic chain."""
     active = step(_started(screening, groups, state))
     return active, _refitted(active, screening, state)
 

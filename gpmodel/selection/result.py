@@ -31,7 +31,7 @@ class Kept:
     gain: log evidence minus the log evidence without the group, before the price, nats.
     variance: prior variance of the coefficients.
     determined: number of the group's coefficients that the data determine.
-    shared: part of the group's price that another selected group of its kind pays, nats.
+    shared: part of the group's price that another selected group of its kind pays already, nats.
     """
 
     group: Group
@@ -61,7 +61,7 @@ class Offered:
     grids: Sequence[FrequencyGrid]
 
     def with_formulas_of(self, curves: frozenset[str]) -> "Offered":
-        """Add formulas for some smooth terms to the candidates; from now on these terms pay a reading price."""
+        """Add formulas for some smooth terms to the candidates; each of these terms then has a higher price."""
         prices = self.screening.prices
         prices = replace(prices, with_formulas=prices.with_formulas | curves)
         return replace(self, screening=replace(self.screening, prices=prices))
@@ -76,7 +76,7 @@ class Selection:
     """Selected groups and the model that contains the groups.
 
     kept: selected groups in order of decreasing gain.
-    offered: groups that could be selected.
+    offered: groups that were candidates of the selection.
     active: linear model with the posterior of the selected groups.
     state: fit of the exact chain with the selected groups.
     """

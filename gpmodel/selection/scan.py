@@ -74,9 +74,9 @@ class Scan:
 
 
 class PoolBeside(GroupPool):
-    """A pool of groups given held groups, whose prior variances are constant in units of the noise variance.
+    """A set of candidate groups given groups of fixed prior variance (in units of the noise variance).
 
-    The held groups are projected out: with P = σ²C⁻¹, every product uᵀv of columns becomes uᵀPv.
+    The groups of fixed variance are projected out: with P = σ²C⁻¹, every product uᵀv of columns becomes uᵀPv.
     """
 
     def __init__(self, held: Active) -> None:
@@ -112,7 +112,7 @@ def beside_curves(model: Active, moving: Iterable[int], pools: dict[frozenset[in
 
 
 def whole(model: Active) -> Active:
-    """Return the model in the pool of all groups, held groups included."""
+    """Return the model with all groups, groups of fixed variance included."""
     if not isinstance(model.pool, PoolBeside):
         return model
     held, units = model.pool.held, model.sigma2 / model.pool.held.sigma2

@@ -88,7 +88,7 @@ def _bound(inner: Array, rhs: Array) -> Array:
 
 
 def spectrum(active: Active, grid: FrequencyGrid, targets: Array) -> Spectrum:
-    """Form the inner products of a frequency grid given a model. targets: (M, T), whitened, placement projected out."""
+    """Form the inner products of a frequency grid given a model. targets: (M, T), whitened, without registration."""
     rows = active.pool.rows
     reach = sum(w * rows.sensitivity((slot, axis)) for slot, axis, w in grid.joint.drive)
     if grid.load:
@@ -170,5 +170,5 @@ def _written(there: Spectrum, rate: float, gain: float, shapes: Shapes) -> Group
 
 
 def grids_of(offers: Iterable[Offer], mechanism: Mechanism, states: States) -> list[FrequencyGrid]:
-    """Return the frequency grids of the offered families."""
+    """Return the frequency grids of the candidate families."""
     return [grid for o in offers if isinstance(o, Family) for grid in o.grids(mechanism, states)]

@@ -89,7 +89,7 @@ def principal(column: Array) -> Array:
 
 
 def multiplied(parts: Sequence[Array]) -> Array:
-    """Multiply every column of the first part with every column of the second; omit negligible products. (N, m)"""
+    """Multiply every column (N,) of the first part with every column of the second; omit negligible products. (N, m)"""
     out = parts[0] if len(parts) == 1 else (parts[0][:, :, None] * parts[1][:, None, :]).reshape(len(parts[0]), -1)
     size = out.std(axis=0)
     out = out[:, size > NEGLIGIBLE * size.max()]

@@ -42,9 +42,9 @@ and a ramp, 12 %), then more than half. With a limit of a third, two of three ex
 def exchange(model: Active, new: frozenset[str] | None = None) -> Active:
     """Maximise the utility over all groups of the pool by exchanges, after growing the model. Deterministic.
 
-    Removals that failed on an earlier model are tried last, until no removal improves the model. Meanwhile other groups
-    of many coefficients are held; a better model is grown in full. new: names of groups with which every regrowth
-    begins, if all others were tried before; None for all groups.
+    Removals that failed on an earlier model are tried last, until no removal improves the model. Meanwhile groups of
+    many coefficients keep their variances; a better model is grown in full. new: names of groups with which every
+    regrowth begins, if all others were tried before; None for all groups.
     """
     model, tried, pools = named_by_site(grow(model)), dict[frozenset[int], int](), dict[frozenset[int], GroupPool]()
     first = np.array([new is None or group.name in new for group in model.pool.groups])
@@ -185,7 +185,7 @@ def prune(model: Active, exempt: int = -1) -> Active:
 def named_by_site(model: Active) -> Active:
     """Replace groups of several sites by their parts if more than half of their sites have a net gain.
 
-    Models are compared in parts, so that each named site pays its price. Sites without a net gain are deleted.
+    Models are compared after this split, so that each named site pays its price. Sites without a net gain are deleted.
     """
     blocks = [g for g in model.found if model.pool.groups[g].parts]
     number = {group.name: g for g, group in enumerate(model.pool.groups)} if blocks else {}

@@ -69,7 +69,7 @@ def choose_outputs(
     length.
 
     products: (P, pairs, S), Phi_i Phi_j . D for i <= j.
-    seen: (U, K, S), Phi B^T of the distinct outputs; number: (P, m), index of each output among them.
+    seen: (U, K, S), Phi B^T of the distinct outputs; number: (P, m), index of each output among the distinct outputs.
     pull: (P, m, S), Phi g.
     sizes: (P, 2^roots), nodes by set of outputs; column i belongs to output i modulo the number of outputs.
     Outputs are added in the order of their gain; the step with the least
