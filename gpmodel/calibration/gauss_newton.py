@@ -38,8 +38,8 @@ def with_taken_up(model: ErrorModel, known: ErrorModel) -> ErrorModel:
 
     With D (M, K) the columns of the instrument's effects, P the columns of registrations and tools and G = P⁺ D, an
     error θ D of the measurements is P G θ + (D - P G) θ. The first part P G θ moves robot and tool rigidly; the second
-    part is distortion by the instrument. The measurements determine only the sum of both parts, so the split must be
-    copied from the known model.
+    part is distortion by the instrument. The measurements determine only the sum of rigid motion and distortion, so the
+    split is copied from the known model.
     """
     there = {(e.name, e.terms): e.taken_up for e in known.effects if e.taken_up}
     if not there:
@@ -82,7 +82,7 @@ def split(fitting: Fitting, fitted: Fitted, kept: Mask) -> tuple[Fitting, Fitted
 def _moved(fitting: Fitting, problem: Linearised, theta: Array, placement: Placement, own: IntArray) -> Array:
     """Return the displacement (M,) of the measurements by the instrument's effects `own`.
 
-    The displacement is the difference of predictions with and without these effects; of first order for free joints.
+    The displacement is the difference of predictions with and without the effects; of first order for free joints.
     """
     if problem.left is not None:
         return np.asarray(problem.columns[:, problem.placement + own] @ theta[own])
@@ -125,8 +125,8 @@ ATTEMPTS = 4
 """Largest number of fits in the exclusion of outliers; each fit excludes the outliers of the previous fit."""
 
 RATIO_SETTLED = 0.1
-"""Change of the log variance shared by the repeats of a pose below which the weights have converged. A change of this
-size changes standard errors by less than a twentieth."""
+"""Change of the log variance shared by the repeats of a pose below which the weights have converged. Such a change
+alters standard errors by less than a twentieth."""
 
 UNSETTLED = 1.1
 """Factor on σ by which an unconverged fit counts as worse than a converged fit with another condition limit."""
@@ -268,7 +268,7 @@ def _nominal(fitting: Fitting, placement: Placement) -> Linearised:
 def _better(
     fitting: Fitting, fitted: Fitted, choices: _Choices, origin: tuple[Array, Placement]
 ) -> tuple[Fitted, _Choices, str]:
-    """Return the fit, or its initial values if they have the smaller cost on equal poses; and the reason, or ""."""
+    """Return the fit, or its initial values if their cost on equal poses is smaller; and the reason, or ""."""
     theta, placement = origin
     free = fitted.problem.left is not None
     start = fitting.at(theta, placement) if free else fitting.beside(fitted.problem, theta, placement)

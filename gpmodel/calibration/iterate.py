@@ -162,7 +162,7 @@ class Fitting:
 
 @dataclass(frozen=True)
 class Reached:
-    """Current point of the Gauss-Newton iterations. The columns of `problem` may be those of a point close by."""
+    """Current point of the Gauss-Newton iterations. The columns of `problem` may be the columns of a point close by."""
 
     placement: Placement
     theta: Array
@@ -244,8 +244,8 @@ def _step(fitting: Fitting, here: Reached, kept: Mask, gram: Array | None) -> _S
 def _lower(fitting: Fitting, here: Reached, step: _Step, cut: int) -> tuple[Reached | None, int]:
     """Return the first point that lowers the cost enough, from 2⁻ᶜᵘᵗ of the step on, and its number of halvings.
 
-    The result is None if no point lowers the cost enough. A step that opens a closed loop counts as too long. The
-    columns are those of the previous point, except with free joints.
+    The result is None if no point lowers the cost enough. A step that opens a closed loop counts as too long. The point
+    keeps the columns of the previous point, except with free joints.
     """
     before = fitting.cost(here.problem, here.theta, here.placement, step.linear)
     count, free = here.problem.placement, here.problem.left is not None

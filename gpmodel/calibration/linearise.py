@@ -30,7 +30,7 @@ LEAST_ERROR = 1e-6
 LEAST_SIGMA = 1e-12
 """Smallest noise, m: below the rounding of every table."""
 ROUNDING = 1e-14
-"""Information added to every parameter for a stable eigenvalue problem, relative to its scaled information of 1."""
+"""Information added to every parameter to stabilise an eigenvalue problem, relative to its scaled information of 1."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class JointReadings:
     shown: int
 
     def error(self, used: int = 0) -> float:
-        """Return the RMS error τ of the approximate joint values. used: number of unknowns fitted to them."""
+        """Return the RMS error τ of the approximate joint values. used: number of unknowns fitted to joint values."""
         return max(float(np.sqrt(np.sum(self.off**2) / max(self.shown - used, 1))), LEAST_ERROR)
 
     def alone(self, informed: Array, sigma: float) -> Array:
@@ -81,7 +81,7 @@ def joint_readings(
 
         R · step ≈ q_table - q_solved        R = -V S⁺ Uᵀ C, ± τ along the directions of V that the pose determines
 
-    These equations are used only for unknowns that the measurements determine less well, such as the rotation of a ball
+    Joint values are used only for unknowns that the measurements determine less well, such as the rotation of a ball
     about its centre. τ is estimated from the differences between the solved joint values and the table.
     """
     free, sigma = list(free_joints(mechanism)), prior_sigmas(mechanism)
@@ -183,8 +183,8 @@ def add_effect_rows(
 ) -> Array:
     """Add the weighted derivatives of the measurements by each effect to `out` (E, M), and return `out`.
 
-    weights: (N, m) weights; only measurements with a positive weight are rows. The values equal those of
-    `effect_columns`, but memory is used for one effect at a time: the sensitivity of a slot is computed in rows once.
+    weights: (N, m) weights; only measurements with a positive weight are rows. The values equal the values of
+    `effect_columns`, but memory is used for one effect at a time: the sensitivity of a frame is computed in rows once.
     """
     rows = weights > 0
     pose, weight = np.nonzero(rows)[0], weights[rows][:, None]
@@ -282,7 +282,7 @@ class _Dense:
     """Arrays of all poses before elimination of free joints.
 
     columns: (N, m, P) columns of registration and tool. residual, weights: (N, m) residuals and weights. names: names
-    of these columns. table: (N, J) joint values as measured.
+    of the columns. table: (N, J) joint values as measured.
     """
 
     columns: Array

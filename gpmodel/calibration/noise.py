@@ -10,8 +10,8 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.linearise import Linearised
 
 LARGEST_RATIO = 1e4
-"""Largest ratio of the variance that repeats share to the variance within repeats. Beyond this ratio the difference of
-repeats carries no information."""
+"""Largest ratio of the variance that repeats share to the variance within repeats. Beyond this ratio of variances the
+difference of repeats carries no information."""
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ from gpmodel.numerics.least_squares import MANY_COLUMNS, inverse_gram, inverse_o
 from gpmodel.numerics.rank import RankChoice
 
 CORRELATED = 0.8
-"""Correlation of two parameters above which they are reported as interchangeable. The standard error of either
-parameter is then at least 1.7 times as large as if the other were known."""
+"""Correlation of two parameters above which the report calls the parameters interchangeable. The standard error of
+either parameter is then at least 1.7 times as large as if the other were known."""
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,7 @@ SIGNIFICANT = 3.0
 """Least distance of a constant from zero, in standard errors, for which alternatives are sought."""
 
 TOLD_APART = 2.0
-"""Distance of two explanations over all poses, in standard deviations of the noise, below which they are
+"""Distance of two explanations over all poses, in standard deviations of the noise, below which the explanations are
 indistinguishable."""
 
 PLAUSIBLE = 3.0

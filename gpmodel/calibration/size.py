@@ -26,8 +26,8 @@ their prior, so that the fit is nearest to the description; a lower limit would 
 
 TOLERANCE = 1e-3
 """Largest prior standard deviation of a constant that no measurement determines, m or rad. Makers state 0.5 to 2 mm and
-mrad for links and joint zeros. With ten times this value, touches of a two-armed robot made the robot 8 % larger. At
-half and at double this value, the constants that the measurements determine do not change."""
+mrad for links and joint zeros. With ten times this prior, touches of a two-armed robot made the robot 8 % larger. At
+half and at double this prior, the constants that the measurements determine do not change."""
 LEAST, MOST, GRID = 3e-5, 3e-2, 60
 """Grid of the standard deviation of constants about their nominal values, m and rad: smallest (machined parts), largest
 (lost joint zeros), and number of values."""
@@ -36,7 +36,7 @@ SMALLEST = 1e-4
 
 
 def shows_size(kind: Observation) -> bool:
-    """Return whether the measurements of an instrument include a known length, so that they determine the scale."""
+    """Return whether the measurements of an instrument include a known length, which determines the scale."""
     if isinstance(kind, Touches):
         known = (
             f.frame[:3, 3].any() or (f.surface == "on_sphere" and f.radius > 0) for b in kind.bodies for f in b.features
@@ -61,7 +61,7 @@ def relative(problem: Linearised) -> bool:
 
 
 def without_frame(kinds: Sequence[Observation]) -> bool:
-    """Return whether there are measurements, but none in the frame of an instrument."""
+    """Return whether there are measurements, but no measurement in the frame of an instrument."""
     read = [kind for kind in kinds if kind.readings.any()]
     return bool(read) and not any(kind.absolute for kind in read)
 

@@ -54,8 +54,8 @@ SHOWN = 0.1
 MOST_WAVES, FAINT = 200, 1e-2
 """Largest number of sinusoids of one function in a model, and their least size relative to the largest."""
 SMOOTH, UNDECLARED = "smooth functions of the joint values", "undeclared"
-"""Name and family of the effect that adds the undeclared functions to a model. The unknown of this effect is a factor,
-1 for the estimated functions."""
+"""Name and family of the effect that adds the undeclared functions to a model. The unknown of the effect is a factor, 1
+for the estimated functions."""
 ALONE_STEPS = 200
 """Number of updates of τ and n without functions; with 100 the likelihood is equal within a thousandth of a nat."""
 EARNED = 20.0
@@ -196,7 +196,7 @@ class Coloured:
 
     def _explained(self, q: Array, columns: Array) -> Array:
         """Return L⁻¹ times the covariance (M, N), m, of the fitted measurements and other measurements. q: (N, J) joint
-        values of the other measurements. columns: (N, A) columns of the axes."""
+        values of the other measurements. columns: (N, A) displacement per unit of each axis."""
         there = self.waves.values(q) @ self.values.T
         return self._solved((((columns * self.unknown.sizes) @ self.axes.T) * there).T)
 
@@ -210,7 +210,7 @@ Wave = tuple[str, int, float]
 
 @dataclass(frozen=True)
 class Waves:
-    """Products of sinusoids of the joint values; an unknown function is a weighted sum of these products.
+    """Products of sinusoids of the joint values; an unknown function is a weighted sum of such products.
 
     names: joint names.
     sizes: (W,) standard deviation of the coefficient of each product.

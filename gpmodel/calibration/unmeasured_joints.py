@@ -29,8 +29,8 @@ ROUNDING = 1e-7
 PRIOR_SIGMA = {"revolute": np.radians(1.0), "prismatic": 1e-3}
 """Standard deviation of approximate joint values if none is stated, rad and m: read from a scale by eye."""
 ROTATION_WEIGHT = 0.3
-"""Weight of a radian of orientation, m: a typical lever from wrist to tool. The fit of a table replaces this weight by
-the ratio of the residuals."""
+"""Weight of a radian of orientation, m: a typical lever from wrist to tool. The fit of a table replaces this typical
+weight by the ratio of the residuals."""
 MAX_ITERATIONS = 20
 """Largest number of steps for the joint values of a pose; three are usual."""
 STEP_TOLERANCE = 1e-9

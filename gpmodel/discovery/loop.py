@@ -55,7 +55,7 @@ def discover(
     progress: Say = silent,
     kept: KeptRuns | None = None,
 ) -> Discovery:
-    """Run the whole discovery loop. Held-out poses only measure errors; no effect is selected by them.
+    """Run the whole discovery loop. Held-out poses only measure errors and select no effect.
 
     At the end the held-out poses decide whether the model with the findings or the standard model is shipped.
 
@@ -225,7 +225,7 @@ def _explored(state: State, residual: Residual, number: int) -> Exploration:
 
 
 def _promising(state: State, residual: Residual, exploration: Exploration) -> tuple[Candidate, ...]:
-    """Return new programs with a gain in description length, the best first, at most `considered` of them."""
+    """Return new programs with a gain in description length, the best first, at most `considered` programs."""
     known = {c.name for c in (*state.known_effects, *state.found, *state.evolved)}
     pool = [c for c in exploration.candidates if c.name not in known]
     ranked = sorted(zip(pool, scores(residual, pool), strict=True), key=lambda one: -one[1].nats)

@@ -86,7 +86,7 @@ def refined_fit(
     candidates: Mapping[str, Candidate],
     calibration: Calibration,
 ) -> tuple[dict[str, Candidate], Calibration]:
-    """Fit the constants inside candidates given each other; return candidates by name and the fit with them.
+    """Fit the constants inside candidates given each other; return candidates by name and the fit with the candidates.
 
     fit: function that calibrates with candidates, starting from an earlier fit. residual: function from a fit to its
     residual. calibration: fit with the candidates.
@@ -105,7 +105,7 @@ def refined_fit(
 def refined_at_one_site(residual: Residual, candidates: Mapping[str, Candidate]) -> Iterator[Candidate]:
     """Yield each candidate with refitted constants, as a replacement of all candidates with constants at its site.
 
-    If a constant lies between two offered values, both may be selected. residual: residual of the whole model.
+    If a constant lies between two candidates' values, both may be selected. residual: residual of the whole model.
     """
     movable = [c for c in candidates.values() if _movable(c)]
     for candidate in movable:
@@ -196,7 +196,7 @@ def _nats(residual: Residual, effects: Sequence[Effect]) -> float:
 
 
 def _left(residual: Residual, effects: Sequence[Effect]) -> float:
-    """Compute the sum of squares of the residual with effects projected out."""
+    """Compute the sum of squares of the residual after effects are projected out."""
     span = ident.orthonormal(residual.projected(effects)[0])
     return residual.energy - float(np.sum((span.T @ residual.values) ** 2))
 
@@ -239,9 +239,9 @@ class _Moved:
 def inner_changes(candidate: Candidate, theta: Sequence[float], states: States) -> tuple[InnerChange, ...]:
     """Return the change of each constant inside a formula as an effect θ ∂φ/∂c, whose coefficient is the change.
 
-    With these effects in the model all standard errors are those of nonlinear least squares, and each constant has a
-    standard error. A constant has no effect if the coefficient or the geometry can replace the constant. theta: fitted
-    values of the candidate's effects. Source: Seber and Wild (1989), 2.1.
+    With these effects ∂φ/∂c in the model all standard errors are those of nonlinear least squares, and each constant
+    has a standard error. A constant has no effect if the coefficient or the geometry can replace the constant. theta:
+    fitted values of the candidate's effects. Source: Seber and Wild (1989), 2.1.
     """
     law = _shape(candidate.effects, theta, states)
     taken = [np.ones(len(states)), *(_shape([e], [1.0], states) for e in candidate.effects)]
@@ -263,7 +263,7 @@ def inner_changes(candidate: Candidate, theta: Sequence[float], states: States) 
 def moved(candidate: Candidate, values: Mapping[Constant, float]) -> Candidate:
     """Replace the values of some constants inside a candidate; an unnamed candidate is renamed after its formula.
 
-    Constants of a template (a lag, a width, a rate) keep their sign: a step lowers them by at most half their size.
+    Constants of a template (a lag, a width, a rate) keep their sign: a step lowers a constant by at most half its size.
     """
     if not values:
         return candidate
@@ -291,7 +291,7 @@ def _rounded(value: float) -> float:
 
 
 def _moved(candidate: Candidate) -> Iterator[_Moved]:
-    """Yield each distinct constant inside a candidate; a constant of several effects is changed in all of them.
+    """Yield each distinct constant inside a candidate; a constant of several effects is changed in each effect.
 
     A whole number of ripples per turn, or of millimetres in a lead, is exact.
     """

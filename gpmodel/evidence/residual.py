@@ -187,7 +187,7 @@ class Residual:
 
     @cached_property
     def placed_by_units(self) -> Array:
-        """Basis (M, k) of the placement columns that one block of poses alone determines, such as those of a bar."""
+        """Basis (M, k) of the registration columns that one block of poses alone determines, such as those of a bar."""
         columns = self.system[: self.measured]
         alone = of_one_fold(columns, self.unit_of_pose[self.problem.pose_of_row])
         return ident.orthonormal(columns[:, alone])
@@ -255,7 +255,7 @@ def residual_of(
 
 
 def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tuple[Array, Array, tuple[str, ...], int]:
-    """Return columns and right side (M + B) of the model, names of its effects, and number of prior rows on size.
+    """Return columns and right side (M + B) of the model, names of its effects, and number of prior rows on lengths.
 
     Prior rows on lengths and tool fix a scale that no measurement fixes: with gaps of zero, a machine that shrinks to a
     point would have no residual.

@@ -235,7 +235,7 @@ def _of_distance(problem: SlotProblem) -> _Structure:
 
 
 def _of_any(problem: SlotProblem, joined: Program) -> _Structure:
-    """Return formulas of an inner program ``joined``."""
+    """Return formulas of the value of an inner program ``joined``, such as a weighted sum."""
     column, targets = joined.evaluate(problem.inputs.mapping())[0], problem.targets
 
     def programs() -> list[Program]:

@@ -59,7 +59,7 @@ class Element:
     c: float = 0.0
 
     def program(self, inner: Program, low: float, width: float) -> Program:
-        """Return the element of a program ``inner`` whose values range from ``low`` to ``low + width``."""
+        """Return the program of the element at an inner program whose values range from ``low`` to ``low + width``."""
         numbers = {
             "k": self.k / width,
             "a": low + self.c * width,
@@ -205,7 +205,7 @@ def edges(column: Array) -> Elements:
 
 ELEMENTS, FINE = Elements(_elements()), Elements((*_elements(ALONE), *_cubics(), *_powers(), *_rectified()))
 FAR = Elements(Element("square({q} - {a})", np.square, c=c) for d in OUTSIDE for c in (-d, 1.0 + d))
-"""Squares about points outside the range, as inner functions of other elements: a wave of such a square is a chirp."""
+"""Squares about points outside the range, as arguments of other elements: a wave of a square is a chirp."""
 
 Build = Callable[[], Program]
 
@@ -287,7 +287,7 @@ def _products(alone: Array, targets: Targets, of: Callable[[Element], Program]) 
 def _composed(
     inner: Elements, columns: dict[str, Array], targets: Targets, of: Callable[[Element], Program]
 ) -> Iterator[Founder]:
-    """Yield the best element of an inner element, for every pair of texts."""
+    """Yield the best composition of an element and an inner element, for every pair of texts."""
     inside = inner.on_grid(np.array(list(columns.values())))[0]
     nats = np.full((len(inside), len(ELEMENTS.every)), -np.inf)
     varies = np.flatnonzero((np.ptp(inside, axis=1) > 0) & np.array([element.text != LINE for element in inner.every]))

@@ -87,7 +87,7 @@ class Generations:
         return found
 
     def polished(self, population: Population, scores: Scores) -> tuple[Population, Scores]:
-        """Fit the constants of the best programs not fitted before; these programs replace the worst ones."""
+        """Fit the constants of the best programs not fitted before; the fitted programs replace the worst ones."""
         if not isinstance(self.problem, SlotProblem) or not self.layout.own_constants:
             return population, scores
         columns = self.problem.inputs.mapping()

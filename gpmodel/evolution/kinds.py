@@ -1,4 +1,4 @@
-"""Kinds of values and the operations allowed on them: strongly typed programs (Montana 1995).
+"""Kinds of values and the operations allowed on each kind: strongly typed programs (Montana 1995).
 
 Kinds of inputs: "angle", "short angle" (its range is too short for its period to matter), "time" and "row" (clocks),
 "number" (dimensionless), and any other name, which is a quantity of its own: "length", "torque", "temperature". Angles
@@ -44,7 +44,7 @@ def role(kind: str) -> str:
 
 
 def result(operator: str, *kinds: str) -> str | None:
-    """Return the kind of an operator's result, or None if the operator may not be applied to these kinds."""
+    """Return the kind of an operator's result, or None if the operator may not be applied to the given kinds."""
     if ANY in kinds:
         return ANY
     if all(kind == CONSTANT for kind in kinds):

@@ -136,7 +136,7 @@ class Layout:
 
     @cached_property
     def typing(self) -> Typing:
-        """Rules for the kinds of the inputs."""
+        """Rules that state which operations are allowed on the kinds of the inputs."""
         return Typing(self.kinds)
 
     @cached_property

@@ -66,7 +66,7 @@ class CartesianProblem:
     """A compensator as in thesis Fig 5.2: its outputs r0, r1, r2 approximate measured points (3, N).
 
     norm: "max" (Fig 5.5) or "rms" of the distances over the poses.
-    inputs: x, y, z are the points of the model in the unit of ``measured``; the registers start with them.
+    inputs: x, y, z are the points of the model in the unit of ``measured``; the registers start with x, y, z.
     parsimony: price of a node in the unit of ``measured``.
     The gain is the share of the norm that the program removes. Raises InputError if x, y or z is missing or measured
     points are not finite.

@@ -32,8 +32,8 @@ class Targets:
     """Statistics of the residual at S sites and N poses, from which gains are computed; the model has K columns.
 
     weight: D (S, N), squared sensitivity of the measurements of a pose to a unit basis function at a site.
-    cross: B (S, K, N), products of these sensitivities with the columns of the model.
-    pull: g (S, N), products of these sensitivities with the residual.
+    cross: B (S, K, N), products of the sensitivities with the columns of the model.
+    pull: g (S, N), products of the sensitivities with the residual.
     energy: r·r, sum of squares of the residual r.
     names: names of the sites.
     samples: number of measured values; 0 for one value per pose.

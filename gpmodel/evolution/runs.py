@@ -56,8 +56,8 @@ _loaded: set[str] = set()
 
 
 def load_loops(task: Task) -> None:
-    """Load the compiled loops of a task, once per process; forked processes need not load them again.
-    Loading takes a thousandth of the time of a run."""
+    """Load the compiled loops of a task, once per process; forked processes inherit the loaded loops. Loading takes a
+    thousandth of the time of a run."""
     kind = label(task.settings.representation)
     if kind not in _loaded:
         _loaded.add(kind)

@@ -99,7 +99,7 @@ def projected_scores(scaled: Array, code: Code, base: int, targets: Targets, par
 
 
 def distinct_rows(rows: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Return the different rows (U, N) of rows (R, N), and the index (R,) of each row among them."""
+    """Return the different rows (U, N) of rows (R, N), and for each row (R,) the index of its copy."""
     whole = rows.view(np.dtype((np.void, rows.shape[1] * rows.itemsize)))[:, 0]
     _, first, number = np.unique(whole, return_index=True, return_inverse=True)
     return rows[first], number

@@ -3,7 +3,8 @@
 Constants that need no node are 0, 1 or -1 in a sum or product, ±π/2 in a sine, ±1 added to tanh, an exponent of 2, and
 a constant equal to another one, whose terms can be merged:
     x + 0 = x,  1 x = x,  y + (-1) x = y - x,  sin(x + π/2) = cos(x),  1 + tanh(x) = 2 logistic(2 x),  |x|^2 = x²
-The constants need not be near these values: each shorter form is fitted again and selected by its description length.
+The constants need not be near the listed values: each shorter form is fitted again and selected by its description
+length.
 """
 
 from collections.abc import Iterator
@@ -41,8 +42,7 @@ def _given_way(index: int, argument: int, builder: Builder, node: Node, copies: 
 
 
 def _with_other_wave(program: Program, index: int, argument: int) -> Iterator[Program]:
-    """Yield the program with a sum of a term and a constant replaced by the term, and the sine
-    around it by the cosine."""
+    """Yield the program with a sum of a term and a constant replaced by the term, and the outer sine by a cosine."""
     (other,) = set(program.nodes[index].arguments) - {argument} or {argument}
     if program.nodes[other].operator != "constant":
         return

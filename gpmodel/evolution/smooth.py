@@ -25,7 +25,7 @@ class Sines:
     """The sine functions of one input, from which a smooth function is formed.
 
     values: sines (N, m) times their relative prior standard deviations `spreads` (m,).
-    rates: (m,) rad per unit of the input.
+    rates: (m,) rates of the sines, rad per unit of the input.
     start: value of the input where all sines are 0.
     """
 

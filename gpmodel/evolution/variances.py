@@ -12,8 +12,8 @@ section between the neighbours of the best point, which end within a hundredth o
 
 
 def best(s: Array, q: Array, cap: Array) -> tuple[Array, Array]:
-    """Maximise the gains (G,) over prior variances up to cap² (G,); return the gains and the variances. The best point
-    of a grid in the logarithm of the variance is refined by a golden section."""
+    """Maximise the gains (G,) of groups over prior variances up to cap² (G,); return the gains and the variances. The
+    best point of a grid in the logarithm of the variance is refined by a golden section."""
     from gpmodel.evolution.kernels.variances import largest_gains
 
     s, q, top = np.maximum(s, 0.0), np.ascontiguousarray(q), 2.0 * np.log(cap)

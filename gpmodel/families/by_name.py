@@ -1,4 +1,4 @@
-"""Read names of effects as they are written on a command line."""
+"""Read names of effects as written on a command line."""
 
 import numpy as np
 

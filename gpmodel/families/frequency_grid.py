@@ -1,4 +1,4 @@
-"""Harmonics of a joint at any frequency of a range, and the families that need them: ripple and mesh compliance."""
+"""Harmonics of a joint at any frequency of a range, and the families with such harmonics: ripple, mesh compliance."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -20,7 +20,7 @@ CLOSER = 4
 
 @dataclass(frozen=True)
 class FrequencyGrid:
-    """sin and cos of rate · (q - start) on the drive of a joint, at each rate of a grid. A load may multiply both.
+    """sin and cos of rate · (q - start) on a joint's drive, at each rate of a grid. A load may multiply sin and cos.
 
     template: candidate with a symbol for the number in its name. The price of the candidate is that of a named effect
     plus the log of the number of rates that the poses resolve.

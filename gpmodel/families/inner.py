@@ -176,7 +176,7 @@ def remembered(name: str, effects: Sequence[Effect], unit: Callable[[str, str], 
 
     The result is None if no effect depends on a column with memory.
 
-    name: name of the candidate of these effects.
+    name: name of the candidate.
     unit: function from the kind of memory and the source column to the unit of the constant.
     """
     read = dict.fromkeys(column for effect in effects for column in effect.inputs if constant_of(column))

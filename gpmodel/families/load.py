@@ -180,6 +180,6 @@ def _unit_loads(states: States) -> Mapping[str, Array]:
 
 
 def _share(states: States, moments: list[str]) -> float:
-    """Return the prior of each moment of mass such that all moments together give the typical deflection."""
+    """Return the prior of each moment of mass with which all moments together give the typical deflection."""
     squares = sum(float(np.mean(_unit_loads(states)[m] ** 2)) for m in moments)
     return DEFLECTION / float(np.sqrt(squares))

@@ -1,4 +1,4 @@
-"""Convert programs to sympy expressions and back, and simplify them."""
+"""Convert programs to sympy expressions, simplify the expressions, and convert them back."""
 
 from collections.abc import Callable, Mapping, Sequence
 from math import prod
@@ -59,7 +59,7 @@ def to_sympy(program: Program) -> list[sympy.Expr]:
 
 
 def in_pieces(program: Program, largest: int | None) -> tuple[dict[sympy.Symbol, sympy.Expr], list[sympy.Expr]]:
-    """Return definitions of symbols for large subexpressions, and the outputs in terms of inputs and these symbols.
+    """Return definitions of symbols for large subexpressions, and the outputs in terms of inputs and the new symbols.
 
     No expression has more than about `largest` operators and leaves. The written-out form of a program with shared
     parts may be exponentially longer, and its algebra would not end. largest: largest size; None for no limit.

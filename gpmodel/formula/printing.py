@@ -19,7 +19,7 @@ _STEP, _NOT = sympy.Function("step"), sympy.Function("not")
 
 
 def latex(program: Program) -> str:
-    """Return the outputs in LaTeX, separated by commas, after the definitions of their parts if they are long.
+    """Return the outputs in LaTeX, separated by commas, after the definitions of their parts if an output is long.
 
     Numbers in the LaTeX text are rounded to DIGITS.
     """

@@ -248,7 +248,7 @@ class Builder:
         return copies
 
     def program(self, outputs: Iterable[int]) -> Program:
-        """Return the program of these output nodes, with nodes in the order in which the outputs first need them."""
+        """Return the program of given output nodes; the nodes are in the order of their first use by an output."""
         chosen = tuple(outputs)
         place: dict[int, int] = {}
         pending = list(reversed(chosen))

@@ -37,7 +37,7 @@ class BlockInformation:
     count: Array
 
     def subset(self, machines: Mask) -> "BlockInformation":
-        """Return the information of some machines. machines: mask (m,) of these machines."""
+        """Return the information of some machines. machines: mask (m,) of the machines."""
         return BlockInformation(self.values[machines], self.root[machines], self.count[machines])
 
 
@@ -116,8 +116,8 @@ def distance(of: BlockInformation, machine: int, mean: Array, covariance: Array,
     """Return √(χ² / n) of the n determined directions of a machine about a mean (E,), and its chance.
 
     covariance: (E, E) covariance of the mean and the spread, estimated from `machines` others. Σ w_k χ²_k with Σ w_k =
-    1 is large no more often than one χ² is (Székely and Bakirov 2003). The chance of a single effect with this distance
-    is therefore an upper bound, whichever effects differ.
+    1 is large no more often than one χ² is (Székely and Bakirov 2003). The chance of a single effect with an equal
+    distance is therefore an upper bound, whichever effects differ.
     """
     root = of.root[machine]
     left = of.values[machine] - root @ mean

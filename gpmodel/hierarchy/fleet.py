@@ -143,7 +143,7 @@ class Fleet:
     own: calibration of each machine by its poses alone, with the effects of the type.
     shrunken: calibration of each machine by its poses and the type's `prior`, with complete geometry.
     effects: effects without priors of their own.
-    values, stderr: (m, K + 1) values and standard errors of these effects and, last, of the logarithm of the noise.
+    values, stderr: (m, K + 1) values and standard errors of the effects and, last, of the logarithm of the noise.
     shared: mean and spread of each of the K + 1 parameters over the machines.
     blocks: effects with priors of their own.
     deviations: deviation of each machine in each parameter and block.

@@ -33,7 +33,7 @@ from gpmodel.table.bundles import JUDGED
 from gpmodel.wording import listed
 
 Residuals = Callable[[Sequence[Candidate]], Sequence[Residual]]
-"""Function of candidates to the residual of every machine, calibrated with the geometry and these candidates."""
+"""Function of candidates to the residual of every machine, calibrated with the geometry and the candidates."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ class Pooled:
     """A candidate group scored on all machines.
 
     nats: net gain at the best common prior variance, nats.
-    typical: whether more than half of the machines gain at this variance and the net gain without the best machine is
-    positive.
+    typical: whether more than half of the machines gain at the common variance and the net gain without the best
+    machine is positive.
     """
 
     nats: float

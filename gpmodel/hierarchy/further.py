@@ -103,7 +103,7 @@ LOUDER = 1.1
 class Further:
     """Fits of a further machine of a known type.
 
-    steps: registration, the fit to its poses alone if they are enough, and the fit with the type's prior.
+    steps: registration, the fit to its poses alone if there are enough, and the fit with the type's prior.
     final: the last fit.
     alone: the fit to the machine's poses alone, None if the poses do not determine every effect.
     outlying: names of effects in which the machine differs from its type.
@@ -150,8 +150,8 @@ class Further:
 def further_machine(fleet: FleetPart, mechanism: Mechanism, seen: Poses, unseen: Poses, seed: int = 0) -> Further:
     """Fit a machine of the type to the poses `seen` and compute its errors on the poses `unseen`.
 
-    An effect that deviates significantly from the type in the fit to these poses alone loses the prior of the type.
-    Raises InputError if the fleet has another mechanism.
+    An effect that deviates significantly from the type in the fit to the poses `seen` alone loses the prior of the
+    type. Raises InputError if the fleet has another mechanism.
     """
     prior = prior_model(fleet, mechanism)
     steps = _own_poses(fleet, prior, seen, unseen, seed)
@@ -178,7 +178,7 @@ def from_the_type(
 ) -> Discovery:
     """Run the discovery loop with the effects and priors of the type as its standard model.
 
-    Findings of the loop are in addition to the effects of the type. If the noise of these poses is larger than that of
+    Findings of the loop are in addition to the effects of the type. If the noise of the machine's poses exceeds that of
     the type, the fit to all poses is repeated with the larger noise.
     """
     machine = further_machine(fleet, mechanism, poses.subset(train), poses.subset(heldout))

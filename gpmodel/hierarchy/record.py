@@ -164,8 +164,8 @@ class SharedPart(msgspec.Struct, frozen=True):
 
     mean, stderr, spread: of the parameter over the type. low, high: 95 % interval of the spread.
     values, stderrs: value and standard error of each machine alone.
-    shrunken: value of each machine with the prior of the type. This list is empty for geometry, whose prior has
-    further, equivalent constants.
+    shrunken: value of each machine with the prior of the type. The list is empty for geometry, whose prior has further,
+    equivalent constants.
     z, chances: deviation of each machine from the others, and its chance for any machine of a fleet without outliers.
     outliers: indices of outlying machines, which do not count for the mean and spread.
     """

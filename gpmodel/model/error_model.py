@@ -206,7 +206,7 @@ def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement)
 
 
 def _completed(known: Own, kinds: tuple[Observation, ...], tips: Tips) -> Own:
-    """Add missing unknowns of the observations, estimated from these poses, to the unknowns of a fit.
+    """Add missing unknowns of the observations, estimated from the given poses, to the unknowns of a fit.
 
     An example of an unknown is a point that only held-out poses touched.
     """

@@ -49,7 +49,7 @@ def homography(flat: Array, seen: Array) -> Array:
 
 
 def _normalised(points: Array) -> tuple[Array, Array]:
-    """Return points (C, 2) with mean zero and standard deviation one, and the map (3, 3) that scales them."""
+    """Return points (C, 2) with mean zero and standard deviation one, and the map (3, 3) that scales the points."""
     middle, size = points.mean(axis=0), points.std() or 1.0
     scale = np.array([[1 / size, 0, -middle[0] / size], [0, 1 / size, -middle[1] / size], [0, 0, 1.0]])
     return (points - middle) / size, scale
@@ -125,7 +125,7 @@ def _body_pose(body: Array, seen: Array) -> Array:
 
 
 def hand_eye(moved: Array, seen: Array) -> tuple[Array, Array]:
-    """Return B and C (4, 4) with A B = C T. InputError if the views do not determine them. Source: Shah (2013).
+    """Return B and C (4, 4) with A B = C T. InputError if the views do not determine B and C. Source: Shah (2013).
 
     moved: A (V, 4, 4), board's carrier in camera's carrier. seen: T (V, 4, 4), the board in the camera frame.
     """

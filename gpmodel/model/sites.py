@@ -26,7 +26,7 @@ def names_of(data: Dataset) -> Mapping[str, str]:
 
 
 def table_names(joints: Sequence[str], columns: Sequence[str]) -> Mapping[str, str]:
-    """Map joint names, and names of loads that contain them, to the names of the columns of the table."""
+    """Map joint names, and names of loads that contain a joint name, to the names of the columns of the table."""
     out = {}
     for joint, column in zip(joints, columns, strict=True):
         out[joint] = column
@@ -63,7 +63,7 @@ def translate(text: str, names: Mapping[str, str]) -> str:
 
 
 def mechanism_names(mechanism: Mechanism, states: States) -> Mapping[str, str]:
-    """Map names of joints and loads with J1 to Jn to those of the mechanism, except names of inputs of the poses."""
+    """Map names of joints and loads with J1 to Jn to the mechanism's names, except names of inputs of the poses."""
     own = [joint.name for joint in mechanism.joints]
     numbered = [f"J{i}" for i in range(1, len(own) + 1)]
     known = {*own, *states.columns}
@@ -113,8 +113,8 @@ def sites_of(mechanism: Mechanism) -> tuple[Site, ...]:
     """Return the sites of a mechanism: the base, every joint, the tool.
 
     A joint has its drive, the other axes of its moving side, and the axes of its fixed side that are no axis of the
-    previous frame. A link that follows other joints has the axes of its moving side. With closed loops, the sites of
-    the geometric constants replace those of the joints.
+    previous frame. A link that follows other joints has the axes of its moving side. With closed loops, the sites are
+    those of the geometric constants, not of the joints.
     """
     out = [Site((("base", axis, 1.0),)) for axis in AXES]
     if loops := closed(mechanism):

@@ -62,7 +62,7 @@ class Derived:
     """Columns that one function computes for a whole table, on first use.
 
     made: function that returns the columns (N,) by name.
-    known: function that returns whether a name may be one of these columns.
+    known: function that returns whether a name may be a derived column.
     unit: function from a name to its unit. All three functions are pickled for worker processes and must therefore
     belong to a module.
     """
@@ -345,8 +345,8 @@ def _of_the_payload(name: str) -> bool:
 def _carried(mechanism: Mechanism, dataset: Dataset, loads: Mapping[str, Array]) -> dict[str, Array]:
     """Return the joint torques of the payload alone, without the torques of the links.
 
-    If the payload varies, these torques are listed columns. If the payload is constant, these torques are derived on
-    demand, for a model that was fitted with varying payloads.
+    If the payload varies, the torques of the payload are listed columns. If the payload is constant, the torques are
+    derived on demand, for a model that was fitted with varying payloads.
     """
     bare = mechanism.loads(dataset.q, np.zeros(len(dataset)))
     torques = [f"torque_{joint.name}" for joint in mechanism.joints]

@@ -25,7 +25,7 @@ class Surface:
     needs: number of touches that determine the surface.
     axes: observable twists of the surface's frame, as indices.
     gap: function of points (N, 3) in the surface's frame to gaps (N, c), m; for a sphere the distance to its centre.
-    slope: function of such points to the derivatives (N, c, 3) of the gaps.
+    slope: function of points to the derivatives (N, c, 3) of the gaps.
     place: function of touches (N, 3) in the root and the radius, NaN if unknown, to its frame (4, 4) and radius.
     """
 

@@ -117,7 +117,7 @@ class Touches(AtTheTip):
         return list(zip(self.body.tolist(), self.feature.tolist(), strict=True))
 
     def subset(self, rows: IntArray) -> "Touches":
-        """Return the touches of some rows, without bars of which only one end is among them."""
+        """Return the touches of some rows, without bars of which only one end is in these rows."""
         body = self.body[rows]
         ends = np.bincount(body[body >= 0], minlength=len(self.bodies))
         half = [i for i, b in enumerate(self.bodies) if b.is_bar and ends[i] == 1]

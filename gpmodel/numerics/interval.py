@@ -13,7 +13,7 @@ NODES = 40
 """Number of normal distributions whose mixture approximates Student's t."""
 STEPS = 100
 SETTLED = 1e-3
-"""Largest number of EM iterations for a scale; relative change of the scale per iteration that ends them."""
+"""Largest number of EM iterations for a scale; relative change of the scale below which the iterations end."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def freedom_of_sum(deviations: Array, freedoms: Array) -> Array:
 
 SIGNIFICANCE = 0.01
 """Significance level of a test, after correction for the number of tests. The acceptance rule of findings also uses
-this level."""
+this significance level."""
 
 
 def holm(chances: Array) -> Array:

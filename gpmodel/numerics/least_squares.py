@@ -65,7 +65,7 @@ def among_worst(errors: Array, use: Mask | None = None) -> Mask:
 def in_company(far: Mask, places: Array, errors: Array) -> Mask:
     """Mark outliers (N,) whose nearest neighbours are mostly outliers with errors in the same direction.
 
-    In such a region the model is wrong, not the measurement; excluding these poses would hide the model's error.
+    A wrong model causes such a region; excluding its poses would hide the model's error.
     far: (N,) outliers.
     places: joint values or positions (N, n), each column compared relative to its range.
     errors: (N, m), NaN where nothing was measured.
@@ -155,7 +155,7 @@ class LeaveOneOut:
         return cls(norms, u[:, :rank], s[:rank], vt[:rank].T)
 
     def alone(self, k: int) -> Array:
-        """Return the part (M,) of column k that is orthogonal to the other columns, zero if they span it."""
+        """Return the part (M,) of column k that is orthogonal to the other columns, zero if k is in their span."""
         own = self.v[k]
         if own @ own < 1.0 - INSIDE:
             return np.zeros(len(self.u))

@@ -185,7 +185,7 @@ def turned(value: Array, twist: Array) -> Array:
 
 
 def by_pose(points: Array) -> Array:
-    """Return the derivative (N, 3, 6) of points y (N, 3) by a unit twist ξ of the frame in which they are expressed.
+    """Return the derivative (N, 3, 6) of points y (N, 3) by a unit twist ξ of the frame of their coordinates.
 
     The points do not move with the frame, and ξ is in the axes of the frame: y' = exp(-ξ) y.
     """

@@ -34,8 +34,8 @@ ALIKE: relative difference of contributions up to which measurements at these po
 class Cause:
     """A possible cause of a finding: indistinguishable groups, and their probability.
 
-    own: whether the selected group is one of these groups, namely the first. amount: coefficients of the selected
-    effects if this cause is true, relative to the selected values; 0 if the cause does not contain these effects.
+    own: whether the selected group is among the indistinguishable groups (it is then the first). amount: coefficients
+    of the selected effects if this cause is true, relative to the selected values; 0 for effects outside the cause.
     """
 
     groups: tuple[Group, ...]

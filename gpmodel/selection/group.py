@@ -57,8 +57,8 @@ class Group(Candidate):
     spreads: (E,) standard deviations of the coefficients for a = 1, scaled so that Σ spread_k² var(φ_k) = 1. √a is then
     the RMS motion of the group's site, rad or m. where: slot (frame of the chain) and axis of the site. cap: largest
     √a; for specified priors the specified value. always_included: exempt from deletion. parts: groups of one kind at
-    several sites that form this group, empty for a plain group. inner: constants inside basis functions; None also if
-    an effect is deleted.
+    several sites that form the group, empty for a plain group. inner: constants inside basis functions; None also if an
+    effect is deleted.
     """
 
     spreads: tuple[float, ...] = ()
@@ -162,7 +162,7 @@ class Price:
         return self.limits.minimum_nats + self.to_describe(group) + (float(np.mean(read)) if read else 0.0)
 
     def to_read(self, group: Group) -> float:
-        """Return the price, nats, of a smooth term with offered formulas or a long formula: both are hard to read."""
+        """Return the price, nats, of a smooth term with offered formulas or a long formula: each is hard to read."""
         names = {group.name, *(part.name for part in group.parts)}
         curve = is_curve(group) and len(group.effects) > FEW and not names.isdisjoint(self.with_formulas)
         basis = group.place.basis

@@ -67,7 +67,7 @@ class Offering:
 
 
 def singles(offering: Offering, mechanism: Mechanism, shapes: Shapes) -> list[Group]:
-    """Return the single groups that vary over these poses, without groups of equal columns.
+    """Return the single groups that vary over the measured poses, without groups of equal columns.
 
     Terms of one evolved program become separate candidates if one of the terms is also a candidate with a name.
     """

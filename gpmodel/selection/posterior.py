@@ -22,7 +22,7 @@ LEAST_NOISE = 1e-8
 """Least noise of one coordinate, m: a tenth of an instrument's resolution. In an exact table less is rounding."""
 LEAST = 10.0**-DECADES
 """Least ratio of the prior variance of a group to its largest allowed variance. A group that explains nothing reaches
-this ratio, and is deleted."""
+this least variance, and is deleted."""
 
 
 @dataclass(frozen=True)
@@ -248,7 +248,7 @@ class Active:
         return self.pool.price - np.where(others > 0, np.append(self.pool.shared, 0.0)[self.pool.block], 0.0)
 
     def price(self, g: int) -> float:
-        """Return the price of a group given the others, nats; each further one of its n sites costs ln n."""
+        """Return the price of a group given the others, nats: if its kind is in the model, ln n for its n sites."""
         return float(self.prices[g]) + self._further_sites(g)
 
     def _further_sites(self, g: int) -> float:

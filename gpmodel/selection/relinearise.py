@@ -86,7 +86,7 @@ def inliers(error: Array, use: Mask, sigmas: float) -> Mask:
 
 
 UNKNOWN = 1e-6
-"""First prior variance of a group that is always included, rad² or m²; re-estimation changes this value."""
+"""First prior variance of a group that is always included, rad² or m²; re-estimation changes the variance."""
 
 
 @dataclass(frozen=True)

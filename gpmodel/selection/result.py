@@ -169,7 +169,7 @@ def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: 
 
     Permuted residuals are rescaled to σ, since the fit removed degrees of freedom and removes them again from each
     permuted residual. The columns of a body measured in one block alone, such as a bar, are removed only once: the
-    residual of another block has no part along them.
+    residual of another block has no part along these columns.
     """
     rows, left = active.pool.rows, active.left
     codes = np.unique(bundle, return_inverse=True)[1].reshape(-1)

@@ -121,6 +121,6 @@ def whole(model: Active) -> Active:
 
 
 def _part(model: Active, groups: Iterable[int], pool: GroupPool) -> Active:
-    """Return a model that contains only some groups of a model."""
+    """Return a model reduced to some of its groups."""
     own = sorted(groups)
     return Active(pool, {g: model.variances[g] for g in own}, {g: model.chosen[g] for g in own}, model.sigma2)

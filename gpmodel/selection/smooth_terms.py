@@ -2,7 +2,7 @@
 
 A smooth term of one input is a sum of sines with the prior variances of a Gaussian process
 (``gpmodel.evolution.smooth``), a smooth term of two inputs a sum of products of sines. The marginal likelihood of a
-smooth term given a model decides whether the residual at a site depends on these inputs, in whatever form.
+smooth term given a model decides whether the residual at a site depends on the term's inputs, in whatever form.
 """
 
 import math
@@ -89,7 +89,7 @@ def principal(column: Array) -> Array:
 
 
 def multiplied(parts: Sequence[Array]) -> Array:
-    """Multiply every column (N,) of the first part with every column of the second; omit negligible products. (N, m)"""
+    """Multiply every column of the first part with every column of the second: (N, m); omit negligible products."""
     out = parts[0] if len(parts) == 1 else (parts[0][:, :, None] * parts[1][:, None, :]).reshape(len(parts[0]), -1)
     size = out.std(axis=0)
     out = out[:, size > NEGLIGIBLE * size.max()]

@@ -40,7 +40,7 @@ and a ramp, 12 %), then more than half. With a limit of a third, two of three ex
 
 
 def exchange(model: Active, new: frozenset[str] | None = None) -> Active:
-    """Maximise the utility over all groups of the pool by exchanges, after growing the model. Deterministic.
+    """Maximise the utility over all groups of the pool by exchanges, after growing the model.
 
     Removals that failed on an earlier model are tried last, until no removal improves the model. Meanwhile groups of
     many coefficients keep their variances; a better model is grown in full. new: names of groups with which every

@@ -1,4 +1,4 @@
-"""Compiled inner loops: the only modules that import numba. The tests compare them with NumPy versions."""
+"""Compiled inner loops: the only modules that import numba, tested against NumPy versions."""
 
 from contextlib import suppress
 from pathlib import Path

@@ -13,7 +13,7 @@ TRIALS = 4
 
 @compiled
 def solve(normal: Array, sizes: Array, count: int) -> bool:
-    """Solve symmetric normal equations by Gauss-Jordan in place; return False if they are singular. The right side of
+    """Solve symmetric normal equations by Gauss-Jordan in place; return False for singular equations. The right side of
     the equations is column ``count``. sizes: scratch space for the original diagonal."""
     for k in range(count):
         sizes[k] = normal[k, k]
@@ -93,8 +93,8 @@ def _normal_equations(
     idle: float,
     normal: Array,
 ) -> bool:
-    """Fill the normal equations (m, m + 1) of one Gauss-Newton step; return whether they are usable.
-    The first of the columns (m, N) is the basis function; the last column is the right side."""
+    """Fill the normal equations (m, m + 1) of one Gauss-Newton step; return whether the equations are usable. The first
+    of the columns (m, N) is the basis function; the last column is the right side."""
     size = len(columns)
     seen, stays = np.empty((size, len(cross))), np.zeros(size, np.bool_)
     for i in range(size):

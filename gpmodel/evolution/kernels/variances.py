@@ -7,7 +7,7 @@ from gpmodel.evolution.kernels.compiler import compiled, inlined
 
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _LARGE = 1e100
-"""Size of a product of factors at which its logarithm is taken, so that one logarithm serves many factors."""
+"""Size of a product of many factors at which its logarithm is taken: one logarithm serves several factors."""
 
 
 @inlined
