@@ -66,8 +66,8 @@ def preference(
 ENOUGH, LIMIT_OF_FEW = 1.5, 200.0
 """If no measurement determines the scale: measurements per unknown from which all constants are fitted, and the
 condition limit with fewer measurements, which is halved until a degree of freedom remains. Cross-validation cannot
-choose this condition limit, because folds ignore the prior that keeps a fit from following the noise (of 20 tables with
-40 touches on three balls, cross-validation left 4 with one constant)."""
+choose the condition limit then, because folds ignore the prior that keeps such a fit from following the noise (of 20
+tables with 40 touches on three balls, cross-validation left 4 with one constant)."""
 
 
 def choose(

@@ -61,7 +61,7 @@ class FittedColumns:
         return LeaveOneOut.of(np.vstack([self.columns[:, self.held], priors[:, self.held]]))
 
     def over_all_rows(self, values: Array) -> Array:
-        """Append zeros to values (M, R) for the prior rows."""
+        """Append zeros to values (M, R), one zero for each prior row."""
         return np.vstack([values, np.zeros((len(self.apart.u) - len(values), values.shape[1]))])
 
     def number(self, k: int) -> int:

@@ -68,7 +68,7 @@ START, SMALLEST = (1e-4, 3e-4, 0.3), 1e-8
 
 @dataclass(frozen=True)
 class Undeclared:
-    """Standard deviations of undeclared effects, constants and noise.
+    """Standard deviations of undeclared effects, of constants and of the noise.
 
     sizes: (A,) γ of the unknown function at each axis of `geometric_effects`, m and rad.
     constant: standard deviation τ of a constant, m and rad.
@@ -115,7 +115,7 @@ class Undeclared:
         return self.gain > EARNED
 
     def covariance(self, problem: Linearised, model: ErrorModel) -> "Coloured":
-        """Return the covariance of the functions and the noise in the rows of a problem."""
+        """Return the covariance of the undeclared effects (functions) and the noise in the rows of a problem."""
         waves = Waves.of(problem, model)
         values = waves.values(problem.poses.dataset.q)[problem.pose_of_row]
         axes = _axes(problem, model) * self.sizes / self.noise

@@ -72,7 +72,7 @@ class Complement:
     keep: Mask
 
     def rows(self, values: Array) -> Array:
-        """Return weighted measurements (N, m, ...) as the remaining rows (M, ...)."""
+        """Return weighted measurements (N, m, ...) as the rows (M, ...) that free joints leave."""
         turned: Array = np.einsum("nij,nj->ni", self.turn, values) if values.ndim == 2 else self.turn @ values
         return turned[self.keep]
 

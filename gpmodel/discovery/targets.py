@@ -73,7 +73,7 @@ weight of a wrist in the load of a carriage."""
 def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str, str]]:
     """Return the columns that a formula may use, scaled to order one, and each in terms of the table's columns.
 
-    Excluded are constant columns, negligible loads, joint reactions other than torques (torques and base moments span
+    Not used are constant columns, negligible loads, joint reactions other than torques (torques and base moments span
     them), and loads in proportion to a length or the payload, as on linear axes. Of several proportional lengths only
     the first is used: the travel of a joint rather than the height of the tool. The row number is excluded if a clock
     rises with it, since another table has other rows.

@@ -23,7 +23,7 @@ def polish(
     held: tuple[float, ...] = (),
     steps: int = 20,
 ) -> tuple[Program, float]:
-    """Fit the constants of a program at a site; return the program and its gain.
+    """Fit the constants of a program at a site by least squares; return the program and its gain.
 
     The method is Levenberg-Marquardt on the projected residual (`kernels.constants`); the coefficient is solved at
     every step. Constants with a value in ``held`` are not fitted. The gain never decreases in the fit. A program with

@@ -13,7 +13,7 @@ OPERATOR_CODES = 32
 """First prefix code that is a row of fixed values; smaller codes are operators."""
 
 OWN_CONSTANT = 16384
-"""First prefix code that is one of the program's own constants."""
+"""First prefix code that is one of the constants that a program carries."""
 
 OWN_BYTE = 255
 """Byte of every own constant in a packed tree, which has one byte per node."""

@@ -141,7 +141,7 @@ def _structures_of_two(problem: SlotProblem) -> list[_Structure]:
 
 
 def _likely(problem: SlotProblem, structures: Sequence[_Structure]) -> list[_Structure]:
-    """Return the structures within BEHIND nats of the best one."""
+    """Return the structures whose log likelihood is within BEHIND nats of the best one."""
     least = min(structure.noise for structure in structures)
     return [one for one in structures if _nats(problem, one.noise, least) <= BEHIND]
 

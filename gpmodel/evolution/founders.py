@@ -101,7 +101,7 @@ def _inside(finer: int) -> list[float]:
 
 
 def _in_proportion(numbers: tuple[float, float, int], finer: int = 1) -> list[float]:
-    """Return a geometric grid from (first, last, number of steps), refined by a factor."""
+    """Return a geometric grid from (first, last, number of steps), with the number multiplied by a factor."""
     first, last, steps = numbers
     return list(np.geomspace(first, last, steps * finer + 1).tolist())
 
@@ -273,7 +273,7 @@ def _alone(elements: Elements, column: Array, targets: Targets, of: Callable[[El
 
 
 def _products(alone: Array, targets: Targets, of: Callable[[Element], Program]) -> Iterator[Founder]:
-    """Yield the best product of two elements for every pair of texts."""
+    """Yield the best product of two elements for every pair of element texts."""
     nats = np.full((len(alone), len(alone)), -np.inf)
     for one in range(len(alone)):
         nats[one, one:] = _nats(alone[one] * alone[one:], targets)

@@ -177,8 +177,8 @@ def instructions(genes: NDArray[np.uint8], layout: Layout) -> list[tuple[int, in
 
 
 def program_of(genes: NDArray[np.uint8], constants: Array, layout: Layout) -> Program:
-    """Return the effective code of one sequence as a Program with ``layout.outputs`` outputs.
-    An operator that is not allowed on the kinds of its arguments is replaced or left out."""
+    """Return the effective code (instructions that reach an output) of one sequence as a Program. An operator that is
+    not allowed on the kinds of its arguments is replaced or left out."""
     builder = Builder()
 
     def row(index: int) -> int:

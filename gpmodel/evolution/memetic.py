@@ -291,4 +291,4 @@ def _parts(program: Program) -> tuple[str, list[Program]]:
 
 
 SIZES = np.array([element.size for element in ELEMENTS.every], dtype=float)
-"""Number of nodes (E,) that each element adds."""
+"""Number of nodes (E,) that each element adds to a formula."""

@@ -37,7 +37,7 @@ class Population(Protocol):
         """Return the constants that belong to one program alone."""
 
     def with_constants(self, row: int, values: Array) -> Self:
-        """Return a population of the program at ``row`` alone, with other own constants."""
+        """Return a population of the program at ``row`` alone, with other constants of its own."""
 
 
 class Breeding(Protocol):

@@ -89,7 +89,7 @@ def _rebuilt(program: Program, index: int, operator: str, *arguments: int) -> Pr
 
 
 def _logistic(program: Program, index: int, inside: Node, falls: bool) -> Iterator[Program]:
-    """Yield the program with tanh(k x) and a constant replaced by logistic(±2 k x). inside: the node k x."""
+    """Yield the program with tanh(k x) and a constant replaced by logistic(±2 k x). inside: node of the term k x."""
     for factor, scaled in (inside.arguments, inside.arguments[::-1]) if inside.operator == "multiply" else ():
         scale = program.nodes[factor]
         if scale.operator == "constant":

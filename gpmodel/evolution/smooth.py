@@ -67,7 +67,7 @@ DIRECTIONS, MOST = {2: 13, 3: 7, 4: 4}, 2.0
 """Number of weights from -1 to 1 that are tried for each input of a sum but one, by the number of inputs; largest
 weight."""
 FINE = {"xatol": 0.01, "fatol": 0.01, "maxfev": 120}
-"""Tolerances of the optimisation of the weights of a sum."""
+"""Tolerances of the optimisation of the weights in a weighted sum of inputs."""
 POINTS, NEAREST = (-1.2, -0.6, 0.0, 0.6, 1.2), 3
 """Coordinates of the first points of a distance, in standard deviations of each input about its mean; number of best
 points that are refined."""

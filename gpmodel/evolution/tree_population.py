@@ -134,7 +134,7 @@ class Trees:
         return np.array(self.individuals[row].constants)
 
     def with_constants(self, row: int, values: Array) -> "Trees":
-        """Return a population of the individual at ``row`` alone, with other own constants."""
+        """Return a population of the individual at ``row`` alone, with other constants of its own."""
         remaining = iter(values.tolist())
         trees = []
         for tree in self.individuals[row].trees:

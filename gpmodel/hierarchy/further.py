@@ -165,7 +165,7 @@ def further_machine(fleet: FleetPart, mechanism: Mechanism, seen: Poses, unseen:
 
 
 def _own_poses(fleet: FleetPart, prior: ErrorModel, seen: Poses, unseen: Poses, seed: int) -> tuple[Step, ...]:
-    """Return the step of the registration and, if the poses are enough, the step of the machine alone."""
+    """Return the step of the registration and, if the machine has enough poses, the step of its fit alone."""
     bare = tuple(effects_alone(fleet, prior).values())
     try:
         return climb(prior.mechanism, growing(bare, ()), seen, unseen, seed=seed)

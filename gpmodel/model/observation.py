@@ -96,7 +96,7 @@ class Observation(Protocol):
         """Return the value of the unknown `key` after a step (k,)."""
 
     def start(self, tips: Tips) -> Own:
-        """Return initial values of the unknowns. Raises InputError if the measurements leave one undetermined."""
+        """Return initial values of the unknowns. InputError if the measurements do not determine them."""
 
 
 class AtTheTip:

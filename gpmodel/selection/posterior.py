@@ -27,7 +27,7 @@ this least variance, and is deleted."""
 
 @dataclass(frozen=True)
 class Active:
-    """Groups in the model by index, with their prior variances. chosen: indices of each group's remaining effects."""
+    """Groups in the model by index, with their prior variances. chosen: indices of the group's effects in the model."""
 
     pool: GroupPool
     variances: dict[int, float]

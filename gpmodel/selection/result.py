@@ -183,7 +183,7 @@ def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: 
 
 
 def _of_one_bundle(rows: Rows, codes: IntArray) -> Array:
-    """Return a basis (M, k) of the registration columns that one block alone determines. codes: (N,) blocks."""
+    """Return a basis (M, k) of the registration columns that one block of poses alone determines."""
     placed = rows.problem.columns[:, : rows.problem.placement]
     alone = of_one_fold(placed, codes[rows.pose_of_row])
     return ident.orthonormal(rows.whitening.whiten(placed[:, alone]))

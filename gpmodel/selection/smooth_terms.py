@@ -44,7 +44,7 @@ NEGLIGIBLE = 0.02
 class SmoothTerm:
     """A smooth term: sines of one input, or products of sines of two inputs.
 
-    index: (m, 1 or 2) for each column, the number of the sine of each input.
+    index: (m, 1 or 2) for each column, the number of the sine of each input in the product.
     spreads: (m,) relative prior standard deviation of each column.
     """
 

@@ -154,7 +154,7 @@ def _exchanged(model: Active, removed: frozenset[int], first: Mask) -> Iterator[
 
 
 def reestimate(model: Active, sweeps: int = SWEEPS) -> Active:
-    """Update all prior variances and the noise together in log a, with half the step if the evidence falls."""
+    """Update all prior variances a and the noise together in log a, with half the step if the evidence falls."""
     step = 1.0
     for _ in range(sweeps):
         target = model.reestimated

@@ -25,8 +25,8 @@ def largest_magnitude(row: Array) -> float:
 
 @compiled
 def scale_and_multiply(values: Array, usable: Mask, products: Array) -> None:
-    """Divide each row of values (P, m, N) by its largest magnitude; fill the products (P, pairs, N) of rows i <= j.
-    A row that is zero or not finite becomes zero and is not usable. With products of size 0 none are computed."""
+    """Divide each row of values (P, m, N) by its largest magnitude; fill the products (P, pairs, N) of rows i <= j. A
+    row that is zero or not finite becomes zero and is not usable. With products of size 0 no products are computed."""
     programs, outputs, poses = values.shape
     for p in range(programs):
         for i in range(outputs):
