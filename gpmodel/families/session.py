@@ -6,6 +6,7 @@ order of measurement. Typical play is 0.25 to 1 arc minute from side to side (Go
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
@@ -250,7 +251,7 @@ def friction_windup(mechanism: Mechanism, states: States) -> Iterator[Candidate]
 
 
 def hysteresis(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield stop operators of several widths over the angle or the torque of each joint."""
+    """Yield stop operators over the angle or the torque of each joint: several widths together, and each alone."""
     for j in _moving(mechanism, states):
         for column in (j.name, f"torque_{j.name}"):
             span = float(np.ptp(states.past.columns[column])) if states.past and loaded(states, column) else 0.0
@@ -267,6 +268,13 @@ def hysteresis(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
                     for c in constants
                 )  # fmt: skip
                 yield inside(NonlinearParameters(name, effects, constants), "hysteresis", 5.0)
+                alone = f"{name}, within {symbol()} {unit}"
+                stop = drive_effect(
+                    alone, j, Expression(f"stop_{column}_{symbol()}/{symbol()}"), family="hysteresis", prior=_play(j)
+                )
+                for c in constants:
+                    inner = NonlinearParameters(alone, (stop,), (replace(c, number=0),))
+                    yield inside(inner, "hysteresis", 5.0 + math.log(len(constants)))
 
 
 def lagged_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:

@@ -122,6 +122,16 @@ def test_a_cause_is_one_whatever_the_constant_inside_and_keeps_what_it_contains(
     assert own.amount == pytest.approx(1.0, abs=0.05)
 
 
+def test_one_stop_operator_has_a_name() -> None:
+    """Friction in one joint, measured in order; three other widths would describe nothing more."""
+    data, arm = bare(ARM, 60, 3, payload=False, in_order=True), mechanism(ARM)
+    effect = drive_effect("stop", arm.joints[1], Expression("stop_J2_0p25/0.25"))
+    truth = measure(ARM, [effect], sized(ARM, [effect], data, 0.12, 3), 3, dataset=data)
+    model = grow(started(truth, offered(Offering(STANDING), arm, Shapes(truth.poses.states)))[0])
+    (found,) = (credible_set(model, g) for g in model.found)
+    assert found.names[0].startswith("hysteresis over its angle, J2, within")
+
+
 @pytest.mark.long
 def test_an_effect_that_no_family_describes_is_none_of_these() -> None:
     """A product of two angles, for which the compliance of the joint is selected by force."""
