@@ -26,9 +26,10 @@ from gpmodel.numerics.interval import chance_of_ratio
 
 Kind = Literal["zero", "tool", "size", "geometry", "catalogue", "set-up"]
 SHARES: dict[Kind, float] = {
-    "zero": 1 / 3, "tool": 1 / 6, "size": 1 / 6, "geometry": 1 / 6, "catalogue": 1 / 12, "set-up": 1 / 12
+    "set-up": 1 / 12, "zero": 1 / 3, "tool": 1 / 6, "size": 1 / 6, "geometry": 1 / 6, "catalogue": 1 / 12
 }  # fmt: skip
-"""Share of the significance for each kind of change. Frequent causes (slips, crashes) get the most."""
+"""Share of the significance for each kind of change, in the order of checks by a repairer. Frequent causes (slips,
+crashes) get the most."""
 LEAST = 1e-3
 """Least share of a column's length that registration and tool do not absorb; a change with less is not tested."""
 STANDING = "base"
@@ -65,13 +66,17 @@ class PossibleChange:
 
     def explained(self, z: Array) -> tuple[float, int]:
         """Return the part of |z|² (chi-square) that the change explains, and its number of parameters."""
-        u, s, _ = self._parts
-        return float(np.sum((u.T @ z) ** 2)), len(s)
+        part = self._parts[0].T @ z
+        return float(part @ part), len(part)
+
+    def part_of(self, z: Array) -> Array:
+        """Return the part (M,) of z that the change explains."""
+        return z - rank.remove(self._parts[0], z)
 
     def fits_an_outlier(self, left: Recheck) -> bool:
         """Return whether most of what the change explains is at one pose, and the other poses do not confirm it."""
-        limits, u = Criteria(), self._parts[0]
-        gained = np.asarray(np.bincount(left.pose, left.z**2 - rank.remove(u, left.z) ** 2), dtype=float)
+        limits, after = Criteria(), left.z - self.part_of(left.z)
+        gained = np.asarray(np.bincount(left.pose, left.z**2 - after**2), dtype=float)
         if not limits.rests_on_one_pose(gained):
             return False
         its_rows = np.flatnonzero(left.pose == gained.argmax()) == np.arange(len(left.z))[:, None]
@@ -101,17 +106,9 @@ def zero_of(joint: str) -> str:
 
 def possible_changes(found: Recheck) -> tuple[PossibleChange, ...]:
     """Return all changes that these poses could reveal, each with its share of the significance."""
-    tools = list(_tools(found))
-    others = [m for m in (*_geometry(found), *_of_the_catalogue(found)) if not any(_within(m, t) for t in tools)]
-    all_of = [*_zeros(found), *tools, *_sizes(found), *others]
+    all_of = [*_zeros(found), *_tools(found), *_sizes(found), *_geometry(found), *_of_the_catalogue(found)]
     counts = Counter(m.kind for m in all_of)
     return tuple(replace(m, share=SHARES[m.kind] / counts[m.kind]) for m in all_of)
-
-
-def _within(one: PossibleChange, other: PossibleChange) -> bool:
-    """Return whether a change is part of another, as a shift of the last link is part of a change of the tool point."""
-    left = rank.remove(rank.orthonormal(other.columns), one.columns)
-    return bool(np.linalg.norm(left) < LEAST * np.linalg.norm(one.columns))
 
 
 def _zeros(found: Recheck) -> Iterator[PossibleChange]:
@@ -218,7 +215,7 @@ SIGNIFICANCE = 0.005
 MOST = 4
 """Largest number of identified changes. With more, the verdict is another machine."""
 AS_LIKELY = 4.0
-"""Difference of chi-square below which another change explains the poses as well: two standard deviations."""
+"""Part of the chi-square of a change below which another change need not explain it: two standard deviations."""
 LARGEST = 0.01
 """Largest detectable shift of a joint zero, rad or m, that is reported. Above, the shift is reported as
 undetectable."""
@@ -258,12 +255,14 @@ def changes(
     """Select the significant changes, the least probable first, each given the earlier ones; return the residual after
     them.
 
+    Changes that the poses do not distinguish are one change, with the name that a repairer checks first.
+
     The chance of a change is that of its F ratio over its share of the significance (weighted Bonferroni). A change
     that fits an outlier is omitted. If the set-up drifts along the rows, a general slow drift is removed too; a change
     that it explains as well counts as set-up.
     """
     out: list[NamedChange] = []
-    left = found
+    left, kinds = found, list(SHARES)
     while tried and len(out) < MOST and left.degrees >= LEAST_FREEDOM:
         here = [h.beside(left) for h in tried]
         scores = [h.explained(left.z) for h in here]
@@ -273,10 +272,10 @@ def changes(
         best = next((k for k in able if not here[k].fits_an_outlier(left)), None)
         if best is None:
             break
-        own, numbers = scores[best]
-        alike = [k for k, (score, n) in enumerate(scores) if n <= numbers and score > own - AS_LIKELY]
-        aside = (k for k in alike if here[k].kind == SET_UP and k in able)
-        best = next((k for k in aside if not here[k].fits_an_outlier(left)), best)
+        part = here[best].part_of(left.z)
+        alike = [k for k, h in enumerate(here) if h.explained(part)[0] > scores[best][0] - AS_LIKELY]
+        alike.sort(key=lambda k: (kinds.index(here[k].kind), chances[k]))
+        best = next(k for k in alike if k in able and not here[k].fits_an_outlier(left))
         chosen, rivals = here[best], tuple(here[k].name for k in alike if k != best)
         size = chosen.fitted(left.z)
         out.append(NamedChange(chosen.name, chosen.kind, *size, chosen.unit, chances[best], rivals[:4]))

@@ -100,12 +100,13 @@ def tolerance(record: Verification) -> str:
 
 
 def change(found: NamedChange) -> str:
-    """Return a change with its size: `zero of J2 by 31.0 ± 4.1 µrad`."""
+    """Return a change with its size and its alternatives: `tool point moved by 31.0 ± 4.1 µm; may instead be J6 Tx`."""
+    instead = f"; may instead be {', or '.join(found.rivals)}" if found.rivals else ""
     if found.kind == "size":
         more, by = ("more" if found.value > 0 else "less"), abs(found.value)
-        return f"{found.name}: {wording.percent(by)} ± {wording.percent(found.stderr)} {more} than before"
+        return f"{found.name}: {wording.percent(by)} ± {wording.percent(found.stderr)} {more} than before{instead}"
     moved = " moved" if found.kind in ("zero", "tool") else ""
-    return f"{found.name}{moved} by {wording.measured(found.value, found.stderr, found.unit)}"
+    return f"{found.name}{moved} by {wording.measured(found.value, found.stderr, found.unit)}{instead}"
 
 
 def facts(record: Verification) -> Iterator[tuple[str, str]]:
@@ -134,8 +135,7 @@ def facts(record: Verification) -> Iterator[tuple[str, str]]:
             f"{sizes[1]} mrad RMS by nominal geometry, {sizes[0]} by the model{there}",
         )
     for found in record.changes:
-        rivals = f"; other possible causes: {', '.join(found.rivals)}" if found.rivals else ""
-        yield "changed", f"{change(found)}, chance {wording.chance(found.chance)}{rivals}"
+        yield "changed", f"{change(found)}; chance {wording.chance(found.chance)}"
     if record.missed.known:
         yield "errors at the compensated targets", _errors(record, record.missed)
     if record.instrument is not None:

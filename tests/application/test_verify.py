@@ -31,6 +31,14 @@ def accurate() -> Fitted:
     return fitted_robot(geometry_sigma=5e-5)
 
 
+@pytest.fixture(scope="module")
+def wrist() -> Fitted:
+    """A machine whose last joint follows the joint before it."""
+    coupling = "J6.moving:Rz:J5"
+    arm, made = robot(80, seed=3, noise=NOISE, effects=(f"{coupling}=2e-3",))
+    return gp.calibrate(arm, made.dataset, [coupling], holdout=0.0).model, made
+
+
 def later(
     made: Simulation, seed: int, count: int = 20, *, joint: int = 0, moved: float = 0.0, tool: float = 0.0
 ) -> Dataset:
@@ -99,6 +107,23 @@ def test_a_tool_that_slipped_or_is_another_one_is_named(fitted: Fitted) -> None:
         found = model.verify(later(made, 4, tool=slip))
         assert [c.name for c in found.record.changes] == ["tool point"]
         assert abs(found.record.changes[0].value - slip) < 5 * found.record.changes[0].stderr
+
+
+@pytest.mark.parametrize(
+    ("joint", "moved", "slip", "first", "instead"),
+    [(0, 0.0, 3e-4, "tool point", "J6 Tx"), (5, 2e-3, 0.0, "zero of J6", "tool point"),
+     (1, 2e-4, 0.0, "zero of J2", "J2 Tx")],
+)  # fmt: skip
+def test_changes_that_no_pose_distinguishes_are_one_with_all_their_names(
+    wrist: Fitted, joint: int, moved: float, slip: float, first: str, instead: str
+) -> None:
+    """The coupling of the wrist turns a shift of the last link by less than the noise against one of the tool point."""
+    model, made = wrist
+    for seed in range(4):
+        found = model.verify(later(made, seed, joint=joint, moved=moved, tool=slip))
+        assert [c.name for c in found.record.changes] == [first]
+        assert instead in found.record.changes[0].rivals
+        assert f"; may instead be {', or '.join(found.record.changes[0].rivals)}." in found.verdict
 
 
 @pytest.mark.parametrize("slip", [4e-4, 7e-4, 2e-2])
