@@ -173,6 +173,10 @@ def _best(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, start
     return q[chosen + tries * np.arange(count)], cost[np.arange(count), chosen]
 
 
+LOADS = ("payload", "torque_", "moment_", "force_")
+"""Beginnings of the names of inputs that depend on the payload."""
+
+
 def matched(saved: SavedModel, dataset: Dataset) -> Dataset:
     """Return the dataset with the model's payload, and with labels of the model's set-ups and tools.
 
@@ -187,9 +191,11 @@ def matched(saved: SavedModel, dataset: Dataset) -> Dataset:
                 f"{dataset.source}: column '{name}' is in [{given}]; expected [{unit}], as in the fit of the model"
             )
     if not dataset.payload_given:
-        dataset = with_payload(dataset, choice_of(saved.mechanism).payload)
-        read = {name for effect in saved.model.effects for name in effect.inputs}
-        if "payload" in read:
+        stated, fitted = choice_of(saved.mechanism).payload, saved.measured
+        dataset = with_payload(dataset, stated)
+        inputs = [name for effect in saved.model.effects for name in effect.inputs]
+        carried = stated is None and fitted is not None and fitted.dataset.payload_given
+        if "payload" in inputs or (carried and any(name.startswith(LOADS) for name in inputs)):
             raise InputError(f"{dataset.source}: column 'payload [kg]' is missing; the model needs this column")
     labels = dict(dataset.labels)
     for column, known in (("setup", saved.placement.registration), ("tool", saved.placement.tool)):

@@ -99,7 +99,10 @@ def _bars(dataset: Dataset) -> Iterator[Touches]:
             raise InputError(f"{where} has {len(rows)} rows; expected two, the ends of one bar")
         given = np.full(2, np.nan) if lengths is None else lengths[rows]
         given = given[np.isfinite(given)]
-        if not len(given) or np.ptp(given) > 0 or given[0] <= 0:
+        if len(given) and np.ptp(given) > 0:
+            said = f"{1e3 * given[0]:g} and {1e3 * given[1]:g}"
+            raise InputError(f"{where} has two lengths, {said} mm; expected one in 'length [mm]'")
+        if not len(given) or given[0] <= 0:
             raise InputError(f"{where} has no length; expected one in 'length [mm]'")
         far = se3.shift([0.0, 0.0, given[0]])
         bodies.append(Artefact(f"pair {name}", SURFACES["end"].axes, (Feature("end", "1"), Feature("end", "2", far))))

@@ -220,7 +220,7 @@ def written(effect: EffectRecord) -> tuple[tuple[str, str], ...]:
         return ((f"RMS of {wording.shortened(basis, 160)}", ", ".join(places)),)
     if effect.kind != "single" or len(places) == 1:
         return ((f"× {wording.shortened(basis, 160)}", ", ".join(places)),)
-    return tuple((f"× {_weight(t.weight)}{wording.expression(t.basis)}", f"{t.slot} {t.axis}") for t in effect.terms)
+    return tuple((f"× {_times(t.weight, wording.expression(t.basis))}", f"{t.slot} {t.axis}") for t in effect.terms)
 
 
 def constants(effect: EffectRecord) -> tuple[str, ...]:
@@ -236,11 +236,12 @@ def constants(effect: EffectRecord) -> tuple[str, ...]:
     return tuple(out)
 
 
-def _weight(weight: float) -> str:
-    """Return the factor before a basis function: empty for one, the sign alone for minus one."""
-    if abs(weight) == 1.0:
-        return "" if weight > 0 else "\N{MINUS SIGN}"
-    return f"{wording.minus(wording.significant(weight, 3))}·"
+def _times(weight: float, basis: str) -> str:
+    """Return a basis function times its weight, with a sum in parentheses: `0.45·(temperature − 20)`."""
+    if weight == 1.0:
+        return basis
+    factor = "\N{MINUS SIGN}" if weight == -1.0 else f"{wording.minus(wording.significant(weight, 3))}·"
+    return f"{factor}({basis})" if any(sign in basis for sign in (" + ", " - ", " \N{MINUS SIGN} ")) else factor + basis
 
 
 def input_tests(histogram: Histogram) -> Iterator[str]:

@@ -28,6 +28,7 @@ from gpmodel.model.sites import geometric_effects
 from gpmodel.model.states import States
 from gpmodel.selection.group import Shapes
 from gpmodel.selection.offers import Offering
+from gpmodel.table.cells import joint_table
 from gpmodel.texts import SEAL
 
 
@@ -335,3 +336,16 @@ def test_basis_without_a_text_cannot_be_saved() -> None:
     effect = Effect("bump", (Term("J1.moving", "Rz", Bump()),), "rad")
     with pytest.raises(InputError, match=r"a bump at zero.*invalid syntax"):
         model_text(replace(saved, model=ErrorModel(saved.mechanism, (effect, *saved.model.effects[1:]))))
+
+
+def test_a_model_of_several_payloads_asks_for_the_payload() -> None:
+    arm = gp.load_mechanism("irb6400r")
+    made = gp.simulate(arm, poses=40, inputs={"payload [kg]": "0|60"}, effects=["joint_compliance J3=1e-7"], seed=1)
+    bare = joint_table(arm, made.table.q)
+    for effects in [], ["joint_compliance J3"]:
+        model = gp.calibrate(arm, made.table, effects=effects, holdout=0.0).model
+        if effects:
+            with pytest.raises(InputError, match="is missing; the model needs"):
+                model.predict(bare)
+        else:
+            assert len(model.predict(bare)) == 40

@@ -142,9 +142,13 @@ def test_further_machines_with_few_poses_are_known_better(found: FleetResult) ->
     assert beside < 0.5 * without
 
 
-def test_poses_that_do_not_determine_the_model_by_themselves_are_said(found: FleetResult) -> None:
+def test_poses_that_do_not_determine_the_model_by_themselves_are_said(found: FleetResult, tmp_path: Path) -> None:
     few = machines(50, 1)["R-01"].subset(np.arange(9))
-    assert "do not determine the model" in gp.calibrate(MECHANISM, few, fleet=found.record, holdout=0.0).verdict
+    known = gp.calibrate(MECHANISM, few, fleet=found.record, holdout=0.0)
+    assert "do not determine the model" in known.verdict
+    assert "standard" not in known.record.plots.residual_mm
+    known.report(tmp_path / "few")
+    assert (tmp_path / "few" / "figures" / "arrows_above.png").is_file()
 
 
 @pytest.mark.long
