@@ -1,1 +1,1 @@
-"""The public functions and what they return; `gpmodel` itself offers them all."""
+"""Public functions and result classes of the package; `gpmodel` exports all of them."""

@@ -23,7 +23,7 @@ NOISIEST = {"length": 1.0, "angle": 0.2, "pixels": 1e3}
 LONGEST_NAME = 255
 """Longest file or folder name, bytes, on Linux, Windows and macOS."""
 LARGEST_FLOAT = sys.float_info.max
-"""Largest accepted number; a larger integer has no float."""
+"""Largest accepted number; a larger integer cannot be represented as a float."""
 
 Choice = TypeVar("Choice", bound=str)
 
@@ -36,7 +36,7 @@ def shown(value: object) -> str:
 
 @contextmanager
 def naming(argument: str) -> Iterator[None]:
-    """Attribute every InputError inside the context to this argument."""
+    """Attribute every InputError inside the context to the named argument."""
     try:
         yield
     except InputError as error:
@@ -210,8 +210,8 @@ def load_mechanism(
 
     source: a built-in name (`irb6400r`, `ur5`, `spherical-joint`), a .urdf file, or a .toml file of DH rows or of a
     joint.
-    payload: mass at the tool in every row, "60 kg" or kg.
-    frame: the measured link; None for the last one.
+    payload: mass at the tool in every row of the table, "60 kg" or a number in kg.
+    frame: name of the measured link; None for the last link.
     payload_com: centre of mass of the payload, "0,0,120mm" or (3,) m in the measured frame; None for the tool point,
     which every fit determines.
     Raises InputError for an unknown name, an invalid file, or a missing unit.
@@ -226,7 +226,7 @@ def load_mechanism(
 
 
 def mechanism_of(given: MechanismLike | None) -> Mechanism:
-    """Return a mechanism, given as itself, or by name or file; raise InputError otherwise."""
+    """Return a mechanism from a Mechanism object, a name or a file; raise InputError otherwise."""
     if isinstance(given, str | Path):
         return load_mechanism(given)
     if not isinstance(given, Mechanism):

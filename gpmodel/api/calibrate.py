@@ -56,7 +56,7 @@ COMMAND = "gpmodel.calibrate"
 class CalibrationResult(FittedResult):
     """Fits of registration, the standard model and each effect added; the last fit is repeated on all poses.
 
-    note: additional sentences of the verdict.
+    note: additional sentences of the verdict, text.
     """
 
     calibrated: Ladder
@@ -65,7 +65,7 @@ class CalibrationResult(FittedResult):
 
     @cached_property
     def record(self) -> Report:
-        """Content of report.json, except for the errors of the exports, which are added on export."""
+        """Content of report.json without the errors of exported files, which `export` adds."""
         ladder = replace(self.calibrated, saved=self.model.saved)
         record = replace(from_calibration(ladder, self.origin), model_sha256=self.model.sha256)
         return replace(record, verdict=f"{record.verdict} {self.note}".strip())
@@ -81,7 +81,7 @@ class CalibrationResult(FittedResult):
 
     @property
     def fit(self) -> tuple[Calibration, Poses]:
-        """The fit to all poses, and the poses."""
+        """The fit of the model to all poses, and the dataset of the poses."""
         return self.calibrated.final, self.calibrated.poses
 
     def __repr__(self) -> str:
@@ -106,14 +106,16 @@ def calibrate(
 
     mechanism, table: objects, or names and paths. effects: names in the catalogue ("base_compliance", "gear_harmonic
     J4"), expressions ("slot:axis:expression"), or Effect objects.
-    standard: patterns of geometric constants, "J* R?"; ("none",) for none. condition_limit: None to cross-validate.
-    holdout: share of the poses excluded from every fit but the final one; 0 for none. seed: of this choice and of
-    folds.
-    instrument: specification, "15um + 6um/m", the largest error of a coordinate; it bounds noise and instrument errors.
+    standard: patterns of geometric constants, "J* R?"; ("none",) for none. condition_limit: None: cross-validated.
+    holdout: share of the poses excluded from every fit but the final fit; 0 for none. seed: random seed of held-out
+    poses and folds.
+    instrument: specification, "15um + 6um/m", the largest error of a coordinate, a bound of noise and instrument
+    errors.
     fleet: fleet.json of machines of one type, or the record of a `FleetResult`; a prior that replaces the standard
     model.
-    joints: "BALL=RESULT" of ball joints measured alone; the posterior of RESULT is the prior of that ball.
-    command: command line in the report. Raises InputError for an invalid table, an unknown effect, or a diverging fit.
+    joints: "BALL=RESULT" of ball joints measured alone; the posterior of RESULT is the prior of ball BALL.
+    command: command line recorded in the report. Raises InputError for an invalid table, an unknown effect, or a
+    diverging fit.
     """
     started = time.perf_counter()
     fraction, seed = share(holdout, "holdout"), whole(seed, "seed")
@@ -158,7 +160,7 @@ def _fleet_of(fleet: object, effects: tuple[object, ...]) -> FleetPart:
 
 
 def fleet_at(fleet: object, argument: str) -> FleetPart:
-    """Return the record of a fleet, given as itself, or by its file or folder. Raises InputError as `read_fleet`."""
+    """Return the record of a fleet from a record, a file or a folder. Raises InputError as `read_fleet` does."""
     return fleet if isinstance(fleet, FleetPart) else read_fleet(fleet_file(file_path(fleet, argument)))
 
 

@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class CertificateResult(Shown):
-    """Certificate of a calibration, a discovery or a verification. said: text fields such as the serial number."""
+    """Certificate of a calibration, a discovery or a verification. said: text fields of the certificate, such as the
+    serial number."""
 
     record: Report | Verification
     said: Particulars
@@ -50,14 +51,14 @@ class CertificateResult(Shown):
         return of_report.certificate(record, said, tolerance)
 
     def summary(self) -> str:
-        """Return text of 80 columns: particulars, scope, accuracy, repeatability and effects."""
+        """Return the certificate as text of 80 columns: particulars, scope, accuracy, repeatability, effects."""
         sheet = self.sheet
         from gpmodel.report.certificate import text
 
         return text(sheet)
 
     def report(self, folder: str | Path) -> None:
-        """Write certificate.html, a page for A4, into `folder`; raise InputError as `sheet`, or if that fails."""
+        """Write certificate.html, a page for A4, into `folder`; raise InputError as `sheet`, or if writing fails."""
         sheet = self.sheet
         from gpmodel.report.certificate import html
 
@@ -65,7 +66,7 @@ class CertificateResult(Shown):
             write_text(draft / "certificate.html", html(sheet, self.record.mechanism.name))
 
     def save(self, file: str | Path) -> None:
-        """Write the content as JSON. Raises InputError if the file cannot be written."""
+        """Write the certificate as JSON. Raises InputError if the file cannot be written."""
         write_text(file_path(file, "file"), to_json({"schema": 1, **asdict(self.sheet)}))
 
     def __repr__(self) -> str:
@@ -78,13 +79,13 @@ def certificate(
 ) -> CertificateResult:
     """Certify the accuracy of a machine; the result has `summary()`, `report(folder)` and `save(file)` for JSON.
 
-    result: of `calibrate`, `discover` or `verify`, or its folder. A folder with a verification is certified by it,
-    because its accuracy is measured, not predicted.
+    result: result of `calibrate`, `discover` or `verify`, or the folder of a result. If a folder contains a
+    verification, the verification is certified, because the accuracy of a verification is measured and not predicted.
     particulars: TOML file with any of machine, serial, controller, location, instrument, instrument_serial,
-    instrument_calibrated, operator, date, temperature, payload, remarks. said: the same fields as keywords; other
-    fields stay blank.
+    instrument_calibrated, operator, date, temperature, payload, remarks. said: the fields of `particulars` as keywords;
+    fields without a value stay blank.
     tolerance: largest allowed error of a pose, "0.1 mm", for pass or fail.
-    Raises InputError for any other object.
+    Raises InputError if `result` is not a result or a folder.
     """
     limit = None if tolerance is None else 1e3 * quantity(tolerance, "length", "tolerance", positive=True)
     if not isinstance(particulars, str | Path | Particulars | None):
@@ -96,7 +97,7 @@ def certificate(
 
 
 def _record(result: object) -> Report | Verification:
-    """Return the record to certify; raise InputError if its positions were computed, not measured."""
+    """Return the record to certify; raise InputError if the positions of the record were computed, not measured."""
     verified = result.record if isinstance(result, VerifyResult) else None
     if isinstance(result, str | Path):
         verified = read_verification(file_path(result, "result"))

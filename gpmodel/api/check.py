@@ -35,8 +35,8 @@ def effects(mechanism: Mechanism) -> pd.DataFrame:
     """List the families of the catalogue for a mechanism, one row per family.
 
     Columns: family, explanation, source, number of candidates, inputs and name of the first candidate, and whether any
-    candidate needs a payload. The candidates are those of random poses within the limits, with an instrument, a varying
-    payload, temperature, time and direction of approach, and ordered rows.
+    candidate needs a payload. Candidates are created for random poses within the joint limits, with an instrument, a
+    varying payload, temperature, time and direction of approach, and ordered rows.
     """
     rng = np.random.default_rng(0)
     time: Array = np.arange(0.0, 60.0 * POSES, 60.0)
@@ -87,17 +87,17 @@ class CheckResult(Shown):
 
     @property
     def unfit(self) -> tuple[str, ...]:
-        """Reasons why a fit to the table would not be sound; empty if there is none."""
+        """Reasons why a fit to the table would be wrong; an empty list means that the table is fit for calibration."""
         return tuple(dict.fromkeys(f.unfit for f in self.findings if f.unfit))
 
     def refuse(self) -> None:
-        """Raise InputError with the first error, if there is one."""
+        """Raise InputError with the first error of the table; do nothing if the table has no error."""
         errors = [f.text for f in self.findings if f.severity == "error"]
         if errors:
             raise InputError(errors[0] + (f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""))
 
     def summary(self) -> str:
-        """Return one line per finding, then the verdict."""
+        """Return one line per error or warning, then the verdict on the table."""
         data = self.dataset
         warned = sum(f.severity == "warning" for f in self.findings)
         verdict = "fit to calibrate with" if self.valid else "no model should be fitted to this table"
@@ -112,7 +112,7 @@ class CheckResult(Shown):
         )
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return one row per finding: severity, text."""
+        """Return one row per error or warning: severity, text."""
         return pd.DataFrame({"severity": [f.severity for f in self.findings], "text": [f.text for f in self.findings]})
 
     def to_json(self) -> str:

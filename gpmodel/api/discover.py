@@ -72,7 +72,7 @@ class DiscoveryResult(FittedResult):
     """Effects missing from the standard model.
 
     found: result of the search. record: content of report.json. note: additional sentences of the verdict.
-    alone: fit of a further machine of a type without the prior of the type; () if its poses are too few.
+    alone: fit of a further machine of a type without the prior of the type; () if the machine has too few poses.
     """
 
     found: Discovery
@@ -82,7 +82,7 @@ class DiscoveryResult(FittedResult):
 
     @cached_property
     def record(self) -> Report:
-        """Content of the report; the errors of the exports are added when it is written."""
+        """Content of report.json without the errors of exported files, which are added when the report is written."""
         record = from_discovery(self.found, self.origin, self.model.saved)
         if self.alone is not None:
             steps = Ladder(self.found.poses, self.found.train, self.alone, self.found.final)
@@ -103,12 +103,13 @@ class DiscoveryResult(FittedResult):
 
     @property
     def fit(self) -> tuple[Calibration, Poses]:
-        """The fit to all poses, and the poses."""
+        """The fit of the model to all poses, and the dataset of the poses."""
         return self.found.final, self.found.poses
 
     @property
     def rejected(self) -> tuple[CandidateRecord, ...]:
-        """Rejected candidates that lower the error; `choose_poses(after=, rejected=)` proposes poses to test one."""
+        """Rejected candidates that lower the error; `choose_poses(after=, rejected=)` proposes poses to test a
+        candidate."""
         return self.record.rejected
 
     def to_dataframe(self) -> pd.DataFrame:
@@ -148,18 +149,20 @@ def discover(
     """Find effects that the model of a mechanism lacks, name them, and confirm them on held-out poses.
 
     mechanism, table: objects, or names and paths. holdout: share of the poses that selection and fit do not use.
-    folds: number of parts for cross-validation instead: all poses are used for selection, which is repeated without
-    each part to measure the prediction error. Default: holdout 0.3, or 5 folds if that is fewer than ENOUGH_HELD poses.
+    folds: number of folds of a cross-validation in place of `holdout`. The selection uses all poses, and is repeated
+    without each fold to measure the prediction error. Default: holdout 0.3, or 5 folds if that is fewer than
+    ENOUGH_HELD poses.
     seed: random seed of the evolution. Held-out poses, folds and permutations do not depend on it.
     search: effort of the search. criteria: tests that a candidate must pass to be accepted.
-    candidates: families, candidates or single effects to test; () to test evolved formulas only. condition_limit: of
-    the standard model; None for cross-validation. standard: patterns of the geometric constants to fit.
+    candidates: families, candidates or single effects to test; () to test evolved formulas only. condition_limit:
+    largest ratio of singular values in the standard model; None for cross-validation. standard: patterns of the
+    geometric constants to fit.
     noise: standard deviation of one measurement, "0.03 mm" or "0.1 px", if no pose is repeated.
     instrument: specification, "15um + 6um/m", the largest error of a coordinate; the noise is taken as half of it.
     joints: "BALL=RESULT" as in `calibrate`, added to the standard model. like: folder, file or record of a `fleet` of
-    the type; its effects replace the standard model, with mean and spread.
-    progress: called with Progress messages; `print` works. kept: finished runs of an interrupted search.
-    command: command line in the report. Raises InputError for an argument out of range or an invalid table.
+    the type; the effects of the fleet, with mean and spread, replace the standard model.
+    progress: function called with Progress messages, for example `print`. kept: finished runs of an interrupted search.
+    command: command line recorded in the report. Raises InputError for an argument out of range or an invalid table.
     """
     search, criteria = _sensible(Search() if search is None else search, Criteria() if criteria is None else criteria)
     seed = whole(seed, "seed")
@@ -188,12 +191,12 @@ def discover(
 
 
 def _started(known: FleetPart | None, arm: Mechanism, loop: "partial[Discovery]") -> Loop:
-    """Return the search, started from the standard model or, if `known`, from the prior of the machine's type."""
+    """Start the search from the standard model or, if `known` is given, from the prior of the machine's type."""
     return loop if known is None else partial(from_the_type, known, arm, loop)
 
 
 def _type_of(like: object, joints: Sequence[str]) -> FleetPart | None:
-    """Return the record of the machine's type, if any; raise InputError as `fleet_at`, or if joints are given too."""
+    """Return the record of the machine's type, if any; raise InputError as `fleet_at` does, or if joints are given too."""
     if like is not None and joints:
         raise InputError("cannot be combined with joints; expected one of the two", "like")
     return None if like is None else fleet_at(like, "like")
@@ -223,7 +226,7 @@ def _placed(
 
 
 def _geometry(arm: Mechanism, standard: Sequence[str]) -> tuple[Effect, ...]:
-    """Return the geometric constants that match the patterns; raise InputError if there are none."""
+    """Return the geometric constants that match the patterns; raise InputError if no constant matches."""
     found = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
     if not found:
         raise InputError(
@@ -233,7 +236,7 @@ def _geometry(arm: Mechanism, standard: Sequence[str]) -> tuple[Effect, ...]:
 
 
 def _in_mechanism_names(offer: Offer, arm: Mechanism, states: States) -> Offer:
-    """Translate the joint names of an offered candidate to the mechanism's; families already use them."""
+    """Translate the joint names of a user's candidate to those of the mechanism; families use the mechanism's names."""
     match offer:
         case Effect():
             return in_mechanism_names(offer, arm, states)
@@ -244,13 +247,13 @@ def _in_mechanism_names(offer: Offer, arm: Mechanism, states: States) -> Offer:
 
 
 def _in_table_names(progress: Say, dataset: Dataset) -> Say:
-    """Translate the joint names in progress messages to those of the table."""
+    """Translate the joint names in progress messages to the joint names of the table."""
     names = names_of(dataset)
     return lambda line: progress(replace(line, text=translate(line.text, names)))
 
 
 def _checked_offers(offers: Sequence[Offer], arm: Mechanism, states: States) -> tuple[Offer, ...]:
-    """Return the offered candidates in the mechanism's names.
+    """Return the user's candidates with the joint names of the mechanism.
 
     Raises InputError for an effect that model.json cannot hold, or that is undefined at a pose.
     """
@@ -265,12 +268,12 @@ def _checked_offers(offers: Sequence[Offer], arm: Mechanism, states: States) -> 
 
 
 ENOUGH_HELD = 45
-"""Least number of held-out poses of the usual share; with fewer, cross-validation is used. Of 88 poses a formula of two
-inputs was missed on 62 and found on 84 (``experiments.random_laws``)."""
+"""Least number of held-out poses; with fewer held-out poses, cross-validation is used. With 88 poses, a formula of two
+inputs was missed if 62 poses were searched, and found with 84 (``experiments.random_laws``)."""
 
 
 def _split(holdout: object, folds: object, dataset: Dataset) -> tuple[float, int]:
-    """Return the share to hold out, and the number of folds, 0 for none. Raises InputError as `check_split`."""
+    """Return the share to hold out, and the number of folds, 0 for none. Raises InputError as `check_split` does."""
     check_split(holdout, folds)
     if folds is not None:
         return 0.0, whole(folds, "folds", 2)
@@ -283,13 +286,13 @@ def _split(holdout: object, folds: object, dataset: Dataset) -> tuple[float, int
 def _repeating(search: Search, named: bool) -> list[Search]:
     """Return the searches to repeat in each fold, the quickest first.
 
-    If named candidates are offered, the first search omits evolution and the second includes it.
+    If the search has named candidates, the first repeated search omits evolution and the second includes evolution.
     """
     return [replace(search, runs=0), search] if named and search.runs else [search]
 
 
 def check_split(holdout: object, folds: object) -> None:
-    """Raise InputError if holdout and folds are both given, or one is out of range."""
+    """Raise InputError if holdout and folds are both given, or if one of the two is out of range."""
     if holdout is not None and folds is not None:
         raise InputError("cannot be combined with holdout; expected one of the two", "folds")
     if holdout is not None:
@@ -297,7 +300,7 @@ def check_split(holdout: object, folds: object) -> None:
 
 
 LEAST = {"workers": 1, "population": 4, "opening_population": 4, "folds": 2, "blocks": 2, "shuffles": 1}
-"""Smallest allowed values of fields of Search and Criteria; all other fields may be zero."""
+"""Smallest allowed values of fields of Search and Criteria; fields that are not listed may be zero."""
 
 
 def _sensible(search: Search, criteria: Criteria) -> tuple[Search, Criteria]:

@@ -1,4 +1,4 @@
-"""Evolve compensators or basis functions in repeated runs, and count the inputs that their programs use."""
+"""Evolve compensators or basis functions in repeated runs, and count the inputs of the evolved programs."""
 
 import time
 from collections import Counter
@@ -59,18 +59,18 @@ from gpmodel.report.schema_search import CompensationRecord
 Space = Literal["cartesian", "slot"]
 POPULATIONS = {"cartesian": {"linear": 65536, "tree": 8192}, "slot": {"linear": 1024, "tree": 512}}
 """Number of programs per run.
-Compensators use the number of the thesis (section 5.2.2), and an eighth as many trees, which take as long. At a slot,
-where one formula of one input is sought, smaller populations suffice.
+For compensators, the number of sequences is that of the thesis (section 5.2.2); an eighth as many trees take equal
+time. At a slot (frame of an error), one formula of one input is sought, and smaller populations suffice.
 """
 GENERATIONS = 100
-"""Generations of a run. The thesis gives no number; after a hundred the programs of a population are alike."""
+"""Generations of a run. The thesis gives no number; after 100 generations the programs of a population are alike."""
 UNLIMITED, NO_END = 1_000_000, 1e9
 """Generations of a run with a time limit, and time limit, s, of a run with a number of generations."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """Requested size of a run and its selection scheme; None for the defaults."""
+    """Requested size of a run of genetic programming and the selection scheme; None for the defaults."""
 
     population: int | None = None
     generations: int | None = None
@@ -101,14 +101,15 @@ def selecting(value: object, argument: str) -> SelectionScheme:
 
 
 def default_strategies(space: Space) -> tuple[Linear | Tree, ...]:
-    """Return the representations of the thesis for Cartesian space, else those for basis functions at a slot."""
+    """Return the representations of programs: those of the thesis for Cartesian space, others for errors at a slot."""
     return (Linear.thesis(), Tree.thesis()) if space == "cartesian" else (Linear(), Tree())
 
 
 def settings_for(space: Space, strategies: Sequence[Representation], effort: Effort) -> dict[str, Settings]:
-    """Return the settings by representation: those of the thesis for Cartesian space, else the defaults.
+    """Return the settings of evolution by representation: those of the thesis for Cartesian space, else the defaults.
 
-    A run uses one thread, since runs are parallel. Raises InputError for a population too small for the selection.
+    A run uses one thread, because several runs are executed in parallel. Raises InputError for a population too small
+    for the selection.
     """
     generations = effort.generations
     if generations is None:
@@ -136,10 +137,10 @@ NORMS: tuple[Norm, ...] = get_args(Norm)
 
 @dataclass(frozen=True, repr=False)
 class EvolutionResult(Shown):
-    """Finished runs on residuals and on shuffled residuals, and counts of the inputs that their best programs use.
+    """Finished runs on residuals and on permuted residuals, and counts of the inputs of the best programs.
 
     start: models fitted to the training poses; the residual of the last model is the target of the runs.
-    settings: of evolution, one per representation.
+    settings: settings of evolution, one per representation.
     best: the best program on the training poses.
     """
 
@@ -168,7 +169,8 @@ class EvolutionResult(Shown):
         return self.record.verdict
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return one row per run: representation, number, shuffled, gain, heldout, complexity, site, program."""
+        """Return one row per run: representation, number, shuffled (residual permuted), gain, heldout, complexity,
+        site, program."""
         columns = ["representation", "number", "shuffled", "gain", "heldout", "complexity", "site", "program"]
         return pd.DataFrame(self.runs, columns=columns)
 
@@ -179,7 +181,7 @@ class EvolutionResult(Shown):
         return pd.DataFrame(rows, columns=columns)
 
     def inputs(self) -> pd.DataFrame:
-        """Return one row per input: runs that use it, by representation; shuffled runs that do; corrected p-value."""
+        """Return one row per input: runs using the input on residuals and on permuted residuals; corrected p-value."""
         counted = self.histogram
         columns: dict[str, object] = {"input": counted.inputs}
         for kind in counted.counts:
@@ -187,7 +189,7 @@ class EvolutionResult(Shown):
         return pd.DataFrame(columns | {"p_value": counted.p_values})
 
     def summary(self) -> str:
-        """Return text: best program of each run, use of inputs and operators with and without shuffling, verdict."""
+        """Return text: best program of each run, counts of inputs and operators (residual and permuted), verdict."""
         counted = self.histogram
         best = [
             (run.representation, str(run.number + 1), f"{run.gain:.3f}",
@@ -255,21 +257,22 @@ def evolve(
     progress: Say = silent,
     command: str = COMMAND,
 ) -> EvolutionResult:
-    """Evolve programs on the residual of a model, and again on shuffled residuals for comparison (thesis, chapter 5).
+    """Evolve programs on the residual of a model, and on permuted residuals for comparison (thesis, chapter 5).
 
     mechanism, table: objects, or names and paths.
-    model: of `calibrate` or `discover`, or its folder or file, refitted to the training poses; None for the standard
-    model.
+    model: result of `calibrate` or `discover`, or the folder or file of a result. The model is refitted to the training
+    poses. None for the standard model.
     effects: as in `calibrate`.
     space: "cartesian" for compensators of the tool point, "slot" for basis function and site of an effect.
-    strategies: Linear and Tree; None for those of the thesis in Cartesian space, the defaults at a slot.
+    strategies: representations, Linear and Tree; None for those of the thesis in Cartesian space, the defaults at a
+    slot.
     runs: number of runs of each representation.
-    population, generations, seconds: of one run; None for the defaults (65536 sequences, 8192 trees; 1024 and 512 at a
-    slot; 100 generations).
+    population, generations, seconds: size and time limit of one run; None for the defaults (65536 sequences, 8192
+    trees; 1024 and 512 at a slot; 100 generations).
     selection: gp.Truncation or gp.Tournament; None for the best 5 % as in the thesis, and for tournaments at a slot.
-    norm: "max" or "rms" of a compensator's errors, mm. All training poses count, so its model is fitted to outliers
-    too.
-    workers, executor, kept: as in `discover`. Raises InputError for an argument out of range.
+    norm: "max" or "rms" of a compensator's errors, mm. All training poses count, so that the model of a compensator is
+    fitted to outliers too.
+    workers, executor, kept: see `discover`. Raises InputError for an argument out of range.
     """
     fraction, seed, count = share(holdout, "holdout"), whole(seed, "seed"), whole(runs, "runs", 1)
     space, norm = among(space, SPACES, "space"), among(norm, NORMS, "norm")
@@ -326,7 +329,7 @@ def _task(start: Ladder, held: IntArray, norm: Norm, space: Space, seed: int) ->
 
 
 def _start(poses: Poses, train: IntArray, models: Models, how: tuple[Mechanism, bool, int]) -> Ladder:
-    """Fit the models to the training poses. how: mechanism, whether outliers are excluded, seed."""
+    """Fit the models to the training poses. how: mechanism, True if outliers are excluded, seed."""
     arm, robust, seed = how
     seen, unseen = poses.subset(train), poses.subset(np.setdiff1d(np.arange(len(poses)), train))
     fits = [(name, calibrate(ErrorModel(arm, of), seen, robust=robust, seed=seed)) for name, of in models]
@@ -338,7 +341,7 @@ def _start(poses: Poses, train: IntArray, models: Models, how: tuple[Mechanism, 
 def _finished(
     plan: Plan, task: TrainingProblem, workers: Workers, kept: KeptRuns, tell: Teller
 ) -> tuple[Run, ...]:  # fmt: skip
-    """Return all runs of a plan, with progress messages as they finish."""
+    """Return all runs of a plan, with a progress message after each finished run."""
     tasks = plan.tasks(task.problem)
 
     def said(done: int) -> None:
@@ -350,7 +353,7 @@ def _finished(
 
 
 def _effort(population: object, generations: object, seconds: object, selection: object) -> Effort:
-    """Return the requested size of a run; raise InputError that names the first invalid number."""
+    """Return the requested size of a run of genetic programming; raise InputError that names the first invalid number."""
     return Effort(
         None if population is None else whole(population, "population", 4),
         None if generations is None else whole(generations, "generations"),

@@ -15,14 +15,14 @@ from gpmodel.wording import wrapped
 
 @dataclass(frozen=True, repr=False)
 class ExportsResult(Shown):
-    """Exported files of a model, with the position error of each. exports: in the order of writing."""
+    """Exported files of a model, with the position error of each. exports: exported files in the order of writing."""
 
     mechanism: str
     exports: Exports
 
     @property
     def records(self) -> tuple[ExportRecord, ...]:
-        """Records of the exports in report.json."""
+        """Records of the exported files in report.json."""
         return tuple(
             ExportRecord(
                 e.file,
@@ -36,12 +36,13 @@ class ExportsResult(Shown):
         )
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return one row per file: content, errors against predict and on held-out poses [mm], omitted effects."""
+        """Return one row per exported file: content, errors against predict and on held-out poses [mm], omitted
+        effects."""
         heads = ["file", "what", "RMS [mm]", "max [mm]", "held-out RMS [mm]", "missing"]
         return pd.DataFrame([(*astuple(r)[:-1], "; ".join(r.missing)) for r in self.records], columns=heads)
 
     def summary(self) -> str:
-        """List each file with its errors against predict, mm, then omitted effects, notes, and refused files."""
+        """List each exported file with its errors against predict, mm, then omitted effects, notes and refused files."""
         lines = [f"{'against predict, mm':<26}{'RMS':>10}{'max':>10}{'held out':>10}"]
         for r in self.records:
             numbers = "".join(f"{_said(v):>10}" for v in (r.rms_mm, r.max_mm, r.heldout_rms_mm))

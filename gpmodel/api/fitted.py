@@ -36,9 +36,10 @@ class RecordedResult:
 
     @property
     def histogram(self) -> pd.DataFrame:
-        """One row per input of the first round: programs that use the input, on residuals and on shuffled residuals.
+        """One row per input in round 1: programs that use the input on residuals and on permuted residuals, p,
+        significance.
 
-        Also p-value and significance; empty if no program was evolved.
+        The table is empty if no program was evolved.
         """
         found = self.record.histograms[0] if self.record.histograms else without_runs((), 1.0)
         rows = {
@@ -59,12 +60,12 @@ class RecordedResult:
 
     @property
     def rms(self) -> float:
-        """RMS, mm, of the 3-D error of the last step, on held-out poses if there are any."""
+        """RMS, mm, of the 3-D error of the last step: on held-out poses, or on training poses if none were held out."""
         found = self.record.ladder[-1].errors.rms_mm
         return float("nan") if found is None else found
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return one row per parameter or effect: name, value, stderr, unit, unique_share, kept."""
+        """Return one row per parameter or effect: name, value, stderr, unit, unique_share, kept (in the model)."""
         columns = ["name", "value", "stderr", "unit", "unique_share", "kept"]
         return pd.DataFrame((*self.record.parameters, *self.record.effects), columns=columns)
 
@@ -83,9 +84,9 @@ class RecordedResult:
         return pd.DataFrame(rows)
 
     def plot(self, name: str | None = None) -> object:
-        """Return a figure of the report as a matplotlib Figure. name: of the figure; None for the first.
+        """Return a figure of the report as a matplotlib Figure. name: name of the figure; None for the first figure.
 
-        Raises InputError, listing the names, for an unknown name.
+        Raises InputError for an unknown name; the message lists the names of all figures.
         """
         from gpmodel.report.figures import figure
         from gpmodel.report.page import pictures
@@ -122,7 +123,7 @@ class FittedResult(RecordedResult, ABC):
     @property
     @abstractmethod
     def fit(self) -> tuple[Calibration, Poses]:
-        """The fit to all poses, and the poses."""
+        """The fit of the model to all poses, and the dataset of the poses."""
 
     def predict(self, poses: TableLike, *, as_measured: bool = False, in_order: bool = False) -> pd.DataFrame:
         """Predict tool positions; see `Model.predict`."""
@@ -144,17 +145,17 @@ class FittedResult(RecordedResult, ABC):
 
     @property
     def params(self) -> pd.Series:
-        """Values of the model's parameters and effects by name, SI."""
+        """Values of the model's parameters and effects by name, SI units."""
         return pd.Series(self.fit[0].theta, index=self._names, name="value")
 
     @property
     def stderr(self) -> pd.Series:
-        """Standard errors of the parameters and effects by name, SI; NaN if not fitted."""
+        """Standard errors of the parameters and effects by name, SI; NaN for a quantity that was not fitted."""
         return pd.Series(self.fit[0].stderr, index=self._names, name="stderr")
 
     @property
     def covariance(self) -> pd.DataFrame:
-        """Covariance of registration, tool, parameters and effects, SI; zero if not fitted."""
+        """Covariance of registration, tool, parameters and effects, SI; zero for a quantity that was not fitted."""
         known = self.fit[0].covariance
         names = [*known.placement, *self._names]
         return pd.DataFrame(known.values, index=names, columns=names)

@@ -1,4 +1,4 @@
-"""Calibrate several machines of one type: common parameters, spread, outlying machines, prior for others."""
+"""Calibrate several machines of one type: common parameters, spread, outlying machines, prior for further machines."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -90,7 +90,7 @@ OWN = "its own effects"
 class FleetResult(Shown):
     """Joint calibration of machines of one type. record: content of fleet.json.
 
-    machines: calibration of each machine by serial number, with its own effects and the prior of the type.
+    machines: calibration of each machine by serial number, with the effects of the machine and the prior of the type.
     """
 
     record: FleetPart
@@ -98,7 +98,7 @@ class FleetResult(Shown):
 
     @cached_property
     def shown(self) -> FleetPart:
-        """The record with the joint names of the tables."""
+        """The content of fleet.json with the joint names of the tables."""
         return in_table_names(self.record)
 
     @property
@@ -111,7 +111,7 @@ class FleetResult(Shown):
 
         Columns: serial, parameter, unit, value and stderr, shrunken value and stderr (of effects that vary between
         machines), mean and spread of the type, z, chance, outlier. Values of the noise are logarithms of metres. A
-        block has no values; its spread is relative to the prior's.
+        block of effects has no values; the spread of a block is relative to the spread of the prior.
         """
         return pd.DataFrame(
             [
@@ -123,7 +123,7 @@ class FleetResult(Shown):
         )  # fmt: skip
 
     def summary(self) -> str:
-        """Return text: verdict, machines (the most outlying first), effects and geometry of the type, their origin."""
+        """Return text: verdict, machines (the most outlying first), effects of the type and their origin, geometry."""
         return pages.summary(self.shown)
 
     def report(self, folder: str | Path) -> None:
@@ -171,16 +171,17 @@ def fleet(
     """Calibrate machines of one type together: mean of each parameter, spread between machines, outlying machines.
 
     Each machine is also calibrated alone and with the prior of the type.
-    mechanism: common to all machines; None if fleet.toml in the folder names it.
+    mechanism: mechanism of all machines; None if fleet.toml in the folder names the mechanism.
     tables: a folder with one table per machine, or tables by serial number.
     effects: as in `calibrate`; () for the geometry alone. None: effects of the catalogue selected on all machines
     together, then further effects of single machines.
-    holdout: share of each machine's poses for its errors; 0 for none. Parameters of the type are fitted to all poses.
+    holdout: held-out share of the poses of each machine; 0 for none. Parameters of the type are fitted to all poses.
     seed: random seed of held-out poses.
-    workers: number of processes, 0 for one per core. executor: runs the searches elsewhere. Results depend on neither.
+    workers: number of processes, 0 for one per core. executor: runs the searches, for example on a cluster. Results do
+    not depend on workers and executor.
     journal: keeps the findings of each machine, so that an interrupted call can continue.
     progress: called with progress messages. command: command line, recorded in fleet.json.
-    A machine alone is calibrated as by `calibrate`. Effects with priors, such as the harmonics of a smooth term, are
+    A single machine is calibrated as by `calibrate`. Effects with priors, such as the harmonics of a smooth term, are
     compared between machines as one block.
     Raises InputError for fewer than two machines, a repeated serial number or table, an invalid table, an unknown
     effect, or a diverging fit.
@@ -220,7 +221,7 @@ def fleet(
 def _part(
     arms: Sequence[tuple[Mechanism, Poses]], final: Fleet, parts: tuple[MachinePart, ...], origin: Origin, chosen: str
 ) -> FleetPart:
-    """Return the record of fleet.json, with the tables' joint names if all tables agree."""
+    """Return the record of fleet.json, with the joint names of the tables if all tables use equal names."""
     arm, called_so = arms[0][0], {poses.dataset.columns for _, poses in arms}
     joints = tuple(j.name for j in arm.joints)
     x, y, z = tip_at_probe(arm).tolist()

@@ -61,21 +61,22 @@ MODEL = "model.json"
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Model(Shown):
-    """A mechanism with all effects that a calibration or a discovery fitted. saved: the fitted values."""
+    """A mechanism with all effects that a calibration or a discovery fitted. saved: content of model.json, with the
+    fitted values."""
 
     _with_rows = False
     saved: SavedModel
 
     @property
     def mechanism(self) -> Mechanism:
-        """The mechanism that the model corrects."""
+        """The mechanism with the nominal geometry, which the effects of the model correct."""
         return self.saved.mechanism
 
     def predict(
         self, poses: TableLike, *, as_measured: bool = False, session: bool = False, in_order: bool = False,
         progress: Say = silent,
     ) -> pd.DataFrame:  # fmt: skip
-        """Predict where the tool is at given joint values.
+        """Predict the positions of the tool at given joint values.
 
         Returns `poses` with x, y, z [mm] in the instrument's frame; rx, ry, rz [deg] if rotations were fitted; the
         distances to known anchors; `sigma [mm]`, the standard deviation of the point; and `outside`, the inputs beyond
@@ -84,8 +85,8 @@ class Model(Shown):
 
         poses: joint values and the other columns that the model needs, as in a measured table.
         as_measured: include the fitted errors of the instrument, to predict its measurements.
-        session: the rows are those of the fitted session. By default, effects that depend on the row or on time
-        (`of_its_session`) keep their value at the end of the session.
+        session: row k is row k of the fitted session. By default, effects that depend on the row or on time
+        (`of_its_session`) keep the value of the end of the session.
         in_order: the poses are taken in the order of the rows, which backlash and hysteresis need.
         progress: called with progress messages.
         A formula outside the catalogue is extrapolated by at most a tenth of the range of an input, then held constant.
@@ -96,7 +97,7 @@ class Model(Shown):
     def judged(
         self, poses: TableLike, as_measured: bool, session: bool, in_order: bool, progress: Say = silent
     ) -> tuple[pd.DataFrame, Array]:
-        """Return the results of `predict` and `misses`, computed together."""
+        """Return the results of `predict` (positions) and `misses` (errors), computed together."""
         called(progress, "progress")
         as_measured, session = switch(as_measured, "as_measured"), switch(session, "session")
         in_order = switch(in_order, "in_order")
@@ -128,17 +129,17 @@ class Model(Shown):
         Returns `targets` with `corrected_J1 [deg]` and so on, the correction and the remaining error (residual) [mm],
         residual_turn [mrad], `sigma [mm]` of the reached point, and a status per row. Statuses with corrected values:
         `ok`; `near singular`, the position is reached but not all of the orientation; `outside the measured range`;
-        `side of play open`, a joint with backlash arrives from another side than without correction. Without: `large
-        move`, `joint limit`, `not reached`.
+        `side of play open`, a joint with backlash arrives from another side than without correction. Statuses without
+        corrected values: `large move`, `joint limit`, `not reached`.
 
         targets: joint values, whose nominal tool pose is the target; or x, y, z of the tool in the mechanism's root
         frame, with rx, ry, rz for a full pose.
         max_move: largest correction of a joint, deg.
         point: the point that is brought to x, y, z: "tool", the fitted tool point (reflector), or "frame", the origin
-        of the measured link (flange). Correction and residual refer to this point.
+        of the measured link (flange). Correction and residual refer to the selected point.
         session, in_order: as in `predict`.
         seed: random seed of the initial joint values for Cartesian targets.
-        Raises InputError for targets of neither kind, or targets that do not fit the model.
+        Raises InputError for a table without joint values or positions, or for targets that do not fit the model.
         """
         degrees = number(max_move, "max_move", 0.0, 360.0)
         session, in_order = switch(session, "session"), switch(in_order, "in_order")
@@ -152,7 +153,7 @@ class Model(Shown):
         """Write targets corrected by `compensate` as data of a robot program.
 
         A RAPID module has jointtargets and robtargets, a KRL data list E6AXIS and FRAME; j1 and p1 are the first row.
-        Rows without corrected values are omitted and named in a comment.
+        Rows without corrected values are omitted and listed in a comment of the program.
         corrected: result of `compensate`. language: "RAPID" or "KRL". name: of the module. Raises InputError for
         another frame, a mechanism with more than six joints, or if no row has corrected values.
         """
@@ -172,15 +173,15 @@ class Model(Shown):
     ) -> "ExportsResult":
         """Export the model to files of other programs, and state the error of each file against `predict`.
 
-        calibrated.urdf, Denavit-Hartenberg rows, ROS YAML files and RoboDK's table contain a geometry refitted without
-        effects that such a file cannot express. NumPy and C99 source contain the whole model, LaTeX its terms, and a
-        grid joint corrections.
-        box: of the grid in the root frame, "800:1200,-200:200,300:700 mm", or lowest and highest x, y, z in m. None:
-        the largest cube about a measured pose near the middle in which every node is reached and corrected.
-        nodes: of the grid along each side; None for 5.
+        calibrated.urdf, Denavit-Hartenberg rows, ROS YAML files and RoboDK's table contain a geometry that is refitted
+        without the effects that the file format cannot express. NumPy and C99 source contain the whole model, LaTeX its
+        terms, and a grid joint corrections.
+        box: limits of the grid in the root frame, "800:1200,-200:200,300:700 mm", or lowest and highest x, y, z in m.
+        None: the largest cube about a measured pose near the middle in which every node is reached and corrected.
+        nodes: number of grid nodes along each side; None for 5.
         setup, tool: names of the registration and tool point for sources and grid, and, with several arms, of the arm;
         None for the first.
-        seed: random seed of the poses at which errors are evaluated.
+        seed: random seed of the poses at which the errors of the files are evaluated.
         Raises InputError for an invalid or unreachable box, or an unknown name.
         """
         with extra_for("an export", "report"):
@@ -204,7 +205,7 @@ class Model(Shown):
     ) -> "VerifyResult":
         """Test whether the model still holds, from a table measured later.
 
-        See `gpmodel.verify`, which describes `cameras`, `board` and `surfaces` too.
+        The function `gpmodel.verify` documents the arguments.
         """
         from gpmodel.api.verification import verify_saved  # imported late to keep `predict` fast
         from gpmodel.report.verification import VerifyRequest
@@ -215,21 +216,20 @@ class Model(Shown):
     def misses(
         self, poses: TableLike, *, as_measured: bool = False, session: bool = False, in_order: bool = False
     ) -> Array:
-        """Return the distance (M,), mm, between prediction and measurement of the rows of `poses` with measured x, y
-        and z."""
+        """Return the distance (M,), mm, between prediction and measurement, for the rows of `poses` with x, y and z."""
         return self.judged(poses, as_measured, session, in_order)[1]
 
     def of_its_session(self, *, session: bool = False) -> tuple[str, ...]:
         """Return the names of effects that depend on the row or the time of the fitted session.
 
-        session: include effects that end with the session: those of the instrument, and drift of the set-up. Otherwise
-        the effects named keep their value at the end of the session.
+        session: include effects that end with the session: errors of the instrument, and drift of the set-up. With
+        False, only effects whose value at the end of the session remains valid.
         """
         return tuple(e.name for e in of_the_session(self.saved) if session or lasting(e))
 
     @property
     def sha256(self) -> str:
-        """Checksum of the content, as in model.json and the report; empty if a basis function has no text."""
+        """SHA-256 checksum of the model, as in model.json and the report; empty if a basis function has no text."""
         try:
             return str(model_content(self.saved)[SEAL])
         except InputError:
@@ -258,7 +258,7 @@ class Model(Shown):
         )
 
     def summary(self) -> str:
-        """Return text with the mechanism, its nonzero effects, and the residual of one coordinate."""
+        """Return text with the mechanism, the nonzero effects, and the residual RMS of one coordinate."""
         kept = [
             (e.name, str(measured(value, deviation, e.unit, in_list=True)))
             for e, value, deviation in zip(self.saved.model.effects, self.saved.theta, self.saved.stderr, strict=True)
@@ -268,7 +268,7 @@ class Model(Shown):
         return "\n".join([head, aligned(kept)]) if kept else head
 
     def __eq__(self, other: object) -> bool:
-        """Compare models by content; a model without text equals only itself."""
+        """Compare models by content; a model with a basis function without text equals only itself."""
         return self is other or (isinstance(other, Model) and self.sha256 == other.sha256 != "")
 
     def __hash__(self) -> int:
@@ -295,7 +295,7 @@ def load_model(file: str | Path, mechanism: MechanismLike | None = None) -> Mode
 
 
 def read_result(after: Model | str | Path) -> tuple[Model, Report | None]:
-    """Return a model and, from a folder of `discover` or `calibrate`, its report; raise InputError without a model."""
+    """Return a model and, from a result folder, the report of the model; raise InputError if no model is found."""
     if isinstance(after, Model):
         return after, None
     path = file_path(after, "after")

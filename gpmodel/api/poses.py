@@ -64,24 +64,24 @@ from gpmodel.table.cells import CONTROLLER_DECIMALS, joint_table, table_text
 from gpmodel.wording import wrapped
 
 POOLED = 40
-"""Largest number of poses that are chosen if no number is given."""
+"""Largest number of selected poses if the user gives no number."""
 TOLD_APART = 2.0
-"""Least distance, in standard deviations over all candidate poses, of two explanations that poses are chosen to
-distinguish."""
+"""Least distance of two explanations that further poses are selected to distinguish, in standard deviations over all
+candidate poses."""
 WITHIN = 1.2
-"""Goal for the standard error at a task, relative to its value with all candidate poses."""
+"""Target standard error at a task, relative to the standard error with all candidate poses measured."""
 MOST_RIVALS = 3
-"""Largest number of alternatives of each finding, the closest first. Poses chosen for these distinguish later
-ones too."""
+"""Largest number of alternatives of each finding, the closest first. Poses that distinguish the closest alternatives
+also distinguish the others."""
 
 
 def next_questions(
     saved: SavedModel, record: Report | None, pool: Array, criterion: str | None, rng: np.random.Generator
 ) -> Asked:
-    """Return the experimental-design problem of choosing further poses from `pool` (P, n) after a result.
+    """Return the experimental-design problem of selecting further poses from `pool` (P, n) after a result.
 
-    criterion: "rivals", "effect", "i-optimal" or "spread"; None for the first that applies. Raises InputError if it
-    does not.
+    criterion: "rivals", "effect", "i-optimal" or "spread"; None for the first applicable criterion. Raises InputError
+    for a criterion that is not applicable.
     """
     outlook = Outlook.over(saved, pool, rng)
     of_point = outlook.of_the_point()
@@ -108,7 +108,7 @@ def next_questions(
 
 
 def _rivals(outlook: Outlook, record: Report | None) -> tuple[dict[str, tuple[Question, float]], str]:
-    """Return the design problems and odds of distinguishable alternatives by both names, and the other names."""
+    """Return design problems and odds by pairs of names of distinguishable alternatives, and the other names."""
     asked = [*findings_of(outlook, record), *constants_of(outlook, record)]
     pairs = {f"{f.name} or {name}": (outlook.beside(f, e), odds) for f in asked for name, e, odds in f.rivals}
     told = {said: pair for said, pair in pairs.items() if at_best(pair[0]) < 1.0 / TOLD_APART}
@@ -118,8 +118,8 @@ def _rivals(outlook: Outlook, record: Report | None) -> tuple[dict[str, tuple[Qu
 def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, rng: np.random.Generator) -> Asked:
     """Return the experimental-design problem of lowering the error at a task and distinguishing alternatives.
 
-    pool: candidate poses (P, n). Each next pose serves the goal farthest from being met: precision (WITHIN) or distance
-    of explanations (TOLD_APART). Raises InputError as `Model.compensate`, and for an unreachable target.
+    pool: candidate poses (P, n). Each pose is selected for the goal farthest from its target: precision (WITHIN) or
+    distance of explanations (TOLD_APART). Raises InputError as `Model.compensate`, and for an unreachable target.
     """
     saved, arm = model.saved, model.mechanism
     _, text, path = frame_to_extend(task, arm, "task")
@@ -140,7 +140,7 @@ def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, r
 
 
 def of_rejected(saved: SavedModel, record: Report | None, pool: Array, number: int, rng: np.random.Generator) -> Asked:
-    """Return the experimental-design problem of deciding rejected candidate `number`, from 1, by poses `pool` (P, n).
+    """Return the experimental design for a decision on rejected candidate `number`, from 1, by poses `pool` (P, n).
 
     Raises InputError for an invalid number, or a candidate without a name in the catalogue.
     """
@@ -192,7 +192,7 @@ def findings_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
 
 
 def constants_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
-    """Return the constants of a report that another explanation could replace, each with that explanation."""
+    """Return the constants of a report that an alternative effect could replace, with the alternative of each constant."""
     names = names_of(outlook.measured.dataset)
     own = {translate(e.name, names): i for i, e in enumerate(outlook.saved.model.effects)}
     rivals = {translate(name, names): effects for name, effects in outlook.candidates.items()} if record else {}
@@ -210,20 +210,20 @@ AFTER = ("rivals", "effect", "i-optimal", "spread")
 CONE = 30.0
 """Half-angle of the acceptance cone of a corner-cube reflector, degrees."""
 DRAWS = 5
-"""Random selections of candidate poses, whose mean is printed for comparison."""
+"""Random selections of candidate poses; the mean precision of the selections is printed for comparison."""
 MOST = 10_000
-"""Largest number of poses that may be requested: twice as many as are chosen in a minute."""
+"""Largest number of poses that may be requested: twice the number that is selected in a minute."""
 ROWS = 9
-"""Rows of the printed curve."""
+"""Rows of the printed curve of precision over the number of poses."""
 
 
 @dataclass(frozen=True, repr=False)
 class PosesResult(Shown):
-    """Proposed poses. q: (N, n) joint values, rad and m, the most informative first. said: purpose of the poses.
+    """Proposed poses. q: (N, n) joint values, rad and m, the most informative first. said: purpose of the poses, text.
     spacing: distance of the two most similar poses, as a share of joint ranges. curve: precision after each pose.
     limit: lower bound of the precision over all sets of as many candidate poses, in the unit of the curve. columns:
-    joint names of the table. decided: by the names of two explanations, number of poses after which one of them is 95 %
-    probable in 19 of 20 cases; None if these poses do not suffice.
+    joint names of the table. decided: for the names of two explanations, number of poses after which one explanation is
+    95 % probable in 19 of 20 cases; None if the proposed poses do not suffice.
     """
 
     mechanism: Mechanism
@@ -244,7 +244,7 @@ class PosesResult(Shown):
         return table_text(self.to_dataframe(), CONTROLLER_DECIMALS)
 
     def summary(self) -> str:
-        """Return text: number of poses, their purpose, and the precision as a function of their number."""
+        """Return text: number of poses, purpose of the poses, and precision as a function of the number of poses."""
         apart = f", no two closer than {self.spacing:.2f} of a range" if len(self.q) > 1 else ""
         lines = [f"{len(self.q)} poses of {self.mechanism.name}{apart}", wrapped(self.said, 0)]
         if not knows_its_shape(self.mechanism):
@@ -280,19 +280,21 @@ def choose_poses(
     """Choose informative measurement poses within the joint limits, before any measurement or after a result.
 
     criterion: "spread" (default), poses as different as possible (Robertson 2003, 3.3.3); "d-optimal" (or
-    "observability"), all geometric errors together best determined (Borm and Menq 1991); "e-optimal", their worst
-    determined combination; "i-optimal", the mean standard error of the point over the workspace. With `after`: "rivals"
-    (default), to distinguish findings and constants from alternatives; "effect", to lower the standard error of the
-    worst known effect; "i-optimal"; "spread". after: a Model or a result folder; poses are chosen in addition to the
-    measured ones.
-    Three arguments replace the criterion. rejected: number of a rejected candidate of `after`, to decide it. task:
-    targets as in `Model.compensate`, to lower the mean standard error there and to distinguish alternatives. like:
-    folder, file or record of a `fleet`, for a further machine of the type before any measurement.
+    "observability"), all geometric errors together best determined (Borm and Menq 1991); "e-optimal", the worst
+    determined combination of errors; "i-optimal", the mean standard error of the point over the workspace. With
+    `after`: "rivals" (default), to distinguish findings and constants from alternatives; "effect", to lower the
+    standard error of the worst known effect; "i-optimal"; "spread". after: a Model or a result folder; poses are
+    selected in addition to the measured poses.
+    Three arguments replace the criterion. rejected: number of a rejected candidate of `after`, to be decided. task:
+    targets as in `Model.compensate`, to lower the mean standard error at the targets and to distinguish alternatives.
+    like: folder, file or record of a `fleet`, for a further machine of the type before any measurement.
     above: lowest height of the tool point in the root frame, "200 mm". box: "800:1200,-200:200,300:700mm". instrument:
-    its position in the root frame, "3000,0,1500mm" or m; its line of sight must be free and within `cone` degrees (30)
-    of the target's `normal` in the measured frame. tool_point: in the measured frame; after a result the fitted one.
-    collisions: exclude poses in which the arm collides with itself, if its URDF has geometry. noise: of one coordinate,
-    for the curve before a result. count: None for 40, or as many as decide. progress: called with messages.
+    position of the instrument in the root frame, "3000,0,1500mm" or m; the line of sight must be free and within `cone`
+    degrees (30) of the target's `normal` in the measured frame. tool_point: in the measured frame; after a result the
+    fitted point.
+    collisions: exclude poses in which the arm collides with itself, if its URDF has geometry. noise: standard deviation
+    of one coordinate, for the curve before a result. count: None for 40, or as many as needed for a decision.
+    progress: called with progress messages.
     Raises InputError for too few poses for the criterion, too few admissible poses, or an unreachable target.
     """
     called(progress, "progress")
@@ -331,7 +333,7 @@ def choose_poses(
 
 
 def _one_of(model: Model | None, **given: object) -> None:
-    """Raise InputError for two arguments that each decide the poses, or for one that needs a result."""
+    """Raise InputError for two conflicting criteria of the selection of poses, or a criterion that needs a result."""
     named = [name for name, value in given.items() if value is not None]
     of_result = [name for name in named if name in ("rejected", "task")]
     if model is None and of_result:
@@ -361,7 +363,7 @@ def _before(arm: Mechanism, pool: Array, count: int, kind: str, noise: float) ->
 
 
 def _curve(asked: Asked, order: IntArray, pool: int, rng: np.random.Generator) -> pd.DataFrame:
-    """Return the precision after each pose, and after as many random poses."""
+    """Return the precision after each selected pose, and after equally many random poses."""
     draws = [rng.choice(pool, len(order), replace=False) for _ in range(DRAWS)]
     chosen, random = (
         asked.said_of(deviations(asked.measure, order)),

@@ -27,9 +27,9 @@ FEWEST = 5
 
 @dataclass(frozen=True, repr=False)
 class Regression(Shown):
-    """Formulas of a response, shortest first; no shorter formula fits as well.
+    """Formulas of a response, shortest first; each formula fits better than all shorter formulas.
 
-    laws: the formulas. names: of the columns of X. deviation: standard deviation of the response, in its unit.
+    laws: the formulas. names: names of the columns of X. deviation: standard deviation of the response, in its unit.
     seconds: duration of the search.
     """
 
@@ -106,9 +106,9 @@ def regress(
 ) -> Regression:
     """Find a formula y = f(X) by genetic programming with several link functions, and fit its constants.
 
-    X: DataFrame, or array (N, K). Columns with values of order one are searched best.
+    X: DataFrame, or array (N, K). The search works best if the values of the columns are of order one.
     y: (N,) response.
-    names: of the columns of an array; None for x1 ... xK.
+    names: names of the columns of an array; None for x1 ... xK.
     seconds: duration of the search, unless an exact formula is found earlier.
     seed: random seed; an exact formula depends on the seed alone, an approximate one also on the speed of the computer.
     The search minimises the description length N/2 ln(1 - R²) + 3 (nodes + constants), nats.
@@ -129,7 +129,7 @@ def regress(
 
 
 def _columns(table: pd.DataFrame | ArrayLike, names: tuple[str, ...] | None) -> tuple[tuple[str, ...], Array]:
-    """Return names and values (K, N) of a table's columns, only those of `names` if a frame has more."""
+    """Return names and values (K, N) of a table's columns; if `names` is given, only the named columns."""
     if isinstance(table, pd.DataFrame):
         named = tuple(str(name) for name in table.columns)
         wanted = named if names is None else names

@@ -1,4 +1,4 @@
-"""Write results to disk: report.json, pages and other files, completely or not at all."""
+"""Write results to disk (report.json, pages and other files): all files, or none after an error."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -31,7 +31,7 @@ def check_writable() -> None:
 def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], None]) -> None:
     """Write report.json, the pages, poses.csv and figures into `folder`.
 
-    beside: functions that write further files into the folder they are called with.
+    beside: functions that write further files into a folder; the argument is the folder.
     Raises InputError if a file cannot be written.
     """
     check_writable()
@@ -46,8 +46,8 @@ def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], 
 def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path, workers: Forks) -> None:
     """Write the report of a fit, model.json and every export that the model allows, in parallel.
 
-    look: returns the record. If the report fails, model.json is still written, so that the fit is not lost. Raises
-    InputError as `write_results`.
+    look: function that returns the record. If writing the report fails, model.json is still written, so that the fit is
+    not lost. Raises InputError as `write_results` does.
     """
     check_writable()
     from gpmodel.api.exports import ExportsResult
@@ -68,7 +68,7 @@ def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path, w
 
 
 def write_numbers(record: Report, model: Model, folder: Path) -> None:
-    """Write report.json and model.json into `folder`, without pages and exports; raise InputError if that fails."""
+    """Write report.json and model.json into `folder`, without pages and exports; raise InputError if writing fails."""
     with finished_folder(folder) as draft:
         save_record(record, draft / REPORT)
         save_model(model, draft)
@@ -96,7 +96,7 @@ def save_model(model: Model, folder: Path) -> None:
 
 
 def save_fitted(record: Report, model: Model, file: str | Path) -> None:
-    """Write report.json of a fit to `file`, with the errors of every export; raise InputError if that fails."""
+    """Write report.json of a fit to `file`, with the errors of every export; raise InputError if writing fails."""
     path = file_path(file, "file")
     save_record(replace(record, exports=_exports(model, path).records), path)
 

@@ -41,9 +41,9 @@ class SavedResult(RecordedResult):
     def effects(self, formula: int | None = None, finding: int | None = None) -> tuple[Effect, ...]:
         """Return the found effects, for use in `calibrate`.
 
-        formula: number, from 1, of an alternative formula of a finding's front, to replace its formula. finding: number
-        of that finding, from 1; None if only one has alternatives. Raises InputError without findings, or for an
-        invalid number.
+        formula: number, from 1, of an alternative formula of a finding, which replaces the selected formula. finding:
+        number of the finding, from 1; None if only one finding has alternatives. Raises InputError without findings, or
+        for an invalid number.
         """
         saved = self.model.saved
         values = zip(saved.model.effects, saved.theta, strict=True)  # corrections of constants inside formulas are zero
@@ -91,7 +91,7 @@ def load_result(folder: str | Path) -> SavedResult:
 
 @dataclass(frozen=True, repr=False)
 class CompareResult:
-    """Difference between two calibrations of a machine. found: comparison of every quantity."""
+    """Difference between two calibrations of a machine. found: comparison of every quantity of the two calibrations."""
 
     found: "Comparison"
 
@@ -150,7 +150,7 @@ def compare(before: object, after: object) -> CompareResult:
 
 
 def _source(result: object, record: Report) -> str:
-    """Describe a result by its folder, table and date, as far as known."""
+    """Describe a result by its folder, table and date; unknown items are omitted."""
     folder = _folder_of(result)
     said = f"{record.data.file}, {record.data.poses} poses"
     if folder is None:
@@ -167,7 +167,7 @@ def _folder_of(result: object) -> Path | None:
 
 @dataclass(frozen=True, repr=False)
 class ExplainResult:
-    """Explanation of one finding. record: the whole report. found: the explanation.
+    """Explanation of one finding. record: content of report.json. found: the explanation.
 
     tellable: names of alternative explanations that further poses could exclude; None if unknown.
     """
@@ -177,8 +177,7 @@ class ExplainResult:
     tellable: frozenset[str] | None
 
     def summary(self) -> str:
-        """Return text: site of the finding, its size at the tool, possible causes, and measurements that
-        would decide."""
+        """Return text: site and size of the finding, possible causes, and measurements that would decide."""
         from gpmodel.report import explain as explained
 
         return explained.text(self.found)
@@ -227,10 +226,10 @@ def export(
     result: object, folder: str | Path | None = None, *, box: str | None = None, setup: str | None = None,
     tool: str | None = None, seed: int = 0,
 ) -> "ExportsResult":  # fmt: skip
-    """Export the model of a result to files of other programs; write them to `folder`, if given.
+    """Export the model of a result to files for other programs; write the files to `folder`, if given.
 
-    result: a Model, a result with a model, a result folder, or a model.json. Other arguments as in `Model.export`.
-    Raises InputError if the result has no model.
+    result: a Model, a result with a model, a result folder, or a model.json. `Model.export` documents the other
+    arguments. Raises InputError if the result has no model.
     """
     made = model_of(result, "result").export(box=box, setup=setup, tool=tool, seed=seed)
     if folder is not None:
@@ -239,8 +238,7 @@ def export(
 
 
 def model_of(given: object, argument: str) -> Model:
-    """Return a model, given as itself, by a result, a folder or a file; raise InputError naming the argument
-    otherwise."""
+    """Return a model from a Model, result, folder or file; raise InputError naming the argument otherwise."""
     model = load_model(file_path(given, argument)) if isinstance(given, str | Path) else given
     model = model if isinstance(model, Model) else getattr(model, "model", None)
     if not isinstance(model, Model):

@@ -41,7 +41,7 @@ Values = str | Sequence[float] | Array
 
 @dataclass(frozen=True, repr=False)
 class SimulationResult(Shown):
-    """Simulated table and its true model, which predicts the table except for the noise."""
+    """Simulated table and the true model, which predicts the table except for the noise."""
 
     table: Dataset
     truth: Model
@@ -87,15 +87,15 @@ def simulate(
 
     effects: "gear_harmonic J4=20 arcsec" or "slot:axis:expression=value".
     poses: number of random poses within the limits, or a table of joint values.
-    noise: standard deviation of one measurement, for a tracker of each of x, y, z: text with a unit; None for 0.03 mm,
+    noise: standard deviation of one measured value (for a tracker: of x, y and z), text with a unit; None for 0.03 mm,
     0.1 px or 0.002 deg.
     instrument: "tracker", or an instrument that measures no points: "camera", "hand camera", "planes", "spheres",
     "points", "bar" or "inclinometer".
-    geometry_sigma: standard deviation of every constant error, m, and rad per m.
+    geometry_sigma: standard deviation of every constant error: x means x m for lengths and x rad for angles.
     inputs: further columns by header with unit, "temperature [degC]": "20:30" (uniform), "20|30" (one of the values in
     each row) or values (N,). A column `payload [kg]`, or the mechanism's payload, acts at the tool point.
     seed: random seed.
-    Raises InputError for an argument that cannot be read.
+    Raises InputError for an invalid argument.
     """
     dimension, usual = NOISE.get(among(instrument, INSTRUMENTS, "instrument"), ("length", "0.03 mm"))
     spread = quantity(usual if noise is None else noise, dimension, "noise", most=NOISIEST)

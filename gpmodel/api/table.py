@@ -61,17 +61,17 @@ class Shown:
 
 
 TableLike = Dataset | pd.DataFrame | str | Path
-"""Types accepted as a table; unmeasured poses may also be an array (N, n) of joint values, rad and m."""
+"""Types accepted as a table. Poses without measurements may also be an array (N, n) of joint values, rad and m."""
 Described = Mapping[str, object] | str | Path | None
-"""Content of a TOML file, or its path."""
+"""Content of a TOML file, or the path of a TOML file."""
 
 LARGE = 4 << 20
-"""Size of a table, bytes, that takes a second to read, about 30 000 poses. A larger table is announced."""
+"""Size of a table, bytes, that is read in one second (about 30 000 poses). A message announces a larger table."""
 
 
 @dataclass(frozen=True)
 class Cells:
-    """A table as given, and with its cells as text, missing if empty. path: name of the table in messages."""
+    """A table as given by the user, and its cells as text (missing if empty). path: name of the table in messages."""
 
     given: pd.DataFrame
     text: pd.DataFrame
@@ -86,12 +86,12 @@ def read_table(
     """Read measured poses of a mechanism from a .csv or .xlsx file or from a data frame.
 
     Headers contain units in brackets: `J1 [deg]`, `x [mm]`, `temperature [degC]`. A payload of the mechanism applies to
-    every row.
+    every row of the table.
     mechanism: object, name or file.
     in_order: the rows are in the order of measurement, so that an effect may depend on earlier poses. A time column
     that never decreases implies it.
-    cameras, board, surfaces: descriptions of what cameras or touches measure, as TOML files or their content.
-    Raises InputError for a missing or empty file, a column with an unknown unit or none, missing or surplus joints,
+    cameras, board, surfaces: descriptions of cameras, boards and touched surfaces, as TOML files or their content.
+    Raises InputError for a missing or empty file, a column with an unknown or missing unit, missing or surplus joints,
     text among numbers, no measurement, or a payload column if the mechanism has a payload.
     """
     arm, in_order = mechanism_of(mechanism), switch(in_order, "in_order")
@@ -105,7 +105,7 @@ def read_table(
 
 
 def specified(dataset: Dataset, instrument: object) -> Dataset:
-    """Return the table with its instrument's specification; None changes nothing. Raises InputError if invalid."""
+    """Return the table with the specification of the instrument; unchanged for None. Raises InputError if invalid."""
     if instrument is None:
         return dataset
     if not isinstance(instrument, str):
@@ -116,7 +116,7 @@ def specified(dataset: Dataset, instrument: object) -> Dataset:
 def described(
     cameras: Described = None, board: Described = None, surfaces: Described = None
 ) -> dict[str, Mapping[str, object]]:
-    """Return the given descriptions, with files read. Raises InputError for an unreadable file."""
+    """Return the descriptions of instruments as content of TOML. Raises InputError for an unreadable file."""
     given = dict(zip(KINDS, (cameras, board, surfaces), strict=True))
     return {
         name: value if isinstance(value, Mapping) else read_toml(file_path(value, name), f"a description of {name}")
@@ -126,7 +126,7 @@ def described(
 
 
 def check_told_of(dataset: Dataset, given: Collection[str]) -> None:
-    """Raise InputError naming the argument if cameras, a board or surfaces are described that the table lacks."""
+    """Raise InputError naming the argument if a described camera, board or surface does not occur in the table."""
     for name, columns in (("cameras", ("u", "v")), ("board", ("u", "v")), ("surfaces", TOUCHED)):
         if name in given and not {*dataset.readings, *dataset.labels} & {*columns}:
             raise InputError(
@@ -138,7 +138,7 @@ def dataset_of(
     source: TableLike, mechanism: Mechanism, *, need_measurement: bool, argument: str = "table",
     described: Mapping[str, Mapping[str, object]] | None = None,
 ) -> Dataset:  # fmt: skip
-    """Read a table for a mechanism; also unmeasured poses if `need_measurement` is False.
+    """Read a table for a mechanism; accept poses without measurements if `need_measurement` is False.
 
     argument: name of the argument in messages. Raises InputError as `read_table`, or for a dataset with other joints.
     """
@@ -198,7 +198,7 @@ def cells_of(source: pd.DataFrame | str | Path, argument: str = "table") -> Cell
 
 
 def frame_to_extend(source: TableLike, mechanism: Mechanism, argument: str) -> tuple[pd.DataFrame, pd.DataFrame, Path]:
-    """Return the frame to extend by new columns, its cells as text, and its name in messages."""
+    """Return the data frame that gets new columns, its cells as text, and its name in messages."""
     if isinstance(source, Dataset):
         frame = frame_of(source, mechanism)
         return frame, frame, Path(source.source)

@@ -1,4 +1,4 @@
-"""Test a model on poses measured later, without the pose-by-pose procedure."""
+"""Test a fitted model on a complete table of poses measured later."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ from gpmodel.table.units import split_header
 CORRECTED = "corrected_"
 """Prefix of corrected joint values in tables of `compensate`."""
 GIVEN_BESIDE = ("correction", "residual", "sigma", "outside", "status")
-"""Other columns that `compensate` adds to a table."""
+"""Columns other than corrected joint values that `compensate` adds to a table."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -38,14 +38,14 @@ class VerifyResult(Shown):
 
     @property
     def verdict(self) -> str:
-        """Verdict in one sentence, with a second sentence if a tolerance was given."""
+        """Verdict of the verification in one sentence, with a second sentence if a tolerance was given."""
         from gpmodel.report.verification_words import verdict
 
         return verdict(self.record)
 
     @property
     def holds(self) -> bool:
-        """True if the model holds: neither drifted nor of another machine."""
+        """True if the model holds: the machine has not drifted and is the machine of the model."""
         return self.record.verdict == "holds"
 
     @property
@@ -98,7 +98,8 @@ def verify_saved(
     saved: SavedModel, table: TableLike, asked: VerifyRequest, tolerance: str | None, in_order: bool,
     sights: Mapping[str, Described],
 ) -> VerifyResult:  # fmt: skip
-    """Test a saved model on a table. sights: cameras, board and surfaces that differ from those of the fit.
+    """Test a saved model on a table. sights: cameras, boards and surfaces that differ from the descriptions in the
+    model.
 
     Raises InputError as `gpmodel.verify`.
     """
@@ -106,7 +107,8 @@ def verify_saved(
 
 
 def later_table(saved: SavedModel, table: TableLike, sights: Mapping[str, Described]) -> tuple[Dataset, Dataset | None]:
-    """Return the dataset at the actual joint values, and one at the targets of `compensate` if the table has any.
+    """Return the dataset at the actual joint values, and the dataset at the targets of `compensate` (None without
+    targets).
 
     Raises InputError as `gpmodel.verify`.
     """
@@ -120,7 +122,7 @@ def judged_by(
     saved: SavedModel, later: tuple[Dataset, Dataset | None], asked: VerifyRequest, tolerance: str | None,
     in_order: bool, significance: float = SIGNIFICANCE,
 ) -> tuple[VerifyResult, Verified]:  # fmt: skip
-    """Test a saved model on a table measured later. significance: of each of the two tests."""
+    """Test a saved model on a table measured later. significance: level of each of the two tests."""
     dataset, targets = later
     fresh = afterwards(saved, dataset)
     old = np.setdiff1d(np.arange(len(dataset)), fresh)
@@ -135,7 +137,7 @@ def judged_by(
 
 
 def _others(session: Session, dataset: Dataset, judged: IntArray) -> Others:
-    """Return the errors of rows with a measured point that are not among the `judged` rows."""
+    """Return the errors of the rows with a measured point that the tests did not use."""
     errors = errors_at(session, dataset)
     errors[judged] = np.nan
     known = np.isfinite(errors)

@@ -24,7 +24,7 @@ from gpmodel.table.bundles import different_poses
 from gpmodel.table.cells import CONTROLLER_DECIMALS, joint_table, table_text
 
 NAMED_BY = 12
-"""Number of poses by which a change must be identified. Later the check ends: no single change explains the poses."""
+"""Largest number of poses for the identification of a change; then no single change explains the poses."""
 TWICE = 2.0
 """Largest undetected displacement of the tool, in expected errors of the model, if no tolerance is given."""
 
@@ -33,7 +33,7 @@ TWICE = 2.0
 class RepairedModel(Shown):
     """Model of a machine after a change, refitted to the poses of the check with the former model as prior.
 
-    found: its parameters and its expected error.
+    found: parameters and expected error of the repaired model.
     """
 
     found: Repaired
@@ -45,8 +45,7 @@ class RepairedModel(Shown):
 
     @property
     def more(self) -> pd.DataFrame | None:
-        """Further poses until the expected error is at most 1.2 times that before the change; None if 30 are
-        too few."""
+        """Number of further poses until the expected error is 1.2 times the error before the change; None above 30."""
         return None if self.found.more is None else _row(self.found.saved, self.found.more)
 
     def to_dataframe(self) -> pd.DataFrame:
@@ -55,7 +54,7 @@ class RepairedModel(Shown):
         return pd.DataFrame(rows, columns=["name", "unit", "before", "stderr before", "after", "stderr after"])
 
     def summary(self) -> str:
-        """State what changed, with standard errors, the expected error, and the number of further poses needed."""
+        """Summarise the change with standard errors, the expected error, and the number of further poses needed."""
         numbers = (
             f"{n.name} {wording.measured(*n.after, n.unit)}, before {wording.measured(*n.before, n.unit)}"
             for n in self.found.numbers
@@ -81,10 +80,10 @@ class RepairedModel(Shown):
 class NextCheck(Shown):
     """State of a pose-by-pose check.
 
-    judged: result of the poses so far; None with too few.
-    poses: number of different poses.
+    judged: result of the tests on the measured poses; None with too few poses.
+    poses: number of different measured poses.
     limit: displacement of the tool, mm, that a change must cause to be detected.
-    unseen: joint zeros whose change could cause more without being detected.
+    unseen: joint zeros whose change could move the tool by more than `limit` without being detected.
     next: pose to measure next; None if the check has ended.
     repaired: model of the changed machine, if the change is identified.
     """
@@ -107,7 +106,7 @@ class NextCheck(Shown):
         return None if self.judged is None or not self.decided else self.judged.holds
 
     def summary(self) -> str:
-        """State the result so far and the pose to measure next."""
+        """Return text: the result of the check so far and the pose to measure next."""
         from gpmodel.report.verification_words import sentences
 
         lines = [] if self.judged is None else [*sentences(self.judged.record)]
@@ -148,7 +147,7 @@ def next_check(
     saved: SavedModel, table: TableLike | None, asked: VerifyRequest, tolerance: str | None, in_order: bool,
     sights: Mapping[str, Described],
 ) -> NextCheck:  # fmt: skip
-    """Evaluate a pose-by-pose check on the poses of a table; without a table propose its first pose.
+    """Evaluate a pose-by-pose check on the poses of a table; without a table, propose the first pose of the check.
 
     Raises InputError as `gpmodel.verify_next`.
     """
@@ -184,21 +183,21 @@ def verify(
 ) -> VerifyResult:  # fmt: skip
     """Test a fitted model on later poses: the model holds, the machine has drifted, or it is another machine.
 
-    The registration is fitted again, and so are stationary objects: a fixed camera, a board on the table, planes,
-    points. Tool point and objects on links keep their fitted values at the end of the session. With r the residual, V
-    its covariance (noise and uncertainty of the model) and z the part of V^(-1/2) r orthogonal to the registration,
-    |z|² is compared with chi-square. Possible changes (zeros, tool, sizes of effects, geometry, the catalogue) are
-    tested against z. The two tests together call an unchanged machine changed in one case of a hundred.
+    The registration and stationary objects (a fixed camera, a board on the table, planes, points) are fitted again.
+    Tool point and objects on links keep their fitted values at the end of the session. With r the residual, V its
+    covariance (noise and uncertainty of the model) and z the part of V^(-1/2) r orthogonal to the registration, |z|² is
+    compared with chi-square. Possible changes (zeros, tool, sizes of effects, geometry, the catalogue) are tested
+    against z. The two tests together report a change of an unchanged machine in one case of a hundred.
 
     model: a fitted model, or its folder or file.
-    table: as in `read_table`. If it has the columns corrected_J1, ... of `compensate`, the machine was at these joint
-    values, and the error at the targets J1, ... is reported too.
+    table: as in `read_table`. If a table has the columns corrected_J1, ... of `compensate`, the machine was at the
+    corrected joint values, and the error at the targets J1, ... is also reported.
     tolerance: largest allowed error of a row, "0.1 mm", or "0.5 px" for pixels.
-    in_order: as in `predict`.
-    cameras, board, surfaces: as in `read_table`, if different from those of the fit.
+    in_order: see `Model.predict`.
+    cameras, board, surfaces: as in `read_table`, if different from the descriptions in the model.
     progress: called with progress messages. command: command line, recorded in verify.json.
-    Of more than 2000 rows, 2000 in even stretches decide the tests; the tolerance applies to all rows with measured
-    points.
+    If a table has more than 2000 rows, the tests use 2000 evenly spaced rows; the tolerance applies to all rows with
+    measured points.
     Raises InputError if the table does not fit the model, has a kind of measurement that the fit lacked, or fewer than
     four poses.
     """
@@ -214,16 +213,16 @@ def verify_next(
     model: Model | str | Path, table: TableLike | None = None, *, tolerance: str | None = None, in_order: bool = False,
     cameras: Described = None, board: Described = None, surfaces: Described = None,
 ) -> NextCheck:  # fmt: skip
-    """Check a model pose by pose: evaluate the poses so far, and propose the next one until the result is decided.
+    """Check a model pose by pose: test the measured poses, and propose the next pose until the result is decided.
 
-    Measure the pose `next`, add it to the table, and call again. A test with n poses has the significance
-    0.05 · 6 / (π² (n - 5)²), so that at most one check in twenty of an unchanged machine ends with a change. The check
-    ends when a change is identified, or when a change of any joint zero that moves the tool by more than the tolerance
-    would be detected with probability 0.9. Without a tolerance, twice the expected error of the model counts. The
-    proposed pose is a pose of the fit, the one most sensitive to the least determined joint zero.
-    If a change is identified, `repaired` is the model refitted to these poses. The prior of the refit is the former
-    model, with the changed parameters free. `repaired.model.save(...)` writes the model; `repaired.more` are further
-    poses that the refit needs.
+    Measure the pose `next`, add it to the table, and call again. A test with n poses has the significance 0.05 · 6 /
+    (π² (n - 5)²), so that at most one check in twenty of an unchanged machine ends with a change. The check ends when a
+    change is identified, or when a change of any joint zero that moves the tool by more than the tolerance would be
+    detected with probability 0.9. Without a tolerance, twice the expected error of the model is the limit. The proposed
+    pose is the pose of the fit that is most sensitive to the least determined joint zero.
+    If a change is identified, `repaired` is the model refitted to the poses of the check. The prior of the refit is the
+    former model, with the changed parameters free. `repaired.model.save(...)` writes the model; `repaired.more` are
+    further poses that the refit needs.
 
     model, table, tolerance, in_order, cameras, board, surfaces: as in `verify`. Without a table, or with fewer than six
     poses, a pose far from the others is proposed. Raises InputError as `verify`, and if the model does not contain the
