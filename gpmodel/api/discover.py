@@ -196,7 +196,7 @@ def _started(known: FleetPart | None, arm: Mechanism, loop: "partial[Discovery]"
 
 
 def _type_of(like: object, joints: Sequence[str]) -> FleetPart | None:
-    """Return the record of the machine's type, if any; raise InputError as `fleet_at` does, or if joints are given too."""
+    """Return the record of the machine's type or None; raise InputError as `fleet_at`, or if joints are given too."""
     if like is not None and joints:
         raise InputError("cannot be combined with joints; expected one of the two", "like")
     return None if like is None else fleet_at(like, "like")

@@ -353,7 +353,7 @@ def _finished(
 
 
 def _effort(population: object, generations: object, seconds: object, selection: object) -> Effort:
-    """Return the requested size of a run of genetic programming; raise InputError that names the first invalid number."""
+    """Return the requested size of a run of genetic programming; raise InputError for the first invalid number."""
     return Effort(
         None if population is None else whole(population, "population", 4),
         None if generations is None else whole(generations, "generations"),

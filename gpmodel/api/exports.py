@@ -42,7 +42,7 @@ class ExportsResult(Shown):
         return pd.DataFrame([(*astuple(r)[:-1], "; ".join(r.missing)) for r in self.records], columns=heads)
 
     def summary(self) -> str:
-        """List each exported file with its errors against predict, mm, then omitted effects, notes and refused files."""
+        """List the exported files with their errors against predict, mm, omitted effects, notes and refused files."""
         lines = [f"{'against predict, mm':<26}{'RMS':>10}{'max':>10}{'held out':>10}"]
         for r in self.records:
             numbers = "".join(f"{_said(v):>10}" for v in (r.rms_mm, r.max_mm, r.heldout_rms_mm))

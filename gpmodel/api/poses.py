@@ -192,7 +192,7 @@ def findings_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
 
 
 def constants_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
-    """Return the constants of a report that an alternative effect could replace, with the alternative of each constant."""
+    """Return the constants of a report that an alternative effect could replace, and the alternative of each."""
     names = names_of(outlook.measured.dataset)
     own = {translate(e.name, names): i for i, e in enumerate(outlook.saved.model.effects)}
     rivals = {translate(name, names): effects for name, effects in outlook.candidates.items()} if record else {}

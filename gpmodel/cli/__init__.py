@@ -1,1 +1,1 @@
-"""The command line, a thin last layer."""
+"""Command line: thin wrappers of the functions of `gpmodel.api`."""

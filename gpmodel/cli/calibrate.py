@@ -24,7 +24,9 @@ from gpmodel.model.effect import Effect
 @shared.table_argument
 @shared.mechanism_options()
 @click.option("--effect", "effects", multiple=True, metavar="NAME", help="'gear_harmonic J4', 'J4.moving:Rz:sin(J4)'.")
-@click.option("--findings", type=shared.PATH, metavar="RESULT", help="Folder of discover whose effects are calibrated.")
+@click.option(
+    "--findings", type=shared.PATH, metavar="RESULT", help="Result folder of discover; its findings are fitted."
+)
 @click.option(
     "--formula", metavar="[N=]K", help="Alternative formula K of finding N of --findings, instead of its formula."
 )
@@ -46,9 +48,9 @@ def calibrate(
     condition_limit: float | None, holdout: float, instrument: str | None, in_order: bool, seed: int,
     folder: Path | None, quiet: bool, **sights: str | None,
 ) -> None:  # fmt: skip
-    """Fit registration, tool, the standard model and the named effects to TABLE; state the gain of each.
+    """Fit registration, tool, the standard model and the named effects to TABLE; state the error after each step.
 
-    Errors are those of poses held out of the fit; the saved model is fitted to all poses.
+    The stated errors are errors on held-out poses; the saved model is fitted to all poses.
     With --out: report.html with its figures, report.json, model.json.
     """
     missing = ""
@@ -84,8 +86,8 @@ def found_in(folder: Path | None, formula: str | None) -> tuple[Effect, ...]:
 
 
 def save(result: CalibrationResult, folder: Path) -> str:
-    """Write the results into a folder; without the report extra, model.json and report.json only, and return what is
-    missing."""
+    """Write the results into a folder; without the report extra, model.json and report.json only, and return the name
+    of the missing extra."""
     try:
         check_writable()
     except InputError as error:

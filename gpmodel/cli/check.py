@@ -48,7 +48,7 @@ def _instances(row: dict[object, object]) -> str:
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 @click.pass_context
 def completion(context: click.Context, shell: str) -> None:
-    """Print the shell code that completes gpmodel's commands and options: eval "$(gpmodel completion bash)"."""
+    """Print the shell code for completion of commands and options; activate with eval "$(gpmodel completion bash)"."""
     kind = get_completion_class(shell)
     if kind is None:
         raise InputError(f"{shell} is no shell that completion is made for, expected bash, zsh or fish", "shell")
@@ -73,7 +73,7 @@ def check(
 ) -> int:  # fmt: skip
     """Check TABLE: wrong units or columns, unreachable, similar, repeated or too few poses, jumps, outliers.
 
-    Exit status 2 if the table is not fit for calibration. With --out: check.json.
+    The exit status is 2 if the table is not fit for calibration. With --out: check.json.
     """
     with progress_line(quiet) as say:
         data = read_table(table, mechanism, in_order=False, **sights) if any(sights.values()) else table

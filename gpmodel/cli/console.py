@@ -25,15 +25,16 @@ from gpmodel.table.cells import read_frame, table_text
 from gpmodel.table.units import split_header
 
 PATIENCE = 10.0
-"""Seconds between progress lines on an output that cannot overwrite them."""
+"""Seconds between progress lines on an output that cannot overwrite lines."""
 NOISE = {"px": "0.1px", "deg": "0.002deg"}
 """Examples of `--noise` for pixels and angles."""
 CLEAR = "\r\x1b[K"
-"""Control characters that return to the start of the line and clear it."""
+"""Control characters that return to the start of the terminal line and clear the line."""
 
 
 def path_for(out: Path, default_name: str) -> Path:
-    """Return the file of --out: itself, or `default_name` in a folder. Raises InputError for another kind of file."""
+    """Return the file named by --out, or `default_name` in the folder --out. Raises InputError for another kind of
+    file."""
     table = out.suffix.lower() in (".csv", ".txt")
     if out.suffix[1:].isalpha() and not table and not out.is_dir():
         raise InputError(f"{out}: a table is written as .csv; expected such a file, or a folder", "out")
@@ -45,12 +46,12 @@ MEASURED = re.compile(r"[xyzuv]|length|(distance|inclination)_.*")
 
 
 def place_for(out: Path | None, default_name: str, source: Path | None = None) -> Path | None:
-    """Return the output path, None without --out.
+    """Return the output path; None if --out is not given.
 
     Raises InputError if the file contains measurements that would be lost. Files written by simulate, predict and
-    compensate
-    may be replaced: simulate writes a .truth.json next to the table, the others a column sigma.
-    source: a table that may be replaced, because its columns are kept.
+    compensate may be replaced. A .truth.json next to the table (simulate) or a column sigma (predict, compensate)
+    identifies them.
+    source: input table, which may be replaced, because the output keeps the columns of the input.
     """
     path = None if out is None else path_for(out, default_name)
     if (
@@ -96,7 +97,7 @@ def _in_lines(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 class Findings(Protocol):
-    """Result with a text and a page."""
+    """Result with a text for the terminal and a page."""
 
     def summary(self) -> str:
         """Return the text for a terminal."""
@@ -114,12 +115,12 @@ def deliver(found: Findings, folder: Path | None, quiet: bool) -> None:
 
 
 def command_line() -> str:
-    """Return the command line as typed, for the record."""
+    """Return the command line as typed by the user, for report.json."""
     return " ".join(["gpmodel", *map(shell_quoted, sys.argv[1:])])
 
 
 def session_note(names: tuple[str, ...], session: bool) -> str:
-    """Describe how effects of the fitted session were applied; the sinusoids of one effect are named once."""
+    """Describe how predictions use effects of the fitted session; the sinusoids of one effect are listed once."""
     said = ", ".join(dict.fromkeys(re.sub(r"( [TR][xyz])?, wave \d+$", "", name) for name in names))
     if session:
         return f"row k of this table is treated as row k of the fitted session: {said}"
@@ -129,7 +130,7 @@ def session_note(names: tuple[str, ...], session: bool) -> str:
 
 
 def what_next(folder: Path, record: Report) -> str:
-    """List the main file of a calibration or a discovery, and commands to use next."""
+    """List the main output file of a calibration or a search, and the commands to use next."""
     model, place = shell_quoted(folder / MODEL), shell_quoted(folder)
     then = [(f"gpmodel predict {model} POSES", "predicted tool positions"),
             (f"gpmodel compensate {model} TARGETS", "corrected joint values")]  # fmt: skip
@@ -155,7 +156,7 @@ def what_next(folder: Path, record: Report) -> str:
 def progress_line(quiet: bool) -> Iterator[Say]:
     """Print progress messages with the elapsed time on standard error.
 
-    A passing message is overwritten on a terminal; elsewhere one is printed every ten seconds.
+    On a terminal each message overwrites the last message; on another output a message is printed every ten seconds.
     """
     if quiet:
         yield silent

@@ -26,18 +26,18 @@ TABLE = "demo.csv"
 MECHANISM = "irb6400r"
 VALUES, TEN = 6, 10
 """Measurements per unknown of the standard model, and the multiple to which the number of poses is rounded up. With
-half as many, an effect of 40 arcsec is often not confirmed; twice as many halve its variance."""
+half as many measurements, an effect of 40 arcsec is often not confirmed; with twice as many its variance is halved."""
 EFFECT = "joint_compliance J2=2e-7 rad/Nm"
 """Undeclared effect in the example files: about 0.1 mm at the tool, three times the noise."""
 REPEATED = 5
-"""Poses measured three times. Their 30 degrees of freedom give the noise to within a seventh."""
+"""Number of poses measured three times. The 30 degrees of freedom of the repeats give the noise to within a seventh."""
 
 
 @click.command()
 @click.option("--out", "folder", type=PATH, default=Path("demo-report"), show_default=True)
 @click.option("--mine", metavar="MECH", help="Mechanism to simulate and calibrate, instead of the shipped table.")
 @click.option("--files", is_flag=True, help="Write example files for all commands instead: an arm, tables, targets.")
-@click.option("--no-open", is_flag=True, help="Do not open the page.")
+@click.option("--no-open", is_flag=True, help="Do not open the report in a browser.")
 @seed_option
 @workers_option
 @quiet_option
@@ -46,8 +46,8 @@ def demo(
 ) -> None:
     """Discover an undeclared effect of an IRB 6400R from 90 poses, and write the report.
 
-    --mine MECH uses a mechanism of yours: it simulates the table that you would measure, with constant errors
-    of 0.3 mm, a gear error of 40 arcsec and noise of 0.03 mm, and states how many poses of which kind to measure.
+    --mine MECH simulates the table that you would measure on your mechanism MECH, with constant errors of 0.3 mm,
+    a gear error of 40 arcsec and noise of 0.03 mm, and states how many poses of which kind to measure.
     """
     if files:
         written = example_files(folder, seed)
@@ -97,10 +97,10 @@ def example_files(folder: Path, seed: int) -> list[str]:
 
 
 def like_mine(name: str, seed: int) -> SimulationResult:
-    """Simulate as many poses of a mechanism as its standard model needs, with a gear error of its second revolute
-    joint.
+    """Simulate a table for a mechanism, with the poses that its standard model needs and a gear error of revolute joint
+    2.
 
-    Raises InputError for a mechanism that cannot be read.
+    Raises InputError for an unreadable mechanism.
     """
     mechanism = load_mechanism(name)
     turning = [joint.name for joint in mechanism.joints if joint.kind == "revolute"][:2]

@@ -47,7 +47,7 @@ FEW = math.ceil(ENOUGH_HELD / USUAL)
 @shared.table_argument
 @shared.mechanism_options()
 @click.option("--runs", type=click.IntRange(0), default=Search().runs, show_default=True,
-              help="GP runs of each representation in a round; 0: no genetic programming.")  # fmt: skip
+              help="Runs of genetic programming per round and representation; 0: none.")  # fmt: skip
 @shared.representation_option("linear")
 @click.option("--minutes", "--stop-after", "minutes", type=shared.Number(above=0.0), metavar="T",
               help="Time after which no new round begins. [default: no limit]")  # fmt: skip
@@ -60,7 +60,7 @@ FEW = math.ceil(ENOUGH_HELD / USUAL)
 @click.option("--noise", metavar="SIZE", help="Standard deviation of one measurement: 0.03mm, 0.1px.")
 @shared.instrument_option
 @shared.joints_option
-@click.option("--like", metavar="DIR", help="Result of fleet: prior of a further machine of its type.")
+@click.option("--like", metavar="DIR", help="Result folder of fleet, as prior of a further machine of the type.")
 @shared.condition_limit_option
 @click.option("--no-catalogue", is_flag=True, help="Search without the families of the catalogue.")
 @shared.seed_option
@@ -74,7 +74,7 @@ def discover(
     table: Path, mechanism: LoadedMechanism, workers: int | None, scheduler: str | None, minutes: float | None,
     folder: Path, quiet: bool, **asked: Any,
 ) -> None:  # fmt: skip
-    """Find effects that the model of MECHANISM lacks, from the poses of TABLE."""
+    """Search TABLE for physical effects that the model of MECHANISM lacks, and confirm them on held-out poses."""
     check_split(asked["holdout"], asked["folds"])
     folder_for(folder)
     with (
@@ -90,13 +90,13 @@ def discover(
 
 
 def write_results(found: DiscoveryResult, folder: Path, say: Say, workers: int = 0) -> None:
-    """Announce the report and write it. workers: as in `DiscoveryResult.report`."""
+    """Announce and write the report. workers: number of processes, as in `DiscoveryResult.report`."""
     say(Progress("writing the report"))
     found.report(folder, workers=workers)
 
 
 def search_of(asked: Mapping[str, Any], minutes: float | None, executor: Workers) -> Search:
-    """Return the search of the options. minutes: time after which no new round begins."""
+    """Return the search settings from the command-line options. minutes: time after which no new round begins."""
     strategies = strategies_named(asked["representation"], "slot")
     ends = None if minutes is None else 60 * minutes
     return Search(runs=asked["runs"], strategies=strategies, stop_after=ends, executor=executor)
@@ -106,7 +106,7 @@ def looked(
     mechanism: LoadedMechanism, table: Path, asked: Mapping[str, Any], say: Say, search: Search,
     kept: RunFiles | None = None,
 ) -> DiscoveryResult:  # fmt: skip
-    """Run the discovery of the options; finished runs are saved."""
+    """Run the search with the command-line options; finished runs of genetic programming are saved."""
     return look(
         mechanism,
         read_table(table, mechanism, in_order=asked["in_order"], **{k: asked.get(k) for k in SIGHTS}),
@@ -127,7 +127,7 @@ def looked(
 
 
 VARIED = ("operators", "crossover", "mutation", "length", "depth")
-"""Settings of a representation with an option of their own."""
+"""Settings of a program representation that have a command-line option."""
 
 
 @click.command()
@@ -135,16 +135,16 @@ VARIED = ("operators", "crossover", "mutation", "length", "depth")
 @shared.mechanism_options()
 @click.option("--model", type=shared.PATH, help="Result or model.json to start from, in place of the standard model.")
 @click.option(
-    "--effect", "effects", multiple=True, metavar="NAME", help="Effect of the starting model, as in calibrate."
+    "--effect", "effects", multiple=True, metavar="NAME", help="Effect of the starting model, named as in calibrate."
 )
 @shared.representation_option("linear,tree")
 @click.option("--space", type=click.Choice(["cartesian", "slot"]), default="cartesian", show_default=True,
               help="Compensate the tool point, or find basis function and slot of an effect.")  # fmt: skip
 @click.option("--population", type=click.IntRange(4), help="[default: 65536 linear, 8192 tree]")
 @click.option("--generations", type=click.IntRange(0), help="[default: 100]")
-@click.option("--seconds", type=shared.Number(above=0.0), help="Time limit of a run.")
+@click.option("--seconds", type=shared.Number(above=0.0), help="Time limit of a run, s.")
 @click.option("--runs", type=click.IntRange(1), default=5, show_default=True, help="Runs of each representation.")
-@click.option("--operators", help="Operator set (thesis, smooth, slot, physics) or names.")
+@click.option("--operators", help="Operator set (thesis, smooth, slot, physics) or operator names.")
 @click.option("--truncation", type=shared.Number(above=0.0), help="Fraction of the population that breeds: 0.05.")
 @click.option("--tournament", type=click.IntRange(1), help="Tournament size, instead of truncation.")
 @click.option(
@@ -153,7 +153,7 @@ VARIED = ("operators", "crossover", "mutation", "length", "depth")
     help="Rate per element of a sequence; share of the offspring of trees.",
 )
 @click.option("--mutation", type=click.FloatRange(0.0, 0.999), help="Rate per element of a sequence.")
-@click.option("--length", type=int, help="Elements of a sequence.")
+@click.option("--length", type=int, help="Number of elements of a sequence.")
 @click.option("--depth", type=int, help="Largest depth of a tree.")
 @click.option("--norm", type=click.Choice(["max", "rms"]), default="max", show_default=True)
 @shared.sights_options
@@ -170,10 +170,10 @@ def evolve(
     table: Path, mechanism: LoadedMechanism, workers: int | None, scheduler: str | None, folder: Path | None,
     quiet: bool, **asked: Any,
 ) -> None:  # fmt: skip
-    """Evolve programs on the residual of TABLE, and count the inputs that they use.
+    """Evolve programs on the residual of TABLE, and count the inputs of the best programs.
 
-    The residual is that of the standard model, or of another model with --model or --effect. Every run is repeated on
-    shuffled residuals; an input is significant if more programs use it than on shuffled residuals.
+    The residual is the residual of the standard model, or of a model given by --model or --effect. Every run is
+    repeated on permuted residuals. An input is significant if clearly more programs use the input on the residual.
     With --out: programs.txt, report.json and report.html.
     """
     settings = [settings_for(space, default_strategies(space), Effort()) for space in SPACES]
@@ -197,7 +197,8 @@ def evolve(
 
 
 def selection_of(truncation: float | None, tournament: int | None) -> SelectionScheme | None:
-    """Return the requested selection scheme, None without either option. Raises InputError for both options."""
+    """Return the selection scheme of --truncation or --tournament, None without both; raise InputError if both are
+    given."""
     if truncation is not None and tournament is not None:
         raise InputError("cannot be combined with --tournament, expected one of the two", "truncation")
     try:
@@ -211,9 +212,9 @@ def selection_of(truncation: float | None, tournament: int | None) -> SelectionS
 def strategies_named(
     names: str, space: Space, varied: Mapping[str, Any] = MappingProxyType({})
 ) -> tuple[Representation, ...]:
-    """Return the representations of `linear,tree` with changed settings.
+    """Return the program representations named in a text such as `linear,tree`, with changed settings.
 
-    Raises InputError for another name, and for a setting that none of the representations has.
+    Raises InputError for an unknown name, and for a setting that no selected representation has.
     """
     known = {label(strategy): strategy for strategy in default_strategies(space)}
     chosen: list[Representation] = []

@@ -26,17 +26,17 @@ from gpmodel.table.ros_bag import bag_table, is_bag
 from gpmodel.texts import toml_text
 
 SHOWN = 5
-"""Rows of an imported table that are printed."""
+"""Number of printed rows of an imported table."""
 
 
 @click.command("import")
 @click.argument("files", metavar="FILE...", type=PATH, nargs=-1, required=True)
-@click.option("--guess", "guessing", is_flag=True, help="Guess what the columns are; needs --mechanism.")
-@click.option("--yes", is_flag=True, help="With --guess: accept the guess in spite of its doubts.")
-@click.option("--map", "map_file", type=PATH, help="TOML: [columns], [tool.NAME], [orientation].")
+@click.option("--guess", "guessing", is_flag=True, help="Infer the meaning of the columns; needs --mechanism.")
+@click.option("--yes", is_flag=True, help="With --guess: accept the inferred meaning despite doubts.")
+@click.option("--map", "map_file", type=PATH, help="TOML map of the columns: [columns], [tool.NAME], [orientation].")
 @click.option("--join", metavar="HOW", help="How to join two files: order, 'No = Point' or 'time t = Time'.")
 @mechanism_options(required=False)
-@click.option("--joints", type=PATH, help="Joint values of the views of a board, one row per view.")
+@click.option("--joints", type=PATH, help="Table of joint values, one row per image of a board.")
 @click.option("--square", metavar="SIZE", help="Distance of neighbouring corners of the board, as in 24mm.")
 @click.option("--topic", help="Topic of a ROS bag, if several contain measurements.")
 @click.option("--nominal", type=PATH, help="Nominal description of a calibration: urcontrol.conf, a URDF.")
@@ -49,15 +49,15 @@ def import_table(
 ) -> None:  # fmt: skip
     """Convert a FILE of another program to a file for gpmodel.
 
-    --guess guesses what the columns of a table are, from their names and from the fit of --mechanism M. The guess and
-    its doubts are printed; the table is written with a map, with which --map repeats the import. Joint values and
-    positions may be in two files.
+    --guess infers the meaning of the columns from the column names and from the fit of --mechanism M. The command
+    prints the inferred meaning and its doubts, and writes a table and a map, with which --map repeats the import. Joint
+    values and positions may be in two files.
 
-    A FIGAROH table and a ROS bag (--mechanism M defines the prismatic joints), and corners of OpenCV (--joints,
-    --square) become a table; a camera's YAML of ROS or OpenCV a --cameras file; UR's calibration.conf and
-    robot_calibration's offsets (--nominal) a mechanism.
-    A table of another layout needs a map. For every column, the map names a column of the file, or a formula of such
-    columns, and the unit:
+    A FIGAROH table, a ROS bag (--mechanism M defines the prismatic joints) and corners of OpenCV (--joints, --square)
+    are converted to a table. A camera's YAML of ROS or OpenCV is converted to a --cameras file. UR's calibration.conf
+    and robot_calibration's offsets (--nominal) are converted to a mechanism.
+    A table of another layout needs a map. For every column of the table, the map names a column of the file, or a
+    formula of columns, and the unit:
 
     \b
         [columns]
@@ -109,10 +109,10 @@ def _mapped(files: tuple[Path, ...], columns: ColumnMap, join: str) -> Imported:
 def _guessed(
     files: tuple[Path, ...], mechanism: Mechanism | None, said: tuple[str | None, bool, bool], out: Path | None
 ) -> Imported:
-    """Guess the columns of files, print the result, confirm its doubts and return the table with its map.
+    """Infer the columns of files, print the result, let the user confirm doubts, and return table and map.
 
-    said: --join, --yes and --quiet. Raises InputError if nothing fits, or if doubts remain without a terminal to
-    confirm.
+    said: values of --join, --yes and --quiet. Raises InputError if no interpretation fits, or if a doubt cannot be
+    confirmed because the input is no terminal.
     """
     (join, yes, quiet), file = said, files[0]
     if mechanism is None:
@@ -131,7 +131,7 @@ def _guessed(
 
 
 def _check(made: Imported, file: Path) -> None:
-    """Raise InputError if the cameras and boards to be written could not be read again."""
+    """Raise InputError if the descriptions of cameras and boards, once written, would be unreadable."""
     parts = {"cameras": made.content, **made.described} if isinstance(made.content, dict) else made.described
     try:
         for name, content in parts.items():

@@ -50,27 +50,26 @@ COMMANDS = {
 }
 PLUGINS = "gpmodel.commands"
 DONE, DEFECT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-"""Exit statuses of the program; shells return 130 for an interrupted program."""
+"""Exit statuses of gpmodel; 130 is the usual status of an interrupted program."""
 
 
 PLUGIN_HELP = 60
-"""Characters of a plugin's help next to its name on 80 columns."""
+"""Number of characters of a plugin's help text that fit next to its name on 80 columns."""
 
 unused_seed_option = click.Option(["--seed"], type=click.IntRange(0), expose_value=False,
-                           help="Accepted as by every command; this one draws no random numbers.")  # fmt: skip
-"""Option of a command that has no seed of its own."""
+                           help="Has no influence: the command draws no random numbers.")  # fmt: skip
+"""Option --seed of a command that draws no random numbers."""
 
 
 class CommandGroup(click.Group):
-    """Command group that imports a command when it is called, and turns every error into one line and an exit
-    status."""
+    """Command group that imports commands when called, and converts errors to a one-line message and an exit status."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of the commands, in the order of a calibration."""
         return [*COMMANDS, *sorted({e.name for e in entry_points(group=PLUGINS)} - set(COMMANDS))]
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        """Import and return the command of that name."""
+        """Import and return the command with the given name."""
         if name in COMMANDS:
             module, _, function = COMMANDS[name][0].partition(":")
             with extra_for(f"gpmodel {name}"):
@@ -101,7 +100,7 @@ class CommandGroup(click.Group):
             formatter.write_dl(rows)
 
     def invoke(self, ctx: click.Context) -> object:
-        """Run the command; replace the argument's name in an input error by the option's."""
+        """Run the command; in an input error, replace the name of the Python argument by the name of the option."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt as stopped:
@@ -114,7 +113,7 @@ class CommandGroup(click.Group):
             raise InputError(error.said, option_of(error.argument, command.params if command else ())) from error
 
     def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: object) -> NoReturn:  # type: ignore[override]
-        """Run as a program, and exit."""
+        """Run gpmodel as a program, and exit with its status."""
         arguments = list(sys.argv[1:] if args is None else args) or ["--help"]
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, signal.default_int_handler)  # as for Ctrl-C, to remove temporary files
@@ -165,6 +164,6 @@ def _end(status: int, message: str, arguments: Sequence[str] = ()) -> NoReturn:
 
 @click.group("gpmodel", cls=CommandGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="gpmodel")
-@click.option("--debug", is_flag=True, help="Show the traceback of an error; before the command's name.")
+@click.option("--debug", is_flag=True, help="Show the traceback of an error; to be given before the command.")
 def main(debug: bool) -> None:
-    """Find what the model of a mechanism lacks, from measured poses: named, added to the model, confirmed."""
+    """Find physical effects that the model of a mechanism lacks, from measured poses, and confirm them."""

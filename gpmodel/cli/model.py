@@ -23,7 +23,7 @@ from gpmodel.wording import turned
 @click.command()
 @shared.model_argument
 @click.argument("poses", type=shared.PATH)
-@click.option("--as-measured", is_flag=True, help="Predict the measurements, with the fitted errors of the instrument.")
+@click.option("--as-measured", is_flag=True, help="Include the fitted errors of the instrument in the prediction.")
 @shared.session_option
 @shared.in_order_option
 @shared.out_file_option
@@ -34,9 +34,9 @@ def predict(
     """Add predicted x, y, z [mm] in the instrument's frame to a table of joint values: the tool at the end of the
     fitted session, without the errors of the instrument.
 
-    MODEL is a model.json of calibrate or discover. POSES keeps its columns. If it has x, y, z already, the prediction
-    is added as predicted_x, predicted_y, predicted_z. Columns of an earlier prediction are replaced. sigma is the
-    standard deviation of the predicted point; `outside` names the inputs beyond the ranges of the fit.
+    MODEL is a model.json of calibrate or discover. The output keeps the columns of POSES. If POSES has x, y, z, the
+    prediction is added as predicted_x, predicted_y, predicted_z. Columns of an earlier prediction are replaced. sigma
+    is the standard deviation of the predicted point; `outside` names the inputs beyond the ranges of the fit.
     """
     fitted = load_model(model)
     place_for(out, "predicted.csv", poses)
@@ -55,7 +55,7 @@ def predict(
 
 
 WHICH = {"tool": "point", "frame": "origin"}
-"""Name of the corrected point of the tool or frame."""
+"""Name of the corrected point for each value of --point, tool or frame."""
 PROGRAMS: dict[str, Language] = {".mod": "RAPID", ".dat": "KRL"}
 """Language of a robot program by file suffix."""
 
@@ -92,7 +92,7 @@ def compensate(
 
     Statuses with corrected values: ok; near singular (the position is reached, not all of the orientation); outside the
     measured range; side of play open (a joint with backlash arrives from another side than without correction).
-    Without: large move, joint limit, not reached.
+    Statuses without corrected values: large move, joint limit, not reached.
     """
     fitted = load_model(model)
     language = None if out is None else PROGRAMS.get(out.suffix.lower())
@@ -141,10 +141,10 @@ def export(
     """Write the model of RESULT, a folder of calibrate or discover or its model.json, in formats of other programs.
 
     calibrated.urdf and exports/dh_*.toml, kinematics.yaml (xacro), joint_offsets.yaml (robot_calibration),
-    ur_kinematics.yaml (ur_description) and robodk.csv contain a geometry refitted without effects that such a file
-    cannot express; model.py and model.c the whole model; model.tex its terms; grid.csv joint corrections at the nodes
-    of a box. Each error is against `gpmodel predict` at unmeasured poses. Gazebo and MuJoCo convert calibrated.urdf to
-    SDF and MJCF themselves.
+    ur_kinematics.yaml (ur_description) and robodk.csv contain a geometry refitted without the effects that the file
+    format cannot express. model.py and model.c contain the whole model, model.tex the terms of the model, and grid.csv
+    joint corrections at the nodes of a box. Each stated error is relative to `gpmodel predict` at unmeasured poses.
+    Gazebo and MuJoCo read calibrated.urdf.
     """
     file = model_file(result)
     exports = load_model(file).export(box=box, nodes=nodes, setup=setup, tool=tool, seed=seed)
@@ -152,7 +152,7 @@ def export(
 
 
 CHANGED, UNDECIDED = 3, 4
-"""Exit status if the model does not hold or exceeds the tolerance; and if a check needs a further pose."""
+"""Exit statuses of verify: the model does not hold or exceeds the tolerance; the check needs a further pose."""
 
 
 @click.command()
@@ -173,15 +173,17 @@ def verify(
 ) -> int:  # fmt: skip
     """Test MODEL on a TABLE measured later: the model holds, the machine has drifted, or it is another machine.
 
-    MODEL is a model.json of calibrate or discover. The registration is fitted again, and so are planes, points, a fixed
-    camera, or a board on the table. Ten to twenty poses are enough.
-    The output states the error of every pose with and without the model, the expected error, and what changed: a zero,
-    a tool point, an effect. If TABLE has the corrected_J1, ... of compensate, the machine was at these joint values.
-    Exit status: 0 if the model holds, 3 if it does not or a pose exceeds the tolerance.
+    MODEL is a model.json of calibrate or discover. The registration, planes, points, a fixed camera, and a board on the
+    table are fitted again. Ten to twenty poses are enough.
+    The output states the error of every pose with and without the model, the expected error, and the
+    change: a joint zero, a tool point or an effect. If TABLE has columns corrected_J1, ... of compensate, the machine
+    was at the corrected joint values.
+    Exit status: 0 if the model holds, 3 if the model does not hold or a pose exceeds the tolerance.
 
-    --next checks pose by pose. TABLE contains the measurements so far; omit it before the first pose. The next pose is
-    printed, with exit status 4, until the result is decided. All tests together call one unchanged machine in twenty
-    changed. With --out: verify.html, verify.csv, and verify.json, from which `certificate` makes a certificate.
+    --next checks pose by pose. TABLE contains the measurements so far; omit TABLE before the first pose. The next pose
+    is printed, with exit status 4, until the result is decided. All tests together report a change for at most one
+    unchanged machine in twenty. With --out: verify.html, verify.csv, and verify.json, from which `certificate` makes a
+    certificate.
     """
     if pose_by_pose:
         so_far = verify_next(model, table, tolerance=tolerance, in_order=in_order, **sights)

@@ -1,4 +1,4 @@
-"""Options shared by several commands, and the objects that they load."""
+"""Options that several commands share, and loading of the mechanism."""
 
 import math
 from collections.abc import Callable
@@ -22,7 +22,7 @@ class Number(click.ParamType):
         self.above = above
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Convert to a finite number above the limit; fail with one line otherwise."""
+        """Convert a text to a finite number above the limit; fail with a one-line message otherwise."""
         try:
             number = float(str(value))
         except ValueError:
@@ -33,11 +33,10 @@ class Number(click.ParamType):
 
 
 class NamedPath(click.Path):
-    """Path that is not empty, which would mean the current folder, and has no control characters, which corrupt
-    messages."""
+    """Path that is not empty and has no control characters; an empty path would mean the current folder."""
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:  # type: ignore[override]
-        """Convert to a path; fail with one line if it is empty or has control characters."""
+        """Convert a text to a path; fail with a one-line message if the text is empty or has control characters."""
         if not str(value):
             self.fail("'' is no path", param, ctx)
         if steers(str(value)):
@@ -50,7 +49,7 @@ class NamedPath(click.Path):
 Command = TypeVar("Command", bound=Callable[..., object])
 
 PATH = NamedPath(path_type=Path)
-"""File or folder, which need not exist."""
+"""Type of an option that takes a file or folder, which need not exist."""
 seed_option = click.option(
     "--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of all random numbers."
 )
@@ -63,19 +62,23 @@ scheduler_option = click.option(
     help="Executor: local:N processes, or dask at tcp://host:8786. [default: here]",
 )  # fmt: skip
 out_folder_option = click.option(
-    "--out", "folder", type=PATH, help="Folder for the results; nothing is written without it."
+    "--out", "folder", type=PATH, help="Folder for the results; without a folder nothing is written."
 )
 page_option = click.option("--out", "folder", type=PATH, help="Folder for the page.")
 out_file_option = click.option("--out", type=PATH, help="A .csv file, or a folder for it. [default: print it]")
 standard_option = click.option(
-    "--standard", multiple=True, default=("*",), metavar="PATTERN", help="Geometry fitted: 'J* R?', or none."
+    "--standard",
+    multiple=True,
+    default=("*",),
+    metavar="PATTERN",
+    help="Geometric constants that are fitted: 'J* R?', or none.",
 )
 holdout_option = click.option(
     "--holdout", default=0.3, show_default=True, type=float, help="Fraction of the poses held out."
 )
 in_order_option = click.option(
     "--in-order", is_flag=True,
-    help="Rows are in the order of measurement, so that a pose may depend on earlier ones.",
+    help="Rows are in the order of measurement, so that effects may depend on earlier rows.",
 )  # fmt: skip
 instrument_option = click.option(
     "--instrument",
@@ -83,14 +86,14 @@ instrument_option = click.option(
     help="Instrument's specification, the largest error of a coordinate: '15um + 6um/m'.",
 )
 condition_limit_option = click.option(
-    "--condition-limit", type=float, help="Condition limit of the standard model. [default: cross-validated]"
+    "--condition-limit", type=float, help="Largest condition number of the standard model. [default: cross-validated]"
 )
 joints_option = click.option(
     "--joint",
     "joints",
     multiple=True,
     metavar="BALL=RESULT",
-    help="Result of a ball joint measured alone, used as prior of the ball.",
+    help="Result of a ball joint measured alone, used as prior of ball BALL.",
 )
 session_option = click.option(
     "--session", is_flag=True, help="Row k is row k of the fitted session. [default: the end of the session]"
@@ -98,8 +101,13 @@ session_option = click.option(
 
 
 def representation_option(default: str) -> Callable[[Command], Command]:
-    """Add --representation."""
-    return click.option("--representation", default=default, show_default=True, help="linear, tree, or both.")
+    """Return the option --representation with a default."""
+    return click.option(
+        "--representation",
+        default=default,
+        show_default=True,
+        help="Form of the evolved programs: linear, tree, or both.",
+    )
 
 
 SIGHTS = {
@@ -107,11 +115,11 @@ SIGHTS = {
     "board": "Markers of boards, and the links that carry the boards.",
     "surfaces": "Planes, spheres and lines of a known artefact.",
 }
-"""Help of the TOML files that describe what pixels or touches measure."""
+"""Help of the options for TOML files that describe cameras, boards and touched surfaces."""
 
 
 def sights_options(command: Command) -> Command:
-    """Add --cameras, --board and --surfaces."""
+    """Add the options --cameras, --board and --surfaces to a command."""
     for name, text in reversed(SIGHTS.items()):
         command = click.option(f"--{name}", metavar="FILE", help=f"TOML: {text}")(command)
     return command
@@ -131,7 +139,7 @@ MECHANISM = (
 
 
 def mechanism_options(*, required: bool = True) -> Callable[[Command], Command]:
-    """Add --mechanism, --frame, --payload, --payload-com; the command receives the loaded `mechanism`."""
+    """Add --mechanism, --frame, --payload, --payload-com to a command, which receives the loaded `mechanism`."""
 
     def add(command: Command) -> Command:
         @wraps(command)

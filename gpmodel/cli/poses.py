@@ -25,9 +25,14 @@ from gpmodel.planning.simulate import INSTRUMENTS
     help="Number of random poses within the joint limits.",
 )
 @click.option("--noise", help="Standard deviation of one measurement. [default: 0.03mm, 0.1px, 0.002deg]")
-@click.option("--instrument", default="tracker", show_default=True, type=click.Choice(INSTRUMENTS), help="Instrument.")
 @click.option(
-    "--geometry-sigma", default="0mm", show_default=True, help="Standard deviation of constant errors; mrad per mm."
+    "--instrument", default="tracker", show_default=True, type=click.Choice(INSTRUMENTS), help="Simulated instrument."
+)
+@click.option(
+    "--geometry-sigma",
+    default="0mm",
+    show_default=True,
+    help="Standard deviation of constant errors; 1 mm also means 1 mrad.",
 )
 @click.option("--input", "inputs", multiple=True, metavar="COLUMN", help="'temperature [degC]=20:30', or '=20|30'.")
 @seed_option
@@ -37,10 +42,11 @@ def simulate(
     mechanism: LoadedMechanism, effects: tuple[str, ...], poses: int, noise: str | None, instrument: str,
     geometry_sigma: str,    inputs: tuple[str, ...], seed: int, out: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
-    """Simulate a table of poses measured on a mechanism with known errors, and write the true model in the same folder.
+    """Simulate a table of measured poses of a mechanism with known errors, and write the true model into the same
+    folder.
 
-    The true model (NAME.truth.json) can be used by `predict` and `compensate`. NAME of an effect is a catalogue name or
-    slot:axis:expression. Without --out the table is printed and no file is written.
+    The true model (NAME.truth.json) can be used by `predict` and `compensate`. NAME of an effect is a name of the
+    catalogue or slot:axis:expression. Without --out the table is printed and no file is written.
     """
     path = place_for(out, "simulated.csv")
     made = measure(
@@ -66,15 +72,15 @@ def _input(text: str) -> tuple[str, str]:
 @mechanism_options(required=False)
 @click.option("-n", "--count", type=click.IntRange(1, MOST),
               help="Number of poses. [default: 40, or as many as separate the causes]")  # fmt: skip
-@click.option("--after", metavar="RESULT", type=PATH, help="Next poses after a result of calibrate or discover.")
+@click.option("--after", metavar="RESULT", type=PATH, help="Result (calibrate, discover) to improve by the next poses.")
 @click.option("--rejected", type=click.IntRange(1), metavar="N",
-              help="With --after: poses that decide rejected candidate N.")  # fmt: skip
+              help="With --after: poses for a decision on rejected candidate N.")  # fmt: skip
 @click.option("--task", metavar="TARGETS", type=PATH,
-              help="With --after: poses that lower the error at these targets, as in compensate.")  # fmt: skip
+              help="With --after: poses that lower the error at targets written as for compensate.")  # fmt: skip
 @click.option("--like", metavar="DIR", type=PATH,
-              help="Result of fleet: first poses of a further machine of its type.")  # fmt: skip
+              help="Result folder of fleet: first poses of a further machine of the type.")  # fmt: skip
 @click.option("--criterion", type=click.Choice(list(dict.fromkeys((*BEFORE, *AFTER)))),
-              help="[default: spread; after a result rivals, effect or i-optimal]")  # fmt: skip
+              help="Criterion of the poses. [default: spread; with --after rivals, effect or i-optimal]")  # fmt: skip
 @click.option("--above", metavar="HEIGHT", help="Lowest height over the root frame, as in 200mm.")
 @click.option("--box", metavar="X:X,Y:Y,Z:Z", help="Box of the tool point: 800:1200,-200:200,300:700mm.")
 @click.option("--instrument", metavar="X,Y,Z", help="Position of the instrument in the root frame: 3000,0,1500mm.")
@@ -99,15 +105,16 @@ def poses(
     instrument: str | None, normal: tuple[float, float, float], cone: float | None, tool_point: str | None,
     collisions: bool, noise: str, seed: int, out: Path | None, quiet: bool,
 ) -> None:  # fmt: skip
-    """Choose informative measurement poses within the joint limits, and print the precision against their number.
+    """Choose informative measurement poses within the joint limits, and print the precision as a function of their
+    number.
 
-    spread: poses as different as possible (the equal distribution criterion). d-optimal (or
-    observability): all geometric errors best determined together; e-optimal: their worst combination; i-optimal: the
-    point over the workspace. --like DIR: for a machine of a known type. --after RESULT, in addition to the measured
-    poses: rivals: distinguish findings and constants from alternatives, and state after how many poses this is decided;
-    effect: lower the standard error of the worst known effect; i-optimal, spread. --task TARGETS instead: lower the
-    standard error of the point at these targets, and distinguish findings from alternatives. Poses in which the arm
-    collides with itself are excluded, if its URDF has geometry.
+    Criteria before a measurement: spread, poses as different as possible (equal distribution criterion); d-optimal (or
+    observability), all geometric errors together; e-optimal, the worst determined combination of geometric errors;
+    i-optimal, the predicted tool point over the workspace. --like DIR uses the prior of a known type of machine.
+    Criteria after a result (--after RESULT): rivals, poses that distinguish findings and constants from alternatives;
+    effect, poses that lower the standard error of the worst known effect; i-optimal; spread. --task TARGETS selects
+    poses that lower the standard error of the tool point at TARGETS, and that distinguish findings from alternatives.
+    Poses in which the arm collides with itself are excluded, if the URDF has geometry.
     """
     if after is not None and mechanism is not None:
         raise InputError(f"is already given by the model in {after}; omit --mechanism", "mechanism")

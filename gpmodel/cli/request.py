@@ -1,4 +1,4 @@
-"""Save the finished parts of a long command in its folder; `--resume DIR` repeats the command with these parts."""
+"""Save the finished parts of a long command in its folder; `--resume DIR` continues from the saved parts."""
 
 import contextlib
 import hashlib
@@ -28,15 +28,15 @@ from gpmodel.texts import parse_json, read_limited, seal
 Journal = TypeVar("Journal")
 Command = TypeVar("Command", bound=Callable[..., object])
 FILES = ("table", "tables", "mechanism", "model", "like", *SIGHTS)
-"""Parameters that name a file or a folder."""
+"""Command parameters whose value is a file or a folder."""
 NO_NUMBERS = ("folder", "quiet", "workers", "scheduler", "minutes")
-"""Parameters that do not change the result of a finished search."""
+"""Command parameters that do not influence the result of a search."""
 JOINT = "joint "
 """Prefix of a ball joint's name as the key of its result file."""
 
 
 def resume_option(result: str = REPORT) -> Callable[[Command], Command]:
-    """Add --resume. result: file that a finished command writes, beside a page."""
+    """Add --resume to a command. result: data file that a finished command writes."""
     return click.option(
         "--resume", type=PATH, is_eager=True, expose_value=False, callback=partial(_resume, result),
         help="Folder of an interrupted run to resume; nothing else is needed.",
@@ -72,7 +72,7 @@ def keeping(
 ) -> Iterator[Journal | None]:  # fmt: skip
     """Yield a `journal` that saves the finished parts of the current command; None without --out.
 
-    settings: values without an option that the result depends on. The folder is locked meanwhile.
+    settings: values that influence the result but have no option. During the command the folder is locked.
     An interruption prints how to resume; an input error before the first finished part leaves no file.
     """
     ctx = click.get_current_context()
@@ -98,7 +98,7 @@ def keeping(
 
 
 def _identity(ctx: click.Context, mechanism: LoadedMechanism, settings: object) -> dict[str, Any]:
-    """Return all that the result depends on, with files by SHA-256 checksum; raise InputError for a missing file."""
+    """Return all inputs of the result, with files by SHA-256 checksum; raise InputError for a missing file."""
     files, choice = _files(ctx.params), mechanism.choice
     label = {str(p.name): p.opts[0] if isinstance(p, click.Option) else f"the {p.name}" for p in ctx.command.params}
     values = {k: v for k, v in ctx.params.items() if k not in (*FILES, *NO_NUMBERS, "joints")}
@@ -138,7 +138,7 @@ def _resumable(command: str, files: Unfinished) -> Iterator[None]:
 
 
 def _made_by(result: Path) -> str | None:
-    """Return the command that wrote a result, from its `kind`; None without a result."""
+    """Return the command that wrote a result, from the key `kind` of the result; None without a result."""
     try:
         return str(parse_json(read_limited(result, LARGEST_FILE, "a result"))["kind"]).removeprefix("gpmodel ")
     except (ValueError, LookupError, TypeError):
@@ -146,7 +146,7 @@ def _made_by(result: Path) -> str | None:
 
 
 def _files(params: Mapping[str, Any]) -> dict[str, Path]:
-    """Return the files that parameters name: those of FILES, and the result of each separately measured ball joint."""
+    """Return the files named by the parameters FILES, and the result file of each separately measured ball joint."""
     named = {name: Path(params[name]) for name in FILES if params.get(name)}
     if "mechanism" in named and not named["mechanism"].is_file():
         del named["mechanism"]
@@ -155,7 +155,7 @@ def _files(params: Mapping[str, Any]) -> dict[str, Path]:
 
 
 def _relative(path: Path, out: Path) -> str:
-    """Return a path relative to `out`, with slashes; the absolute path on another drive."""
+    """Return a path relative to the folder `out`, with slashes; if the path is on another drive, the absolute path."""
     path = path.resolve()
     with contextlib.suppress(ValueError):
         path = Path(os.path.relpath(path, out.resolve()))

@@ -37,7 +37,7 @@ def report(result: Path, folder: Path | None, quiet: bool) -> None:
 @page_option
 @quiet_option
 def compare(before: Path, after: Path, folder: Path | None, quiet: bool) -> None:
-    """State what changed between the results in A and B, for each parameter and effect."""
+    """List the change of each parameter and effect between the results in folders A and B."""
     deliver(changes(before, after), folder, quiet)
 
 
@@ -61,9 +61,9 @@ def particulars_options(command: Callable[..., None]) -> Callable[..., None]:
 
 @click.command()
 @click.argument("result", metavar="DIR", type=PATH)
-@click.option("--particulars", type=PATH, help="TOML file of the options below.")
+@click.option("--particulars", type=PATH, help="TOML file with the fields of the certificate.")
 @click.option("--tolerance", metavar="LENGTH", help="Largest admissible error of a pose, as in 0.1mm.")
-@click.option("--out", "folder", type=PATH, help="[default: DIR]")
+@click.option("--out", "folder", type=PATH, help="Folder of the certificate. [default: DIR]")
 @particulars_options
 @quiet_option
 def certificate(
@@ -71,8 +71,9 @@ def certificate(
 ) -> None:
     """Write certificate.html, a page to print, of the calibration, discovery or verification in DIR.
 
-    A verification (verify.json) in DIR is certified first, because its accuracy is measured. The accuracy after a
-    calibration or a discovery is predicted, and the certificate says so. Fields that are not given stay blank.
+    If DIR has a verification (verify.json), the verification is certified, because its accuracy is measured. The
+    accuracy after a calibration or a discovery is predicted, and the certificate states this. Fields without a value
+    stay blank.
     """
     target = folder or result
     certify(result, particulars, tolerance=tolerance, **given).report(target)

@@ -1,4 +1,4 @@
-"""Print to standard output and standard error without failing: results were saved before they are printed."""
+"""Print to standard output and standard error without failing; results are saved before the printing."""
 
 import errno
 import os
@@ -14,7 +14,7 @@ _failed: list[str] = []
 
 
 def begin() -> None:
-    """Replace characters that the encoding of either stream lacks by ASCII: − by -, ×10⁻⁶ by x10^-6."""
+    """Replace characters that the encoding of an output stream lacks by ASCII: − by -, ×10⁻⁶ by x10^-6."""
     _failed.clear()
     for stream in (sys.stdout, sys.stderr):
         if getattr(stream, "errors", None) == "strict" and hasattr(stream, "reconfigure"):
@@ -23,12 +23,12 @@ def begin() -> None:
 
 
 def failed() -> str:
-    """Return why standard output failed; empty if all was written, or its reader closed the pipe."""
+    """Return the reason why standard output failed; empty if the text was written or the reader closed the pipe."""
     return _failed[0] if _failed else ""
 
 
 def echo(text: str, *, err: bool = False, nl: bool = True, lead: str = "") -> None:
-    """Print a text. A failing stream, such as a closed pipe or a full disk, is ignored from then on.
+    """Print a text. After a first failure of a stream (closed pipe, full disk), nothing is printed to the stream.
 
     lead: control characters before the text.
     """

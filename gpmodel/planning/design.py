@@ -21,10 +21,10 @@ from gpmodel.numerics.interval import COVERAGE
 from gpmodel.numerics.se3 import chain
 
 MARGIN = 0.02
-"""Share of a joint's range that random poses avoid at its limits, half at each."""
+"""Share of a joint's range that random poses avoid near the joint limits, half at each limit."""
 
 ATTEMPTS = 50
-"""Random poses tried for each wanted pose, before an error reports that too few are possible."""
+"""Number of random poses drawn for each wanted pose, before an error reports that too few poses are possible."""
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,9 @@ class Reach:
 
     box: (2, 3), m, lowest and highest tool point in the root frame.
     tool: tool point (3,) in the measured frame, m.
-    sight: line of sight to the instrument; None if it does not matter.
-    collisions: whether poses in which the arm collides with itself are excluded, if its shape is known.
-    measured: joint values (N, n) whose range limits joints without limits.
+    sight: line of sight to the instrument; None for no constraint.
+    collisions: True to exclude poses in which the arm collides with itself, if the shape of the arm is known.
+    measured: joint values (N, n); their range limits the joints that have no joint limits.
     """
 
     box: Array = field(default_factory=lambda: np.array([[-np.inf] * 3, [np.inf] * 3]))
@@ -79,7 +79,7 @@ class Reach:
 
 
 def knows_its_shape(mechanism: Mechanism) -> bool:
-    """Return whether the mechanism has a shape for collision tests."""
+    """Return True if the mechanism has a shape for collision tests."""
     bare = bare_of(mechanism)
     return isinstance(bare, Collides) and bare.has_shape
 
@@ -87,7 +87,7 @@ def knows_its_shape(mechanism: Mechanism) -> bool:
 def candidates(mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Reach | None = None) -> Array:
     """Draw random joint values (count, n) inside the joint limits that meet all constraints.
 
-    Raises InputError with the constraint that excludes most poses if fewer are found.
+    Raises InputError with the constraint that excludes most poses if fewer than `count` poses are found.
     """
     reach = reach or Reach()
     middle = np.mean(ranges(mechanism, reach.measured), axis=0)
@@ -119,17 +119,17 @@ EXCHANGES = 200
 """Largest number of exchanges of a selected pose for another pose."""
 
 TRIED = 10
-"""Poses tried in an exchange: the poses with the largest gain when added."""
+"""Number of poses tried in an exchange: the poses with the largest gain when added to the design."""
 
 ENOUGH = 1e-6
 """Least improvement of the logarithm of the criterion by an exchange."""
 
 DETERMINED = 1e-12
-"""Least eigenvalue of M, scaled to a unit diagonal. With a smaller eigenvalue some unknown is not determined. The prior
-of the geometry weighs a millionth of a measurement."""
+"""Least eigenvalue of the information M, scaled to a unit diagonal, at which all unknowns are determined. The prior of
+the geometry has the weight of a millionth of a measurement."""
 
 LITTLE = 1e-6
-"""Information added to every unknown to keep M regular: a millionth of the information of one pose."""
+"""Information added to every unknown so that the matrix M is regular: a millionth of the information of one pose."""
 
 SHORTLIST = 60
 """Number of candidate poses for which the smallest eigenvalue is computed exactly: the poses with most information on
@@ -137,7 +137,7 @@ its eigenvector."""
 
 
 class Goal(Protocol):
-    """Criterion of a design; smaller is better."""
+    """Criterion of an experimental design; smaller is better."""
 
     def value(self, information: Array) -> float:
         """Return the logarithm of the criterion for the information M (K, K)."""
@@ -207,7 +207,7 @@ def choose(columns: Array, known: Array, count: int, goal: Goal) -> IntArray:
     """Select `count` poses that minimise a criterion; return their indices, the most informative first.
 
     Poses are added greedily, then exchanged until no exchange improves the criterion, then sorted by greedy gain.
-    columns: (P, 3, K) of the pool, of the order of 1.
+    columns: derivatives (P, 3, K) of the poses of the pool, scaled to the order of 1.
     known: (K, K), information M of the existing measurements.
     """
     known = known + LITTLE * np.eye(len(known))
@@ -248,7 +248,7 @@ def _greedy(columns: Array, known: Array, count: int, among: IntArray, goal: Goa
 
 @dataclass(frozen=True)
 class Question:
-    """A design problem of a pool of poses.
+    """An experimental-design problem: selection of poses from a pool.
 
     columns: derivatives (P, 3, K) of the coordinates by the unknowns, over the standard deviation of a coordinate.
     known: information (K, K) of the existing measurements.
@@ -283,8 +283,8 @@ def in_units_of(deviation: float, question: Question) -> Question:
 def choose_for_all(questions: Sequence[Question], count: int) -> IntArray:
     """Select `count` poses for several design problems; return their indices.
 
-    Each pose is the most informative one for the problem with the worst criterion so far. A single problem is solved by
-    `choose`.
+    Each selected pose is the most informative pose for the problem with the worst criterion so far. A single problem is
+    solved by `choose`.
     """
     if len(questions) == 1:
         return choose(questions[0].columns, questions[0].known, count, questions[0].goal)
@@ -301,19 +301,19 @@ def choose_for_all(questions: Sequence[Question], count: int) -> IntArray:
 
 
 def deviations(questions: Sequence[Question], order: IntArray) -> Array:
-    """Return √ trace(L M⁻¹) (n + 1,) after none, one, two ... of the n poses `order`: the worst of all problems.
+    """Return the largest √ trace(L M⁻¹) of all problems, (n + 1,), after 0, 1, ... n of the poses `order`.
 
-    NaN where an unknown is not determined.
+    The value is NaN if an unknown is not determined.
     """
     return np.asarray(np.max([_deviations(question, order) for question in questions], axis=0))
 
 
 def decided_after(question: Question, order: IntArray, odds: float) -> int | None:
-    """Return after how many of the poses `order` (n,) one of two causes reaches the probability COVERAGE.
+    """Return the number of poses of `order` (n,) after which the true one of two causes has the probability COVERAGE.
 
-    The cause reaches it with probability COVERAGE, whichever cause is true. None if the n poses do not suffice.
-    odds: ratio of the probabilities of the two causes now.
-    The inverse of the predicted standard deviation, s, is the distance of the causes in standard errors. Poses add ln
+    The result holds with probability COVERAGE, whichever cause is true. None if the n poses do not suffice.
+    odds: present ratio of the probabilities of the two causes.
+    The inverse s of the predicted standard deviation is the distance of the causes in standard errors. Poses add ln
     odds ~ N(d²/2, d²) for the true cause, d² = s² - s₀², to -|ln odds| at worst: d²/2 - z d ≥ ln (COVERAGE / (1 -
     COVERAGE)) + |ln odds|, z the quantile of COVERAGE.
     """
@@ -341,14 +341,14 @@ def _deviations(question: Question, order: IntArray) -> Array:
 
 @dataclass(frozen=True)
 class Asked:
-    """A purpose for which poses are selected, and the curve that reports how well they serve it.
+    """A purpose for which poses are selected, and the curve of precision over the number of poses.
 
     said: description of the purpose.
     choose: design problems that select the poses; if empty, poses are spread evenly, away from poses `taken` (M, n).
-    measure: design problems whose worst standard deviation the curve plots.
+    measure: design problems; the curve plots the largest standard deviation of these problems.
     label: label of the curve.
     factor: factor from a standard deviation to the unit of the label.
-    inverse: whether the curve plots the inverse standard deviation, so that larger is better.
+    inverse: True if the curve plots the inverse standard deviation, so that larger is better.
     pairs: for two causes by name, the design problem that separates them and the ratio of their probabilities.
     """
 

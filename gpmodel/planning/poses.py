@@ -26,12 +26,12 @@ CLOSE = 0.01
 
 
 def least_deviation(questions: Sequence[Question], count: int) -> float:
-    """Return a lower bound of the standard deviation that any `count` poses of the pool can reach: the worst problem's.
+    """Return a lower bound of the largest standard deviation of the problems, over all choices of `count` poses.
 
     The bound holds even if a pose is measured twice. Raises TypeError if a criterion is not a Variance.
     A selection of n poses is a measure of mass n over the pool. The variance is convex in the information M, so that
-    the tangent at any measure is a lower bound for every selection; at the best measure it is nearly reached. Sources:
-    Kiefer and Wolfowitz (1960); the multiplicative steps, Silvey, Titterington and Torsney (1978), Yu (2010).
+    the tangent at any measure is a lower bound for every selection; at the best measure the bound is nearly reached.
+    Sources: Kiefer and Wolfowitz (1960); the multiplicative steps, Silvey, Titterington and Torsney (1978), Yu (2010).
     """
     return max(_least(question, count) for question in questions)
 
@@ -57,14 +57,14 @@ def _least(question: Question, count: int) -> float:
 
 
 POOL, SMALLEST_POOL, LARGEST_POOL = 20, 600, 10_000
-"""Candidate poses for each wanted pose; the least size of the pool; its largest size, as long as it holds two
-candidates for each wanted pose."""
+"""Candidate poses for each wanted pose; least size of the pool; largest size of the pool, if two candidates for each
+wanted pose fit."""
 
 
 def coordinates(mechanism: Mechanism, q: Array) -> Array:
-    """Return coordinates (N, n + 3) in which poses are compared.
+    """Return coordinates (N, n + 3) that measure the distance between poses.
 
-    Joint values relative to their ranges, and the tip position relative to its largest spread over the poses.
+    The coordinates are joint values relative to the joint ranges, and tip positions relative to their largest spread.
     """
     ranges = np.array([max(joint_range(j)[1] - joint_range(j)[0], 1e-9) for j in mechanism.joints])
     tips = chain(mechanism.transforms(q))[-1][:, :3, 3]
@@ -81,7 +81,7 @@ def spread_poses(mechanism: Mechanism, count: int, rng: np.random.Generator, rea
     """Select joint values (count, n) that differ as much as possible from one another: the equal distribution
     criterion.
 
-    From a pool of random poses, each further pose is the farthest from the selected poses, in joint values and tip
+    From a pool of random poses, each further pose is the pose farthest from the selected poses, in joint values and tip
     position together. The smallest distance between two poses is within a factor 2 of the largest possible. Source:
     Robertson (2003), 3.3.3; Gonzalez (1985).
     """
@@ -92,7 +92,7 @@ def spread_poses(mechanism: Mechanism, count: int, rng: np.random.Generator, rea
 def spread_among(mechanism: Mechanism, pool: Array, count: int, taken: Array | None = None) -> IntArray:
     """Return the indices (count,) of poses of a pool (P, n) far from one another and from poses `taken` (M, n).
 
-    If no pose is taken, the first is the pose nearest to the mean of the pool.
+    If `taken` is empty, the first selected pose is the pose nearest to the mean of the pool.
     """
     before = 0 if taken is None else len(taken)
     where = coordinates(mechanism, pool if taken is None else np.vstack([taken, pool]))
@@ -111,7 +111,7 @@ def spread_among(mechanism: Mechanism, pool: Array, count: int, taken: Array | N
 
 
 def spacing(mechanism: Mechanism, q: Array) -> float:
-    """Return the smallest distance between two poses in the coordinates of `coordinates`, infinite for one pose."""
+    """Return the smallest distance between two poses, in the coordinates of `coordinates`; infinite for one pose."""
     where = coordinates(mechanism, q)
     return float(cKDTree(where).query(where, k=2)[0][:, 1].min())
 
@@ -156,7 +156,7 @@ GOALS: dict[str, Callable[[Array], Goal]] = {
 
 
 def geometric_question(mechanism: Mechanism, pool: Array, noise: float) -> Question:
-    """Return the design problem of the tool position, m, with the geometric constants unknown: I-optimal over a pool.
+    """Return the I-optimal design problem of the tool position, m, over a pool, with unknown geometric constants.
 
     pool: joint values (P, n).
     noise: standard deviation of one coordinate, m.
@@ -167,9 +167,9 @@ def geometric_question(mechanism: Mechanism, pool: Array, noise: float) -> Quest
 
 
 def typed_question(prior: ErrorModel, pool: Array) -> Question:
-    """Return the design problem of the tool position, m, of a machine of a known type: I-optimal over a pool (P, n).
+    """Return the I-optimal design problem of the tool position, m, over a pool (P, n), for a machine of a known type.
 
-    Registration and tool are unknown. Effects that depend on more than the pose are left out.
+    Registration and tool are unknown. Effects that depend on inputs other than the pose are omitted.
     prior: effects with their standard deviation between machines of the type, and the noise.
     """
     mechanism, data, noise = prior.mechanism, _at_points(prior.mechanism, pool), prior.noise or 1.0

@@ -26,30 +26,30 @@ from gpmodel.table.units import convert
 
 INSTRUMENTS = ("tracker", "camera", "hand camera", "planes", "spheres", "points", "bar", "inclinometer")
 NOISE = {"camera": ("pixels", "0.1 px"), "hand camera": ("pixels", "0.1 px"), "inclinometer": ("angle", "0.002 deg")}
-"""Dimension and usual standard deviation of the noise of some instruments. All others have that of a tracker."""
+"""Dimension and usual standard deviation of the noise of some instruments. The default is the noise of a tracker."""
 POOL = 60
-"""Random poses drawn for each pose that is kept. In one of ten poses the camera can see the board."""
+"""Random poses drawn for each simulated pose. The camera can see the board in one of ten random poses."""
 FOCAL, IMAGE, BOARD, PITCH = 2400.0, (2448.0, 2048.0), (5, 4), 0.02
-"""A camera of 5 megapixels and its board: focal length and image size, px; columns and rows of corners, and their
-distance, m."""
+"""A camera of 5 megapixels and a board: focal length and image size, px; columns and rows of corners; distance between
+corners, m."""
 TILTED = np.cos(np.radians(55.0))
 """Cosine of the largest tilt of a board at which its corners are located well."""
 BAR, BALL, TOUCHES = 0.3, 0.025, 4
 """Length of a bar and radius of a sphere, m; number of touches of a shared point."""
 NEARBY = 30
-"""Random poses from which the pose nearest to a target, or one of the nearest, is taken."""
+"""Number of random poses from which one of the poses nearest to a target is selected."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Poses and targets of a simulated measurement. Pose k is of arm k modulo A.
+    """Poses and targets of a simulated measurement. With A arms, pose k belongs to arm k modulo A.
 
-    q: joint values (N, n) to start from.
+    q: joint values (N, n) of the starting poses.
     labels: name (N,) of the touched object, per label column.
-    spare: joint values (P, n) of other starting poses; points: their tool points (A, P, 3) for every arm, m.
-    aims: maps tool points (N, 3) to the points that they have to touch, m, in the root frame.
+    spare: joint values (P, n) of further starting poses; points: tool points (A, P, 3) of `spare` for every arm, m.
+    aims: function from tool points (N, 3) to the points to be touched, m, in the root frame.
     described: description of cameras and boards, as in their TOML files.
-    own: true poses of camera and board as six numbers, m and rad, by name.
+    own: true poses of cameras and boards by name, six numbers each, m and rad.
     """
 
     instrument: str
@@ -65,7 +65,7 @@ class Scene:
 def scene_of(
     instrument: str, mechanism: Mechanism, pool: Array, count: int, tool_point: Array, rng: np.random.Generator
 ) -> Scene:
-    """Select `count` poses of a pool (P, n) that an instrument can measure, and their targets.
+    """Select `count` poses of a pool (P, n) that an instrument can measure, and the targets of the poses.
     Raises InputError if too few poses can be measured."""
     slots, tree = se3.chain(mechanism.transforms(pool)), branched(mechanism)
     if tree is not None:
@@ -163,7 +163,7 @@ def _seen_scene(outside: bool, pool: Array, frames: Array, count: int, rng: np.r
 
 
 def _inside(seen: Array) -> Mask:
-    """Return whether all corners are in the image, for boards (P, 4, 4) in the camera frame."""
+    """Return True for boards (P, 4, 4) in the camera frame whose corners are all in the image."""
     grid = PITCH * np.array([[i, j, 0.0] for j in range(BOARD[1]) for i in range(BOARD[0])])
     points = np.einsum("pij,cj->pci", seen[:, :3, :3], grid) + seen[:, None, :3, 3]
     ahead = points[:, :, 2] > 0.1
@@ -177,7 +177,7 @@ CLOSE, STEPS, REDRAWN = 1e-9, 25, 12
 
 @dataclass(frozen=True)
 class Real:
-    """A mechanism with known errors. theta: values of the effects of `model`. placement: its registration and tool."""
+    """A mechanism with known errors. theta: values of the effects of `model`. placement: registration, tool point."""
 
     model: ErrorModel
     theta: Array
@@ -189,8 +189,8 @@ def read_in(
 ) -> tuple[Dataset, Placement]:
     """Simulate the measurements of a mechanism with known errors.
 
-    Return the table, and the placement with the poses of cameras, boards and inclinometers added.
-    empty: the poses, without measurements.
+    Return the table, and registration and tool point with the poses of cameras, boards and inclinometers.
+    empty: dataset of the poses, without measurements.
     noise: standard deviation of one measured value, m, px or rad.
     """
     mechanism = real.model.mechanism
@@ -223,7 +223,7 @@ def _mounted(scene: Scene, rng: np.random.Generator) -> dict[str, Array]:
 
 
 def _reached(scene: Scene, real: Real, empty: Dataset, noise: float, rng: np.random.Generator) -> Array:
-    """Return joint values (N, n) at which the tool point with errors is on its target, up to the noise of a contact."""
+    """Return joint values (N, n) at which the true tool point is on its target, up to the noise of a contact."""
     assert scene.aims is not None
     mechanism, q = real.model.mechanism, scene.q.copy()
     limits = np.array([(j.lower, j.upper) for j in mechanism.joints]).T
@@ -264,8 +264,8 @@ FARTHEST = 1.0
 
 @dataclass(frozen=True)
 class Simulation:
-    """A simulated table and its true errors. theta: (E,) values of model.effects in SI units. noise: standard
-    deviation, as in `simulate`."""
+    """A simulated table and its true errors. theta: (E,) values of model.effects in SI units. noise: standard deviation
+    of one measured value, as in `simulate`."""
 
     dataset: Dataset
     model: ErrorModel
@@ -316,11 +316,11 @@ def simulate(
     effects: texts as `planted` parses them.
     noise: standard deviation of each of x, y, z, m, or of one value in the unit of the instrument of `scene`.
     geometry_sigma: standard deviation of every geometric constant, m, and rad at a lever of 1 m.
-    payload: (N,) kg.
+    payload: mass at the tool (N,), kg.
     inputs: further columns (N,) in `input_units`.
     tool_point: (3,) in the flange frame, m; random if None.
-    scene: instrument that measures something other than points.
-    drawn: q is random; poses at which loops do not close with the errors are replaced by other random poses.
+    scene: instrument that does not measure points; None for a tracker.
+    drawn: True if q is random; poses at which loops do not close with the errors are replaced by random poses.
     Raises InputError for an effect that cannot be parsed or is not finite, or for poses at which loops do not close.
     """
     bare = unmeasured([j.name for j in mechanism.joints], q, payload)
@@ -361,7 +361,7 @@ def simulate(
 def _closed(model: ErrorModel, data: Dataset, theta: Array, rng: np.random.Generator | None) -> Dataset:
     """Replace poses at which the kinematic loops do not close with the errors by random poses.
 
-    Raises InputError without a generator, or if loops close at hardly any pose.
+    Raises InputError without a random generator, or if the loops close at hardly any pose.
     """
     for _ in range(MOST_DRAWS):
         open_rows = np.setdiff1d(np.arange(len(data)), closing(model, data, theta))
