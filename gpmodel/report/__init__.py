@@ -1,1 +1,1 @@
-"""Pages and pictures of saved results."""
+"""Text, pages and pictures of saved results."""

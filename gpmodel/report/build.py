@@ -35,12 +35,12 @@ from gpmodel.report.schema_search import PlotRecord, ReadingRecord
 
 @dataclass(frozen=True)
 class Ladder:
-    """Fits to the rows `train` of `poses`, each with more effects than the one before, and the final model.
+    """Fits of successively larger models to the rows `train` of `poses`, and the final model.
 
     final: fit to all poses, or to the rows `final_rows`.
     named: requested effects in addition to the standard model; they are not listed among its parameters.
-    saved: the content of model.json; None if no file is written. shipped: index of the step of that model.
-    parts: fits of the shipped step, each with its held-out poses; None: the step's own fit.
+    saved: the content of model.json; None if no file is written. shipped: index of the step of the saved model.
+    parts: fits of the step `shipped`, one per fold, with the held-out poses of the fold; None for a single fit.
     """
 
     poses: Poses
@@ -55,12 +55,12 @@ class Ladder:
 
     @property
     def of_final(self) -> Poses:
-        """Poses to which `final` was fitted."""
+        """Dataset to which the final model was fitted."""
         return self.poses if self.final_rows is None else self.poses.subset(self.final_rows)
 
     @property
     def unseen(self) -> tuple[Unseen, ...]:
-        """Fits of the shipped step, each with its held-out poses."""
+        """Fits of the saved model's step, each fit with its held-out poses."""
         held = np.setdiff1d(np.arange(len(self.poses)), self.train)
         if self.parts is not None or not len(held):
             return self.parts or ()
@@ -68,7 +68,7 @@ class Ladder:
         return (Unseen(fit, self.poses.subset(self.train), self.poses.subset(held)),)
 
     def as_predicted(self) -> "Ladder":
-        """Return the ladder with the held-out errors of `predict` in its shipped step."""
+        """Return the steps, with the held-out errors of `predict` in the step of the saved model."""
         parts = self.unseen
         if self.saved is None or not parts:
             return self
@@ -86,7 +86,7 @@ class Ladder:
 
     @property
     def counts(self) -> Mask:
-        """Mask (N,) of the poses that count in an error: all but the outliers."""
+        """Mask (N,) of the poses that enter the stated errors: all poses except the outliers."""
         return np.isin(np.arange(len(self.poses)), self.outliers, invert=True)
 
     def records(self) -> Iterator[StepRecord]:
@@ -106,7 +106,7 @@ class Ladder:
 
 
 def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
-    """Build the part of a Report that all calls share, with the names of the table."""
+    """Build the part of a Report that calibrations and searches have in common, with the joint names of the table."""
     ladder = ladder.as_predicted()
     poses, steps, final = ladder.poses, ladder.steps, ladder.final
     data, names = poses.dataset, names_of(poses.dataset)
@@ -151,7 +151,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
 
 
 def _predicted(ladder: Ladder) -> PredictedRecord | None:
-    """Return the errors of `predict` in both of its modes; None without a saved model."""
+    """Return the errors of `predict` with and without instrument errors; None without a saved model."""
     saved, poses = ladder.saved, ladder.poses
     if saved is None:
         return None
@@ -165,7 +165,7 @@ OWN_UNIT = {"m": ("mm", 1e3), "rad": ("deg", float(np.degrees(1.0))), "px": ("px
 
 
 Judged = tuple[Calibration, Poses]
-"""A fit, and the poses at which its errors are computed."""
+"""A fit, and the poses at which the errors of the fit are computed."""
 
 
 def _judged(fit: Calibration, ladder: Ladder) -> Judged:
@@ -175,10 +175,11 @@ def _judged(fit: Calibration, ladder: Ladder) -> Judged:
 
 
 def orientation_record(plots: PlotRecord, outliers: Collection[int]) -> tuple[ReadingRecord, ...]:
-    """Return the RMS angle, mrad, between measured and modelled orientation, of registration only and of the last step.
+    """Return the RMS angle, mrad, between measured and modelled orientation, after registration and after the last
+    step.
 
-    Over the held-out poses, or all if none were held out; empty if no orientation was measured. outliers: rows of the
-    file.
+    The RMS is over the held-out poses, or over all poses if none were held out. The result is empty if no orientation
+    was measured. outliers: row numbers in the table.
     """
     if not plots.turn_mrad:
         return ()
@@ -187,8 +188,8 @@ def orientation_record(plots: PlotRecord, outliers: Collection[int]) -> tuple[Re
 
 
 def reading_records(poses: Poses, steps: Sequence[Sequence[Judged]]) -> tuple[ReadingRecord, ...]:
-    """Return the residuals of the first and the last step for each kind of measurement; empty for a table of points
-    alone.
+    """Return the residuals after the first and the last step by kind of measurement; empty if only points were
+    measured.
     steps: for each of the two steps, fits and the poses at which their errors are computed."""
     if not poses.dataset.observations:
         return ()

@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 
 BINS, MOST_BINS = 12, 96
 """Number of bars up to the largest error after calibration; largest number of bars up to the largest of all errors.
-Half as many hide the shape."""
+Half as many bars hide the shape of the distribution."""
 
 Heads = tuple[str, bool]
-"""Heading of the errors before, and whether the errors after are predicted."""
+"""Heading of the errors before calibration; True if the errors after calibration are predicted."""
 
 
 def histogram(errors: Array, tolerance_mm: float | None, heads: Heads) -> Picture:
-    """Return a picture with histograms of the errors (N, 2), mm, before and after, over common bins."""
+    """Return a picture with histograms of the errors (N, 2), mm, before and after calibration, over common bins."""
     worst = errors.max(axis=0)
     return Picture(
         "errors", "Error before and after", 5.2, 1.9,
@@ -74,19 +74,19 @@ STATISTICS: tuple[tuple[str, Callable[[Array], float]], ...] = (
     ("largest", np.max),
     ("RMS", root_mean_square),
 )
-"""Statistics of the 3-D errors (N,) of two poses or more."""
+"""Statistics of the 3-D errors (N,) of at least two poses, by name."""
 
 
 def statistics(errors: Array) -> tuple[tuple[str, str, str], ...]:
-    """Return the rows of the accuracy table of errors (N, 2), mm: name, before, after."""
+    """Return the rows of the accuracy table: name, value before and after calibration, of errors (N, 2), mm."""
     before, after = errors.T
     return tuple((name, millimetres(float(of(before))), millimetres(float(of(after)))) for name, of in STATISTICS)
 
 
 def errors_before_and_after(report: Report, every: bool = False) -> Array | None:
-    """Return the errors (N, 2), mm, at held-out poses, or at fitted poses if none were held out; None for less than
-    two.
-    Before: registration and tool with the nominal geometry. every: include outliers."""
+    """Return the errors (N, 2), mm, at held-out poses, or at fitted poses if none were held out; None for fewer than
+    two poses.
+    Errors before: registration and tool with the nominal geometry. every: include outliers."""
     first = report.ladder[0].step if report.ladder else ""
     steps = (pose_errors(report, (first, report.shipped))) if first else ()
     seen = [p for p in steps if p.heldout or not report.held]
@@ -110,12 +110,12 @@ SMALL_PRINT = (
 
 @dataclass(frozen=True)
 class Certificate:
-    """Content of the certificate as text; empty lines are filled in by hand.
+    """Content of a certificate as text; empty fields are filled in by hand.
 
-    statistics: name, before, after.
-    before: heading of the errors before.
-    predicted: whether the errors after are predictions.
-    errors: (N, 2), mm, before and after; without rows if unknown.
+    statistics: name, value before calibration, value after calibration.
+    before: heading of the errors before calibration.
+    predicted: True if the errors after calibration are predictions.
+    errors: (N, 2), mm, before and after calibration; N = 0 if unknown.
     """
 
     title: str
@@ -177,7 +177,7 @@ def certificate(report: Report, particulars: Particulars, tolerance_mm: float | 
 
 
 def _unseen(report: Report) -> str:
-    """State by which fit the errors of the certificate are computed."""
+    """State the fit whose errors the certificate reports."""
     if report.data.folds:
         folds = report.data.folds
         return (
@@ -201,7 +201,7 @@ def html(found: Certificate, kicker: str) -> str:
 
 
 def _judged(errors: Array | None, tolerance_mm: float | None) -> str:
-    """State whether the errors after are within the tolerance; empty without a tolerance."""
+    """State whether the errors after calibration are within the tolerance; empty without a tolerance."""
     if tolerance_mm is None or errors is None:
         return ""
     beyond, limit = int((errors[:, 1] > tolerance_mm).sum()), f"{wording.millimetres(tolerance_mm)} mm"
@@ -238,7 +238,7 @@ def _further(report: Report) -> tuple[tuple[str, str, str], ...]:
 
 
 def _orientation(report: Report) -> Iterator[Line]:
-    """Yield the error of orientation at the same poses, if it was measured."""
+    """Yield the error of orientation at the certified poses, if orientation was measured."""
     if report.orientation:
         before, after = (wording.significant(value, 3) for value in report.orientation)
         there = wording.turned(report.orientation[1], farthest_tool_point(report))
@@ -246,7 +246,7 @@ def _orientation(report: Report) -> Iterator[Line]:
 
 
 def _repeatability(report: Report) -> tuple[Line, ...]:
-    """Return accuracy and repeatability by ISO 9283, or why they are not stated."""
+    """Return accuracy and repeatability by ISO 9283, or the reason why they are not stated."""
     found, accurate = report.repeatability, report.positioning
     floor = ("noise floor", words.noise_floor(report))
     if found is None:
@@ -267,7 +267,7 @@ def _repeatability(report: Report) -> tuple[Line, ...]:
 
 
 def repeated(found: Repeatability) -> tuple[Line, ...]:
-    """Return the lines of the pose repeatability."""
+    """Return the lines of the certificate on pose repeatability."""
     mean = _with_uncertainty(found.rp_mean_mm, found.rp_stderr_mm, found.poses - 1)
     return (
         ("pose repeatability RP = l + 3 s, mean", mean),
@@ -297,7 +297,7 @@ def _record(report: Report) -> tuple[Line, ...]:
 
 
 def text(found: Certificate) -> str:
-    """Return scope, accuracy, repeatability and effects as text; parameters and record are on the page only."""
+    """Return scope, accuracy, repeatability and effects as text; only the page has parameters and record."""
     blocks = (
         (found.title, list(_lines(found.particulars)) or ["    no particulars were given"]),
         ("Scope", list(_lines(found.scope))),
@@ -317,7 +317,7 @@ def _accuracy(found: Certificate) -> Iterator[str]:
 
 
 def _lines(entries: Sequence[Line]) -> Iterator[str]:
-    """Yield the non-empty lines, each name with its value."""
+    """Yield the non-empty fields as lines, each name with its value."""
     for name, value in entries:
         if value and len(name) > NAME:
             yield f"    {name}"

@@ -173,13 +173,13 @@ def _cumulative(figure: Figure, errors: list[tuple[str, Array, str]], floor: flo
 
 
 SHARE_OF_SPAN = 0.13
-"""Length of a typical arrow relative to the size of the workspace: neighbours do not overlap."""
+"""Length of a typical arrow relative to the size of the workspace, so that neighbouring arrows do not overlap."""
 ARROWS = 250
 """Largest number of poses drawn, evenly spaced along the rows."""
 
 
 def _in_space(report: Report) -> Iterator[Picture]:
-    """Yield arrows from above, the displacement by each effect, and the residual by row, if points were measured."""
+    """Yield the pictures of residual arrows seen from above, displacement by each effect, and residual by row."""
     yield from _arrow_pictures(report)
     for number, effect in enumerate(report.effects, 1):
         if effect.moved is not None and effect.moved.points_mm:
@@ -252,7 +252,7 @@ def _arrows(
     magnification: float,
     sides: Sequence[tuple[int, int]],
 ) -> None:
-    """Draw arrows, each kind in its colour, and their scale, in one panel per pair of axes in `sides`."""
+    """Draw arrows, one colour for each kind, and a scale, in one panel per pair of axes in `sides`."""
     figure.set_layout_engine("compressed")  # constrained layout cuts the labels of equal axes
     for axes, side in zip(figure.subplots(1, len(sides), squeeze=False)[0], sides, strict=True):
         _seen_from(axes, points[:, side], [(move[:, side], colour) for move, colour in moves], magnification)

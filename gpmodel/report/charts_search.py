@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 FILLED = (True, False, True, False)
-"""Fill of the bars of each representation."""
+"""Fill style of the histogram bars of each program representation."""
 MOST_INPUTS = 18
 """Largest number of inputs in a histogram."""
 
@@ -123,8 +123,7 @@ def _inputs(figure: Figure, histogram: Histogram) -> None:
 
 
 def _search(figure: Figure, rounds: Sequence[RoundRecord], chosen: Collection[str]) -> None:
-    """Draw the gains of the candidates of each round. chosen: names of the effects in the model; the best one is
-    labelled."""
+    """Draw the gains of the candidates of each round. chosen: names of the effects in the model; one is labelled."""
     axes = figure.subplots()
     rows_only(axes, len(rounds), 0.6)
     for row, entry in enumerate(rounds):
@@ -237,7 +236,7 @@ def _compensation(figure: Figure, best: CompensationRecord) -> None:
 MOST_PARAMETERS = 36
 """Largest number of parameters in a picture."""
 KINDS = (("parameters_angles", "Angles", "rad", 1e6, "µrad"), ("parameters_lengths", "Lengths", "m", 1e6, "µm"))
-"""Name, title, unit, scale and printed unit of the _of_model of parameters."""
+"""Name, title, unit, scale and printed unit of each picture of parameters."""
 
 
 FEWEST_RANKS = 4

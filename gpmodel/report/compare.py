@@ -31,10 +31,10 @@ Record = ParameterRecord | EffectRecord
 
 @dataclass(frozen=True)
 class Change:
-    """A parameter before and after.
+    """A parameter in the first report (before) and in the second report (after).
 
     before, after: value and standard error, SI.
-    stderr: standard error of the difference, None if both fits are to the same rows.
+    stderr: standard error of the difference, None if both fits use equal rows.
     chance: probability of so large a difference without a change, corrected for all comparisons (Holm).
     """
 
@@ -47,7 +47,7 @@ class Change:
 
     @property
     def difference(self) -> float:
-        """After minus before."""
+        """Value after minus value before."""
         return self.after[0] - self.before[0]
 
     @property
@@ -62,7 +62,7 @@ class Change:
 
     @property
     def significant(self) -> bool:
-        """Whether the change is significant."""
+        """True if the change is significant."""
         return self.chance < SIGNIFICANCE
 
 
@@ -70,11 +70,12 @@ class Change:
 class Comparison:
     """Comparison of two reports.
 
-    parameters, effects, placement: what both reports have, largest change in σ first.
+    parameters, effects, placement: changes of the quantities in both reports, largest change in σ first.
     only_before, only_after: effects of one report.
-    incomparable: parameters that were fitted in one report only; in the other, further parameters absorbed them.
-    shared: number of rows to which both were fitted.
-    sources: names of the two sources.
+    incomparable: parameters that were fitted in one report only; in the other report, other parameters absorb the
+    error.
+    shared: number of rows to which both models were fitted.
+    sources: names of the two reports.
     """
 
     before: Report
@@ -90,13 +91,14 @@ class Comparison:
 
     @property
     def of_models(self) -> bool:
-        """Whether both results come from the same rows, so that only the models differ."""
+        """True if both reports use equal rows, so that only the models differ."""
         return self.shared == self.before.data.poses == self.after.data.poses
 
 
 def compare(before: Report, after: Report, sources: tuple[str, str] | None = None) -> Comparison:
     """Compare two reports of one machine, with the joint names of the second.
-    sources: names of the sources, by default their tables. Raises InputError if the machines differ."""
+    sources: names of the two reports, by default the names of their tables. Raises InputError if the machines differ.
+    """
     if not _one_machine(before.mechanism, after.mechanism):
         raise InputError(
             f"compare: {before.mechanism.name} with {len(before.mechanism.joints)} joints and {after.mechanism.name} "
@@ -127,7 +129,8 @@ def compare(before: Report, after: Report, sources: tuple[str, str] | None = Non
 
 
 def _one_machine(one: MechanismRecord, other: MechanismRecord) -> bool:
-    """Return whether two records are of one machine, whatever its names; by name if a tip position is unknown."""
+    """Return True if two records describe one machine: equal tip positions, or equal names if a tip position is
+    unknown."""
     if len(one.joints) != len(other.joints):
         return False
     if one.tip_at_probe_m is None or other.tip_at_probe_m is None:
@@ -146,8 +149,8 @@ def _named_as(report: Report, joints: tuple[str, ...]) -> Report:
 
 
 def shared_rows(before: Report, after: Report) -> int:
-    """Return the number of rows to which both were fitted, by their marks.
-    Without marks: all rows if the files are identical, else 0."""
+    """Return the number of rows to which both models were fitted, from the digests of the rows.
+    Without digests, the number is that of all rows if the files are identical, else 0."""
     if before.data.marks and after.data.marks:
         return (Counter(before.data.marks) & Counter(after.data.marks)).total()
     alike = before.data.sha256 == after.data.sha256 != ""
@@ -157,9 +160,8 @@ def shared_rows(before: Report, after: Report) -> int:
 def _turned_alike(
     old: Mapping[str, ParameterRecord], new: Mapping[str, ParameterRecord]
 ) -> tuple[Mapping[str, ParameterRecord], Mapping[str, ParameterRecord]]:
-    """Return both placements, with each rotation vector of the second moved by a whole turn if this is nearer to the
-    first.
-    Near half a turn a rotation vector and its opposite are one orientation."""
+    """Return registration and tool of both reports, with rotation vectors of the second report in the nearest turn.
+    Near half a turn a rotation vector and its opposite describe one orientation."""
     out = dict(new)
     for name in {n.removesuffix(" rx") for n in old if n.endswith(" rx")}:
         axes = [f"{name} r{axis}" for axis in "xyz"]
@@ -178,7 +180,7 @@ def _changes(
 ) -> tuple[Change, ...]:
     """Return the change of every quantity in both reports, with its p-value by a two-sided Student's t test.
 
-    shared: share of the rows of either report that the other has too, which makes the estimates correlated. For s
+    shared: share of the rows of each report that the other report also has; shared rows correlate the estimates. For s
     shared rows of n the covariance is the smaller (s / n) v of the two, with the variance v of the other. The
     covariance is exact if one table contains the other (Hausman 1978: the variance of the difference is the difference
     of the variances).
@@ -198,7 +200,7 @@ def _changes(
 
 
 def _corrected(lists: Sequence[tuple[Change, ...]]) -> list[tuple[Change, ...]]:
-    """Return the lists with p-values corrected for all comparisons, since one verdict covers them all."""
+    """Return the lists of changes with p-values corrected for the number of all comparisons."""
     chances = iter(holm(np.array([c.chance for c in chain(*lists)])))
     return [tuple(replace(c, chance=float(next(chances))) for c in changes) for changes in lists]
 
@@ -215,9 +217,9 @@ SIDES = ("before", "after")
 
 
 def verdict(found: Comparison) -> str:
-    """State in one sentence what changed beyond chance.
-    If different parameters were fitted, other parameters absorbed the missing ones; their changes
-    are then not counted."""
+    """State the significant changes in one sentence.
+    If different parameters were fitted, other parameters absorb the missing parameters; changes of absorbing parameters
+    are not counted."""
     tool = [c for c in found.placement if c.name.startswith("tool")]
     compared = (*found.effects, *(() if found.incomparable else (*found.parameters, *tool)))
     changed = [c.name for c in compared if c.significant]
@@ -266,7 +268,7 @@ def text(found: Comparison) -> str:
 
 
 def cells(c: Change) -> tuple[str, str, str, str]:
-    """Return before, after and change ± σ in one unit, common to all lengths or all angles, and the unit."""
+    """Return the value before, the value after and the change ± σ as text in one unit, and the unit."""
     least = min(c.before[1], c.after[1]) if c.stderr is None else c.stderr
     largest = max(abs(c.before[0]), abs(c.after[0]), least)
     factor, unit = wording.OF_LISTS.get(c.unit) or wording.prefix(largest, c.unit)

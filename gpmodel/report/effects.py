@@ -49,9 +49,9 @@ def indices(calibration: Calibration, candidate: Candidate) -> list[int]:
 
 
 def quantity(calibration: Calibration, candidate: Candidate, states: States) -> Quantity:
-    """Return the size of a finding as one number: its amplitude.
-    The standard error is propagated through the covariance. The basis of a harmonic is A sin(x + p)
-    with its phase p."""
+    """Return the size of a finding as one number, the amplitude.
+    The standard error of the amplitude is propagated through the covariance. The basis of a harmonic is A sin(x + p)
+    with phase p."""
     at = indices(calibration, candidate)
     theta = calibration.theta[at]
     deviation = np.nan_to_num(calibration.stderr[at])
@@ -84,8 +84,8 @@ def _curve_in_words(candidate: Candidate) -> str:
 
 
 def shape(calibration: Calibration, candidate: Candidate, states: States) -> Array:
-    """Return Σ θ φ (N,) of a finding over the poses of `states`, along its first term.
-    For one basis function along several axes, it is φ times the length of the vector."""
+    """Return Σ θ φ (N,) of a finding over the poses of `states`, along the axis of its first term.
+    For one basis function along several axes, the value is φ times the length of the vector of the θ."""
     if candidate.kind in ("single", "vector"):
         term = candidate.place
         return quantity(calibration, candidate, states).value * term.weight * term.basis(states)
@@ -94,8 +94,7 @@ def shape(calibration: Calibration, candidate: Candidate, states: States) -> Arr
 
 
 def read_columns(inputs: Sequence[str]) -> list[str]:
-    """Return the inputs of an effect as listed in the report: the torque of a payload is listed
-    as payload and torque."""
+    """Return the inputs of an effect as listed in the report; a payload torque is listed as payload and torque."""
     out: list[str] = []
     for name in inputs:
         own = name.startswith(f"{PAYLOAD_SHARE}torque_")
@@ -104,7 +103,7 @@ def read_columns(inputs: Sequence[str]) -> list[str]:
 
 
 WEAK = 0.05
-"""Least squared motion of the point by a unit twist, relative to the largest, at a pose that is drawn: √0.05 = 22 %."""
+"""Least squared motion of the point by a unit twist at a plotted pose, relative to the largest: √0.05 = 22 %."""
 
 
 def shape_record(
@@ -112,7 +111,7 @@ def shape_record(
 ) -> ShapeRecord | None:
     """Return the partial residual of a candidate pose by pose: its contribution plus the residual along its column.
 
-    partial = θ φ + l·r / l·l,  l: motion of the measured components per unit of the twist, r: their residual, all
+    partial = θ φ + l·r / l·l. l: motion of the measured components per unit of the twist. r: residual. Both are
     weighted as in the fit. None if the candidate is not in the model.
     """
     mechanism = final.model.mechanism
@@ -164,9 +163,9 @@ Moved = tuple[Array, Array]
 def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]) -> list[Moved | None]:
     """Return the displacements of the tool by groups of effects, at random joint values within the limits.
 
-    Other inputs are as in random rows of the table. Far outside their range, formulas without a name keep their value
-    at its ends, as in `predict`. None for effects of the session only, for a mechanism with unmeasured joints, or if
-    the model depends on earlier rows whose order is not stated.
+    Inputs other than joint values are those of random rows of the table. Far outside the range of an input, formulas
+    outside the catalogue are held constant, as in `predict`. None for effects of the session only, for a mechanism with
+    unmeasured joints, or if the model depends on earlier rows whose order is not stated.
     """
     if poses.dataset.joints_approximate:
         return [None] * len(groups)
@@ -189,7 +188,7 @@ def _sizes(moved: Moved | None) -> ErrorsMm:
 
 
 def _picture(moved: Moved, anywhere: bool) -> MovedRecord:
-    """Return the displacements at equally spaced points, at most SHOWN."""
+    """Return the displacements of the tool at equally spaced points, at most SHOWN."""
     points, moves = (1e3 * values[:, :3][:: max(1, -(-len(values) // SHOWN))] for values in moved)
     return MovedRecord(anywhere, fitted.vectors(np.round(points, 1)), fitted.vectors(moves))
 
@@ -201,9 +200,9 @@ def effect_records(
     names: Mapping[str, str],
     states: States,
 ) -> tuple[EffectRecord, ...]:
-    """Return the records of candidates as fitted to `poses`, with their displacement of the tool at measured and random
+    """Return the records of candidates fitted to `poses`, with the displacement of the tool at measured and random
     poses.
-    names: names in the table. states: inputs at the poses."""
+    names: joint names in the table. states: inputs at the poses."""
     groups = [candidate.effects for candidate in candidates]
     if not groups:
         return ()
@@ -251,7 +250,7 @@ def effect_records(
 
 
 AGAINST = 2.0
-"""Standard errors below zero at which a compliance is impossible."""
+"""Number of standard errors below zero at which the value of a compliance is physically impossible."""
 
 
 IMPOSSIBLE = (
@@ -262,7 +261,7 @@ IMPOSSIBLE = (
 
 
 def _against(candidate: Candidate, number: Quantity, poses: Poses) -> str:
-    """State that the sign of a compliance is impossible; empty otherwise. Measured torques keep their signs."""
+    """State that the sign of a compliance is impossible; empty for a possible sign, and for measured torques."""
     known = family(candidate.family)
     computed = set(candidate.inputs).isdisjoint(poses.dataset.extras)
     impossible = known is not None and known.yields and computed and number.value <= -AGAINST * number.stderr
@@ -270,7 +269,7 @@ def _against(candidate: Candidate, number: Quantity, poses: Poses) -> str:
 
 
 def from_calibration(ladder: Ladder, origin: Origin) -> Report:
-    """Build the report of a calibration with its named effects, in the names of the table."""
+    """Build the report of a calibration with named effects, with the joint names of the table."""
     report = replace(build("calibrate", ladder, origin), effects=tuple(named_effects(ladder)))
     return replace(report, verdict=verdict.of_calibration(report))
 

@@ -1,4 +1,4 @@
-"""One finding in words: its site, its size at the tool, its likely cause, and measurements that would confirm it."""
+"""Explanation of a finding: site, size at the tool, likely cause, and measurements that would confirm the finding."""
 
 from collections.abc import Iterator, Set
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ class Explanation:
 
 
 def explain(report: Report, number: int, tellable: Set[str] | None = None) -> Explanation:
-    """Explain finding `number`, from 1, of a report. Raises InputError if there is no such finding.
+    """Explain finding `number`, from 1, of a report. Raises InputError if the report has no finding `number`.
     tellable: names of causes that further poses could distinguish from the findings; None if not computed."""
     if not 1 <= number <= len(report.effects):
         have = f"1 to {len(report.effects)}" if report.effects else "a report with findings"
@@ -62,7 +62,7 @@ def explain(report: Report, number: int, tellable: Set[str] | None = None) -> Ex
 
 
 def text(found: Explanation) -> str:
-    """Return the explanation in 80 columns."""
+    """Return the explanation as text of 80 columns."""
     blocks = (
         ("", (found.value,)),
         ("site", (found.chain, found.where)),
@@ -151,7 +151,7 @@ def _facts(report: Report, effect: EffectRecord) -> Iterator[str]:
 
 
 def _cause(effect: EffectRecord) -> str:
-    """State the physical cause from the effect's family, else how the effect entered the model."""
+    """State the physical cause from the effect's family; without a family, state how the effect entered the model."""
     if effect.explanation:
         return " ".join(filter(None, (sentence(effect.explanation), effect.against)))
     if effect.found_by == NAMED:
@@ -160,10 +160,10 @@ def _cause(effect: EffectRecord) -> str:
 
 
 LOW_SHARE = 0.3
-"""Unique share below which the standard error is more than three times the standard error with the other unknowns known
-(1 / share)."""
+"""Unique share of an effect below which its standard error is more than three times as large as if the other unknowns
+were known (1 / share)."""
 WELL_KNOWN = 10.0
-"""Ratio of value and standard error above which a value is known to a tenth."""
+"""Ratio of value and standard error above which the error of a value is below a tenth of the value."""
 
 MEASURES = {
     "clock": "measure the first poses again at the end of the session and on the next day: an effect of the session "
@@ -181,8 +181,7 @@ MEASURES = {
 
 
 def kinds_of(name: str, unit: str, joints: Set[str]) -> tuple[str, ...]:
-    """Return the kinds of a column: clock, temperature, payload, load, approach, delay, speed; empty for angles and
-    others."""
+    """Return the kinds of a column: clock, temperature, payload, load, approach, delay, speed; else empty."""
     derived = constant_of(name)
     if derived is not None:
         what, source, _ = derived
@@ -208,7 +207,7 @@ def _is_speed(unit: str) -> bool:
 
 
 def advice(report: Report, effect: EffectRecord, tellable: Set[str] | None) -> Iterator[str]:
-    """Yield advice in sentences.
+    """Yield sentences that advise on further measurements for an effect.
     tellable: names of causes that further poses could distinguish from the effect; None if not computed."""
     close = [cause.names[0] for cause in effect.others]
     told = [name for name in close if tellable is None or name in tellable]

@@ -1,5 +1,4 @@
-"""explore.html: the arm, its poses and their residuals before and after, in a rotatable view;
-made from a Report alone."""
+"""explore.html: rotatable 3-D view of the arm, the poses and the residuals before and after, made from a Report."""
 
 import numpy as np
 
@@ -12,27 +11,28 @@ from gpmodel.wording import millimetres
 
 PAGE = "explore.html"
 CAMERA = {"eye": {"x": 1.5, "y": 1.5, "z": 0.9}, "center": {"x": 0.0, "y": 0.0, "z": -0.12}}
-"""Viewpoint from which no axis is cut off."""
+"""Viewpoint of the 3-D view from which no coordinate axis is cut off."""
 SCALE = [[0.0, "#3d8fd6"], [0.5, "#b98a2f"], [1.0, "#d0452b"]]
 """Colours from small errors (blue) to large errors (red)."""
 WORST = 30
 """Number of poses listed next to the view, in order of decreasing error."""
 LONGEST = 0.12
-"""Length of the arrow of the 90th percentile of the residuals before, relative to the span of the poses."""
+"""Length of the arrow for the 90th percentile of the residuals before calibration, relative to the span of the poses.
+"""
 MOST = 3000
-"""Largest number of poses shown, evenly spaced along the rows: the file stays below 6 MB."""
+"""Largest number of poses shown, evenly spaced along the rows; the file then stays below 6 MB."""
 COLOURS = {"before": "#868d98", "after": "#3d8fd6", "arm": "#8e63ce", "slot": "#868d98"}
 """Colours with a contrast of at least 3 on light and dark paper; the arm's colour is not in SCALE."""
 
 
 def drawable(report: Report) -> bool:
-    """Return whether there are positions and residuals to draw."""
+    """Return True if the report has positions and residuals to draw."""
     residual = report.plots.residual_mm.get("final", ())
     return len(residual) > 0 and bool(np.isfinite(numbers(residual)).any())
 
 
 def html(report: Report) -> str:
-    """Return the page, with the drawing library inside so that it opens offline."""
+    """Return the page as HTML, with the drawing library inside the file, so that the page opens offline."""
     from plotly.offline import get_plotlyjs
 
     figure, magnification = figure_of(report)
@@ -88,7 +88,7 @@ def figure_of(report: Report) -> tuple[dict[str, object], float]:
 
 
 def _table_slots(report: Report) -> tuple[str, ...]:
-    """Return the slots with the joint names of the table, if there is one joint per pair of slots."""
+    """Return the names of the slots with the joint names of the table, if every pair of slots has one joint."""
     slots, joints = report.plots.slots, report.mechanism.joints
     own = list(dict.fromkeys(s.partition(".")[0] for s in slots if "." in s))
     names = dict(zip(own, joints, strict=True)) if len(own) == len(joints) else {}
@@ -96,12 +96,12 @@ def _table_slots(report: Report) -> tuple[str, ...]:
 
 
 def every_so_many(report: Report) -> int:
-    """Return the step between poses that are shown."""
+    """Return the step between the rows of the poses that are shown."""
     return max(1, -(-len(report.plots.points_mm) // MOST))
 
 
 def _hover(report: Report) -> list[tuple[int, str]]:
-    """Return row and text of every pose, in the order of the rows."""
+    """Return the row number and the hover text of every pose, in the order of the rows."""
     errors = {p.row: p for p in pose_errors(report)}
     out = []
     for row in report.plots.rows:
@@ -130,7 +130,7 @@ def _arrows(points: Array, residual: Array, magnification: float, name: str, col
 
 
 def _dots(points: Array, said: list[tuple[int, str]], error: Array) -> dict[str, object]:
-    """Return a dot per pose, coloured by its error after, mm; the scale ends at the 98th percentile."""
+    """Return a dot per pose, coloured by the error after, mm; the colour scale ends at the 98th percentile."""
     most = float(np.nanpercentile(error, 98)) if np.isfinite(error).any() else 1.0
     return {
         "type": "scatter3d", "mode": "markers", "name": "poses", "hoverinfo": "text", "text": [t for _, t in said],

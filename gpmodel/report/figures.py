@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Made = TypeVar("Made")
 
 DOTS_PER_INCH = 192
-"""Resolution of figures: twice a screen's, so that text stays sharp when enlarged."""
+"""Resolution of figures, dots per inch: twice the resolution of a screen, so that enlarged text stays sharp."""
 _LINK = rf'<a xlink:href="({EXPLORE}#row=(\d+))"[^>]*>'
 FONT = "DejaVu Sans"
 Setting = str | float | bool | list[str]
@@ -65,13 +65,12 @@ COLOURS = {
     INK: "ink", MUTED: "muted", RULE: "rule", AXIS: "axis", PAPER: "paper", BEFORE: "before", AFTER: "after",
     AFTER_LIGHT: "light", NULL: "null", "#000000": "ink",
 }  # fmt: skip
-"""Name in the page of each colour of the pictures."""
+"""Name of each colour of the pictures in the style sheet of the page."""
 
 
 @contextmanager
 def drawing_style(more: Mapping[RcKeyType, Setting]) -> Iterator[None]:
-    """Draw in STYLE and `more`, without warnings about letters and weights that fonts lack: a page uses the browser's
-    fonts."""
+    """Draw in STYLE and `more`, without warnings about missing letters; a page uses the fonts of the browser."""
     fonts = logging.getLogger("matplotlib.font_manager")
     with rc_context({**STYLE, **more}), warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph \d+ .* missing from", UserWarning)
@@ -122,14 +121,14 @@ def figure(picture: Picture) -> Figure:
 
 
 def in_a_page_of_its_own(picture: Picture) -> str:
-    """Return SVG that contains its colours, for pages other than the report."""
+    """Return SVG with the colours of the pictures included, for pages other than the report."""
     colours = "; ".join(f"--{name}: {colour}" for colour, name in COLOURS.items())
     return f'<div style="{colours}">{drawn([picture])[picture.name]}</div>'
 
 
 def svg_of(figure: Figure) -> str:
-    """Return a figure as SVG without background; its layout is fixed afterwards.
-    The canvas draws it once; `savefig` would draw it twice for the layout."""
+    """Return a figure as SVG without background; the layout of the figure is then fixed.
+    The canvas draws the figure once; `savefig` would draw the figure twice for the layout."""
     text, paper, dpi = io.StringIO(), figure.get_facecolor(), figure.dpi
     figure.set_facecolor("none")
     FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None})

@@ -1,4 +1,4 @@
-"""Records of a fitted calibration: steps, parameters, placement, errors pose by pose."""
+"""Records of a fitted calibration: steps, parameters, registration and tool, errors pose by pose."""
 
 from collections.abc import Mapping, Sequence
 
@@ -56,7 +56,7 @@ def correlations(final: Calibration, effects: Sequence[Effect], names: Mapping[s
 def parameters(
     final: Calibration, names: Mapping[str, str], without: frozenset[str] = frozenset()
 ) -> tuple[ParameterRecord, ...]:
-    """Return the records of the unknowns of a fit, except for the names in `without`."""
+    """Return the records of the unknowns of a fit, except for the unknowns named in `without`."""
     return tuple(
         ParameterRecord(
             name=translate(effect.name, names),
@@ -73,7 +73,7 @@ def parameters(
 
 
 def placement(final: Calibration) -> tuple[ParameterRecord, ...]:
-    """Return tool and registration of a fit, number by number, the tool first."""
+    """Return the numbers of tool point and registration of a fit as records, the tool first."""
     ordered = sorted(final.placed, key=lambda p: not p.name.startswith("tool"))
     return tuple(ParameterRecord(p.name, float(p.value), optional(p.stderr), p.unit) for p in ordered)
 
@@ -83,8 +83,8 @@ def tool_displacements(
 ) -> tuple[Array, list[Array]]:
     """Return the measured points (K, 3), m, and their displacement by each group of effects (K, 6), m and rad.
 
-    The last three numbers are the rotation of the tool. All numbers are in the root frame, at the K of N poses at
-    which the loops of the mechanism close with all effects and without any one group.
+    The last three numbers are the rotation of the tool. All numbers are in the root frame, at those K of N poses at
+    which the loops of the mechanism close with all effects and without each single group.
     """
     model, names = calibration.model, [{e.name for e in group} for group in groups]
     without = [np.where([e.name in own for e in model.effects], 0.0, calibration.theta) for own in names]
@@ -105,7 +105,7 @@ def tool_displacements(
 
 def of_specification(effects: Sequence[Effect], moved: ErrorsMm, data: Dataset) -> float | None:
     """Return the size of an instrument error relative to its specification, RMS over the poses.
-    None for an effect of the mechanism, or without a specification."""
+    The result is None for an effect of the mechanism, or without a specification."""
     if data.instrument is None or moved.rms_mm is None or not all(e.of_the_instrument for e in effects):
         return None
     return moved.rms_mm / (1e3 * data.instrument.at(data.position))
@@ -115,7 +115,7 @@ def moves_alone(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect
     """Return the RMS displacement, mm, by each group of effects that nothing else in the model absorbs.
 
     The value is the residual of the displacement projected on the columns of all other unknowns, registration and tool
-    included. None with free joints, which absorb more at every pose, and without a measured point.
+    included. None with free joints, which absorb a part at every pose, and without a measured point.
     """
     problem = problem_at(fit, poses)
     point = np.nonzero(problem.weights > 0)[1] < 3
@@ -135,7 +135,7 @@ def moves_alone(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect
 
 def root_residual(calibration: Calibration, poses: Poses) -> Array:
     """Return measured minus modelled position (N, 3) in the root frame, m.
-    NaN if nothing was measured, or for a set-up or tool that the calibration does not know."""
+    The difference is NaN without a measurement, or for a set-up or tool that the calibration does not contain."""
     out = np.full((len(poses), 3), np.nan)
     known = _known(calibration, poses)
     seen = resolved(calibration, poses.subset(known))
@@ -149,7 +149,7 @@ def root_residual(calibration: Calibration, poses: Poses) -> Array:
 
 def turns(fits: Sequence[tuple[Calibration, Poses]], poses: Poses) -> Array:
     """Return the angle (N,), rad, between measured and modelled orientation, by the fit that is listed with each pose.
-    NaN if none was measured, or for a set-up or tool that the fit does not know."""
+    The angle is NaN without a measurement, or for a set-up or tool that the fit does not contain."""
     out = np.full(len(poses), np.nan)
     for fit, some in fits:
         seen = resolved(fit, some.subset(_known(fit, some)))
@@ -165,7 +165,7 @@ def _known(calibration: Calibration, poses: Poses) -> IntArray:
 
 
 def plots(poses: Poses, train: IntArray, steps: Sequence[Step]) -> PlotRecord:
-    """Return errors and residuals pose by pose, of steps fitted to the rows `train`."""
+    """Return errors and residuals pose by pose, for the steps fitted to the rows `train`."""
     heldout = ~np.isin(np.arange(len(poses)), train)
     fits = {step.name: step.calibration for step in steps}
     last = steps[-1].calibration

@@ -1,4 +1,4 @@
-"""Several machines of one type, as text of 80 columns and as a page, made from a FleetPart alone."""
+"""Report on several machines of one type, as text of 80 columns and as a page, made from a FleetPart."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PANELS = 9
-"""Number of parameters with a panel of their own, three in a row; the map has all."""
+"""Number of parameters that have a separate panel, three in a row; the map has all parameters."""
 MOST_MACHINES = 60
 """Largest number of machines in the picture of every machine and parameter."""
 MOST_NAMES = 20
@@ -45,8 +45,7 @@ MOST_NAMES = 20
 
 
 def pictures(fleet: FleetPart) -> Iterator[Picture]:
-    """Yield the errors of every machine, the map of all machines and parameters if one stands out, and single
-    parameters."""
+    """Yield the pictures: errors of every machine, map of machines and parameters, single parameters."""
     count = len(fleet.machines)
     if all(m.standard_mm and m.own_mm and m.fleet_mm for m in fleet.machines):
         yield Picture(
@@ -81,8 +80,7 @@ def in_words(part: SharedPart, value: float, deviation: float) -> tuple[float, f
 
 
 def _shown(fleet: FleetPart) -> list[SharedPart]:
-    """Return the shown parameters: effects beyond geometry, parameters with outliers, then geometry of the farthest
-    machines."""
+    """Return the shown parameters: effects, parameters with outliers, geometry of the most deviating machines."""
     first = [p for p in fleet.parameters if not p.constant or p.outliers]
     rest = sorted((p for p in fleet.parameters if p not in first), key=lambda p: -np.abs(p.z).max())
     return (sorted(first, key=lambda p: not p.outliers) + rest)[:PANELS]
@@ -125,7 +123,7 @@ def _errors(figure: Figure, fleet: FleetPart) -> None:
 
 
 def _name(axes: Axes, serials: Sequence[str]) -> None:
-    """Label the machines along an axis; many labels are upright, and some are left out if they would overlap."""
+    """Label the machines along an axis; many labels are upright, and overlapping labels are omitted."""
     every = -(-len(serials) // MOST_NAMES)
     shown = [wording.shortened(serial, 14) for serial in serials[::every]]
     axes.set_xticks(range(0, len(serials), every), shown, rotation=90 if len(shown) > 3 else 0)
@@ -167,8 +165,8 @@ PAGE = "fleet.html"
 MOST_SAID = 3
 WELL_KNOWN = 3.0
 NOT_TESTED = f"Outliers are not tested: the test needs {FEWEST} machines"
-"""Number of outliers and effects that the verdict names; ratio of a mean to its prior above which spreads are stated
-relative to the mean."""
+"""Number of outliers and effects that the verdict names; ratio of a mean to its prior standard deviation above which
+spreads are stated relative to the mean."""
 
 
 def verdict(fleet: FleetPart) -> str:
@@ -217,8 +215,8 @@ def said(part: SharedPart) -> wording.Stated:
 
 
 def spread(part: Part) -> str:
-    """State the spread between machines: relative to a well known mean, otherwise in its own unit.
-    The spread of a block is stated relative to its priors."""
+    """State the spread between machines: relative to a well known mean, otherwise in the unit of the parameter.
+    The spread of a block of effects is stated relative to the priors of the block."""
     if isinstance(part, BlockPart):
         return f"{wording.percent(part.spread)} of prior"
     size = _size(part)
@@ -240,7 +238,7 @@ def band(part: Part) -> str:
 
 
 def _size(part: SharedPart) -> float | None:
-    """Return the reference of a relative spread; None if the spread is stated in its own unit."""
+    """Return the reference value of a relative spread; None if the spread is stated in the unit of the parameter."""
     if part.name == NOISE:
         return 1.0
     return abs(part.mean) if not part.constant and abs(part.mean) > WELL_KNOWN * part.prior else None
@@ -260,7 +258,7 @@ def summary(fleet: FleetPart) -> str:
 
 
 def record_of(fleet: FleetPart) -> Iterator[str]:
-    """Yield the origin of the numbers and their limits."""
+    """Yield sentences on the origin and the limits of the stated numbers."""
     yield f"effects {fleet.chosen}"
     factor = coverage_factor(len(fleet.machines) - 1)
     yield f"± σ of a mean: standard uncertainty (k = 1); ± {factor:.2f} σ is the 95 % interval (k from Student's t)"
@@ -310,7 +308,7 @@ def _blocks(fleet: FleetPart) -> Iterator[str]:
 
 
 def html(fleet: FleetPart, drawings: dict[str, str]) -> str:
-    """Return the page. drawings: inline SVG of the pictures by name."""
+    """Return the page as HTML. drawings: inline SVG of the pictures by name."""
     return render(
         "fleet.html.j2", fleet=fleet, verdict=sentences(fleet), said=said, spread=spread, band=band,
         deviation=deviation, page=f"{MACHINES}/{{}}/{REPORT}",

@@ -1,4 +1,4 @@
-"""Builds the Report of a discovery or an evolution."""
+"""Build the Report of a search (`discover`) or of an evolution (`evolve`)."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -49,7 +49,7 @@ def from_evolution(
     start: Ladder, runs: Sequence[Run], counted: Histogram, origin: Origin, best: CompensationRecord
 ) -> Report:
     """Build the report of an evolution: fitted models, the best program of every run, and the referenced inputs.
-    start: models fitted to the training poses; the runs explain the residual of the last one."""
+    start: models fitted to the training poses; the runs explain the residual of the last model."""
     names = names_of(start.poses.dataset)
     report = replace(
         build("evolve", start, origin),
@@ -63,7 +63,7 @@ def from_evolution(
 
 def compensation(runs: Sequence[Run], problem: Problem) -> CompensationRecord:
     """Return the outputs of the best program at the training poses, with every input that it references.
-    Outputs of a compensator are shifts of the point, mm; at a slot they are values without coefficients."""
+    Outputs of a compensator are shifts of the point, mm; outputs at a slot are basis functions without coefficients."""
     best = max((run for run in runs if not run.shuffled), key=lambda run: run.gain)
     program, columns = parse(best.program), problem.inputs.mapping()
     values = np.asarray(program.evaluate(columns), dtype=float).reshape(len(program.outputs), -1)
@@ -77,8 +77,8 @@ def compensation(runs: Sequence[Run], problem: Problem) -> CompensationRecord:
 
 
 def fronts(discovery: Discovery) -> list[tuple[FormulaRecord, ...]]:
-    """Return the Pareto front of formulas of each finding that is a formula, at its site, shortest first; else empty.
-    nats = dof/2 · -ln(1 - gain), given everything else in the model fitted to all poses."""
+    """Return for each finding the Pareto front of formulas at its site, shortest first; empty if it is no formula.
+    Gain in log likelihood: nats = dof/2 · -ln(1 - gain), given everything else in the model fitted to all poses."""
     found = discovery.fitted.candidates
     able = [one.found_by in FORMULAS and len(one.effects) == 1 for one in found]
     if not any(able):
@@ -108,7 +108,7 @@ def _front(discovery: Discovery, found: Candidate, residual: Residual) -> tuple[
 
 
 def _replaces(candidate: Candidate, found: Candidate) -> bool:
-    """Return whether a formula acts at the site of the finding, in some of its inputs."""
+    """Return True if a formula acts at the site of the finding and depends on an input of the finding."""
     (term,), own = found.effects[0].terms[:1], candidate.effects
     there = len(own) == 1 and (own[0].terms[0].slot, own[0].terms[0].axis) == (term.slot, term.axis)
     return there and set(candidate.inputs) <= set(found.inputs) and candidate.bases != found.bases
@@ -139,7 +139,7 @@ def from_discovery(discovery: Discovery, origin: Origin, saved: SavedModel | Non
 
 
 def _by_folds(report: Report, discovery: Discovery) -> Report:
-    """Return the report of a selection on all poses, with the error of each pose by the selection without it."""
+    """Return the report of a selection on all poses, with the error of each pose from the fold without the pose."""
     count, plots = len(discovery.poses), report.plots
     errors = {name: replace(sides, train=()) for name, sides in plots.error_mm.items()}
     held = [(part, part.poses.subset(part.heldout)) for part in discovery.parts]
@@ -167,7 +167,7 @@ def _histograms(discovery: Discovery, names: Mapping[str, str]) -> tuple[Histogr
 
 
 def _effects(discovery: Discovery, names: Mapping[str, str]) -> Iterator[EffectRecord]:
-    """Yield the records of all findings, with their tests and alternatives."""
+    """Yield the records of all findings, with test results and alternatives."""
     poses, steps = discovery.poses, {step.finding: step for step in discovery.steps}
     records = effect_records(discovery.found, poses, discovery.fitted.candidates, names, poses.states)
     formulas = fronts(discovery)

@@ -34,7 +34,7 @@ PACKAGES = ("gpmodel", "numpy", "scipy", "numba", "deap", "pin", "sympy")
 
 @dataclass(frozen=True)
 class Origin:
-    """Request behind a report. noise: standard deviation of one coordinate by the instrument, m, if given."""
+    """Command, table and options behind a report. noise: stated standard deviation of one coordinate, m, or None."""
 
     command: str
     seed: int
@@ -61,7 +61,7 @@ def mechanism_record(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanis
 
 
 def data_record(poses: Poses, train: int, outliers: IntArray) -> DataRecord:
-    """Return the record of the table: its file, split, joint ranges, and `outliers` (K,) by index of the pose."""
+    """Return the record of the table: file, split, joint ranges, and `outliers` (K,) by index of the pose."""
     data = poses.dataset
     return DataRecord(
         file=data.source,
@@ -78,7 +78,7 @@ def data_record(poses: Poses, train: int, outliers: IntArray) -> DataRecord:
 
 def marks(data: Dataset) -> tuple[str, ...]:
     """Return eight digits of a digest of the joint values and measurements of each row.
-    Empty if there are kinds of measurements that columns do not hold."""
+    The result is empty if the table has kinds of measurements that columns cannot represent."""
     if data.observations:
         return ()
     readings = [data.position, data.rotation, *(data.distances[name] for name in sorted(data.distances))]
@@ -102,9 +102,9 @@ def floor_mm(
 ) -> tuple[float | None, NoiseSource | None]:
     """Return the 3-D RMS of the measurement noise, mm, and its source: repeats, stated noise, or specification.
 
-    The first available source is used. Repeats are compared after subtraction of the fit, since their temperatures may
-    differ. A stated σ is of one coordinate; for a pose with c measured components the RMS
-    is σ √c. values: number of components that inform the model, if solved joint values absorb the others.
+    The first available source is used. Repeats are compared after subtraction of the fit, because the temperatures of
+    repeats may differ. A stated σ is the standard deviation of one coordinate; with c measured components the RMS is σ
+    √c. values: number of components that inform the model, if solved joint values absorb the others.
     """
     data = poses.dataset
     observed = observe(fit.model, resolved(fit, poses), fit.theta, fit.placement)
@@ -120,7 +120,7 @@ def floor_mm(
 
 
 def instrument_record(data: Dataset) -> InstrumentRecord | None:
-    """Return the noise expected from the instrument's specification at the table's distances; None without one."""
+    """Return the noise expected from the instrument's specification at the measured distances, or None."""
     stated, points = data.instrument, data.position
     if stated is None:
         return None
@@ -128,7 +128,7 @@ def instrument_record(data: Dataset) -> InstrumentRecord | None:
 
 
 FEWEST = 3
-"""Least number of repeats of a pose for their spread, and of poses for the spread between poses."""
+"""Least number of repeats of a pose for a standard deviation, and of poses for the spread between poses."""
 REPEATS = 30
 """Repeats of every pose by ISO 9283, table 7."""
 
@@ -136,9 +136,9 @@ REPEATS = 30
 def repeatability(data: Dataset) -> Repeatability | None:
     """Return the pose repeatability, 7.2.2: RP = l + 3 S_l over the repeats of a pose; None without repeats.
 
-    l_j: distance of repeat j from the mean of its pose, l and S_l their mean and standard deviation (n - 1). The
-    uncertainty of the mean over the poses is from their spread. With fewer repeats than the standard's 30, RP is
-    smaller.
+    l_j: distance of repeat j from the mean position of its pose. l, S_l: mean and standard deviation (n - 1) of l_j.
+    The uncertainty of the mean over the poses is computed from the spread between poses. With fewer repeats than the 30
+    of the standard, RP is smaller.
     """
     by_pose = [1e3 * np.linalg.norm(data.position[k] - data.position[k].mean(axis=0), axis=1) for k in _repeats(data)]
     if not by_pose:
@@ -153,9 +153,9 @@ def repeatability(data: Dataset) -> Repeatability | None:
 def positioning(poses: Poses, train: IntArray, steps: Sequence[Step]) -> Positioning | None:
     """Return the pose accuracy, 7.2.1: distance of the mean of a pose's repeats from its modelled position.
 
-    The model is the nominal geometry (registration and tool alone) before, and that of the last step after. Poses are
-    held out; if fewer than FEWEST are, fitted poses are used, with errors scaled as if left out. None if fewer than
-    FEWEST poses were measured FEWEST times.
+    Before: nominal geometry with fitted registration and tool. After: model of the last step. The poses are held-out
+    poses; with fewer than FEWEST held-out poses, fitted poses are used, with errors scaled as if left out. None if
+    fewer than FEWEST poses were measured FEWEST times.
     """
     heldout = ~np.isin(np.arange(len(poses)), train)
     every = list(_repeats(poses.dataset))
@@ -187,7 +187,7 @@ def _repeats(data: Dataset) -> Iterator[IntArray]:
 
 
 def _left(fit: Calibration, poses: Poses, chosen: Sequence[IntArray]) -> Array:
-    """Return the share (P,) of the variance of a pose's mean in its residual: 1 - its leverage."""
+    """Return the ratio (P,) of residual variance to variance of the mean of a pose: 1 - leverage."""
     problem, out = problem_at(fit, poses), []
     for rows in chosen:
         columns = problem.columns[np.isin(problem.pose_of_row, rows)]
@@ -204,7 +204,7 @@ def _mean(values: Array) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Particulars:
-    """Free text of a certificate; an empty line is filled in by hand."""
+    """Text fields of a certificate; an empty field is filled in by hand."""
 
     machine: str = ""
     serial: str = ""
@@ -220,11 +220,11 @@ class Particulars:
     remarks: str = ""
 
     def lines(self) -> tuple[tuple[str, str], ...]:
-        """Return every line as heading and text."""
+        """Return every field as heading and text."""
         return tuple((f.name.replace("_", " "), getattr(self, f.name)) for f in dataclasses.fields(self))
 
     def with_lines(self, said: Mapping[str, str]) -> "Particulars":
-        """Return the particulars with the non-empty lines replaced. Raises InputError for an unknown line."""
+        """Return the text fields with non-empty new values inserted. Raises InputError for an unknown field."""
         known = [f.name for f in dataclasses.fields(self)]
         for name in said:
             if name not in known:
@@ -235,7 +235,7 @@ class Particulars:
 
 
 def read_particulars(path: Path) -> Particulars:
-    """Read particulars from a TOML file with keys of the same names.
+    """Read the text fields of a certificate from a TOML file; the keys are the names of the fields.
     Raises InputError for a missing or invalid file, an unknown key, or a value that is not text, number or date."""
     content = read_toml(path, "lines as in serial = '64-10291'")
     known = [f.name for f in dataclasses.fields(Particulars)]

@@ -1,4 +1,4 @@
-"""report.html: one page that opens offline, made from a Report and its drawings alone."""
+"""report.html: one page that opens offline, made from a Report and drawings."""
 
 import base64
 import hashlib
@@ -22,7 +22,7 @@ NAME = 80
 _INSIDE = re.compile(r"(?<=\d) (?=[→±%]|[nµmk]?(?:m|rad|N|px|deg)\b)|(?<=[→±]) ")
 """Spaces at which a line of a title must not break."""
 MOST_POSES = 400
-"""Number of poses on the page, the largest error first; poses.csv has all."""
+"""Number of poses listed on the page, the largest error first; poses.csv lists all poses."""
 
 
 def pictures(report: Report) -> Iterator[Picture]:
@@ -32,7 +32,7 @@ def pictures(report: Report) -> Iterator[Picture]:
 
 
 def html(report: Report, drawings: Mapping[str, str]) -> str:
-    """Return the page. drawings: inline SVG of the report's pictures by name, from `figures.draw`."""
+    """Return the page as HTML. drawings: inline SVG of the report's pictures by name, from `figures.draw`."""
     poses = pose_errors(report)
     return render(
         "report.html.j2",
@@ -86,7 +86,7 @@ def unbroken(text: str) -> str:
 
 
 def _digits(values: Sequence[float | None]) -> int:
-    """Return the decimals of a whole column of mm: three digits of its median."""
+    """Return the number of decimals for a column of errors in mm: three digits of the median."""
     known = sorted(v for v in values if v)
     middle = known[len(known) // 2] if known else 1.0
     return max(3, 2 - math.floor(math.log10(middle)))
@@ -103,7 +103,7 @@ def script(name: str) -> str:
 
 
 def script_hash(name: str) -> str:
-    """Return the hash that allows this one script in the security policy of a page."""
+    """Return the hash that allows one script in the content security policy of a page."""
     digest = hashlib.sha256(script(name).encode()).digest()
     return f"sha256-{base64.b64encode(digest).decode()}"
 

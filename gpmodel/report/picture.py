@@ -1,4 +1,4 @@
-"""A picture of a report: its name, size, description in words, and drawing function."""
+"""Class of a picture of a report: name, size, description in words, and drawing function."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 INK, MUTED, RULE, AXIS, PAPER = "#1d2733", "#5d6875", "#e3e7ec", "#b9c0c9", "#ffffff"
 BEFORE, AFTER, AFTER_LIGHT, NULL = "#868d98", "#1c5d99", "#5b93c7", "#c2700f"
-"""Colours. Those of data have a contrast of at least 3 with the paper, those of text 4.5 (WCAG 2 AA)."""
+"""Colours. Colours of data have a contrast of at least 3 with the paper, colours of text 4.5 (WCAG 2 AA)."""
 
 EXPLORE = "explore.html"
 CLIP = 3.0
-"""End of an axis, relative to the 98th percentile. Larger values are marked at its edge."""
+"""End of an axis, relative to the 98th percentile of the values. Larger values are marked at the edge of the axis."""
 
 MOST_VECTORS = 1500
-"""Number of poses from which dots are drawn as pixels; as vectors they would be megabytes of text."""
+"""Number of poses from which dots are drawn as pixels; vector graphics of so many dots would need megabytes."""
 
 GAP, FEW = 0.1, 9
 """Largest gap in a line through measured poses, relative to its width; least number of poses for a line."""
@@ -38,10 +38,10 @@ GAP, FEW = 0.1, 9
 class Picture:
     """A picture of a report.
 
-    width, height: inches.
+    width, height: size in inches.
     alt: one sentence for readers who cannot see the picture.
     caption: how to read the picture.
-    draw: called with an empty matplotlib Figure.
+    draw: function that draws into an empty matplotlib Figure.
     """
 
     name: str
@@ -67,12 +67,12 @@ def broken(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def rms(values: Array) -> float:
-    """Return the RMS of the finite values; NaN if there are none."""
+    """Return the RMS of the finite values; NaN without a finite value."""
     return root_mean_square(values[np.isfinite(values)])
 
 
 def log_ticks(low: float, high: float) -> list[float]:
-    """Return ticks at 1, 2, 5 per decade, or at whole decades if these would crowd."""
+    """Return ticks at 1, 2, 5 per decade, or at whole decades if ticks at 1, 2, 5 would overlap."""
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     steps = (1, 2, 5) if math.log10(high / low) < 2.6 else (1,)
     return [t for t in (s * 10.0**d for d in decades for s in steps) if low <= t <= high]
@@ -96,8 +96,8 @@ def rows_only(axes: Axes, count: int, above: float = 0.75) -> None:
 
 
 def forest(axes: Axes, rows: Sequence[tuple[str, float, float, bool]], label: str) -> None:
-    """Draw values ± deviations, one per named row, filled if beyond chance.
-    rows: name, value, deviation, whether beyond chance. label: label of the axis."""
+    """Draw values ± deviations, one per named row, with filled symbols for significant values.
+    rows: name, value, deviation, True if significant. label: label of the axis."""
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.axvline(0, color=AXIS, lw=1)
     for row, (_, value, deviation, clear) in enumerate(rows):
@@ -119,7 +119,7 @@ def signed(*axes: Axis) -> None:
 
 
 def noise_floor(axes: Axes, floor: float, colour: str = MUTED, *, said: bool = True) -> None:
-    """Draw a dashed line at the noise floor, behind everything else. said: label it."""
+    """Draw a dashed line at the noise floor, behind all other elements. said: True to label the line."""
     axes.axvline(floor, color=colour, lw=1, ls=(0, (3, 3)), zorder=0)
     if said:
         axes.annotate("noise floor", (floor, 1.0), (3, 0), xycoords=("data", "axes fraction"),
@@ -127,7 +127,7 @@ def noise_floor(axes: Axes, floor: float, colour: str = MUTED, *, said: bool = T
 
 
 def linked(dots: Collection, rows: Sequence[int], many: bool) -> None:
-    """Link each dot to its row in explore.html, unless `many` are drawn as pixels."""
+    """Link each dot to its row in explore.html, unless the dots are drawn as pixels (`many`)."""
     if not many:
         dots.set_urls([f"{EXPLORE}#row={row}" for row in rows])
 

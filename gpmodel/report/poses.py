@@ -1,4 +1,4 @@
-"""Residuals pose by pose: the table of the page, and poses.csv."""
+"""Residuals pose by pose: table of the report page, and poses.csv."""
 
 from dataclasses import dataclass
 
@@ -27,8 +27,8 @@ class PoseError:
 
 
 def pose_errors(report: Report, steps: tuple[str, str] | None = None) -> tuple[PoseError, ...]:
-    """Return the errors of all poses, the largest error after first.
-    steps: names of the steps before and after; by default those that the report compares."""
+    """Return the errors of all poses, in order of decreasing error after calibration.
+    steps: names of the steps before and after; by default the steps that the report compares."""
     before, after = (_errors(report, step) for step in steps or report.before_and_after())
     rows = report.plots.rows or tuple(range(1, len(after) + 1))
     outliers = set(report.data.outliers)
@@ -42,8 +42,8 @@ def pose_errors(report: Report, steps: tuple[str, str] | None = None) -> tuple[P
 def csv(report: Report) -> str:
     """Return the text of poses.csv in the order of the rows.
 
-    3-D error and its components before and after, in mm, and error of orientation, in mrad, if measured. Components and
-    nominal positions are in the root frame.
+    The columns are the 3-D error and its components before and after, in mm, and the orientation error, in mrad.
+    Components and nominal positions are in the root frame.
     """
     poses, plots = sorted(pose_errors(report), key=lambda p: p.row), report.plots
     frame = pd.DataFrame(
@@ -69,7 +69,7 @@ def csv(report: Report) -> str:
 
 
 def _errors(report: Report, step: str) -> Array:
-    """Return the error (N,) of every pose after a step; empty if it was not kept."""
+    """Return the error (N,) of every pose after a step; empty if the report does not contain the errors."""
     held = np.array(report.plots.heldout_mask, dtype=bool)
     sides = report.plots.error_mm.get(step)
     if sides is None or len(sides.heldout) != held.sum() or len(sides.train) != (~held).sum():

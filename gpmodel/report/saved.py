@@ -1,4 +1,4 @@
-"""report.json: written from a Report, and read back with every type and bound checked."""
+"""Write report.json from a Report, and read report.json with checks of every type and bound."""
 
 import dataclasses
 from pathlib import Path
@@ -14,15 +14,14 @@ from gpmodel.texts import parse_json, read_limited
 
 NAME = REPORT
 LARGEST_FILE = 256 << 20
-"""Largest size of a result, bytes; a report of 200 000 poses has 130 MB."""
+"""Largest size of report.json, bytes; a report of 200 000 poses has 130 MB."""
 REPRESENTATIONS = ("linear", "tree")
-"""Representations that report.json always counts."""
+"""Program representations whose counts are always in report.json."""
 EXPECTED = "expected the JSON that discover or calibrate wrote"
 
 
 def as_dict(report: Report) -> dict[str, object]:
-    """Return the content of report.json. `histogram` is that of the first round, with its counts as `linear` and
-    `tree`."""
+    """Return the content of report.json. `histogram` is the histogram of round 1, with counts `linear` and `tree`."""
     content = dataclasses.asdict(report)
     first = report.histograms[0] if report.histograms else without_runs((), 1.0)
     none = (0,) * len(first.inputs)
@@ -38,7 +37,7 @@ def to_json(report: Report) -> str:
 
 
 def from_json(text: str | bytes, source: str = NAME) -> Report:
-    """Return the Report of a text; unknown keys are ignored.
+    """Return the Report from the text of report.json; unknown keys are ignored.
 
     Raises InputError with the location in the file for text that is not JSON, another schema, or a value of the wrong
     type or out of bounds.
@@ -59,7 +58,7 @@ def from_json(text: str | bytes, source: str = NAME) -> Report:
 
 
 def read_report(folder: Path) -> Report:
-    """Return the saved Report in `folder`. Raises InputError if there is none, or it is unreadable."""
+    """Return the saved Report in `folder`. Raises InputError for a missing or unreadable report.json."""
     path = folder / NAME
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; expected one that discover or calibrate wrote with --out")

@@ -1,7 +1,7 @@
 """report.json as a tree of frozen records, schema 3: the result of a calibration, a discovery or an evolution.
 
 Field names are the keys of the file. Lengths ending in `_mm` are millimetres; every other value is SI, with its unit in
-a separate field. Names of joints and inputs are those of the table. A number that does not exist is None.
+a separate field. Names of joints and inputs are those of the table. A number that was not computed is None.
 """
 
 from dataclasses import dataclass, field
@@ -31,19 +31,19 @@ from gpmodel.report.schema_search import (
 from gpmodel.wording import counted
 
 SCHEMA = 3
-"""Schema 3 stores histograms, runs of programs and the curve of ranks as they are computed."""
+"""Version of report.json: schema 3 stores histograms, runs of programs and the curve of error against rank."""
 REGISTRATION, STANDARD = "registration", "standard"
 VISIBLE = 1e-3
-"""Relative difference of two errors from which both are stated: the last printed digit."""
+"""Relative difference from which two errors are both stated: the last printed digit."""
 MOST_REJECTED = 5
-"""Largest number of rejected candidates that are listed."""
+"""Largest number of rejected candidates in the report."""
 NoiseSource = Literal["repeats", "instrument", "specification"]
 Kind = Literal["calibrate", "discover", "evolve"]
 
 
 @dataclass(frozen=True)
 class ErrorsMm:
-    """3-D errors over some poses, mm; all None if there are no poses."""
+    """3-D errors over a set of poses, mm; all None for an empty set."""
 
     mean_mm: NotNegative | None = None
     rms_mm: NotNegative | None = None
@@ -51,16 +51,17 @@ class ErrorsMm:
 
     @property
     def known(self) -> bool:
-        """Whether there were poses from which to compute errors."""
+        """True if the set of poses is not empty, so that errors are known."""
         return self.rms_mm is not None
 
 
 @dataclass(frozen=True)
 class PredictedRecord:
-    """3-D errors of predictions by the shipped model, as measured (`predict --session`) and without an option.
+    """3-D errors of predictions by the saved model, as measured (`predict --session`) and without an option.
 
-    heldout: at held-out poses, by fits without these poses. model: at all poses, by model.json, which is fitted to
-    them. Predictions without an option omit instrument errors, and the robot is as at the end of the session.
+    heldout: errors at held-out poses, by fits without these poses. model: errors at all poses, by model.json, which is
+    fitted to all poses. Predictions without an option omit instrument errors, and describe the robot at the end of the
+    session.
     """
 
     heldout_as_measured: ErrorsMm = ErrorsMm()
@@ -70,7 +71,7 @@ class PredictedRecord:
 
     @property
     def differs(self) -> bool:
-        """Whether the error without an option visibly differs from the error as measured."""
+        """True if the error of `predict` without an option differs visibly from the error as measured."""
         session, plain = self.model_as_measured.rms_mm, self.model.rms_mm
         return session is not None and plain is not None and abs(plain - session) > VISIBLE * session
 
@@ -89,12 +90,12 @@ class StepRecord:
 
     @property
     def beyond_standard(self) -> bool:
-        """Whether the model contains more than the standard model."""
+        """True if the model contains more than the standard model."""
         return self.step not in (REGISTRATION, STANDARD)
 
     @property
     def errors(self) -> ErrorsMm:
-        """Errors of the held-out poses, or of the training poses if none were held out."""
+        """Errors at the held-out poses, or at the training poses if no poses were held out."""
         return self.heldout if self.heldout.known else self.train
 
 
@@ -103,11 +104,11 @@ class DataRecord:
     """The measured table.
 
     poses: number of rows; different: number of different poses.
-    train, heldout: number of rows.
+    train, heldout: number of training rows and of held-out rows.
     folds: number of folds if every pose was held out once.
-    outliers: rows of the file, outliers of the final fit or of the last fit to training poses.
+    outliers: row numbers of the outliers of the final fit or of the last fit to training poses.
     ranges: measured range of every joint.
-    marks: digest of each row, equal for equal joint values and measurements in any table.
+    marks: digest of each row; rows with equal joint values and measurements have equal digests in all tables.
     """
 
     file: str = ""
@@ -123,19 +124,19 @@ class DataRecord:
 
     @property
     def unit(self) -> str:
-        """Name of the rows."""
+        """Name of the rows of the table: poses or measurements."""
         return "rows" if 0 < self.different < self.poses else "poses"
 
     @property
     def counted(self) -> str:
-        """Number of poses, and of rows if there are more rows."""
+        """Number of poses as text, with the number of rows if the table has more rows than poses."""
         return counted(self.different, self.poses)
 
 
 @dataclass(frozen=True)
 class MechanismRecord:
-    """The mechanism. joints: names in the table. sliding: prismatic joints.
-    tip_at_probe_m: tip position at one oblique pose, by which the mechanism is recognised."""
+    """The mechanism. joints: joint names in the table. sliding: names of prismatic joints.
+    tip_at_probe_m: tip position at one fixed pose, m, which identifies the mechanism."""
 
     name: str = ""
     joints: tuple[str, ...] = ()
@@ -145,7 +146,7 @@ class MechanismRecord:
 
 @dataclass(frozen=True)
 class ParameterRecord:
-    """One number of the fitted model, SI; stderr is None if it was held at zero."""
+    """One parameter of the fitted model, SI; stderr is None if the parameter was held at zero."""
 
     name: str
     value: float | None = None
@@ -158,8 +159,7 @@ class ParameterRecord:
 
 @dataclass(frozen=True)
 class MimicRecord:
-    """Names of a constant of the standard model and of a catalogue effect with the same motion of
-    the measured points."""
+    """A constant of the standard model and a catalogue effect that move the measured points equally, by their names."""
 
     constant: str
     rival: str
@@ -169,7 +169,7 @@ class MimicRecord:
 class ExportRecord:
     """An exported file of the model.
 
-    rms_mm, max_mm: errors relative to `predict` at new poses within the measured ranges.
+    rms_mm, max_mm: differences from `predict` at random poses within the measured ranges.
     heldout_rms_mm: RMS error of the file on held-out poses.
     missing: effects that the file cannot contain.
     """
@@ -186,16 +186,16 @@ class ExportRecord:
 class Report:
     """The content of report.json.
 
-    kind: the call that made the report. settings: settings of an evolution.
+    kind: the function that made the report. settings: settings of an evolution.
     noise_floor_mm: 3-D RMS of the instrument alone; noise_from: its source.
-    stopped: why the search ended.
+    stopped: reason for the end of the search.
     placement: tool point in the flange frame and root in the instrument frame, number by number, rotations as vectors.
     unobservable: effects absorbed by joint values that are solved at every pose.
-    hidden: effects that constants of the standard model could equally be, and poses that would decide; mimics: by name.
+    hidden: sentences on effects equivalent to constants of the standard model; mimics: names of these pairs.
     further: expected errors at further poses. predicted: errors of `predict`.
-    discrepancy_mm: error of one component by the form of the model.
-    readings: measurements other than points, each kind in its own unit; unseen: quantities that they cannot determine.
-    sigma_mm: standard deviation of one component by the fit; freedom: degrees of freedom of sigma_mm.
+    discrepancy_mm: standard deviation of one coordinate due to missing effects (model discrepancy).
+    readings: residuals of measurements other than points, by kind; unseen: quantities that are not determined.
+    sigma_mm: standard deviation of one component from the fit; freedom: degrees of freedom of sigma_mm.
     model_sha256: digest of the model.json that belongs to the report.
     """
 
@@ -244,11 +244,11 @@ class Report:
 
     @property
     def held(self) -> bool:
-        """Whether any step has errors on held-out poses."""
+        """True if any step has errors at held-out poses."""
         return any(rung.heldout.known for rung in self.ladder)
 
     def step(self, name: str) -> StepRecord | None:
-        """Return the step with this name, or None."""
+        """Return the step with the given name, or None."""
         return next((rung for rung in self.ladder if rung.step == name), None)
 
     def title(self, rung: StepRecord) -> str:
@@ -259,51 +259,51 @@ class Report:
         return {REGISTRATION: "registration only", STANDARD: standard}.get(rung.step, rung.step)
 
     def turn_mrad(self, rung: StepRecord) -> float | None:
-        """Return the RMS angle, mrad, between measured and modelled orientation after a step, over the poses of its
-        errors.
-        None if not measured, and for steps between the standard model and the last."""
+        """Return the RMS angle, mrad, between measured and modelled orientation after a step of the calibration.
+        None without measured orientations, and for steps between the standard model and the last step."""
         last = self.ladder and rung.step == self.ladder[-1].step
         return self.plots.turned("final" if last else rung.step, self.data.outliers)[1]
 
     @property
     def orientation(self) -> tuple[float, float] | None:
-        """RMS error of orientation, mrad, before and after; None if not measured."""
+        """RMS orientation error, mrad, before and after calibration; None without measured orientations."""
         kinds = (kind for kind in self.readings if kind.unit == "mrad")
         return next(((k.before, k.after) for k in kinds if k.before is not None and k.after is not None), None)
 
     def before_and_after(self) -> tuple[str, str]:
-        """Return the names of the compared steps: standard model and last step.
-        Without further effects: registration only and standard model."""
+        """Return the names of the two compared steps: standard model and last step.
+        Without effects beyond the standard model: registration only and standard model."""
         names = [rung.step for rung in self.ladder] or [STANDARD]
         before = STANDARD if self.ladder and self.ladder[-1].beyond_standard and STANDARD in names else names[0]
         return before, names[-1]
 
     @property
     def shipped(self) -> str:
-        """Name of the step whose model is shipped: the standard model if held-out poses do not confirm the findings."""
+        """Name of the step whose model is saved: the standard model if held-out poses do not confirm the findings."""
         refused = self.confirmation is not None and not self.confirmation.passed
         return STANDARD if refused else self.before_and_after()[1]
 
     def geometry(self) -> tuple[ParameterRecord, ...]:
-        """Return the fitted parameters that belong to no effect."""
+        """Return the fitted geometric parameters, which belong to no named or found effect."""
         effects = tuple(e.name for e in self.effects)
         return tuple(p for p in self.parameters if p.kept and not p.name.startswith(effects or ("\0",)))
 
     @property
     def rejected(self) -> tuple[CandidateRecord, ...]:
-        """Rejected candidates that are significant and predict better, by their last tests, the largest gain first."""
+        """Rejected candidates that are significant and lower the cross-validated error, the largest gain first."""
         last = {c.name: c for r in self.rounds for c in r.candidates}
         named = {effect.name for effect in self.effects}
         undecided = (c for c in last.values() if c.undecided and c.name not in named)
         return tuple(sorted(undecided, key=lambda c: -(c.nats or 0.0))[:MOST_REJECTED])
 
     def removed(self, shuffled: bool) -> float | None:
-        """Return the median share of their error norm that the best programs of the runs remove; None without runs."""
+        """Return the median share of the error norm that the best programs of the runs remove; None without runs."""
         gains = [run.gain for run in self.runs if run.shuffled == shuffled]
         return median(gains) if gains else None
 
     def dropped(self) -> tuple[str, ...]:
-        """Return the names of the parameters that these poses do not determine, which the final model holds at zero."""
+        """Return the names of the parameters that the measured poses do not determine; the final model holds them at
+        zero."""
         listed = tuple(p.name for p in self.parameters if not p.kept)
         return listed or (self.ladder[-1].dropped if self.ladder else ())
 

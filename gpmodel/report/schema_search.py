@@ -1,4 +1,4 @@
-"""Records of a search in report.json: findings, rejected candidates, counts."""
+"""Records of a search in report.json: findings, rejected candidates, counts of inputs."""
 
 import math
 from collections.abc import Collection
@@ -25,8 +25,8 @@ class SideErrors:
 
 @dataclass(frozen=True)
 class ShapeRecord:
-    """Partial residual of an effect over its first input, at some rows of the file.
-    curve_x, curve_y: the fitted curve, if the effect depends on this input alone."""
+    """Partial residual of an effect over its first input, at some rows of the table.
+    curve_x, curve_y: points of the fitted function, if the effect depends on one input alone."""
 
     effect: Count
     x_name: str = "row"
@@ -47,7 +47,7 @@ class PlotRecord:
     rows: (N,) rows of the file.
     points_mm: (N, 3) nominal positions in the root frame.
     residual_mm: (N, 3) measured minus modelled in the root frame, by step "registration", "standard" and "final".
-    turn_mrad: (N,) angle between measured and modelled orientation by step; empty if not measured.
+    turn_mrad: (N,) angle between measured and modelled orientation by step; empty without measured orientations.
     error_mm: 3-D errors by step.
     chain_mm: origins (S, 3) of the slots at the poses `chain_poses`, to draw the arm; slots: their names.
     """
@@ -64,8 +64,8 @@ class PlotRecord:
     chain_mm: tuple[Vectors, ...] = ()
 
     def turned(self, name: str, outliers: Collection[int]) -> tuple[int, float | None]:
-        """Return the number of poses with an angle after the step `name`, and the RMS of the angles, mrad.
-        Held-out poses count, or all if none were held out. outliers: rows of the file that do not count."""
+        """Return the number of poses with an orientation error after the step `name`, and the RMS of the errors, mrad.
+        The RMS is over held-out poses, or over all poses if none were held out. outliers: excluded row numbers."""
         held, angles = any(self.heldout_mask), self.turn_mrad.get(name, ())
         each = zip(angles, self.heldout_mask, self.rows, strict=True) if angles else ()
         known = [a for a, out, row in each if a is not None and out >= held and row not in outliers]
@@ -74,9 +74,8 @@ class PlotRecord:
 
 @dataclass(frozen=True)
 class ReadingRecord:
-    """Residuals of one kind of measurement: number of rows, and RMS in its own unit after registration and after the
-    last step.
-    Over held-out rows if there are any."""
+    """Residuals of one kind of measurement: number of rows, and RMS after registration and after the last step.
+    The RMS has the unit of the measurement, and is over held-out rows if rows were held out."""
 
     name: str
     unit: str
@@ -87,10 +86,9 @@ class ReadingRecord:
 
 @dataclass(frozen=True)
 class Repeatability:
-    """Pose repeatability RP = l + 3 S_l of ISO 9283 (1998), over the poses; l are the distances of repeats from their
-    mean.
+    """Pose repeatability RP = l + 3 S_l of ISO 9283 (1998); l: mean distance of repeats from their mean position.
 
-    rms_mm: RMS of these distances. rp_stderr_mm: standard uncertainty of the mean; None for one pose.
+    rms_mm: RMS of the distances. rp_stderr_mm: standard uncertainty of the mean RP; None for one pose.
     """
 
     poses: Count
@@ -103,11 +101,11 @@ class Repeatability:
 
 @dataclass(frozen=True)
 class Positioning:
-    """Pose accuracy AP of ISO 9283 (1998): distance of the mean of a pose's repeats from its modelled position.
+    """Pose accuracy AP of ISO 9283 (1998): distance of the mean of a pose's repeats from the modelled position.
 
-    before: with the nominal geometry. after: with the model. Mean over the poses with standard uncertainty, and
-    maximum.
-    heldout: whether the model was fitted without these poses.
+    before: AP with the nominal geometry. after: AP with the model. Each has the mean over the poses with standard
+    uncertainty, and the maximum.
+    heldout: True if the model was fitted without the poses of AP.
     """
 
     poses: Count
@@ -121,7 +119,7 @@ class Positioning:
 
 @dataclass(frozen=True)
 class InstrumentRecord:
-    """The specification of the instrument as given.
+    """The specification of the instrument as given by the user.
 
     limit_mm: permissible error of a coordinate at the typical distance of the poses.
     noise_mm: expected standard deviation of a coordinate.
@@ -133,14 +131,15 @@ class InstrumentRecord:
 
 
 NOTICED = 0.01
-"""Least relative fall of the cross-validated error by a listed rejected candidate: the last printed digit."""
+"""Least relative decrease of the cross-validated error for a rejected candidate to be listed: the last printed digit.
+"""
 SIGNIFICANT = ("chance", "nats")
-"""Tests of significance; all other tests concern prediction."""
+"""Names of the tests of significance; tests with other names concern prediction."""
 
 
 @dataclass(frozen=True)
 class Correlation:
-    """Another unknown and its correlation with this one."""
+    """Name of an unknown and its correlation with the recorded parameter or effect."""
 
     name: str
     correlation: Annotated[float, Meta(ge=-1 - ROUNDING, le=1 + ROUNDING)]
@@ -158,8 +157,7 @@ class Range:
 
 @dataclass(frozen=True)
 class RivalRecord:
-    """Another candidate in the credible set of a finding, and the cross-validated RMS with it
-    instead of the finding."""
+    """Alternative candidate in the credible set of a finding, and the cross-validated RMS with the alternative."""
 
     name: str
     cv_rms_mm: NotNegative | None = None
@@ -169,9 +167,9 @@ class RivalRecord:
 class CauseRecord:
     """A cause in the credible set of a finding, and its probability.
 
-    names: candidates that are indistinguishable at these poses, the most probable first.
-    own: the finding is one of them. amount: value of the finding under this cause, relative to its fitted value; 0 if
-    the cause does not contain the finding.
+    names: candidates that are indistinguishable at the measured poses, the most probable first.
+    own: True if the finding is among `names`. amount: value of the finding if the cause is true, relative to the fitted
+    value; 0 if the cause does not contain the finding.
     """
 
     names: tuple[str, ...]
@@ -193,7 +191,7 @@ class TermRecord:
 @dataclass(frozen=True)
 class MovedRecord:
     """Displacement of the measured point by an effect, mm: points (K, 3) and displacements (K, 3) in the root frame.
-    anywhere: at random joint values within the limits; else at measured poses."""
+    anywhere: True for random joint values within the limits, False for measured poses."""
 
     anywhere: bool = False
     points_mm: Vectors = ()
@@ -203,7 +201,7 @@ class MovedRecord:
 @dataclass(frozen=True)
 class FormulaRecord:
     """A formula on the Pareto front of a finding's site: its gain is larger than that of every shorter formula.
-    nodes: its length. nats: gain in log likelihood, given everything else in the model. taken: it is the finding."""
+    nodes: length of the formula. nats: gain in log likelihood, given the rest of the model. taken: selected formula."""
 
     basis: str
     nodes: Count
@@ -213,7 +211,7 @@ class FormulaRecord:
 
 @dataclass(frozen=True)
 class TestRecord:
-    """One test of the acceptance rule: value, limit, and whether it passed."""
+    """One test of the acceptance rule: value, limit, and result (passed or failed)."""
 
     __test__ = False
     name: str
@@ -224,16 +222,16 @@ class TestRecord:
 
 @dataclass(frozen=True)
 class EffectRecord:
-    """An effect in the model: value ± stderr times basis function, at slot and axis, and the evidence for it.
+    """An effect in the model: value ± stderr times basis function, slot and axis, and the evidence for the effect.
 
-    kind: single, harmonic, vector or curve, as of a candidate; the value of a curve is its RMS over the measured poses.
+    kind: single, harmonic, vector or curve (smooth term, whose value is the RMS over the measured poses).
     stderr: standard error of the value, from the noise and from the possible causes of the other findings.
-    causes: the 95 % credible set, the most probable first; None if not computed. without_name: probability in the set
-    of a cause without a name.
-    against: reason why the fitted value is impossible. rivals: other candidates in the set, with their cross-validated
-    error.
-    p_value: chance of the gain, from `shuffles` permutations. shuffled: their noun in the text.
-    gain: share of the residual sum of squares that it removes, given everything else in the model.
+    causes: the 95 % credible set, the most probable first; None if not computed. without_name: probability of a cause
+    outside the catalogue.
+    against: reason why the fitted value is impossible. rivals: alternative candidates in the set, with the
+    cross-validated error.
+    p_value: probability of the gain by chance, from `shuffles` permutations. shuffled: name of the permuted items.
+    gain: share of the residual sum of squares that the effect removes, given everything else in the model.
     tool_rms_mm, tool_max_mm: displacement of the measured point over the measured poses; tool_turn_mrad: RMS rotation.
     alone_rms_mm: the part of the displacement that nothing else in the model absorbs, registration and tool included.
     workspace_*: displacement at random joint values within the limits.
@@ -291,8 +289,7 @@ class EffectRecord:
 
     @property
     def repair(self) -> RepairAdvice | None:
-        """Symptom on the machine, check by hand, clause of a standard and effect of compensation; None without a
-        family."""
+        """Symptom, check by hand, clause of a standard and effect of compensation; None without a family."""
         return repair_advice().get(self.catalogue or "")
 
     @property
@@ -304,18 +301,18 @@ class EffectRecord:
 
     @property
     def others(self) -> tuple[CauseRecord, ...]:
-        """Other causes in the credible set."""
+        """Causes in the credible set that differ from the finding."""
         return tuple(cause for cause in self.causes or () if not cause.own)
 
     @property
     def alike(self) -> tuple[str, ...]:
-        """Names that no measurement at these poses distinguishes from the finding."""
+        """Names of effects that cannot be distinguished from the finding at the measured poses."""
         return tuple(name for cause in self.causes or () if cause.own for name in cause.names if name != self.name)
 
     @property
     def stderr_over_causes(self) -> float | None:
-        """Root mean square deviation of the true value from the fitted one over all causes.
-        √(σ² + value² Σ p (1 - amount)²), σ² for causes with the finding alone. Outside the set the amount is zero.
+        """Root mean square deviation of the true value from the fitted value over all causes.
+        √(σ² + value² Σ p (1 - amount)²), σ² for causes with the finding alone. Outside the credible set amount = 0.
         Source: Hoeting et al. (1999), variance within and between models."""
         if self.causes is None or self.probability is None or self.value is None or self.stderr is None:
             return None
@@ -328,8 +325,8 @@ class EffectRecord:
 
 @dataclass(frozen=True)
 class CandidateRecord:
-    """A candidate that was tested: its score, and why it was accepted or not.
-    cv_rms_mm, cv_before_mm: cross-validated 3-D RMS with and without it."""
+    """A tested candidate: score, and reason for acceptance or rejection.
+    cv_rms_mm, cv_before_mm: cross-validated 3-D RMS with and without the candidate."""
 
     name: str = ""
     slot: str = ""
@@ -350,7 +347,7 @@ class CandidateRecord:
 
     @property
     def undecided(self) -> bool:
-        """Whether a candidate is significant and lowers the cross-validated error, but failed another test."""
+        """True if a candidate is significant and lowers the cross-validated error, but failed another test."""
         if self.accepted or self.cv_rms_mm is None or self.cv_before_mm is None:
             return False
         passed = all(test.passed for test in self.tests if test.name in SIGNIFICANT)
@@ -360,7 +357,7 @@ class CandidateRecord:
 @dataclass(frozen=True)
 class RoundRecord:
     """One round of the search. null_nats: largest gain of each search on permuted residuals. dropped: findings removed
-    again."""
+    in the round."""
 
     round: Count = 0
     candidates: tuple[CandidateRecord, ...] = ()
@@ -370,8 +367,8 @@ class RoundRecord:
 
 @dataclass(frozen=True)
 class CompensationRecord:
-    """The best program at the training poses.
-    columns: (K, N) of its inputs. values: (m, N) of its outputs."""
+    """Inputs and outputs of the best program at the N training poses.
+    columns: (K, N) values of the inputs. values: (m, N) values of the outputs."""
 
     run: str = ""
     inputs: tuple[str, ...] = ()

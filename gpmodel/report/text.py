@@ -9,7 +9,7 @@ from gpmodel.report.schema_search import EffectRecord
 from gpmodel.wording import NAME, WIDTH, wrapped
 
 MOST_LISTED = 12
-"""Largest number of names that are listed; the remaining ones are counted."""
+"""Largest number of names in a list; further names are counted."""
 
 
 def summary(report: Report) -> str:

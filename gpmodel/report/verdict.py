@@ -1,4 +1,4 @@
-"""The one-sentence verdict of a report, and the sentences that follow it."""
+"""The one-sentence verdict of a report, and the sentences after the verdict."""
 
 import math
 import re
@@ -16,7 +16,7 @@ from gpmodel.report.schema import STANDARD, Report
 
 COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 MOST_SIZED = 2
-"""Largest number of effects that the verdict of a calibration names; more are counted."""
+"""Largest number of effects that the verdict of a calibration names; further effects are counted."""
 SURE = 0.9
 """Probability of a finding above which the verdict names no other cause."""
 STATED_TOO_LARGE = 3.0
@@ -27,7 +27,7 @@ _LOAD = re.compile(r"(?:payload_)?(?:torque|moment|force)_(?P<at>\w+)$")
 
 
 def of_discovery(report: Report) -> str:
-    """State the number of missing effects, their confirmation on held-out poses, and the error before and after."""
+    """State the number of missing effects, the confirmation on held-out poses, and the error before and after."""
     standard, last = report.step(STANDARD) or report.ladder[0], report.ladder[-1]
     before, after = standard.errors.rms_mm, last.errors.rms_mm
     if not report.effects:
@@ -46,7 +46,7 @@ def of_discovery(report: Report) -> str:
 
 
 def _change(report: Report) -> str:
-    """Return the error before, with the name of its step, and after: `standard model 0.148 → 0.036 mm`."""
+    """Return the error before, with the name of the step, and the error after: `standard model 0.148 → 0.036 mm`."""
     before, after = (report.step(name) for name in report.before_and_after())
     if before is None or after is None or before is after:
         return f"{wording.length(report.ladder[-1].errors.rms_mm)} RMS"
@@ -54,16 +54,15 @@ def _change(report: Report) -> str:
 
 
 def behind(report: Report) -> str:
-    """State the inputs of the effects, their alternatives, the number of undecided candidates, and the orientation
-    error.
-    Empty if there is none of these."""
+    """State inputs and alternatives of the effects, the number of undecided candidates, and the orientation error.
+    The text is empty if nothing is to be stated."""
     inputs = list(inputs_in_words(report))
     followed = f"The found effects depend on {wording.listed(inputs)}." if report.kind == "discover" and inputs else ""
     return " ".join(filter(None, (followed, *_undecided(report), _rejected(report), *_orientation(report))))
 
 
 def _orientation(report: Report) -> Iterator[str]:
-    """State the orientation error after the steps that the verdict compares, if it was measured."""
+    """State the orientation error after the steps that the verdict compares, if orientation was measured."""
     names = dict.fromkeys((report.before_and_after()[0], report.shipped))
     steps = [step for name in names if (step := report.step(name)) is not None]
     turns = [turn for step in steps if (turn := report.turn_mrad(step)) is not None]
@@ -89,7 +88,7 @@ def _rejected(report: Report) -> str:
 
 
 def _undecided(report: Report) -> Iterator[str]:
-    """Name each effect that these poses do not distinguish from another cause."""
+    """Name each effect that the measured poses do not distinguish from another cause."""
     for effect in report.effects:
         others = effect.others
         if others and effect.probability is not None and effect.probability < SURE:
@@ -99,7 +98,7 @@ def _undecided(report: Report) -> Iterator[str]:
 
 
 def inputs_in_words(report: Report) -> Iterator[str]:
-    """Yield the inputs of the effects in words; loads of one kind are named once with all their joints."""
+    """Yield the inputs of the effects in words; loads of one kind are named once with all joints."""
     joints, sliding = report.mechanism.joints, report.mechanism.sliding
     inputs = list(dict.fromkeys(x for e in report.effects for x in e.inputs))
     if loads := [x for x in inputs if _LOAD.match(x)]:
@@ -157,7 +156,7 @@ def _left_out(report: Report) -> str:
 
 def _beside_noise(report: Report, rms: float | None) -> str:
     """Compare an error with the noise floor; empty if the floor is unknown.
-    At the floor: within two standard errors of an RMS over n poses, 1 / √(2 n) each."""
+    An error is at the floor within two standard errors of an RMS over n poses, 1 / √(2 n) each."""
     floor = report.noise_floor_mm
     if floor is None or not rms:
         return ""

@@ -1,4 +1,4 @@
-"""verify.json: test of a model on later poses, as frozen records; lengths in mm, everything else SI."""
+"""Records of verify.json, the test of a model on later poses; lengths in mm, all other values SI."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -32,16 +32,16 @@ NAME, KIND = "verify.json", "verify"
 SCHEMA = 1
 
 TOO_GOOD = 1e-6
-"""Probability of so small a chi-square below which the page remarks on it."""
+"""Probability of so small a chi-square below which the page remarks that the errors are too small."""
 
 
 @dataclass(frozen=True)
 class PoseRecord:
-    """A row of the table.
+    """A row of the table of a verification.
 
     without_mm, with_mm: 3-D errors, mm, with the nominal geometry and with the model.
-    promised_mm: RMS error that the model expects. chance: p-value of the error. promised_mm and chance are None for an
-    outlier.
+    promised_mm: RMS error that the model expects. chance: p-value of the error. `promised_mm` and `chance` are None for
+    an outlier.
     outside: inputs outside the ranges of the fit.
     missed_mm: error of a compensated target, mm.
     """
@@ -66,7 +66,7 @@ class Others:
 
 @dataclass(frozen=True)
 class KindRecord:
-    """Measurements of one kind other than points, RMS in their own unit. mm: millimetres that weigh as much as one
+    """Measurements of one kind other than points: RMS in the unit of the kind. mm: millimetres with the weight of one
     unit."""
 
     name: str
@@ -86,13 +86,13 @@ class Verification:
     sigma_mm: noise of one coordinate, by the model. noise_degrees: degrees of freedom of sigma_mm, None if it is given.
     chi_square, degrees, chance: test of the residual of the model. chance_of_less: probability of so small a
     chi-square.
-    instrument: whether the measurements include the instrument errors of the model.
+    instrument: True if the measurements include the instrument errors of the model.
     tolerance_mm: largest allowed error of a row, if given.
-    kinds: measurements other than points; their rows count in mm.
+    kinds: measurements other than points; errors of their rows are converted to mm.
     orientation: RMS angle, mrad, with nominal geometry and with the model. lever_m: distance of the tool point.
     rows: number of rows in the table, of which `poses` are tested; others: the remaining rows, compared with the
     tolerance.
-    fitted: rows that the model was fitted to, left out.
+    fitted: number of rows that were excluded because the model was fitted to them.
     """
 
     command: str
@@ -129,7 +129,7 @@ class Verification:
 
     @property
     def shown(self) -> tuple[str, float]:
-        """Unit of the row errors and its size in mm: the unit of the measurements if they have only one."""
+        """Unit of the row errors and its size in mm: the unit of the measurements if all have one unit."""
         units = {(k.unit, k.mm) for k in self.kinds}
         alone = len(units) == 1 and sum(k.rows for k in self.kinds) + len(self.data.outliers) >= len(self.poses)
         return units.pop() if alone else ("mm", 1.0)
@@ -147,7 +147,7 @@ class Verification:
 
     @property
     def passed(self) -> bool:
-        """Whether the model holds, within the tolerance if one was given."""
+        """True if the model holds and, if a tolerance was given, no row exceeds the tolerance."""
         return self.verdict == "holds" and not self.beyond
 
     @property
@@ -158,7 +158,7 @@ class Verification:
 
     @property
     def worst(self) -> tuple[int, float | None]:
-        """Row with the largest error of all rows with the model, and its error, mm."""
+        """Number of the row with the largest error with the model, and the error, mm."""
         first = self.worst_first[0]
         pairs = list(zip(self.others.with_mm, self.others.rows, strict=True)) if self.others else []
         mm, row = max(pairs, default=(0.0, 0))
@@ -167,12 +167,12 @@ class Verification:
 
 @dataclass(frozen=True)
 class VerifyRequest:
-    """Request of a verification.
+    """Input of a verification.
 
-    missed: (N,) m, errors of compensated targets.
+    missed: (N,) m, errors at compensated targets.
     rows: number of rows of the table.
     others: rows that are not tested.
-    fitted: rows of the fit, left out.
+    fitted: rows that are excluded because the fit used them.
     """
 
     command: str
@@ -186,7 +186,7 @@ class VerifyRequest:
 
 
 def verification(found: Verified, asked: VerifyRequest) -> Verification:
-    """Return the record of a test of a model on later poses, with the joint names of their table."""
+    """Return the record of a test of a model on later poses, with the joint names of the later table."""
     session = found.session
     data, count = session.poses.dataset, len(session.poses)
     names = names_of(data)
@@ -249,7 +249,7 @@ def _kinds(found: Verified, promised: Array) -> Iterator[KindRecord]:
 
 
 def _orientation(found: Verified) -> ReadingRecord | None:
-    """Return the orientation errors over the rows that are not outliers; None if not measured."""
+    """Return the orientation errors over the rows that are not outliers; None without measured orientations."""
     session = found.session
     turns = (found.alone_turn[session.use], turn_error(session.observed, session.poses.dataset)[session.use])
     known = [values[np.isfinite(values)] for values in turns]
@@ -269,7 +269,7 @@ def to_json(record: Verification) -> str:
 
 
 def read_verification(folder: Path) -> Verification | None:
-    """Return the saved Verification in `folder`, None if there is none. Raises InputError if it is unreadable."""
+    """Return the saved Verification in `folder`, None without verify.json. Raises InputError for an unreadable file."""
     path = folder / NAME
     if not path.is_file():
         return None

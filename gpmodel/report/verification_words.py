@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 
 MOST_ROWS, MOST_PRINTED = 400, 8
-"""Number of rows on the page and on a terminal, the largest error first; verify.csv has all."""
+"""Number of rows on the page and on a terminal, the largest error first; verify.csv has all rows."""
 UNLIKELY = 0.001
-"""Probability of a row's error below which the row is marked: in one of fifty tables with twenty rows."""
+"""Probability of a row's error below which the row is marked; one of fifty tables with twenty rows has a mark."""
 NOMINAL = "nominal, as driven"
-"""Label in tables of the nominal geometry at the driven joint values; it is not the machine before its calibration."""
+"""Label for errors of the nominal geometry at the actual joint values, not of the machine before calibration."""
 LOST = 50.0
 """Error with nominal geometry, mm, that no arm of the right type has. Joint columns, units or the type are wrong."""
 
@@ -85,7 +85,7 @@ def _rows_apart(record: Verification) -> Iterator[str]:
 
 
 def tolerance(record: Verification) -> str:
-    """State whether the tolerance is kept; empty without one."""
+    """State whether the errors are within the tolerance; empty without a tolerance."""
     if record.tolerance_mm is None:
         return ""
     (row, worst), (unit, of_one) = record.worst, record.shown
@@ -110,7 +110,7 @@ def change(found: NamedChange) -> str:
 
 
 def facts(record: Verification) -> Iterator[tuple[str, str]]:
-    """Yield the statistics behind the verdict, by heading."""
+    """Yield the statistics of the verdict, each with its heading."""
     known = "" if record.noise_degrees is None else f", σ known from {record.noise_degrees:.0f}"
     yield (
         "chi-square", f"{record.chi_square:.1f} of {record.degrees} degrees of freedom{known}; "
@@ -163,7 +163,7 @@ def _errors(record: Verification, errors: ErrorsMm) -> str:
 
 
 def text(record: Verification) -> str:
-    """Return verdict, errors, statistics and the worst rows in 80 columns."""
+    """Return verdict, errors, statistics and the rows with the largest errors as text of 80 columns."""
     errors = (
         (NOMINAL, _errors(record, record.without)), ("with the model", _errors(record, record.after)),
         ("expected", f"RMS {size(record, record.promised_mm)}"),
@@ -187,8 +187,7 @@ def _row(record: Verification, pose: PoseRecord) -> str:
 
 
 def picture(record: Verification) -> Picture:
-    """Return a picture of the errors row by row, with the model and with the nominal geometry, and of the expected
-    errors."""
+    """Return a picture of the errors row by row: with the model, with the nominal geometry, and expected."""
     return Picture(
         "verification", "Error of every pose", 7.6, 3.0,
         f"Error of every row: {_errors(record, record.after)} with the model, "
@@ -253,7 +252,7 @@ OF_READINGS = (
 
 
 def certificate(record: Verification, particulars: Particulars) -> Certificate:
-    """Return the certificate of a verification; both columns of errors are measurements."""
+    """Return the certificate of a verification; the errors before and after are measured errors."""
     pairs = [(p.without_mm, p.with_mm) for p in record.poses if not p.outlier and None not in (p.without_mm, p.with_mm)]
     errors = np.array(pairs, dtype=float).reshape(-1, 2)
     return Certificate(

@@ -24,8 +24,8 @@ from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import CandidateRecord, EffectRecord
 
 BEYOND = 2.0
-"""Ratio of an instrument's error to its specification above which it is out of specification. A limit is two standard
-deviations, and four do not occur by chance."""
+"""Ratio of an instrument's error to its specification above which the instrument is out of specification. The
+specification is two standard deviations, and four standard deviations do not occur by chance."""
 _CAUSES = {
     "m": "check the reflector constant", "1": "check air temperature, air pressure and the unit of length",
     "rad": "the instrument needs compensation, or the mechanism causes the error",
@@ -60,7 +60,7 @@ def beside_specification(effect: EffectRecord) -> str:
 COVERAGE_OF_CAUSES = "95 %"
 NO_NAME = "none of these: an effect outside the catalogue"
 MOST_EXPLAINED = 3
-"""Number of inputs whose tests are stated in words; the table has all."""
+"""Number of inputs whose tests are stated in words; the table has all inputs."""
 _FOUND_BY = {
     CATALOGUE: "the catalogue of effects", NAMED: "named beforehand",
     SMOOTH_TERM: "a smooth term; no formula predicts as well",
@@ -83,7 +83,7 @@ def noise_floor(report: Report) -> str:
 
 
 def predicted(report: Report) -> str:
-    """State the error of plain `predict` and of the last step; empty if they are equal."""
+    """State the error of `predict` without an option and of the last step; empty if the two errors are equal."""
     found = report.predicted
     if found is None or not found.differs:
         return ""
@@ -115,7 +115,7 @@ def _reference(report: Report) -> str:
 
 
 def confirmed(report: Report) -> str:
-    """State whether held-out poses confirm the added effects; empty if none were added."""
+    """State whether held-out poses confirm the added effects; empty without added effects."""
     found = report.confirmation
     if found is None:
         return ""
@@ -127,7 +127,7 @@ def confirmed(report: Report) -> str:
 
 
 def causes(effect: EffectRecord) -> str:
-    """State the credible set, each cause with its probability; empty if not computed."""
+    """State the credible set of causes of a finding, with probabilities; empty if the set was not computed."""
     if effect.causes is None:
         return ""
     if not effect.others and not effect.alike and not effect.without_name:
@@ -149,7 +149,7 @@ def moves(effect: EffectRecord) -> str:
 
 
 def doubt(effect: EffectRecord) -> str:
-    """State for an effect with other causes its probability, and its ± over all causes; empty without other causes."""
+    """State the probability of an effect and its ± over all causes; empty without alternative causes."""
     over_all = effect.stderr_over_causes
     if not effect.others or over_all is None:
         return ""
@@ -170,7 +170,7 @@ def beforehand(report: Report, effect: EffectRecord) -> str:
 
 
 def story(report: Report) -> Iterator[str]:
-    """Explain why histogram and findings name different inputs, if they do."""
+    """Explain differences between the inputs of the histogram and the inputs of the findings."""
     read = {name for effect in report.effects for name in effect.inputs}
     for number, histogram in enumerate(report.histograms, 1):
         others = [name for name in histogram.significant if name not in read]
@@ -189,7 +189,7 @@ def story(report: Report) -> Iterator[str]:
 
 
 def found(report: Report, effect: EffectRecord) -> str:
-    """State how and in which round an effect was found, and how many were found with it."""
+    """State how and in which round an effect was found, and the number of effects found in the same round."""
     how = _FOUND_BY.get(effect.found_by, effect.found_by)
     if effect.round is None:
         return how
@@ -199,7 +199,7 @@ def found(report: Report, effect: EffectRecord) -> str:
 
 
 def dropped(report: Report) -> str:
-    """State which constants are held at zero because they are redundant; empty if there are none."""
+    """State which constants are held at zero because they are redundant; empty without redundant constants."""
     names = report.dropped()
     if not names:
         return ""
@@ -224,8 +224,7 @@ def written(effect: EffectRecord) -> tuple[tuple[str, str], ...]:
 
 
 def constants(effect: EffectRecord) -> tuple[str, ...]:
-    """Return the constants inside a formula with their deviations, as `lag 40.2 ± 0.9 min`; for an event its possible
-    rows."""
+    """Return the constants inside a formula with standard errors (`lag 40.2 ± 0.9 min`), or the rows of an event."""
     out = []
     for c in effect.constants:
         if c.low is None:
@@ -245,7 +244,7 @@ def _times(weight: float, basis: str) -> str:
 
 
 def input_tests(histogram: Histogram) -> Iterator[str]:
-    """State both tests of the most referenced inputs, and which of the tests failed."""
+    """State the results of the tests of count and strength for the most referenced inputs."""
     runs, shuffled_runs = sum(histogram.runs.values()), sum(histogram.shuffled_runs.values())
     if not runs:
         return
@@ -276,7 +275,7 @@ TOO_FEW = "too few runs to tell"
 
 
 def significant_inputs(histogram: Histogram) -> str:
-    """State the significant inputs of a histogram; without any, whether there were enough runs.
+    """State the significant inputs of a histogram; without significant inputs, state whether there were enough runs.
     If all R runs and none of the S runs on permuted residuals reference one of I inputs, its p-value is I / C(R + S,
     R)."""
     if histogram.significant:
@@ -341,5 +340,5 @@ def lowers(candidate: CandidateRecord) -> str:
 
 
 def deciding(number: int) -> str:
-    """Return the command that selects poses to decide the rejected candidate with this number."""
+    """Return the command that selects poses for a decision on the rejected candidate with the given number."""
     return f"gpmodel poses --after RESULT --rejected {number}"

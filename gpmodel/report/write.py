@@ -1,4 +1,4 @@
-"""Writes all files of a report to a folder."""
+"""Write all files of a report to a folder."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,15 +9,14 @@ from gpmodel.report.schema import Report
 
 
 def write_report(report: Report, folder: Path) -> tuple[Path, ...]:
-    """Write report.json, report.html, explore.html, poses.csv and figures/ in `folder`; return the files, the page
-    first."""
+    """Write report.json, report.html, explore.html, poses.csv and figures/ into `folder`; return the file paths."""
     from gpmodel.report.figures import draw
 
     return write_pages(report, draw(report, folder), folder)
 
 
 def write_pages(report: Report, drawings: Mapping[str, str], folder: Path) -> tuple[Path, ...]:
-    """Write the pages next to existing figures/. drawings: SVG of every picture by name."""
+    """Write the pages into a folder with existing figures/. drawings: SVG of every picture by name."""
     folder.mkdir(parents=True, exist_ok=True)
     texts = {page.PAGE: page.html(report, drawings), saved.NAME: saved.to_json(report), poses.CSV: poses.csv(report)}
     if explore.drawable(report):
