@@ -1,1 +1,1 @@
-"""Check a measured table before it is used, and assign the columns of foreign files."""
+"""Check a measured table before any fit, and assign the columns of files of other programs."""

@@ -21,7 +21,7 @@ from gpmodel.table.units import factor_like
 Columns = tuple[int, ...]
 NOMINAL = ("nom", "target", "cmd", "command", "soll", "set", "desired", "program", "theor", "design", "cad", "ref")
 ACTUAL = ("act", "meas", "ist", "real", "encoder", "feedback", "observed")
-"""Words in names of columns of commanded, and of measured values."""
+"""Words in column names that indicate commanded values, and words that indicate measured values."""
 _WORDS = re.compile(r"[^A-Za-z]+|(?<=[a-z])(?=[A-Z])")
 
 
@@ -49,7 +49,8 @@ def joint_families(names: Sequence[str], mechanism: Mechanism, numeric: Sequence
 
 
 def lettered(names: Sequence[str], numeric: Sequence[int], letters: Sequence[str] = ("xyz",)) -> Iterator[Columns]:
-    """Yield columns whose names differ in one letter, x, y and z. Of equal names the next to the right is used."""
+    """Yield columns whose names differ in one letter, x, y and z. Among equal names the next column to the right is
+    used."""
     for i, word in product(numeric, letters):
         for place, letter in enumerate(names[i]):
             if letter.lower() != word[0]:
@@ -81,12 +82,12 @@ def said_to_be(names: Sequence[str], columns: Columns) -> int:
 
 
 MOST_COLUMNS = 60
-"""Number of numeric columns that are tried as joints and coordinates regardless of their names."""
+"""Largest number of numeric columns that are tried as joints and coordinates regardless of their names."""
 ENOUGH_TO_SCREEN = 25
-"""Number of rows from which the lower bound of the residual, with 13 unknowns a coordinate, excludes any columns."""
+"""Number of rows from which the lower bound of the residual, with 13 unknowns per coordinate, can exclude columns."""
 ROUGH, ROUNDS = 0.25, 8
-"""Largest residual of a coarse fit as a share of the spread of the points, and number of iterations of that fit. Ten
-poses of three arms left 0.004, points of other rows 0.6."""
+"""Largest residual of a coarse fit as a share of the spread of the points, and number of iterations of the coarse fit.
+For ten poses of three arms the share was 0.004, with points of wrong rows 0.6."""
 MOST_DEGREES = 370.0
 """Largest joint value in columns that are not identified by their names."""
 Readings = Callable[[Mechanism, Array, Array], Iterator[Reading]]
@@ -105,11 +106,11 @@ class Axis(NamedTuple):
 
 @dataclass(frozen=True)
 class Fit:
-    """Columns of the joints and of a point, with the units in which they fit.
+    """Columns of the joints and of a point, with the units for which the residual is small.
 
     left: RMS residual of registration and tool, m.
-    reading: how the joint values have to be changed, empty if not at all.
-    turned: (n, n + 1) factors of the joint columns and constants of that change, SI.
+    reading: text on the necessary change of the joint values, empty if no change is needed.
+    turned: (n, n + 1) factors of the joint columns and constants of the change, SI.
     rows: (K,) compared rows.
     q: (K, n) joint values, rad and m.
     found: the registration.
@@ -138,7 +139,7 @@ class Assigner:
         self.rows = np.arange(len(sheet.cells)) if rows is None else rows
 
     def fits(self) -> list[Fit]:
-        """Return all assignments of the first stage that has any: columns selected by name, then by position."""
+        """Return all assignments of columns selected by name or, if none fits, of columns selected by position."""
         readings = (None, partial(of_joints, scaled=False))
         names, numeric = [axis.name for axis in self.axes], sorted(self.values)
         count, few = len(self.mechanism.joints), numeric[:MOST_COLUMNS]
@@ -161,7 +162,7 @@ class Assigner:
     def turned(self) -> list[Fit]:
         """Return the first fit of the named columns with other joint zeros, or with several changed signs.
 
-        About a thousand changes are tried.
+        About a thousand changes of zeros and signs are tried.
         """
         names = [axis.name for axis in self.axes]
         joints = list(dict.fromkeys(joint_families(names, self.mechanism, sorted(self.values))))
@@ -183,8 +184,7 @@ class Assigner:
                     break
 
     def _units(self, columns: Columns) -> Iterator[tuple[str, ...]]:
-        """Yield units of joint columns: those of the headers, then one for all revolute and one for all prismatic
-        joints."""
+        """Yield units of joint columns: units in the headers, then one unit for all joints of a kind."""
         kinds, seen = [joint.kind for joint in self.mechanism.joints], set()
         slides = WRITTEN_IN["prismatic"] if "prismatic" in kinds else ()
         for turn, slide in product((None, *WRITTEN_IN["revolute"]), (None, *slides)):
@@ -198,7 +198,7 @@ class Assigner:
                 yield units
 
     def _of(self, columns: Columns, units: tuple[str, ...], points: Columns, reread: Readings | None) -> Iterator[Fit]:
-        """Yield the fit of these columns as they are, or with each change of the joint values that `reread` yields."""
+        """Yield the fit of unchanged columns, or with each change of the joint values that `reread` yields."""
         rows = self.rows[np.isfinite([self.values[i][self.rows] for i in (*columns, *points)]).all(axis=0)]
         raw = np.column_stack([self.values[i][rows] for i in points])
         rows, raw = rows[np.ptp(raw, axis=1) > 0], raw[np.ptp(raw, axis=1) > 0]
@@ -248,13 +248,12 @@ def header_of(sheet: Sheet, column: int) -> Axis:
 
 
 def si_of(unit: str | None, kind: str) -> float:
-    """Return the factor from a unit to the SI unit of a joint of that kind, 0 if the dimension is another."""
+    """Return the factor from a unit to the SI unit of a kind of joint; 0 for a unit of another dimension."""
     return factor_like(unit or "", SI_UNIT[kind]) or 0.0
 
 
 def _formulas(q: Array, meant: Array) -> Array:
-    """Return factors of the joint columns and constants (n, n + 1) that convert values `q` (K, n) to the values
-    `meant`."""
+    """Return factors of the joint columns and constants (n, n + 1) that convert values `q` (K, n) to values `meant`."""
     change = meant - q
     factors = np.round(np.linalg.lstsq(q - q.mean(axis=0), change - change.mean(axis=0))[0]).T
     zeros = (change - q @ factors.T).mean(axis=0)
@@ -272,7 +271,7 @@ def _roughly(frames: Array, p: Array) -> float:
 
 
 def _may_fit(frames: Array, raw: Array) -> bool:
-    """Return whether points (K, 3) in any unit could fit, without the OUTLIER_SHARE of worst points."""
+    """Return True if points (K, 3) could fit in some unit of length, without the OUTLIER_SHARE of worst points."""
     columns = np.hstack([np.ones((len(frames), 1)), frames[:, :3, 3], frames[:, :3, :3].reshape(-1, 9)])
     kept = np.arange(len(raw))
     for _ in range(3):

@@ -28,11 +28,11 @@ from gpmodel.table.units import identifier, known_unit
 APART = 2e-3
 """Least distance between the tool points of two reflectors, or of the tools of two set-ups, m."""
 COARSEST = 1e-4
-"""Largest rounding, m, that is distinguished from the errors of an arm: no arm is better before calibration."""
+"""Largest rounding, m, that is smaller than the errors of any uncalibrated arm."""
 MOST_LABELS = 12
 """Largest number of different values of a column that names tools or set-ups."""
 COMPUTED_TURN = 1e-5
-"""Angle, rad, between given and nominal orientations from which they may be measured. Smaller ones are computed."""
+"""Least angle, rad, between measured and nominal orientations; a smaller angle means computed orientations."""
 CONVENTIONS = (
     "rotation vector",
     *(f"{kind} {axes.upper()}" for kind, axes in product(("intrinsic", "fixed"), (*TAIT_BRYAN, *PROPER))),
@@ -41,8 +41,7 @@ CONVENTIONS = (
 
 @dataclass(frozen=True)
 class Guess:
-    """map: the assigned columns. lines: one text a column, with the reason. doubts: choices that the file does not
-    decide, so that a person has to."""
+    """map: the assigned columns. lines: one text per column, with the reason. doubts: choices for the user."""
 
     map: ColumnMap
     lines: tuple[str, ...]
@@ -50,7 +49,8 @@ class Guess:
 
 
 def guess_files(paths: Sequence[Path], mechanism: Mechanism, join: str | None) -> tuple[Sheet, Guess]:
-    """Read one file, or two joined in the first way that fits, and assign its columns. Raises InputError as `guess`."""
+    """Read one file, or join two files in the first way that fits, and assign the columns. Raises InputError as
+    `guess`."""
     sheets = sheets_of(paths)
     if len(sheets) == 1 or join:
         sheet = read_files(paths, join or "")
@@ -123,8 +123,8 @@ def _by_pose(first: Sheet, second: Sheet, mechanism: Mechanism) -> Iterator[str]
 def guess(sheet: Sheet, mechanism: Mechanism, turned: bool = False) -> Guess:
     """Assign the columns of a sheet by their names and by the residual of a registration.
 
-    turned: also try other zeros and several other signs of joints. Raises InputError if nothing fits the mechanism, or
-    if the positions are computed and not measured.
+    turned: True to try other zeros and several other signs of joints. Raises InputError if no assignment fits the
+    mechanism, or if the positions are computed and not measured.
     """
     label, fits = _fits(sheet, mechanism, turned)
     if not fits:
@@ -150,7 +150,7 @@ def guess(sheet: Sheet, mechanism: Mechanism, turned: bool = False) -> Guess:
 
 
 def _fits(sheet: Sheet, mechanism: Mechanism, turned: bool) -> tuple[tuple[int, tuple[str, ...]] | None, list[Fit]]:
-    """Return assignments that fit all rows; else those that fit the rows of each value of a column, and that column."""
+    """Return assignments that fit all rows; else assignments that fit for each value of a column, and the column."""
     if fits := Assigner(sheet, mechanism).fits():
         return None, fits
     if turned:
@@ -198,7 +198,7 @@ def _nothing(sheet: Sheet, mechanism: Mechanism) -> str:
 
 
 def _one_set_of_joints(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: dict[int, str]) -> list[Fit]:
-    """Return the fits of one set of joint values: the measured one if names distinguish measured and commanded ones."""
+    """Return the fits of one set of joint values; if names tell measured from commanded values, the measured set."""
     best = min(fits, key=lambda fit: fit.left)
     fits = [fit for fit in fits if fit.left < max(FAR_BETTER * best.left, APART)]
     sets = list(dict.fromkeys(fit.joints for fit in fits))
@@ -216,7 +216,7 @@ def _one_set_of_joints(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: 
 
 
 def _measured(sheet: Sheet, mechanism: Mechanism, fits: list[Fit], lines: dict[int, str]) -> list[Fit]:
-    """Return the fits of points that were not computed from the joint values. Raises InputError if there is none."""
+    """Return the fits of points not computed from the joint values. Raises InputError if all points were computed."""
     left = []
     for fit in fits:
         if _computed(sheet, mechanism, fit):
@@ -233,9 +233,9 @@ def _measured(sheet: Sheet, mechanism: Mechanism, fits: list[Fit], lines: dict[i
 
 
 def _computed(sheet: Sheet, mechanism: Mechanism, fit: Fit) -> bool:
-    """Return whether the points are computed: the residual of a registration is the rounding of their digits.
+    """Return True if the points are computed: the residual of a registration is as small as the rounding of the digits.
 
-    Positions are also computed if the residual of the standard model is below the noise of any instrument.
+    Positions are also computed if the residual of the standard model is below the noise of every instrument.
     """
     p = np.column_stack([si_of(fit.unit, "prismatic") * numbers_of(sheet, i)[fit.rows] for i in fit.points])
     data = replace(unmeasured([joint.name for joint in mechanism.joints], fit.q), position=p)
@@ -255,7 +255,7 @@ def numbers_of(sheet: Sheet, column: int) -> Array:
 
 
 def _reflectors(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: dict[int, str]) -> list[Fit]:
-    """Return fits of different tool points. Of two with one tool point, a measured one by its name is kept."""
+    """Return fits of different tool points. Of several fits with one tool point, one named as measured is preferred."""
     taken: list[Fit] = []
     said = {fit.points: said_to_be(sheet.names, fit.points) for fit in fits}
     for fit in sorted(fits, key=lambda f: (-said[f.points], f.points)):
@@ -276,7 +276,7 @@ def _reflectors(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: dict[in
 
 
 def _congruent(sheet: Sheet, one: Fit, other: Fit) -> bool:
-    """Return whether two sets of points are congruent: one set of points in two frames."""
+    """Return True if two sets of points are congruent, that is one set of points in two frames."""
     a, b = (
         np.column_stack([numbers_of(sheet, i) for i in f.points]) * si_of(f.unit, "prismatic") for f in (one, other)
     )
@@ -335,7 +335,7 @@ def _point(sheet: Sheet, fit: Fit, doubts: list[str], lines: dict[int, str]) -> 
 
 
 def _orientation(sheet: Sheet, mechanism: Mechanism, fit: Fit, lines: dict[int, str]) -> OrientationColumns | None:
-    """Return the columns of orientations that fit the mechanism, and their convention, or None."""
+    """Return the columns of orientations that fit the mechanism, and the convention of the orientations, or None."""
     turned = fit.found.turn @ flange(mechanism, fit.q)[:, :3, :3]
     free = [i for i in sheet.columns if i not in lines and sheet.numbers(i) is not None]
     found = []

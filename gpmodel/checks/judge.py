@@ -34,7 +34,7 @@ from gpmodel.table.dataset import Dataset
 
 
 def another_centre(model: ErrorModel, data: Dataset) -> str | None:
-    """Name the cameras whose stated principal point is wrong: estimated ones give a residual below POOR. Else None."""
+    """Name the cameras with a wrong stated principal point: the residual with fitted principal points is below POOR."""
     described: Mapping[str, Any] = data.described.get("cameras", {})
     cameras: Mapping[str, Mapping[str, Any]] = described.get("camera", {})
     stated = {name: c for name, c in cameras.items() if "centre_px" in c and not c.get("solve")}
@@ -55,15 +55,15 @@ def another_centre(model: ErrorModel, data: Dataset) -> str | None:
 
 NOBODY = Teller()
 MOST_FITTED, STRETCH = 2000, 50
-"""Rows that are fitted to check a table, and length of each stretch of adjacent rows. A fit takes a second, and the
-relative error of its RMS is 1 / √(6 · 2000)."""
+"""Number of rows that are fitted to check a table, and length of each stretch of adjacent rows. A fit of these rows
+takes a second, and the relative error of its RMS is 1 / √(6 · 2000)."""
 YIELDING = ("base_compliance", "joint_compliance")
 """Families of errors of a sound robot with low stiffness."""
 LIMIT_TOLERANCE = 1e-3
 """Distance beyond the limit of a joint, rad or m, that is explained by the play of its stop and by rounding."""
 MINIMUM_READINGS, UNLIKE = 12, 0.2
-"""Least number of measurements to check, and largest share of their spread that registration and tool may leave.
-Unrelated distances, pixels or touches leave more; suitable ones leave the errors of the mechanism, a hundredth."""
+"""Least number of measurements for a check, and largest residual of registration and tool as a share of the spread.
+Unrelated distances, pixels or touches have a larger residual; suitable measurements have about a hundredth."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Remark:
     """One error, warning or note on a table.
 
     severity: "error" (the table cannot be fitted), "warning" or "note".
-    unfit: short reason why a fit would be unsound although it is possible; empty if it is sound.
+    unfit: short reason why a fit is possible but would be wrong; empty if the fit is sound.
     """
 
     severity: str
@@ -84,10 +84,10 @@ def check_dataset(
 ) -> list[Remark]:
     """List the errors, warnings and notes of a table, errors first.
 
-    standard: the geometric effects that would be fitted (default: all). Of more than MOST_FITTED rows, fits use
-    stretches spread evenly over the table, and a note states their number. Errors: joint values beyond limits, wrong
-    units or columns, equal poses, fewer measured values than unknowns, computed positions. Warnings: see `built_wrong`,
-    `poor_fit` and `warnings_of`. Notes: see `notes`.
+    standard: the geometric effects that would be fitted (default: all). With more than MOST_FITTED rows, fits use
+    stretches of rows spread evenly over the table, and a note states the number of rows. Errors: joint values beyond
+    limits, wrong units or columns, equal poses, fewer measured values than unknowns, computed positions. Warnings: see
+    `built_wrong`, `poor_fit` and `warnings_of`. Notes: see `notes`.
     """
     standard = geometric_effects(mechanism) if standard is None else standard
     many = len(data) > MOST_FITTED
@@ -117,7 +117,7 @@ def check_dataset(
 
 
 def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
-    """Yield the causes of a large residual, and why no sound fit follows.
+    """Yield the causes of a large residual, each with the reason why the table is not fit for calibration.
 
     The reason is empty if base and joint compliance explain the residual.
     """
@@ -138,7 +138,7 @@ def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
 
 
 def evenly(count: int) -> IntArray:
-    """Return rows (K,) to fit of `count`: all, or MOST_FITTED in evenly spaced stretches of adjacent rows."""
+    """Return the rows (K,) of `count` rows that are fitted: all, or MOST_FITTED in evenly spaced stretches."""
     if count <= MOST_FITTED:
         return np.arange(count)
     starts = np.linspace(0, count - STRETCH, MOST_FITTED // STRETCH).astype(np.int64)
@@ -146,7 +146,7 @@ def evenly(count: int) -> IntArray:
 
 
 def refuse(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...] | None = None) -> None:
-    """Raise InputError with the first error that check_dataset finds."""
+    """Raise InputError with the first error of the table that check_dataset finds."""
     standard = geometric_effects(mechanism) if standard is None else standard
     for text in chain(_errors(mechanism, poses.dataset, standard), _unsound(mechanism, poses)):
         raise InputError(text)
@@ -159,7 +159,7 @@ def _unsound(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
 
 
 def computed_positions(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
-    """Yield an error if the nominal mechanism computes the positions. Only positions with rounded digits are fitted."""
+    """Yield an error if the positions were computed with the nominal mechanism; tested only for rounded positions."""
     if not written_to_a_digit(poses.dataset):
         return
     part = poses.subset(evenly(len(poses)))
@@ -170,7 +170,7 @@ def computed_positions(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
 
 
 def _errors(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> Iterator[str]:
-    """Yield errors of a table. Each kind is only tested if the kinds before it are absent."""
+    """Yield errors of a table. Each kind of error is tested only if no error of an earlier kind was found."""
     beyond = list(_beyond_limits(mechanism, data))
     if alike := _all_alike(data):
         yield alike
@@ -227,7 +227,7 @@ def _too_few(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) 
 
 
 def _too_few_held(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> Iterator[str]:
-    """Yield a warning if the values are enough for all unknowns, but not with the usual share of the poses held out."""
+    """Yield a warning if all values suffice for the unknowns, but the training poses of a held-out split do not."""
     values, needed = measured_values(different_readings(data)), unknowns(mechanism, data, standard)
     if values * (1.0 - USUAL) <= needed:
         yield (

@@ -18,39 +18,39 @@ from gpmodel.table.dataset import Dataset
 from gpmodel.wording import some
 
 TURNS = 4 * np.pi
-"""Largest joint angle, rad: no joint of a robot turns more than twice either way."""
+"""Largest joint angle, rad: no joint of a robot makes more than two turns in one direction."""
 POOR_SHARE, POOR_LENGTH = 0.02, 0.01
-"""Share of the workspace, and length, m, that registration and tool leave before other interpretations of columns are
-tried: ten times the errors of a bad robot. See `checks.weak_columns` for smaller residuals."""
+"""Residual of registration and tool, as a share of the workspace and as a length, m, from which other interpretations
+of columns are tried: ten times the errors of a bad robot. `checks.weak_columns` tests smaller residuals."""
 FAR_BETTER = 5.0
-"""Least factor by which another interpretation has to reduce the residual. A wrong description of a mechanism does not
-gain so much by chance."""
+"""Least factor by which an alternative interpretation has to reduce the residual. With a wrong description of a
+mechanism, no alternative reduces the residual as much by chance."""
 ALIKE = 1.5
-"""Ratio to the smallest residual up to which another interpretation counts as equally likely and is also named."""
+"""Ratio to the smallest residual up to which an alternative interpretation is equally likely and is also named."""
 SCREENED = 200
 """Number of interpretations whose frames are computed at once."""
 GOOD_SHARE = 0.05
-"""Largest share of the spread of the points that the correct interpretation leaves."""
+"""Largest residual of the correct interpretation, as a share of the spread of the points."""
 HOPELESS_SHARE, HOPELESS_LENGTH = 0.1, 0.03
-"""Share of the spread, and length, m, that are left if no interpretation fits and the table is refused. No robot that
-moves has such errors."""
+"""Residual, as a share of the spread and as a length, m, from which a table is refused if no interpretation fits. No
+working robot has errors this large."""
 FEWEST_ROWS, MOST_ROWS, MOST_IN_ORDER = 6, 60, 400
-"""Least and largest number of poses to compare interpretations: fewer than six fit anything, more than sixty add
-nothing. Largest number of consecutive rows in which a lost row is searched."""
+"""Least and largest number of poses to compare interpretations: with fewer than six poses every interpretation fits,
+more than sixty add no information. Largest number of consecutive rows in which a lost row is searched."""
 FEWEST_OF_A_PART, LEAST_PART = 12, 0.35
-"""Least number and least share of rows that fit one registration and tool if the other rows are to be called bad: nine
-unknowns fit any three rows."""
+"""Least number and least share of rows that must fit one registration and tool before the other rows are called bad:
+nine unknowns fit any three rows."""
 TINY, GIANT = 5e-3, 30.0
 """Bounds of the length of the longest link of a robot, m."""
 
 
 def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
-    """Name columns that are exchanged or in a wrong unit, and how to write them. None if the table fits the mechanism.
+    """Name columns that are exchanged or in a wrong unit, with the correction. None if the table fits the mechanism.
 
     If the residual of registration and tool is far above real errors at most of the poses, other interpretations are
     tried: units, signs, columns swapped or coupled, lengths of the mechanism, then rows that belong to the pose before
-    or after, two set-ups in one, and many bad measurements. An interpretation has to reduce the residual by FAR_BETTER.
-    For several arms only degrees in place of radians are tested.
+    or after, two set-ups in one, and many bad measurements. An interpretation is named if it reduces the residual by
+    FAR_BETTER. For several arms only degrees in place of radians are tested.
     """
     revolute = np.array([j.kind == "revolute" for j in mechanism.joints])
     largest = np.abs(data.q[:, revolute]).max(initial=0.0)
@@ -82,12 +82,11 @@ def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
 def _better(
     mechanism: Mechanism, q: Array, p: Array, now: float, sizes: tuple[float, float], hopeless: bool
 ) -> str | None:
-    """Return a text on the interpretation that fits best, if it reduces the residual by FAR_BETTER, and on equally good
-    interpretations.
+    """Return a text on the best interpretation, if it reduces the residual by FAR_BETTER, and on equally good ones.
 
-    now: residual without a change, m.
+    now: residual of the unchanged table, m.
     sizes: spread of the points and of the flange, m.
-    hopeless: also change two columns, or the order of all.
+    hopeless: True to try changes of two columns, and of the order of all columns.
     """
     longest = float(np.abs(mechanism.transforms(q)[..., :3, 3]).max())
     kinds = [of_lengths(q, p, *sizes)]
@@ -107,8 +106,7 @@ def _better(
 
 
 def _best_of(mechanism: Mechanism, readings: Iterable[Reading], limit: float) -> tuple[float, str] | None:
-    """Return the RMS residual, m, of the best interpretation below `limit`, and its meaning; of equally good ones the
-    first."""
+    """Return the RMS residual, m, and the meaning of the first best interpretation with a residual below `limit`."""
     fits: list[tuple[int, float, str]] = []
     number = 0
     for scale, alike in groupby(readings, key=attrgetter("scale")):
@@ -135,10 +133,9 @@ def comparable_rows(data: Dataset) -> IntArray:
 
 
 def typical(frames: Array, position: Array) -> tuple[IntArray, Array]:
-    """Return the indices (K,) of the poses without the worst ones, and the errors (N,) of all poses, m, by a fit to the
-    kept poses.
+    """Return the indices (K,) of the poses without the worst poses, and the errors (N,), m, by a fit to the K poses.
 
-    Gross errors of single poses are no sign of exchanged columns.
+    Gross errors of single poses do not indicate exchanged columns.
     """
     most = np.arange(len(frames))
     for _ in range(3):
@@ -149,7 +146,7 @@ def typical(frames: Array, position: Array) -> tuple[IntArray, Array]:
 
 
 def of_the_rows(mechanism: Mechanism, data: Dataset, now: float) -> str | None:
-    """Find a lost row, a column shifted by a row, two set-ups in one, or bad measurements, from the rows that do fit.
+    """Find a lost row, a column shifted by a row, two set-ups in one, or bad measurements, from the rows that fit.
 
     now: RMS residual of registration and tool, m.
     """
@@ -171,7 +168,7 @@ def of_the_rows(mechanism: Mechanism, data: Dataset, now: float) -> str | None:
 
 
 def _late_column(mechanism: Mechanism, q: Array, p: Array, now: float) -> str | None:
-    """Name the joint whose values belong to the row before or after. None if that explains too few rows."""
+    """Name the joint whose values belong to the row before or after; None if the shift explains too few rows."""
     for i, shift in product(range(q.shape[1]), (1, -1)):
         moved = q.copy()
         moved[:, i] = np.roll(q[:, i], -shift)
@@ -195,7 +192,7 @@ def _paired(frames: Array, p: Array, shift: int) -> tuple[Array, Array]:
 
 
 def _lost_row(found: Registered, frames: Array, p: Array, row: IntArray) -> str | None:
-    """Name the row from which positions belong to the pose before or after. None if that explains too few rows."""
+    """Name the row from which positions belong to the pose before or after; None if the shift explains too few rows."""
     errors = np.full((3, len(p)), np.inf)
     for shift in (-1, 0, 1):
         errors[shift + 1, max(shift, 0) : len(p) + min(shift, 0)] = found.errors(*_paired(frames, p, shift))
@@ -221,8 +218,8 @@ def _lost_row(found: Registered, frames: Array, p: Array, row: IntArray) -> str 
 
 
 def _bad_rows(frames: Array, p: Array, row: IntArray, found: Registered) -> str | None:
-    """Describe two set-ups in one if the bad rows fit a registration of their own; else list the bad measurements by
-    row."""
+    """Describe two set-ups in one if the bad rows fit a second registration; else list the rows of the bad
+    measurements."""
     error = found.errors(frames, p)
     bad = error > gross(error)
     if bad.mean() <= OUTLIER_SHARE:
@@ -258,8 +255,8 @@ PROPER = ("xyx", "xzx", "yxy", "yzy", "zxz", "zyz")
 
 
 def rotations_flaw(mechanism: Mechanism, data: Dataset) -> str | None:
-    """Describe the disagreement of rotations with the mechanism, and the convention in which they fit. None if they
-    fit.
+    """Describe the disagreement of rotations with the mechanism, and the convention that fits; None without
+    disagreement.
 
     With the registration A of the positions and the rotation B of the tool in the flange, R = A R_flange B. Without
     positions nothing is tested.
@@ -298,7 +295,7 @@ def miss(turned: Array, measured: Array) -> float:
 
 
 def _conventions(vectors: Array) -> Iterator[tuple[str, Array]]:
-    """Yield rotation vectors (N, 3) in each possible convention, by its name, as rotations (N, 3, 3)."""
+    """Yield the name of each possible convention, and rotation vectors (N, 3) read in the convention as (N, 3, 3)."""
     as_read = Rotation.from_rotvec(vectors)
     quaternions = as_read.as_quat()
     for factor, unit in ((1.0, ""), (np.pi / 180, " in degrees"), (180 / np.pi, " in radians")):

@@ -1,4 +1,4 @@
-"""Notes on the content and the fit of a table, and on the next measurements. Robust registration of its rows."""
+"""Notes on the content and the fit of a table, and on the next measurements; robust registration of the rows."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -26,13 +26,13 @@ from gpmodel.table.units import identifier, split_header
 CLOSE = 0.01
 """RMS residual, m, below which a fit is not restarted from another side of the flange."""
 COARSE, FINE, FINER = 0.3, 1e-3, 0.3
-"""First and last scale of the robust fit, m, and the factor between two of them. Half or double of each gives equal
-rows; a last scale of 0.1 mm would reject rows for errors of the geometry."""
+"""First and last scale of the robust fit, m, and the factor between successive scales. Half or double of each value
+selects equal rows; a last scale of 0.1 mm would reject rows because of errors of the geometry."""
 STEPS = 4
-"""Gauss-Newton steps at each scale; eight end at equal rows."""
+"""Number of Gauss-Newton steps at each scale; eight steps select equal rows."""
 QUARTER, SPREAD = 0.25, 12.0
-"""Quantile of the errors that belongs to good rows even if most rows are bad, and the multiple of it that no good row
-reaches: the quarter of the lengths of 3-D normal errors is at 1.1 σ, and 13 σ never occur."""
+"""Quantile of the errors that belongs to good rows even if most rows are bad, and the multiple of the quantile that no
+good row reaches: the quarter of the lengths of 3-D normal errors is at 1.1 σ, and 13 σ never occur."""
 SMALLEST = 5e-3
 """Least gross error, m."""
 
@@ -79,7 +79,7 @@ def tips(frames: Array, tool: Array) -> Array:
 def registered(frames: Array, position: Array) -> Registered:
     """Fit registration and tool point by least squares, with starts on all sides of the flange.
 
-    If the flange turns about one centre, a start on the wrong side ends in a local minimum near by.
+    If the flange turns about one centre, a start on the wrong side of the flange ends in a local minimum.
     """
 
     def residual(point: Array) -> Array:
@@ -121,7 +121,7 @@ def least_misfit(frames: Array, position: Array) -> Array:
 
 
 def core(frames: Array, position: Array) -> tuple[Registered, Mask]:
-    """Return registration and tool point of the largest part of the rows that fits one, and whether each row (N,) fits.
+    """Return registration and tool point of the largest consistent part of the rows, and a mask (N,) of its rows.
 
     A Cauchy loss with a scale from COARSE to FINE starts from the least-squares fits to all rows, to the first and to
     the last third. Source: Blake and Zisserman (1987), graduated non-convexity.
@@ -134,7 +134,7 @@ def core(frames: Array, position: Array) -> tuple[Registered, Mask]:
 
 
 def gross(errors: Array) -> float:
-    """Return the error, m, from which an error is gross, by the smallest quarter of the errors (N,)."""
+    """Return the limit of gross errors, m, computed from the smallest quarter of the errors (N,)."""
     return max(SMALLEST, SPREAD * float(np.quantile(errors, QUARTER)))
 
 
@@ -170,8 +170,8 @@ def measured_values(data: Dataset) -> int:
 def unknowns(mechanism: Mechanism, data: Dataset, effects: tuple[Effect, ...]) -> int:
     """Count the unknowns: registration, tool, anchors and constant effects.
 
-    Constants count by the combinations that well spread poses distinguish: the rank at the nominal geometry over random
-    poses within the limits.
+    The number of constants is the number of combinations that well spread poses distinguish: the rank of the
+    sensitivity at the nominal geometry over random poses within the limits.
     """
     many = unmeasured(data.joints, random_poses(mechanism, RANK_POSES, np.random.default_rng(0)))
     nothing, something = many.position, np.zeros((RANK_POSES, 3))
@@ -192,10 +192,10 @@ def unknowns(mechanism: Mechanism, data: Dataset, effects: tuple[Effect, ...]) -
 
 
 ENOUGH_VALUES = 5.0
-"""Measured values per unknown. With 5 the errors at new poses are a tenth larger than with many, √(1 + 1/5)."""
+"""Sufficient number of measured values per unknown. With 5, errors at new poses are a tenth larger, √(1 + 1/5)."""
 
 NARROW = 0.3
-"""Share of a joint's range below which a wider range would determine more."""
+"""Share of a joint's range below which a note recommends a wider range."""
 
 
 def notes(

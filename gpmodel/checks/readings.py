@@ -1,4 +1,4 @@
-"""Other interpretations of the columns of a table, each without a further unknown, and the text for the user."""
+"""Alternative interpretations of the columns of a table, each without a further unknown, and the text for the user."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -13,15 +13,15 @@ from gpmodel.table.dataset import Dataset
 MOST_DIGITS = 9
 """Decimals of a millimetre or a degree from which a number counts as not rounded."""
 FINEST = 5e-6
-"""RMS residual, m, that no instrument on a robot reaches. Positions with a smaller residual are computed."""
+"""RMS residual, m, below which positions are computed and not measured: no instrument on a robot is as accurate."""
 SPREAD = 1.0 / np.sqrt(12.0)
-"""Ratio of the standard deviation of a rounding error to the last digit."""
+"""Ratio of the standard deviation of a rounding error to the size of the last digit."""
 ENOUGH = 1.5
 """Ratio of a residual to the rounding error up to which rounding explains it."""
 
 
 def written_to_a_digit(data: Dataset) -> bool:
-    """Return whether all positions (N, 3) are rounded to one decimal, as a controller writes them."""
+    """Return True if all positions (N, 3) are rounded to a common decimal, as in files of a controller."""
     return _last_digits(data)[0] > 0
 
 
@@ -76,8 +76,7 @@ LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "cm": 1e-2}
 OF_ANOTHER_SIZE = 5.0
 """Largest ratio of the spread of measured points to the workspace, or its inverse."""
 QUARTERS = (0.0, 90.0, -90.0, 180.0)
-"""Differences between the zeros of a controller and of a description, deg. Both count from one of four perpendicular
-poses."""
+"""Differences between the joint zeros of a controller and of a description, deg, in multiples of a right angle."""
 MOST_ORDERED = 6
 """Largest number of joints of which all orders are tried: 720."""
 
@@ -86,8 +85,8 @@ MOST_ORDERED = 6
 class Reading:
     """An interpretation of the columns.
 
-    meaning: what is wrong and how to write it.
-    q, position: joint values (N, n) and positions (N, 3) in this interpretation.
+    meaning: text on the error of the table and its correction.
+    q, position: joint values (N, n) and positions (N, 3) of the interpretation.
     scale: factor on the lengths of the mechanism.
     """
 
@@ -100,11 +99,10 @@ class Reading:
 def of_joints(
     mechanism: Mechanism, q: Array, p: Array, only: Mask | None = None, *, scaled: bool = True
 ) -> Iterator[Reading]:
-    """Yield interpretations with the other angle unit, the other sign, two columns swapped, or a joint coupled to its
-    neighbour.
+    """Yield interpretations with the other angle unit, the other sign, two swapped columns, or two coupled joints.
 
-    only: (n,) bool, joints that may be changed; None for all.
-    scaled: include the other angle unit.
+    only: (n,) bool, joints that may be changed; None for all joints.
+    scaled: True to include the other angle unit.
     """
     joints = mechanism.joints
     chosen = np.ones(len(joints), dtype=bool) if only is None else only

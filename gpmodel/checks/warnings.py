@@ -1,4 +1,4 @@
-"""Warnings about a table that can still be fitted."""
+"""Warnings about a table that is fit for calibration but has a doubtful property."""
 
 from collections.abc import Iterator
 
@@ -23,17 +23,18 @@ JUMP_ROWS = 20
 """Least number of rows for a test of their order."""
 
 SERIAL_SIGMAS = 4.0
-"""Threshold of the correlation of neighbouring rows, in standard deviations. One of 3·10⁴ good tables exceeds this."""
+"""Threshold of the correlation of neighbouring rows, in standard deviations; exceeded by one of 3·10⁴ good tables."""
 
 
 PLACED = {"setup": "registration", "tool": "tool point"}
-"""Fitted quantity for each label column."""
+"""Name of the fitted quantity for each label column."""
 
 
 def order_matters(fit: Calibration, poses: Poses) -> Iterator[str]:
     """Yield a sentence if residuals jump or drift along the rows, or else if neighbouring rows are correlated.
 
-    Residuals of positions are tested in the axes of the instrument and in those of the tool: either may have moved.
+    Residuals of positions are tested in the axes of the instrument and in the axes of the tool, because either can
+    move.
     """
     observed = observe(fit.model, resolved(fit, poses), fit.theta, fit.placement)
     left = measured_minus(observed, poses.dataset) * observed.scales(1.0)
@@ -51,7 +52,7 @@ def order_matters(fit: Calibration, poses: Poses) -> Iterator[str]:
 
 
 def _view_by_view(poses: Poses, residual: Array) -> tuple[Poses, Array]:
-    """Merge consecutive rows of one pose and average their residuals: corners of one view are not independent."""
+    """Merge consecutive rows of one pose and average the residuals; corners of one image are not independent."""
     run = np.cumsum(np.append(0, (np.diff(poses.dataset.q, axis=0) != 0).any(axis=1)))
     known = np.isfinite(residual)
     sums, counts = np.zeros((2, run[-1] + 1, residual.shape[1]))
@@ -116,19 +117,18 @@ POOR = 2e-3
 """Residual of the standard model, m, from which the fit is poor. For a robot the residual is usually 0.1 to 1 mm."""
 
 POOR_TURN = 1e-2
-"""Residual of the standard model in the orientations, rad, from which the fit is poor: ten times that of a calibrated
-machine."""
+"""Residual of the standard model in the orientations, rad, from which the fit is poor: ten times the residual of a
+calibrated machine."""
 
 HOTTEST = 150.0
-"""Largest temperature, degC. No machine is measured so hot, and a workshop has 290 to 310 in kelvin."""
+"""Largest plausible temperature, degC. A workshop in kelvin has 290 to 310."""
 
 BUILT_WRONG = 1e-2
-"""Least deviation from the description, m or rad, that is an error of the description: links are machined and joint
-zeros set more accurately."""
+"""Deviation, m or rad, from which the description is wrong: links are machined and joint zeros set more accurately."""
 
 RESOLVED = 1e3
-"""Condition number up to which errors are divided among equivalent parameters. Rounding is 1e-12; a wrong length has a
-tenth of the effect of the best determined direction."""
+"""Condition number up to which errors are divided among equivalent parameters. The relative rounding error is 1e-12; a
+wrong length has a tenth of the effect of the best determined direction."""
 
 SURE = 5.0
 """Number of standard errors from zero from which a parameter is called wrong."""
@@ -141,7 +141,7 @@ def warnings_of(mechanism: Mechanism, poses: Poses, fit: Calibration) -> Iterato
     """Yield one sentence for each warning: unused loads, joints that hardly move, repeats, outliers, rounding, order of
     rows.
 
-    fit: of the standard model.
+    fit: fit of the standard model.
     """
     data = poses.dataset
     yield from _unmeasured(data)
@@ -160,8 +160,7 @@ def warnings_of(mechanism: Mechanism, poses: Poses, fit: Calibration) -> Iterato
 
 
 def poor_fit(fit: Calibration, called: str = "the standard model") -> Iterator[str]:
-    """Yield the possible causes of a large residual: the table, the instrument, or low stiffness. called: name of the
-    fit."""
+    """Yield the possible causes of a large residual: table, instrument, or low stiffness. called: name of the fit."""
     left = root_mean_square(fit.fitted_error)
     if left > POOR:
         touched = [name for name in TOUCHED if any(key.startswith(f"{name} ") for key in fit.placement.anchors)]
@@ -201,7 +200,7 @@ def _turned(fit: Calibration, poses: Poses) -> Iterator[str]:
 
 
 def orientation_left(fit: Calibration, poses: Poses) -> float:
-    """Return the RMS residual of a fit in the orientations, rad, without outliers. NaN if none was measured."""
+    """Return the RMS orientation residual of a fit, rad, without outliers; NaN without measured orientations."""
     seen = resolved(fit, poses)
     angles = np.delete(turn_error(observe(fit.model, seen, fit.theta, fit.placement), seen.dataset), fit.outliers)
     measured = angles[np.isfinite(angles)]
@@ -211,9 +210,9 @@ def orientation_left(fit: Calibration, poses: Poses) -> float:
 def built_wrong(fit: Calibration, poses: Poses) -> Iterator[str]:
     """Yield one sentence for each parameter that is farther from the description than any machine is built.
 
-    A fit holds some of several equivalent parameters at zero, and the others absorb their errors: two parallel joints
-    0.1 m apart turn 1 mm into 10 mrad. All parameters are therefore tested at the values of least sum of squares, in mm
-    and mrad, that move the points as the fit does.
+    A fit holds some of several equivalent parameters at zero, and the other parameters absorb the errors: two parallel
+    joints 0.1 m apart turn 1 mm into 10 mrad. All parameters are therefore tested at the equivalent values with the
+    least sum of squares, in mm and mrad.
     """
     solved = _least(fit, poses)
     values = solved @ fit.theta
@@ -232,8 +231,8 @@ def built_wrong(fit: Calibration, poses: Poses) -> Iterator[str]:
 def _least(fit: Calibration, poses: Poses) -> Array:
     """Return the linear map (E, E) from the values of a fit to equivalent values of least norm.
 
-    Equivalent values differ in the points by registration and tool alone. Directions with an effect more than RESOLVED
-    times smaller than the largest are left at zero.
+    Equivalent values move the points equally, up to registration and tool. Directions in parameter space whose effect
+    is more than RESOLVED times smaller than the largest effect are left at zero.
     """
     problem = problem_at(fit, poses)
     placed, effects = problem.columns[:, : problem.placement], problem.columns[:, problem.placement :]
@@ -242,7 +241,7 @@ def _least(fit: Calibration, poses: Poses) -> Array:
 
 
 def _implausible_repeats(data: Dataset) -> Iterator[str]:
-    """Yield a warning for rows far from the other rows at their pose, compared with the usual distance."""
+    """Yield a warning for repeated measurements that are far from the other repeats of the pose."""
     code = replicates(data)
     measured = np.isfinite(data.position).all(axis=1)
     away = np.zeros(len(data))
@@ -283,12 +282,12 @@ def _repeats(data: Dataset) -> Iterator[str]:
 
 
 FROZEN = 3
-"""Least number of poses with one position from which the position is that of a lost target. With two it may be chance
-in a table of few digits."""
+"""Least number of poses with an identical position that indicates a lost target. With few digits, two identical
+positions may be chance."""
 
 
 def _frozen(data: Dataset) -> Iterator[str]:
-    """Name positions that stand, to the last digit, at several poses."""
+    """Name measured positions that are identical, to the last digit, at several poses."""
     known = np.flatnonzero(np.isfinite(data.position).all(axis=1))
     places, code = np.unique(data.position[known], axis=0, return_inverse=True)
     for k in np.flatnonzero(np.bincount(code.reshape(-1), minlength=len(places)) >= FROZEN):

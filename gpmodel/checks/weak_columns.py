@@ -1,4 +1,4 @@
-"""Columns of joints that hardly move the measured point: test other interpretations by the standard model."""
+"""Test alternative interpretations of the columns of joints that hardly move the measured point."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -24,32 +24,32 @@ from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.dataset import Dataset
 
 LIMIT = 50.0
-"""Condition limit of every fit, that of the standard model in Robertson (2003)."""
+"""Condition limit of every fit, as for the standard model in Robertson (2003)."""
 PASSES = 3
-"""Alternating fits of angles and model. The first reduces the residual of a shuffled wrist 1.5 mm off its axis from 1.1
-to 0.17 mm, the third to 0.05; a sound column never changes."""
+"""Number of alternating fits of angles and model. For a wrist column of other rows and a point 1.5 mm off the axis, the
+residual falls from 1.1 to 0.17 mm by the first fit, and to 0.05 mm by the third."""
 GRID = np.radians(np.arange(0.0, 360.0, 2.0))
 """Tested angles, rad. Half the step moves the point of a wrist by less than its noise."""
 LESS, FAR_LESS = 1.5, 3.0
 """Least factor by which free angles have to reduce the standard deviation of the residual, after each pass and at the
-end. In a sound model free angles remove one of three coordinates, a factor of 1.2."""
+end. With a correct column, free angles remove one of three coordinates, a factor of 1.2."""
 FAR_OFF = np.radians(10.0)
 """Least median difference of the free angles from the column, rad. Play and gear errors are below 1 degree, shuffled
 values near 90."""
 
 
 def fitted(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> Calibration:
-    """Fit the standard model."""
+    """Fit the standard model to a table."""
     return calibrate(ErrorModel(mechanism, standard), prepare(mechanism, data), condition_limit=LIMIT)
 
 
 def foreign_column(mechanism: Mechanism, data: Dataset, fit: Calibration, k: int) -> str | None:
-    """Describe the column of revolute joint k if the positions fit far better with a free angle at each pose, or return
+    """Describe the column of revolute joint k if the positions fit far better with a free angle at each pose; else
     None.
 
-    The predicted point moves on a circle with the angle. The free angle brings it nearest to the measured point. Angles
-    and standard model are fitted in turn, from `fit`, the standard model of the table. σ of the residual counts one
-    unknown a pose.
+    The predicted point moves on a circle with the angle. The free angle minimises the distance from the measured point.
+    Angles and standard model are fitted in turn, from `fit`, the standard model of the table. σ of the residual counts
+    one unknown per pose.
     """
     now, free = fit, data
     for _ in range(PASSES):
@@ -71,7 +71,7 @@ def foreign_column(mechanism: Mechanism, data: Dataset, fit: Calibration, k: int
 
 
 def _nearest(fit: Calibration, data: Dataset, k: int) -> Dataset:
-    """Return the table with the angle of joint k that puts each point of the model nearest to the measured one."""
+    """Return the table with the angle of joint k that minimises the distance of model point and measured point."""
     zero, quarter, half = (_points(fit, _with(data, k, angle)) for angle in (0.0, np.pi / 2, np.pi))
     centre, cosine = (zero + half) / 2, (zero - half) / 2
     circle = (
@@ -94,22 +94,22 @@ def _with(data: Dataset, k: int, angles: Array | float) -> Dataset:
 
 WEAK = 10.0
 """Ratio of the RMS motion of the point by a joint to the residual of registration and tool. Below this ratio a wrong
-interpretation of the joint's column does not increase the residual. A wrong sign of a column leaves about twice the
-motion by the joint.
+interpretation of the joint's column does not increase the residual. The residual of a column with a wrong sign is about
+twice the motion by the joint.
 """
 NOT_WORSE = 1.2
 """Largest ratio of the residual of registration and tool with another interpretation to that of the unchanged table."""
 BETTER, SURE = 1.5, 25.0
 """Least factor by which another interpretation has to reduce the residual of the standard model; and least gain in log
-likelihood, nats. The wrong sign of a wrist leaves twenty times more, and no change improves a sound table."""
+likelihood, nats. The gain for a wrist with a wrong sign is twenty times larger, and no change improves a sound table.
+"""
 
 
 def misread(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> str | None:
-    """Describe the column of a joint that hardly moves the point, if another interpretation or free angles fit far
-    better.
+    """Describe the column of a joint that hardly moves the point, if an alternative or free angles fit far better.
 
-    The residual of registration and tool is larger than the effect of such a column. Both interpretations are therefore
-    fitted with the standard model and compared by their likelihoods; both have equally many unknowns.
+    The residual of registration and tool is larger than the effect of the column. Original and alternative column are
+    therefore fitted with the standard model and compared by the likelihood; the number of unknowns is equal.
     """
     rows = comparable_rows(data)
     rows = rows[:: max(1, len(rows) // MOST_ROWS)]
@@ -145,7 +145,7 @@ def misread(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -
 
 
 def _moved_by(mechanism: Mechanism, q: Array, found: Registered) -> Array:
-    """Return the RMS distance (n,), m, by which each joint moves the point about its mean value."""
+    """Return the RMS displacement (n,), m, of the point by each joint, relative to the mean joint value."""
     here = flange(mechanism, q)
     moved = [found.errors(here, found.points(flange(mechanism, _still(q, k)))) for k in range(q.shape[1])]
     return np.array([root_mean_square(distance) for distance in moved])
@@ -158,7 +158,7 @@ def _still(q: Array, k: int) -> Array:
 
 
 def _left(fit: Calibration, data: Dataset) -> list[tuple[float, int]]:
-    """Return the RMS residual of positions, m, and of rotations, rad, each with its number of values."""
+    """Return the RMS residual and the number of values of positions, m, and of rotations, rad."""
     observed = observe(fit.model, prepare(fit.model.mechanism, data), fit.theta, fit.placement)
     left = np.delete(measured_minus(observed, data), fit.outliers, axis=0)
     parts = (left[:, :3], left[:, 3:6]) if data.has_rotation else (left[:, :3],)
@@ -167,8 +167,8 @@ def _left(fit: Calibration, data: Dataset) -> list[tuple[float, int]]:
 
 
 HEALTHY = ("base_compliance", "joint_compliance", "eccentricity")
-"""Families that are fitted together with a factor: effects of loads and eccentric gears vary with a joint like its
-factor."""
+"""Families that are fitted together with a scale factor, because loads and eccentric gears resemble a factor of a
+joint."""
 SMALLEST = 2e-4
 """Least deviation of a factor from one. Smaller ones are errors of instruments (0.00001) and gears (0.0001), which
 `discover` names."""
@@ -182,10 +182,10 @@ CHANCE = 1e-4
 class Factor:
     """A common factor of some columns.
 
-    columns: their names, in words.
+    columns: names of the columns, in words.
     value, stderr: the factor and its standard error.
     chance: probability of a factor at least so far from one in a sound table.
-    less: ratio of the residual without the factor to that with it.
+    less: ratio of the residual without the factor to the residual with the factor.
     """
 
     columns: str
@@ -201,24 +201,25 @@ class Factor:
 
     @property
     def wrong(self) -> bool:
-        """True if neither chance nor an instrument or a gear explains the factor."""
+        """True if neither chance, an instrument nor a gear explains the factor."""
         return self.chance < CHANCE and abs(self.value - 1.0) > SMALLEST
 
 
 def scaled(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str, str]]:
-    """Yield severity and text on a wrong factor of positions or joint values, and the reason why no sound fit follows.
+    """Yield severity, text and reason of unfitness for a wrong scale factor of positions or joint values.
 
-    A factor of one column has to reduce the residual by BETTER. A factor of all positions need not, since longer links
-    of the mechanism would fit equally well. fit: of the standard model.
+    A factor of one column has to reduce the residual by BETTER. A factor of all positions need not, because longer
+    links of the mechanism would fit equally well. fit: fit of the standard model.
 
     With r (M,) the measurements minus the nominal prediction, P the columns of registration, tool and the effects of a
-    sound machine (HEALTHY), A those of every constant, and c that of a factor,
+    sound machine (HEALTHY), A the columns of all constants, and c the column of a factor,
 
         r = P ρ + A θ + (f - 1) c + e,   θ ~ N(0, τ² I),   e ~ N(0, σ² I)
 
-    Positions 1 % too large and links all described 1 % too short move the points alike. τ, the size of the other errors
-    of this description, decides how likely the latter is. f is the generalised least squares estimate; (f - 1) / s has
-    Student's t distribution with Σ τ² s_k² / (τ² s_k² + σ²) degrees of freedom, the number of constants that determine
+    Positions 1 % too large and links all described 1 % too short move the points alike. τ, the standard deviation of
+    the errors of the description, determines the probability of an error of all links. f is the generalised least
+    squares estimate; (f - 1) / s has Student's t distribution with Σ τ² s_k² / (τ² s_k² + σ²) degrees of freedom, the
+    number of constants that determine
     τ. Source: MacKay (1992), Bayesian Interpolation.
     """
     whole, *each = _factors(fit, poses.subset(np.delete(np.arange(len(poses)), fit.outliers))) or (None,)
@@ -261,7 +262,7 @@ def _factors(fit: Calibration, poses: Poses) -> list[Factor]:
 
 def _effects(mechanism: Mechanism) -> Iterator[Effect]:
     """Yield the effect of each factor (of x, y and z together, of each axis, of each joint) per unit. A joint with too
-    large values moves less than its values state."""
+    large values moves less than the column states."""
     for axes, name in (("xyz", "x, y and z look"), *((axis, f"column '{axis}' looks") for axis in "xyz")):
         terms = tuple(Term(INSTRUMENT, f"T{axis}", Expression(f"instrument_{axis}")) for axis in axes)
         yield Effect(name, terms, "1")

@@ -1,4 +1,4 @@
-"""Rows that depend on one another: repeats of a pose, clusters of poses, and labelled groups."""
+"""Blocks of dependent rows ("bundles"): repeats of a pose, clusters of poses, and labelled groups."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,44 +12,43 @@ from gpmodel.numerics.least_squares import outlier_limit
 from gpmodel.table.dataset import READ, TOUCHED, Dataset
 
 SAME_JOINT = 5e-4
-"""Largest difference of joint values of one pose, rad or m: the last digit of a controller's display (0.01 deg) and the
-motion of a servo at rest (0.02 deg)."""
+"""Largest difference between joint values of one pose, rad or m: the last digit of a controller's display (0.01 deg)
+plus the motion of a servo at rest (0.02 deg)."""
 
 NEAR = 5.0
 """Largest distance of neighbouring poses in a cluster, over the median distance to the nearest pose. For ten or twenty
-poses in a small box the ratio is three to five; poses spread over a workspace have no such gap."""
+poses in a small box the ratio is three to five."""
 
 HARDLY_MORE = 1.5
 """Largest growth of the number of pairs of poses within a distance, when the distance doubles, if poses lie in
 clusters. The growth is one in clusters and two along a line."""
 
 FAR_JOINT = 10 * SAME_JOINT
-"""Difference of joint values, rad or m, beyond which rows with one label are no repeats. 0.3 deg moves a tool by
+"""Difference of joint values, rad or m, above which rows with one label are not repeats: 0.3 deg moves a tool by
 millimetres."""
 
 FAR_POINT = 0.05
-"""Distance, m, beyond which two points were not measured at one pose. No play or slip is as large."""
+"""Distance, m, above which two points were not measured at one pose: no play or slip is as large."""
 
 FEWEST_POSES = 20
-"""Least number of poses for clusters. With fewer poses, a gap between their distances is chance."""
+"""Least number of poses for a search for clusters. With fewer poses, a gap between distances is chance."""
 
 FEW_TOUCHES = 12
-"""Largest number of touches of one surface, point or bar that are kept together, since all are needed to locate it.
-With more touches, any half suffices."""
+"""Largest number of touches of one surface, point or bar that form one block, because all touches are needed to locate
+the object. With more touches, any half of the touches suffices."""
 
 SAMPLE = 50
-"""Poses that are searched for clusters first, so that a table of thousands of poses without clusters is recognised
-early."""
+"""Number of poses that are searched for clusters first, so that a large table without clusters is recognised early."""
 
 
 def bundles(dataset: Dataset) -> IntArray:
     """Return the number (N,) of the bundle of each row, 0 to B - 1.
 
-    A bundle is a set of rows that no split separates. A bundle joins rows with the same `group` or `repeat` label. A
-    group of all rows separates nothing and is ignored, such as the one session in training if the other is held out. A
-    bundle joins rows that touched one point, bar or surface with at most FEW_TOUCHES touches. A bundle also joins rows
-    whose joint values agree within SAME_JOINT or lie in one cluster, whatever their set-up or payload. Bundles are
-    numbered by joint values, so that the order of rows does not matter.
+    A bundle (block) is a set of rows that no split separates. Rows with equal `group` or `repeat` labels form a bundle.
+    A group of all rows is ignored, for example the session used for training if another session is held out. Rows that
+    touched one point, bar or surface with at most FEW_TOUCHES touches form a bundle. Rows whose joint values agree
+    within SAME_JOINT or lie in one cluster form a bundle, for any set-up and payload. Bundles are numbered by joint
+    values, so that the order of rows does not matter.
     """
     labels = [column for column in ("group", "repeat") if column == "repeat" or np.ptp(dataset.codes(column)[1])]
     links = [_same_label(dataset, column) for column in labels]
@@ -65,9 +64,9 @@ def bundles(dataset: Dataset) -> IntArray:
 def replicates(dataset: Dataset, whatever: bool = False) -> IntArray:
     """Return a number (N,) per row, equal for repeated measurements at one pose, payload, set-up and tool.
 
-    whatever: count rows as equal whatever was measured and in whichever set-up.
-    A `repeat` label decides if present. Otherwise joint values within SAME_JOINT do, unless joint values are
-    approximate. A row that copies the measurement of another row gets a number of its own.
+    whatever: True to treat rows of different measurements and set-ups as equal.
+    Rows with one `repeat` label get one number. Without labels, rows with joint values within SAME_JOINT get one
+    number, unless joint values are approximate. A row that copies the measurement of another row gets a new number.
     """
     read = () if whatever else ("setup", "tool", *READ)
     keys = np.column_stack([_of_one_pose(dataset, whatever), *(dataset.codes(c)[1] for c in read)])
@@ -76,8 +75,7 @@ def replicates(dataset: Dataset, whatever: bool = False) -> IntArray:
 
 
 def _of_one_pose(dataset: Dataset, whatever: bool = False) -> IntArray:
-    """Return a number (N,) per row, equal for one label or one pose; `whatever` gives copies
-    the number of their pose."""
+    """Return a number (N,) per row, equal for rows with one label or pose; `whatever` also for copies."""
     labels = dataset.label("repeat")
     same = np.arange(len(dataset)) if dataset.joints_approximate else _same_joints(dataset.q)
     if not whatever:
@@ -103,10 +101,10 @@ def different_readings(dataset: Dataset) -> Dataset:
 
 
 def sharing(dataset: Dataset) -> IntArray:
-    """Return a number (N,) per row, equal for rows that may share a deviation that no model explains.
+    """Return a number (N,) per row, equal for rows with correlated errors (a shared deviation from any model).
 
-    Rows that may share one are of one cluster, or of one pose if poses do not lie in clusters, with one set-up and
-    tool, whatever their payload.
+    Errors are correlated within a cluster of poses, or within one pose if poses do not lie in clusters, for one set-up
+    and tool and any payload.
     """
     near = np.arange(len(dataset)) if dataset.joints_approximate else _clusters(dataset.q)
     if len(np.unique(near)) == len(dataset):
@@ -115,10 +113,10 @@ def sharing(dataset: Dataset) -> IntArray:
 
 
 def noise_floor(dataset: Dataset) -> float | None:
-    """Return the RMS 3-D distance, m, of repeated measurements from their own mean, or None without repeats.
+    """Return the RMS 3-D distance, m, of repeated measurements from the mean of their pose, or None without repeats.
 
-    σ² = Σ |p - mean|² / Σ (n - 1) over poses measured n times (see `replicates`). Poses whose own spread is an outlier
-    are left out, since a failed measurement is not noise.
+    σ² = Σ |p - mean|² / Σ (n - 1) over poses measured n times (see `replicates`). Poses with an outlying spread are
+    excluded, because a failed measurement is not noise.
     """
     known = np.isfinite(dataset.position).all(axis=1)
     points = dataset.position[known]
@@ -161,8 +159,8 @@ def check_repeats(dataset: Dataset) -> None:
 
 
 def _same_label(dataset: Dataset, column: str, most: float = np.inf) -> IntArray:
-    """Return the first row (N,) with the same text in a column.
-    A row without text, or with a text that more than `most` rows have, is alone."""
+    """Return for each row the first row (N,) with equal text in a column.
+    A row without text, or with a text that more than `most` rows have, is its own first row."""
     labels = dataset.label(column)
     _, first, code, count = np.unique(labels, return_index=True, return_inverse=True, return_counts=True)
     return np.where((labels == "") | (count[code] > most), np.arange(len(labels)), first[code]).astype(np.int64)
@@ -171,7 +169,8 @@ def _same_label(dataset: Dataset, column: str, most: float = np.inf) -> IntArray
 def _same_joints(q: Array) -> IntArray:
     """Return the first row (N,) of the pose of each row: the earliest row within SAME_JOINT in every joint.
 
-    Rows are compared with the first row of their pose, not with neighbours, so that a slow motion is not one pose.
+    Rows are compared with the first row of the pose, not with the neighbouring row, so that a slow motion is not one
+    pose.
     """
     _, first, code = np.unique(q, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)  # one of each group of equal rows, since the tree is slow for equal points
@@ -191,10 +190,10 @@ def _same_joints(q: Array) -> IntArray:
 def _clusters(q: Array) -> IntArray:
     """Return the first row (N,) of the cluster of each row; every row is alone if poses do not lie in clusters.
 
-    Joint values are taken relative to their ranges, and r is NEAR times the median distance of a pose to the nearest.
-    Poses lie in clusters if hardly more pairs lie within 2 r than within r. Along a line twice as many pairs do, in an
-    area or volume more. Poses linked by steps of at most r form a cluster. If one cluster has more than half of all
-    poses, there are none. Repeats of a pose count once.
+    Joint values are scaled by their ranges, and r is NEAR times the median distance of a pose to the nearest pose.
+    Poses lie in clusters if hardly more pairs of poses lie within 2 r than within r. For poses along a line, the number
+    of pairs doubles. Poses linked by steps of at most r form a cluster. If one cluster has more than half of all poses,
+    no clusters are reported. Repeats of a pose count once.
     """
     own, first = np.arange(len(q)), _same_joints(q)
     span = np.ptp(q, axis=0) if len(q) else np.zeros(0)
@@ -218,12 +217,12 @@ def _clusters(q: Array) -> IntArray:
 
 
 def copies(dataset: Dataset) -> Mask:
-    """Mark rows (N,) that repeat the joint values and the measurement of an earlier row to the last digit."""
+    """Return a mask (N,) of rows that repeat joint values and measurement of an earlier row to the last digit."""
     return original(dataset) < np.arange(len(dataset))
 
 
 def original(dataset: Dataset) -> IntArray:
-    """Return the first row (N,) with the same joint values, labels and measurement to the last digit.
+    """Return for each row the first row (N,) with equal joint values, labels and measurement, to the last digit.
     A row without measured values is its own first row."""
     read = (*dataset.distances.values(), *dataset.readings.values())
     measured = np.column_stack([dataset.position, dataset.rotation, *read])
@@ -243,15 +242,16 @@ def _renumbered(codes: IntArray, order: IntArray) -> IntArray:
 
 
 FEWEST_HELD, USUAL = 5, 0.3
-"""Least number of held-out poses, and the usual share. With fewer poses the p-value exceeds 3 % even if all improve."""
+"""Least number and usual share of held-out poses. With fewer held-out poses the p-value exceeds 3 % even if all
+improve."""
 
 FOLDS = 5
-"""Folds of a cross-validation that repeats a whole fit or search. Each uses 80 % of the poses (Hastie et al. 2009,
-7.10)."""
+"""Number of folds of a cross-validation that repeats a whole fit or search. Each repetition uses 80 % of the poses
+(Hastie et al. 2009, 7.10)."""
 
 JUDGED = 0
-"""Seed of every split, fold and permutation that tests a discovery. This seed is independent of the seed of the
-search, so that findings do not depend on which poses are held out (experiments/seeds)."""
+"""Random seed of every split, fold and permutation that tests a search. The seed is independent of the seed of the
+search, so that held-out poses do not depend on the seed of the search (experiments/seeds)."""
 
 
 def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tuple[IntArray, IntArray]:
@@ -295,7 +295,6 @@ def folds(dataset: Dataset, count: int, rng: np.random.Generator) -> IntArray:
 
 
 def stretches(row: Array, count: int) -> IntArray:
-    """Divide the values `row` (N,) in ascending order into `count` parts of nearly equal size; return each value's part
-    (N,)."""
+    """Return the part (N,) of each value `row` (N,), if sorted values are divided into `count` nearly equal parts."""
     place = np.argsort(np.argsort(row, kind="stable"), kind="stable")
     return (place * count // len(row)).astype(np.int64)

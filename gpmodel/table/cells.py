@@ -1,4 +1,4 @@
-"""Files as text cells, and cells as numbers; separators and decimal commas are recognised."""
+"""Read files as text cells, and convert cells to numbers; separators and decimal commas are recognised."""
 
 import contextlib
 import csv
@@ -24,14 +24,14 @@ from gpmodel.table.units import joint_column, split_header
 from gpmodel.texts import read_limited
 
 _DIGITS = {"deg": 9, "rad": 11}
-"""Decimals of a written angle: a nanoradian or finer."""
+"""Number of decimals of a written angle: the last digit is a nanoradian or finer."""
 CONTROLLER_DECIMALS = 4
 """Decimals of a degree or a millimetre that a robot controller accepts."""
 
 
 def frame_of(dataset: Dataset, mechanism: Mechanism) -> pd.DataFrame:
     """Return a data set as text cells with units in the headers: joints, inputs, payload, labels and measurements.
-    Units are [deg], [mm] and [kg]; a component that was not measured is an empty cell."""
+    The units are [deg], [mm] and [kg]; a component that was not measured is an empty cell."""
     names = tuple(joint.name for joint in mechanism.joints)
     frame = replace(dataset, columns=names, kinds=tuple(joint.kind for joint in mechanism.joints), extra_names={})
     cells = frame.to_dataframe().drop(columns="row")
@@ -62,7 +62,8 @@ def joint_table(mechanism: Mechanism, q: Array, names: Sequence[str] = ()) -> pd
 
 def table_text(frame: pd.DataFrame, decimals: int | None = None) -> str:
     """Return a table as CSV text; missing numbers are empty cells.
-    decimals: of all numbers; by default nine for degrees, eleven for radians and six for all other numbers."""
+    decimals: number of decimals of all numbers; by default nine for degrees, eleven for radians and six for other
+    numbers."""
     cells = frame.copy()
     for header, column in frame.items():
         if pd.api.types.is_float_dtype(column):
@@ -76,15 +77,15 @@ def _cells(values: np.ndarray, digits: int) -> list[str]:
 
 
 LARGEST = 1e20
-"""Largest number in a cell, in any unit. A time in nanoseconds since 1970 is smaller."""
+"""Largest accepted number in a cell, in any unit. A time in nanoseconds since 1970 is smaller."""
 
 LARGEST_FILE = 128 << 20
 """Largest size of an unpacked Excel table, bytes: a million poses. Reading takes about ten times as much memory."""
 
 MOST_COLUMNS = 1000
-"""Largest number of columns of a table. Reading time grows with it; a model accepts 500 inputs."""
+"""Largest number of columns of a table. Reading time grows with the number of columns; a model accepts 500 inputs."""
 LONGEST_HEADER = 100_000
-"""Largest number of characters of the first line: a hundred a column."""
+"""Largest number of characters of the first line of a file: a hundred per column."""
 
 EMPTY = "{}: the file is empty; expected a header line and one row per pose"
 
@@ -92,11 +93,12 @@ COMMENTS = ("#", "//", "%", "!")
 """Prefixes of comment lines. No column name begins with one."""
 NAMES = "expected names with units, as J1 [deg]"
 MOST_ABOVE, FEWEST_UNITS = 50, 3
-"""Number of lines in which the header line is searched, and its least number of units: x, y and z have three."""
+"""Number of lines in which the header line is searched, and least number of units in a header line: x, y and z have
+three."""
 SEPARATORS, OF_TABLES = ("\t", ";", ",", "|", " "), ("\t", ";", ",")
-"""Separators of files of any layout, and separators of tables with column names that contain blanks."""
+"""Separators of columns in files of any layout, and in tables whose column names contain blanks."""
 FEWEST_NUMBERS = 3
-"""Least number of numbers in a line of data: x, y and z are three."""
+"""Least number of numeric cells in a line of data: x, y and z are three."""
 SNIFFED = 300
 """Number of lines from which separator and decimal sign are recognised."""
 _UNIT = re.compile(r"[\[(][^\W\d_][^\])]*[\])](?=\s*(?:[,;\t\"]|$))", re.MULTILINE)
@@ -176,7 +178,7 @@ def decoded(raw: bytes, path: Path) -> tuple[str, str]:
 
 
 def is_number(cell: str, decimal: str) -> bool:
-    """Return whether a cell is a number with this decimal sign, with or without thousands separators."""
+    """Return True if a cell is a number with the given decimal sign, with or without thousands separators."""
     return bool((_COMMA if decimal == "," else _POINT).match(cell)) and any(c.isdigit() for c in cell)
 
 
@@ -239,8 +241,7 @@ def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
 
 
 def _header_line(text: str) -> str:
-    """Return what the first line should be, and the number of the line with names and units if
-    one is found below it."""
+    """Return the expected first line, and the number of the line with names and units if such a line is found below."""
     first = (i for i, line in enumerate(text.splitlines()[:MOST_ABOVE], 1) if len(_UNIT.findall(line)) >= FEWEST_UNITS)
     line = next(first, 0)
     return f"{NAMES}; line {line} has them, delete those above it" if line > 1 else NAMES
@@ -248,7 +249,7 @@ def _header_line(text: str) -> str:
 
 def _check_end(frame: pd.DataFrame, last: list[str], separator: str, path: Path) -> None:
     """Raise InputError if the file was cut within its last row.
-    The last of two lines then has fewer cells, or its last cell has fewer decimals than all rows above."""
+    In a cut file the last line has fewer cells, or the last cell has fewer decimals than all rows above."""
     decimals = frame.iloc[:, -1].str.extract(r"^[^.,]*[.,]?(.*)$")[0].str.len()
     shorter = decimals.iloc[:-1].nunique() == 1 and decimals.iloc[-1] < decimals.iloc[0]
     if shorter or last[1].count(separator) < last[0].count(separator):
@@ -267,9 +268,10 @@ def _check_names(header: list[str], path: Path) -> None:
 
 
 def clock_seconds(cells: "pd.Series[Any]") -> "pd.Series[float] | None":
-    """Return the times (N,) of cells with clock times, s after the first, with or without dates; None for other cells.
+    """Return clock times (N,) of cells, with or without dates, as seconds after the first time; None for other cells.
 
-    Dates with slashes are read only if all are equal, since the order of day and month differs between countries.
+    Dates with slashes are read only if all dates are equal, because the order of day and month differs between
+    countries.
     """
     known = cells.dropna().astype(str)
     if known.empty or not known.str.contains(r"\d:\d\d").all():

@@ -1,4 +1,4 @@
-"""The measured table: rows of poses in SI units, immutable."""
+"""Dataset: the measured table as immutable rows of poses in SI units."""
 
 import math
 import re
@@ -16,13 +16,13 @@ from gpmodel.errors import QUOTED, InputError
 from gpmodel.table.units import convert, joint_column, parse_quantity
 
 LARGEST = 1.0
-"""Largest instrument specification, m and m/m."""
+"""Largest accepted instrument specification: constant part, m, and slope, m/m."""
 EXPECTED = (
     "expected the largest error of a coordinate, an offset and a slope or one of them, at most 1 m and 1 m/m, "
     "as in '15um + 6um/m'"
 )
 COVERAGE = 2.0
-"""Standard deviations that a stated limit is worth. Source: JCGM 100 (2008), 6.2: expanded uncertainty, k = 2."""
+"""Ratio of a specified limit to the standard deviation. Source: JCGM 100 (2008), 6.2: expanded uncertainty, k = 2."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class Specification:
     slope: float
 
     def distance(self, points: Array) -> float:
-        """Return the RMS distance, m, of points (N, 3), m, from the instrument at the origin; points with NaN are left
-        out."""
+        """Return the RMS distance, m, of points (N, 3), m, from the instrument at the origin; points with NaN are
+        excluded."""
         whole = points[np.isfinite(points).all(axis=1)]
         return float(np.sqrt(np.mean(np.sum(whole**2, axis=1)))) if len(whole) else 0.0
 
@@ -73,7 +73,7 @@ TOUCHED = ("on_plane", "on_sphere", "on_line", "same_point", "pair")
 """Label columns that name the object that the tool point touched."""
 
 READ = (*TOUCHED, "camera", "marker", "link", "tip")
-"""Label columns that name the object of a measurement. Rows that differ in such a label are no repeats."""
+"""Label columns that name the object of a measurement. Rows with different objects are not repeats."""
 
 LABELS = ("group", "repeat", "setup", "tool", *READ)
 
@@ -95,10 +95,10 @@ class Dataset:
     q: (N, n) joint values, rad or m, in the order of the mechanism.
     position: (N, 3) in the frame of the instrument, m, NaN where not measured.
     rotation: (N, 3) rotation vectors, rad, NaN where not measured.
-    row: (N,) data row in the file, counted from 1.
-    payload: (N,) kg; payload_given: whether the table states it.
-    distances: name -> (N,) m.
-    readings: columns (N,) of READINGS.
+    row: (N,) number of the data row in the file, from 1.
+    payload: (N,) kg; payload_given: True if the table has a payload column.
+    distances: name -> measured distances (N,), m.
+    readings: columns (N,) named in READINGS.
     described: content of the files of cameras, boards and surfaces, by "cameras", "board" and "surfaces".
     observations: measurements other than points, poses and distances.
     labels: column -> (N,) text, "" where empty.
@@ -106,9 +106,9 @@ class Dataset:
     sha256: digest of the bytes of the file.
     columns: names of the joints in the table, if they differ from those of the mechanism.
     kinds: kind of each joint, "revolute" if empty.
-    joints_approximate: some joint has no sensor, so that equal joint values need not be one pose.
-    ignored: columns of the file that hold text and are no labels; empty_rows: number of its empty rows.
-    in_order: rows are stated to be in the order of measurement, so that a pose may depend on earlier poses.
+    joints_approximate: True if a joint has no sensor, so that equal joint values need not be one pose.
+    ignored: text columns that are no labels; empty_rows: number of empty rows in the file.
+    in_order: True if rows are in the order of measurement, so that effects may depend on earlier rows.
     instrument: specification of the instrument; None unless stated.
     """
 
@@ -183,7 +183,7 @@ class Dataset:
 
     @property
     def has_rotation(self) -> bool:
-        """Whether any orientation was measured."""
+        """True if any orientation was measured."""
         return bool(np.isfinite(self.rotation).any())
 
     def label(self, column: str) -> NDArray[np.str_]:
@@ -218,7 +218,7 @@ class Dataset:
 
 
 SAME_MASS = 1e-9
-"""Relative difference of equal masses: nine written digits."""
+"""Largest relative difference of two equal masses: nine written digits."""
 
 
 def with_payload(dataset: Dataset, payload: float | None) -> Dataset:

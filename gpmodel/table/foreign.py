@@ -1,4 +1,4 @@
-"""Measured files of other programs: a map of columns converts a file to a table of this program."""
+"""Import of measured files of other programs: a map of columns converts a file to a table for gpmodel."""
 
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -23,7 +23,7 @@ from gpmodel.texts import read_toml
 
 @dataclass(frozen=True)
 class Imported:
-    """The result of an import.
+    """The result of an import of a file.
 
     content: a table of text cells, the text of a mechanism's file, or the content of a TOML file of cameras.
     described: content of further TOML files, by "cameras" and "board".
@@ -45,7 +45,7 @@ def left_out(what: str, names: Iterable[str]) -> tuple[str, ...]:
 def joint_cells(mechanism: Mechanism | None, values: Mapping[str, Array], where: str) -> dict[str, list[str]]:
     """Return joint columns with units, from values (N,) by joint name, rad and m.
 
-    Raises InputError if a joint is missing, or without a mechanism, which defines which joints are prismatic.
+    Raises InputError if a joint or the mechanism is missing; the mechanism defines which joints are prismatic.
     """
     if mechanism is None:
         raise InputError(f"{where}: joint values without units; expected --mechanism M, whose joints turn or slide")
@@ -55,7 +55,7 @@ def joint_cells(mechanism: Mechanism | None, values: Mapping[str, Array], where:
 
 
 def surplus_joints(mechanism: Mechanism | None, names: Iterable[str]) -> tuple[str, ...]:
-    """List names that are no joint of the mechanism; their values are not imported."""
+    """List names that are not joints of the mechanism; columns with these names are not imported."""
     if mechanism is None:
         return ()
     joints = {joint.name for joint in mechanism.joints}
@@ -63,7 +63,7 @@ def surplus_joints(mechanism: Mechanism | None, names: Iterable[str]) -> tuple[s
 
 
 def cells(values: Array) -> list[str]:
-    """Return numbers as text, "" for NaN."""
+    """Return numbers as text cells, "" for NaN."""
     return ["" if np.isnan(v) else repr(float(v)) for v in values]
 
 
@@ -77,7 +77,7 @@ def rotation_vectors(read: Callable[[Array], Rotation], numbers: Array) -> Array
 
 EXAMPLE = 'x = "tracker_x [mm]" or x = "target_x - error_x [mm]"'
 FAR_FROM_ONE = 0.05
-"""Largest deviation of a quaternion's norm from one. Quaternions of two digits are closer."""
+"""Largest deviation of a quaternion's norm from one. The norm of quaternions with two digits is closer to one."""
 _EULER = re.compile(r"^(intrinsic|fixed) ([XYZ])(?!\2)([XYZ])(?!\3)([XYZ])$")
 _NUMBERED = re.compile(r"^c?(\d+)$")
 
@@ -102,8 +102,8 @@ class ColumnMap:
     columns: name in the table -> column of the file, or a formula of columns, with its unit in brackets. A column is
     given by its name or by its number, as c7.
     tools: columns of x, y and z of several reflectors, by reflector.
-    header: whether the file has a header.
-    join: how a second file is joined, see `gpmodel.table.join`.
+    header: True if the file has a header.
+    join: rule by which a second file is joined, see `gpmodel.table.join`.
     """
 
     columns: Mapping[str, str]
@@ -181,10 +181,10 @@ def orientation_reader(convention: object, where: str) -> tuple[Callable[[Array]
 def import_file(sheet: Sheet, columns: ColumnMap) -> pd.DataFrame:
     """Convert the rows of a sheet to a table of text cells with units in its headers.
 
-    Orientations become rotation vectors [deg]. Columns that the map does not name are left out. Three equal coordinates
-    are no point; some programs write them if no reflector was seen. With several reflectors there is one row per pose
-    and reflector. Raises InputError for a missing column, a formula that cannot be parsed, a missing or unknown unit,
-    or text among numbers.
+    Orientations become rotation vectors [deg]. Columns that the map does not name are not imported. Three equal
+    coordinates are not a point; some programs write equal coordinates if no reflector was seen. With several reflectors
+    the table has one row per pose and reflector. Raises InputError for a missing column, a formula that cannot be
+    parsed, a missing or unknown unit, or text among numbers.
     """
     out = _mapped(sheet, columns.columns, columns.source)
     if columns.orientation is not None:
@@ -203,7 +203,7 @@ def import_file(sheet: Sheet, columns: ColumnMap) -> pd.DataFrame:
 
 
 def _without_equal(table: pd.DataFrame) -> pd.DataFrame:
-    """Clear x, y and z in rows where the three are equal."""
+    """Clear x, y and z in rows with x = y = z, which some programs write for a missing point."""
     point = [name for name in table if split_header(str(name))[0] in ("x", "y", "z")]
     if len(point) == 3:
         same = (table[point[0]] == table[point[1]]) & (table[point[1]] == table[point[2]])
@@ -236,7 +236,7 @@ def unread(sheet: Sheet, columns: ColumnMap) -> tuple[str, ...]:
 
 
 def _read_by(sheet: Sheet, text: str) -> tuple[int, ...]:
-    """Return the columns that an entry of a map uses: one column by name, or the columns of a formula."""
+    """Return the columns of the file that an entry of a map uses: one column by name, or the columns of a formula."""
     for name in (text.strip(), split_header(text)[0]):
         if (found := find(sheet, name)) is not None:
             return (found,)
@@ -245,7 +245,7 @@ def _read_by(sheet: Sheet, text: str) -> tuple[int, ...]:
 
 def find(sheet: Sheet, name: str) -> int | None:
     """Find a column by its header, its header without the unit, its name in an expression, or its number, c7.
-    Return None if no column matches, or several do."""
+    The result is None if no column or several columns match."""
     for as_named in (str.strip, lambda header: name_and_unit(header)[0], identifier):
         found = [i for i, header in enumerate(sheet.names) if header and as_named(header) == name]
         if found:
@@ -271,7 +271,7 @@ def _rotation_vectors(sheet: Sheet, orientation: OrientationColumns, where: str)
 
 
 def _values(sheet: Sheet, text: str, where: str) -> tuple[Array, str | None]:
-    """Return the numbers (N,) of a column or a formula of columns, and the unit behind it."""
+    """Return the numbers (N,) of a column or a formula of columns, and the unit after the name or formula."""
     name, unit = split_header(text)
     if (column := find(sheet, name)) is not None:
         header = sheet.names[column]

@@ -1,4 +1,4 @@
-"""Joins two files of one session row by row: in order, by a common column, or by time."""
+"""Join two files of one session row by row: in order, by a common column, or by time."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -42,7 +42,8 @@ def read_files(paths: Sequence[Path], how: str, header: bool = True) -> Sheet:
 
 def ways(first: Sheet, second: Sheet) -> Iterator[str]:
     """Yield the ways in which two sheets can be joined, the most reliable first.
-    Columns with common texts or point numbers come first, then clock times, then the order if row counts are equal."""
+    The first rules are columns with common texts or point numbers, then clock times, then the order of equally many
+    rows."""
     ours, theirs = ({i: _keys(sheet, i) for i in sheet.columns} for sheet in (first, second))
     for i, one in ours.items():
         for k, other in theirs.items():
@@ -55,7 +56,7 @@ def ways(first: Sheet, second: Sheet) -> Iterator[str]:
 
 
 def joined(first: Sheet, second: Sheet, how: str) -> Sheet:
-    """Join the rows of two sheets; `said` of the result lists the rows without a partner.
+    """Join the rows of two sheets; the field `said` of the result lists the rows without a partner.
 
     how: `order`; `No = Point`, a column of each sheet, or one name for both; `time t = Time Stamp`, the row of the
     first sheet nearest in time to each row of the second; `rows 1-6 = 1-6, 8-40 = 7-39`. Raises InputError if the join
@@ -121,7 +122,7 @@ def _clock(sheet: Sheet, column: int) -> np.ndarray:
 
 
 def _keys(sheet: Sheet, column: int) -> "pd.Series[str]":
-    """Return the key of each row's point: its text, or the last number in it. Decimal numbers are no keys."""
+    """Return the key of each row's point: the cell, or the last number in the cell. Decimals are not keys."""
     text = sheet.cells[column].fillna("").astype(str).str.strip().str.casefold()
     if text.str.contains(r"\d[.:]\d").any() or (text == "").any():
         return pd.Series([f"{column} {row} {sheet.source}" for row in range(len(text))])

@@ -1,4 +1,4 @@
-"""Files of any layout as cells: encoding, separator, decimal sign, header and units are recognised."""
+"""Read files of any layout as cells: encoding, separator, decimal sign, header and units are recognised."""
 
 import re
 from collections import Counter
@@ -29,9 +29,9 @@ from gpmodel.texts import read_limited
 MOST_HEADERS = 4
 """Largest number of header lines: names, kinds and units in separate lines."""
 LONGEST_NAME = 200
-"""Number of characters of a name that are searched for a unit."""
+"""Number of characters of a column name that are searched for a unit."""
 MISSING = {"", "-", "--", "---", "nan", "n/a", "na", "#n/a", "null", "none", "-nan", "-nan(ind)"}
-"""Cells that mean "not measured"."""
+"""Texts of cells that mean "not measured"."""
 UNITS = {
     "°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad", "millimeters": "mm",
     "millimetres": "mm", "millimeter": "mm", "meter": "m", "meters": "m", "micron": "um", "microns": "um",
@@ -57,7 +57,7 @@ BEHIND = (
     "sec",
     "ms",
 )
-"""Units that are recognised at the end of a column name without brackets."""
+"""Units that are recognised without brackets at the end of a column name."""
 _BRACKETS = re.compile(r"[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]")
 _BEHIND = re.compile(rf"(?i)^(.*?\w)\s*(?:[ _/,.-]|\bin\b)\s*({'|'.join(BEHIND)})$")
 _ROBTARGET = re.compile(r"\brobtarget\b|\[\[[^][]*\],\s*\[(?:[^][,]*,){3}[^][,]*\],\s*\[(?:[^][,]*,){3}[^][,]*\]")
@@ -71,7 +71,7 @@ _BETWEEN_WORDS = re.compile(
 
 @dataclass(frozen=True)
 class Sheet:
-    """The cells of a file.
+    """Cells of a file as text.
 
     names: header of each column, "" without header.
     cells: text (N, columns) with decimal points, missing where empty; columns are numbered from 0.
@@ -99,13 +99,13 @@ class Sheet:
         return values.astype(float) if values.notna().any() and (values.isna() == text.isna()).all() else None
 
     def seconds(self, column: int) -> "pd.Series[float] | None":
-        """Return the times (N,) of a column of clock times, s after the first; else None."""
+        """Return the times (N,) of a column of clock times, s after the first time; None for other columns."""
         return clock_seconds(self.cells[column])
 
 
 def read_sheets(path: Path, header: bool = True) -> list[Sheet]:
     """Read a text file of any layout, or the sheets of an Excel file that hold numbers.
-    header: whether lines above the data may name the columns. Raises InputError if the file is missing, empty or has no
+    header: True if lines above the data may name the columns. Raises InputError if the file is missing, empty or has no
     number."""
     raw = read_limited(path, LARGEST_FILE, "a measured table")
     if not raw.strip():
@@ -177,7 +177,7 @@ def _sheet(rows: list[list[str]], decimal: str, path: Path, header: bool) -> She
 
 
 def _above(rows: list[list[str]], first: int, width: int, decimal: str) -> list[list[str]]:
-    """Return the lines of the header, with `width` cells each.
+    """Return the header lines of a file, each with `width` cells.
     Header lines stand above the data, have about as many cells, and contain hardly any numbers."""
     found: list[list[str]] = []
     for row in reversed(rows[:first]):
@@ -198,13 +198,13 @@ def _above(rows: list[list[str]], first: int, width: int, decimal: str) -> list[
 
 
 def _programmed(lines: Sequence[str]) -> bool:
-    """Return whether numbers stand in brackets or after equals signs, as in the points of a robot program."""
+    """Return True if numbers are in brackets or after equals signs, as in the points of a robot program."""
     numbers = [line for line in lines if len(_BETWEEN_WORDS.findall(line)) >= FEWEST_NUMBERS]
     return bool(numbers) and sum(bool(re.search(r"[={\[].*\d", line)) for line in numbers) > len(numbers) / 2
 
 
 def _of_the_controller(line: str, names: Sequence[str]) -> bool:
-    """Return whether a line of a robot program is a Cartesian position computed by the controller.
+    """Return True if a line of a robot program is a Cartesian position computed by the controller.
     Examples are a robtarget of ABB, an E6POS of KUKA (X, Y, Z, A, B, C) or a position of Fanuc (X, Y, Z, W, P, R)."""
     words = " ".join(name.split(" ")[0] for name in names)
     return bool(_ROBTARGET.search(line) or _POSE.search(words)) and not _AXES.search(words)

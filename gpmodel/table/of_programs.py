@@ -1,4 +1,4 @@
-"""Imports of files of other programs: UR, robot_calibration, OpenCV, ROS, FIGAROH."""
+"""Import of files of other programs: UR, robot_calibration, OpenCV, ROS, FIGAROH."""
 
 import math
 import re
@@ -219,16 +219,16 @@ _MARKER = re.compile(r"^(?:phi)?[xyz](\d+)$")
 
 
 def is_figaroh(path: Path) -> bool:
-    """Return whether the header of a CSV file names a first marker, x1, y1 and z1."""
+    """Return True if the header of a CSV file names the coordinates of a first marker, x1, y1 and z1."""
     return path.suffix.lower() == ".csv" and {"x1", "y1", "z1"} <= {str(c).strip() for c in read_frame(path)[0].columns}
 
 
 def figaroh_map(path: Path, mechanism: Mechanism | None) -> ColumnMap:
     """Return the map of a FIGAROH file, for a table with one row per pose and marker.
 
-    Several markers are tools of one set-up, and rows of one pose form a group. Orientations are read for a single
-    marker only. Raises InputError without a mechanism, or if a joint or a coordinate of a marker is missing. Source:
-    thanhndv212/figaroh-plus, calibration/data_loader.py.
+    Several markers become tools of one set-up, and rows of one pose form a group. Orientations are read only if the
+    file has a single marker. Raises InputError without a mechanism, or if a joint or a coordinate of a marker is
+    missing. Source: thanhndv212/figaroh-plus, calibration/data_loader.py.
     """
     if mechanism is None:
         raise InputError(f"{path.name}: joint values without units; expected --mechanism M, whose joints turn or slide")
@@ -250,7 +250,7 @@ def figaroh_map(path: Path, mechanism: Mechanism | None) -> ColumnMap:
 
 ROWS = ("theta", "d", "a", "alpha")
 NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
-"""Joints as named in ROS, where `_joint` follows each."""
+"""Names of the joints of Universal Robots in ROS, without the suffix `_joint`."""
 
 
 def calibrated_rows(path: Path, nominal: Path | None) -> Imported:
@@ -258,7 +258,7 @@ def calibrated_rows(path: Path, nominal: Path | None) -> Imported:
 
     T_i = Rz(q_i + delta_theta_i) Tz(d_i + delta_d_i) Tx(a_i + delta_a_i) Rx(alpha_i + delta_alpha_i)
 
-    nominal: urcontrol.conf. The base frame is that of the controller.
+    nominal: the file urcontrol.conf. The base frame is the base frame of the controller.
     Raises InputError if a file or a line is missing, or a line does not have six numbers.
     Source: Universal Robots, forum threads 1638 and 18921; UniversalRobots/Universal_Robots_ROS_Driver, ur_calibration.
     """
@@ -280,7 +280,7 @@ def calibrated_rows(path: Path, nominal: Path | None) -> Imported:
 
 
 def _lines(path: Path) -> dict[str, Array]:
-    """Return the lists of numbers of the DH lines of a UR .conf file by name; other lines are left out."""
+    """Return the lists of numbers of the DH lines of a UR .conf file by name; other lines are ignored."""
     found = {}
     for name, text in re.findall(
         r"^\s*(\w+)\s*=\s*\[([^\]]*)\]", read_text(path, LARGEST_FILE, "a UR .conf file"), re.M

@@ -1,4 +1,4 @@
-"""Reading of measured tables: CSV or Excel with units in the headers; separators and decimal commas are recognised."""
+"""Read measured tables: CSV or Excel with units in the headers; separators and decimal commas are recognised."""
 
 import re
 from dataclasses import dataclass, field
@@ -38,8 +38,8 @@ def dataset_from(
 ) -> Dataset:
     """Return the poses in a frame of text cells from `read_frame`. path: file named in messages.
 
-    The columns are described in the README. Raises InputError for a column without or with an unknown unit, missing or
-    surplus joints, text among numbers, or a table without measurements.
+    The page docs/reference/formats.md describes the columns. Raises InputError for a column without or with an unknown
+    unit, missing or surplus joints, text among numbers, or a table without measurements.
     """
     columns = _split_columns(frame, path)
     empty = [split_header(name)[0] for name in frame.attrs.get("empty_columns", ())]
@@ -75,13 +75,13 @@ def dataset_from(
 
 
 def _with_tools(labels: dict[str, NDArray[np.str_]], mechanism: Mechanism) -> dict[str, NDArray[np.str_]]:
-    """Return labels in which every arm has a tool of its own, unless a tool column is given."""
+    """Return labels in which every arm has a separate tool, unless the table has a tool column."""
     return {"tool": labels["tip"], **labels} if branched(mechanism) and "tip" in labels else labels
 
 
 @dataclass
 class _Cells:
-    """Content of the columns other than joints, in SI units; `extras` are in their own units."""
+    """Content of the columns other than joints, in SI units; `extras` are in the units of the table."""
 
     position: Array
     rotation: Array
@@ -255,7 +255,7 @@ def _columns(names: list[str]) -> str:
 
 
 def _example(name: str, cells: pd.Series, joints: dict[str, Joint]) -> str:
-    """Return an example unit for a column without one: "unit" for an input, "" if none is needed."""
+    """Return an example unit for a column without a unit: "unit" for an input, "" if no unit is needed."""
     if name in LABELS:
         return ""
     if name in READINGS:
@@ -267,7 +267,7 @@ def _example(name: str, cells: pd.Series, joints: dict[str, Joint]) -> str:
 
 
 def _is_reading(name: str, unit: str | None) -> bool:
-    """Return whether a column with a reserved name was measured by an instrument; `u [V]` is an input."""
+    """Return True if a column with a reserved name was measured by an instrument; `u [V]` is an input."""
     return unit is None or READINGS[name] != "px" or unit in ("px", "pixel", "pixels")
 
 

@@ -1,4 +1,4 @@
-"""Recordings of ROS 1 and 2: joint states and the points, poses or transforms measured with them.
+"""Import of recordings of ROS 1 and 2: joint states, and measured points, poses or transforms.
 
 Sources: sensor_msgs/JointState; geometry_msgs/PointStamped, PoseStamped, TransformStamped; read by rosbags.
 """
@@ -23,7 +23,7 @@ MEASURED = {
     "geometry_msgs/msg/PoseStamped": ("pose", "position", "orientation"),
     "geometry_msgs/msg/TransformStamped": ("transform", "translation", "rotation"),
 }
-"""Types of messages, and the fields that hold the point and the quaternion."""
+"""Types of ROS messages, and the fields with the point and the quaternion."""
 APART = 0.05
 """Largest time between a measurement and its joint state, s. Drives report 20 times a second or more often."""
 
@@ -46,14 +46,14 @@ class _Measured:
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path is a recording: a ROS 1 file, or a file or folder of ROS 2."""
+    """Return True if a path is a recording: a ROS 1 file, or a file or folder of ROS 2."""
     return path.suffix.lower() in (".bag", ".mcap", ".db3") or (path / "metadata.yaml").is_file()
 
 
 def bag_table(path: Path, mechanism: Mechanism | None, topic: str | None) -> Imported:
     """Return a table with one row per measurement and the joint state nearest in time.
 
-    topic: topic of the measurements, needed if there are several.
+    topic: topic of the measurements, needed if the recording has several such topics.
     Raises InputError if rosbags or the file is missing, a topic is missing or ambiguous, or no joint state is near.
     """
     states, measured = _messages(path, topic)

@@ -52,7 +52,7 @@ def joint_column(name: str, kind: str, values: Array) -> tuple[str, Array]:
 
 
 def identifier(name: str) -> str:
-    """Return a name as expressions spell it: every character but letters and digits becomes an underscore.
+    """Return a name as written in expressions: every character except letters and digits becomes an underscore.
     A name that begins with a digit or is a keyword of Python begins with an underscore."""
     word = "".join(c if f"_{c}".isidentifier() else "_" for c in re.sub(r"\W", "_", name))
     return word if is_name(word) else f"_{word}"
@@ -71,7 +71,7 @@ def _spelled(unit: str) -> str:
 
 @lru_cache(maxsize=256)
 def known_unit(unit: str) -> bool:
-    """Return whether the units library can parse and convert this unit; `1` is dimensionless."""
+    """Return True if the units library can parse and convert a unit; `1` is dimensionless."""
     try:
         registry = _registry()
         spelled = registry.parse_units("" if unit == "1" else _spelled(unit))
@@ -82,7 +82,7 @@ def known_unit(unit: str) -> bool:
 
 
 TEMPERATURES = {"degree_Celsius": "degC", "kelvin": "K", "degree_Fahrenheit": "degF"}
-"""Usual spelling of the units of temperature, by the name that pint gives them."""
+"""Usual spelling of the units of temperature, by the name of the unit in the library pint."""
 
 
 @lru_cache(maxsize=256)
@@ -93,7 +93,7 @@ def one_spelling(unit: str) -> str:
 
 @lru_cache(maxsize=256)
 def is_time(unit: str) -> bool:
-    """Return whether a unit is a unit of time."""
+    """Return True if a unit is a unit of time."""
     return unit != "1" and known_unit(unit) and _registry().parse_units(unit).is_compatible_with("s")
 
 
@@ -128,13 +128,14 @@ def factor(unit: str, dimension: str, where: str) -> float:
 
 
 def as_typed(text: str) -> str:
-    """Return a printed quantity as it is typed on a keyboard: `12.0 ± 0.3 ×10⁻⁶ 1/°C` becomes `12.0e-6 1/degC`."""
+    """Return a printed quantity with the characters of a keyboard: `12.0 ± 0.3 ×10⁻⁶ 1/°C` becomes `12.0e-6 1/degC`."""
     text = _TIMES_TEN.sub(lambda m: f"e{m[1]}", _DEVIATION.sub("", text).translate(_PRINTED))
     return text.replace("°C", "degC").replace("°F", "degF").strip()
 
 
 def split_quantity(text: str) -> tuple[float, str] | None:
-    """Split a quantity into number and unit: `0.03 mm` gives (0.03, "mm"). Return None if one of them is missing."""
+    """Split a quantity into number and unit: `0.03 mm` gives (0.03, "mm"). The result is None if number or unit is
+    missing."""
     text = as_typed(text)
     match = None if _NUMBER.match(text) else _QUANTITY.match(text)
     return (float(match["value"]), match["unit"]) if match else None
@@ -169,9 +170,9 @@ def parse_quantity(text: str, dimension: str, where: str) -> float:
 
 
 def convert(text: str, unit: str, where: str) -> float:
-    """Return the number in `text`, as `20 arcsec` or `20`, in `unit`; a number without a unit is taken in `unit`.
+    """Return the number in `text`, as `20 arcsec` or `20`, in `unit`; a number without a unit has the unit `unit`.
 
-    Raises InputError if there is no number, or its unit cannot be converted.
+    Raises InputError if the text has no number, or the unit cannot be converted.
     """
     try:
         split = split_quantity(text)
@@ -192,7 +193,8 @@ UNITS = {"angle": ("deg", "rad"), "length": ("mm", "m", "in"), "mass": ("kg",), 
 
 
 class TomlTable:
-    """One table of a TOML file with units in its keys. Keys are taken one by one; a key that remains is an error.
+    """One table of a TOML file with units in its keys. Keys are read and removed one by one; a key that remains is an
+    error.
 
     content: output of tomllib. where: name of the table in messages. Every method raises InputError for a value of the
     wrong kind.
