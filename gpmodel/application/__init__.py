@@ -1,1 +1,1 @@
-"""Uses of a finished model: files, prediction, compensation."""
+"""Applications of a fitted model: model files, prediction, compensation, verification, exports."""

@@ -1,4 +1,4 @@
-"""Joint values that bring the real mechanism to the targets of the nominal one, with a limit on each correction."""
+"""Compute joint values that bring the real mechanism to given targets, with a limit on each correction."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -37,24 +37,24 @@ LIMIT, RANGE, LOST = "joint limit", "outside the measured range", "not reached"
 SIDE = "side of play open"
 Words = NDArray[np.object_]
 GIVEN = (OK, SINGULAR, RANGE, SIDE)
-"""Statuses of rows with corrected values."""
+"""Statuses of target rows that have corrected joint values."""
 MAX_MOVE = float(np.radians(2.0))
 """Default largest correction of a joint, rad; a metre of a prismatic joint counts as 1 / ROTATION_WEIGHT rad."""
 FULL_TURN = float(np.radians(361.0))
-"""Largest rotation of a target, radians: a full turn and its rounding."""
+"""Largest rotation vector of a target, rad: a full turn with rounding."""
 DAMPED_ITERATIONS = 12
-"""Levenberg-Marquardt steps with each damping."""
+"""Number of Levenberg-Marquardt steps with each damping."""
 DAMPINGS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
-"""Weights, m, of a radian of joint motion relative to tool orientation (times ROTATION_WEIGHT). Each value reduces the
-joint motion about threefold."""
+"""Damping weights, m, of a radian of joint motion relative to tool orientation (times ROTATION_WEIGHT). Each further
+weight reduces the joint motion about threefold."""
 
 
 @dataclass(frozen=True)
 class TargetPoses:
     """Target poses of the tool (N, 4, 4) in the root frame; joint values of `dataset` are the initial values.
 
-    whole: position and orientation, else position. unreachable: indices of targets that the nominal mechanism cannot
-    reach.
+    whole: True for position and orientation, False for position only. unreachable: indices of targets that the nominal
+    mechanism cannot reach.
     """
 
     dataset: Dataset
@@ -68,12 +68,12 @@ class Compensation:
     """Corrected joint values and the result for each target.
 
     q: (N, n), rad and m, NaN if the status has no corrected values.
-    status: (N,) one of seven words.
+    status: (N,) status text, one of seven.
     residual: (N,) m, remaining position error; turn: (N,) rad, remaining orientation error, NaN if not requested.
     correction: (N,) m, position error without compensation.
     sigma: (N,) m, standard deviation of the reached point in the root frame.
     outside: (N,) inputs beyond the ranges of the model.
-    The last five are NaN or empty for targets that the nominal mechanism cannot reach.
+    residual to outside are NaN or empty for targets that the nominal mechanism cannot reach.
     """
 
     q: Array
@@ -130,7 +130,7 @@ def compensated(saved: SavedModel, frame: pd.DataFrame, targets: TargetPoses, ma
 
 
 def not_reached(mechanism: Mechanism, corrected: pd.DataFrame) -> str:
-    """Name the first unreachable row of compensated targets with its x, y, z, and the number of others."""
+    """Name the first unreachable row of compensated targets with x, y, z, and the number of further such rows."""
     rows = np.flatnonzero(corrected["status"] == LOST)
     if not len(rows):
         return ""
@@ -147,7 +147,7 @@ def of_frame(saved: SavedModel) -> SavedModel:
 
 
 def _table_names(saved: SavedModel, dataset: Dataset) -> tuple[str, ...]:
-    """Return the joint names of the targets; without joint columns, those of the fitted table."""
+    """Return the joint names of the targets; without joint columns, the joint names of the fitted table."""
     given = dataset.columns or dataset.joints
     return saved.columns if given == dataset.joints else given
 
@@ -155,7 +155,8 @@ def _table_names(saved: SavedModel, dataset: Dataset) -> tuple[str, ...]:
 def joint_targets(saved: SavedModel, dataset: Dataset) -> TargetPoses:
     """Return the tool poses of the nominal mechanism at given joint values, as targets.
 
-    Position and orientation with six or more joints, else the position. Raises InputError as `matched_with_readings`.
+    A target is position and orientation with six or more joints, else the position. Raises InputError as
+    `matched_with_readings`.
     """
     fitting = remembered(saved, matched_with_readings(saved, dataset))
     return TargetPoses(fitting, tips(saved, fitting, nominal=True)[1].tip, len(saved.mechanism.joints) >= 6)
@@ -164,8 +165,8 @@ def joint_targets(saved: SavedModel, dataset: Dataset) -> TargetPoses:
 def cartesian_targets(saved: SavedModel, dataset: Dataset, rng: np.random.Generator) -> TargetPoses:
     """Return targets in the root frame from dataset.position, m, and dataset.rotation, rad, with nominal joint values.
 
-    Without rotations, or with fewer than six joints, the position alone. Raises InputError for a row without a complete
-    position, or with rotations in some rows only.
+    Without rotations, or with fewer than six joints, a target is the position alone. Raises InputError for a row
+    without a complete position, or with rotations in some rows only.
     """
     fitting = matched(saved, dataset)
     if not np.isfinite(dataset.position).all():
@@ -193,8 +194,8 @@ def compensate(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MO
     """Solve for the joint values nearest the initial values of each target, no joint moved by more than `max_move`,
     rad.
 
-    A metre of a prismatic joint counts as 1 / ROTATION_WEIGHT rad. If the orientation needs a larger move, near a
-    singular pose, the position is reached and as much of the orientation as the limit allows. Raises InputError if an
+    A metre of a prismatic joint counts as 1 / ROTATION_WEIGHT rad. If, near a singular pose, the orientation needs a
+    larger move, the position is reached exactly and the orientation as far as the limit allows. Raises InputError if an
     effect is infinite or undefined at a target.
     """
     saved = of_the_mechanism(saved)
@@ -244,11 +245,10 @@ def _closing_start(saved: SavedModel, targets: TargetPoses) -> TargetPoses:
 def corrected(
     saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MOVE, *, part: bool = True
 ) -> tuple[Array, Words]:
-    """Return the joint values (N, n) and status (N,) of each target as `compensate`, without the check of measured
-    ranges.
+    """Return joint values (N, n) and status (N,) of each target as `compensate`, without a check of measured ranges.
 
-    saved: without the errors of the instrument. part: give up a part of the orientation near singular poses. Raises
-    InputError if an effect is infinite or undefined at a target.
+    saved: model without the errors of the instrument. part: True to reach the orientation only partly near singular
+    poses. Raises InputError if an effect is infinite or undefined at a target.
     """
     check_finite(saved, prepare(saved.mechanism, targets.dataset))
     dataset, start = targets.dataset, np.array(targets.dataset.q)
@@ -284,8 +284,8 @@ def _damped(saved: SavedModel, targets: TargetPoses, max_move: float) -> tuple[A
     """Return joint values that reach the position, and the mask of the targets for which some damping keeps within
     `max_move`.
 
-    The least such damping is used for the orientation. Source: damped least squares in the null space, Chiaverini
-    (1997).
+    The least damping that keeps within `max_move` is used for the orientation. Source: damped least squares in the null
+    space, Chiaverini (1997).
     """
     count = len(targets.dataset)
     q, found = np.array(targets.dataset.q), np.zeros(count, dtype=bool)

@@ -22,8 +22,7 @@ from gpmodel.model.sites import sites_of
 
 @dataclass(frozen=True)
 class TrainingProblem:
-    """Search problem of the training poses. heldout: function that returns a program's gain on held-out poses; None
-    without."""
+    """Search problem of the training poses. heldout: function from a program to its gain on held-out poses, or None."""
 
     problem: Problem
     heldout: Callable[[Program], float] | None
@@ -52,7 +51,7 @@ def cartesian_task(
 
 
 def slot_task(fit: Calibration, mechanism: Mechanism, seen: Poses, seed: int) -> TrainingProblem:
-    """Return the problem of programs at all sites of the mechanism; a node has the price of `discover`."""
+    """Return the search problem of programs at all sites of the mechanism; a node has the price as in `discover`."""
     residual = residual_of(fit, seen, Criteria(), seed)
     return TrainingProblem(posed(residual, sites_of(mechanism), Search(), np.arange(len(residual.poses)))[0], None)
 
@@ -60,7 +59,7 @@ def slot_task(fit: Calibration, mechanism: Mechanism, seen: Poses, seed: int) ->
 def cartesian_problem(fit: Calibration, poses: Poses, rows: IntArray, norm: str = "max") -> CartesianProblem:
     """Return the problem of thesis Fig 5.2: model points (x, y, z; mm, in the root frame) against measured points.
 
-    The inputs are those of Table 5.1: the point, the joint values, and any varying column of the table.
+    The inputs are the inputs of Table 5.1 of the thesis: the point, the joint values, and every varying column.
     Raises InputError if no pose has all three coordinates.
     """
     rows = rows[np.isfinite(poses.dataset.position[rows]).all(axis=1)]

@@ -1,4 +1,4 @@
-"""Error at poses that were not fitted: bounds by simulation, held-out poses predicted as by `predict`, discrepancy.
+"""Errors at poses that were not fitted: bounds by simulation, errors of `predict` at held-out poses, discrepancy.
 
 Each simulation draws the model's parameters from their covariance, and the noise with uncertain scale and tails.
 Source: JCGM 101 (2008), propagation of distributions.
@@ -8,8 +8,9 @@ the residuals of a fit whose columns are C, and δ the error of the model's form
 
     r = C θ + δ + e,   δ ~ N(0, γ n² K),   e ~ N(0, n² I)
 
-K is the covariance of twists at every axis of the chain that depend smoothly on the joint values. The part of the
-residual that is smooth in the joint values is discrepancy; the rest is noise. The restricted likelihood of γ and n does
+K is the covariance of error twists, at every axis of the chain, that depend smoothly on the joint values. The part of
+the residual that is smooth in the joint values is discrepancy; the rest is noise. The restricted likelihood of γ and n
+does
 not depend on θ. Sources: Kennedy and O'Hagan (2001), Bayesian calibration of computer models; Patterson and Thompson
 (1971), recovery of inter-block information.
 """
@@ -39,19 +40,18 @@ from gpmodel.numerics.least_squares import outlier_limit
 from gpmodel.table.bundles import sharing
 
 POSES = 1000
-"""Poses of each simulated session."""
+"""Number of poses of each simulated session."""
 WORLDS = 400
 """Number of simulated sessions. With 400 the 95 % quantile is known to about a percent."""
 LARGEST_LEVERAGE = 0.95
-"""Largest leverage of a pose for its residual to count. With more, the pose fits itself and its residual is
-rounding."""
+"""Largest leverage of a pose whose residual is used. With a larger leverage, the residual is rounding."""
 FEWEST = 10
 """Least degrees of freedom of the residuals for a bound on further poses, and to separate noise and discrepancy."""
 
 
 @dataclass(frozen=True)
 class Bound:
-    """Statistic of further poses, mm: median over the simulations, and the value that 1 - confidence of them exceed."""
+    """Statistic of further poses, mm: median over the simulations, and quantile at the confidence level."""
 
     typical_mm: NotNegative
     bound_mm: NotNegative
@@ -61,7 +61,8 @@ class Bound:
 class ErrorBounds:
     """Distance between measured and predicted point at `poses` further poses within the measured joint ranges.
 
-    rms, within_95, largest: root mean square, 95th percentile and maximum. Each bound has the confidence by itself.
+    rms, within_95, largest: root mean square, 95th percentile and maximum. The confidence holds for each bound
+    separately.
     """
 
     poses: Count
@@ -74,8 +75,8 @@ class ErrorBounds:
 def further_poses(fit: Calibration, poses: Poses, spread: float | None = None) -> ErrorBounds | None:
     """Bound the errors of a model, fitted to `poses`, at further poses.
 
-    None if joint values are approximate, positions are incomplete, columns of earlier rows are unknown there, or the
-    measurements hardly outnumber the unknowns.
+    None if joint values are approximate, positions are incomplete, inputs from earlier rows are unknown at further
+    poses, or the measurements hardly outnumber the unknowns.
     spread: standard deviation of one measured coordinate about the model, m, with its discrepancy; None for
     `fit.sigma`. A search fits a part of the noise, so that its residuals are too small by spread / fit.sigma.
     """
@@ -110,9 +111,9 @@ def _coordinates(fit: Calibration, problem: Linearised, use: IntArray) -> float:
 
 
 def left_out(fit: Calibration, problem: Linearised, use: IntArray) -> tuple[Array, Array]:
-    """Return the residuals (M, 3), m, of the rows `use` by a fit to all others: r / (1 - h) with leverage h.
+    """Return the leave-one-out residuals (M, 3), m, of the rows `use`: r / (1 - h) with leverage h.
 
-    Also return the variance (M,) of the prediction of each row in units of the noise's: h / (1 - h).
+    Also return the variance (M,) of the prediction of each row in units of the noise variance: h / (1 - h).
     """
     at = problem.weights[:, :3] > 0
     rows = np.full(at.shape, -1)
@@ -130,7 +131,8 @@ def _over_worlds(
 ) -> ErrorBounds:
     """Return bounds on the error by simulation.
 
-    columns: derivatives (N, 3, K) of the predicted points by K unknowns. excess: factor on the noise.
+    columns: derivatives (N, 3, K) of the predicted points by K unknowns. excess: factor on the standard deviation of
+    the noise.
     """
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -146,12 +148,12 @@ def _bound(worlds: Array) -> Bound:
 
 
 def shipped(found: Discovery) -> int:
-    """Return the index of the step that is saved: the last if held-out poses confirm it, else the standard model."""
+    """Return the index of the saved step: the last step if held-out poses confirm it, else the standard model."""
     return len(found.steps) - 1 if found.confirmed else 1
 
 
 def unseen_of(found: Discovery) -> tuple[Unseen, ...]:
-    """Return fits of the saved step with their held-out poses: one per fold, or a single one."""
+    """Return the fits of the saved step with their held-out poses: one fit per fold, or a single fit."""
     number = shipped(found)
     return tuple(
         Unseen(part.step(number).calibration, part.poses.subset(part.train), part.poses.subset(part.heldout))
@@ -163,13 +165,13 @@ def unseen_of(found: Discovery) -> tuple[Unseen, ...]:
 def predicted_errors(saved: SavedModel, poses: Poses, *, as_measured: bool) -> Array:
     """Return the 3-D error (N,), m, of a model at measured poses, predicted as by `predict`.
 
-    as_measured: with the errors of the instrument and of the session, as for the rows of the session itself.
+    as_measured: True to include the errors of the instrument and of the session, as for rows of the fitted session.
     """
     return pose_error(observed_by(usable(saved, session=as_measured), poses)[1], poses.dataset)
 
 
 def unseen_errors(poses: Poses, parts: Sequence[Unseen], *, as_measured: bool) -> Array:
-    """Return the 3-D error (N,), m, of every pose by the fit that excluded it; NaN if none did."""
+    """Return the 3-D error (N,), m, of every pose by the fit that excluded the pose; NaN without such a fit."""
     out = np.full(len(poses), np.nan)
     for part in parts:
         asked = part.known
@@ -186,8 +188,8 @@ def with_discrepancy(
 
         discrepancy² = max(0, mean square held-out error - noise² - variance by parameters and other causes)
 
-    parts: fits with held-out poses; without any, each pose is left out in turn. noise: of the instrument as specified;
-    None for `noise_within`. Only poses with x, y and z count.
+    parts: fits with held-out poses; if empty, each pose is left out in turn. noise: specified standard deviation of the
+    instrument, m; None for `noise_within`. Only poses with x, y and z count.
     """
     if poses.dataset.joints_approximate or not len(_whole(poses)):
         return saved
@@ -205,8 +207,7 @@ def with_discrepancy(
 
 
 def _by_other_causes(saved: SavedModel, poses: Poses) -> float:
-    """Return the mean variance, m², of a fitted coordinate that alternative causes of findings add to the
-    parameters'."""
+    """Return the mean variance, m², of a fitted coordinate due to alternative causes of the findings."""
     if not len(saved.covariance.over_causes):
         return 0.0
     alone = replace(saved, covariance=replace(saved.covariance, others=(), over_causes=np.zeros((0, 0))))
@@ -220,8 +221,7 @@ def _whole(poses: Poses) -> IntArray:
 
 
 def _by_parameters(part: Unseen) -> tuple[Array, Array]:
-    """Return the squared errors (K, 3) of held-out coordinates, m², and their variance (K, 3) by the fit's
-    parameters."""
+    """Return the squared errors (K, 3), m², of held-out coordinates, and the variance (K, 3) due to the parameters."""
     asked = part.known
     asked = asked.subset(_whole(asked))
     if not len(asked):
@@ -242,22 +242,22 @@ def _one_left_out(fit: Calibration, poses: Poses) -> tuple[Array, Array]:
 
 
 MOST_POSES = 200
-"""Poses from which noise and discrepancy are estimated, drawn evenly along the rows. Their 600 coordinates give the
-noise to 3 %."""
+"""Number of poses, evenly spaced along the rows, from which noise and discrepancy are estimated. 600 coordinates give
+the noise to 3 %."""
 LENGTHS = (0.3, 0.08)
 """Correlation lengths of the discrepancy, as shares of a joint's range: one period over the range, and four."""
 ORDER = 4
-"""Largest number of joints in a term of the discrepancy. With two, one more robot in a hundred lies outside
-two sigma."""
+"""Largest number of joints in a term of the discrepancy. With two joints, one more robot in a hundred lies outside two
+sigma."""
 RATIOS = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 41)])
-"""Grid of γ. Below 0.01 the discrepancy is a tenth of the noise and changes no standard error."""
+"""Grid of the variance ratio γ. Below 0.01 the discrepancy is a tenth of the noise and changes no standard error."""
 
 
 def noise_within(fit: Calibration, poses: Poses) -> float:
     """Estimate the standard deviation (m) of the noise of one coordinate without discrepancy; at most `fit.sigma`.
 
-    Average of the variance without discrepancy and the variance at the most likely γ of each covariance K, by Akaike
-    weights: one more unknown costs one nat. Source: Burnham and Anderson (2002), 2.9.
+    The estimate is an average of the variance without discrepancy and the variances at the most likely γ of each
+    covariance K, with Akaike weights (one nat per unknown). Source: Burnham and Anderson (2002), 2.9.
     """
     rows = _independent(fit, poses)
     if poses.dataset.joints_approximate or not len(rows):
@@ -277,7 +277,7 @@ def noise_within(fit: Calibration, poses: Poses) -> float:
 
 
 def _restricted(rest: Array, kernel: Array, residual: Array) -> tuple[float, float]:
-    """Return the noise variance at the most likely γ, relative to that at zero, and the odds of this γ against zero.
+    """Return the ratio of the noise variances at the most likely γ and at γ = 0, and the odds of the two γ.
 
     rest: (M, R) orthonormal basis of the residual space of a fit. kernel: (M, M) of mean variance one. residual: (M,).
     """
@@ -301,7 +301,7 @@ def _independent(fit: Calibration, poses: Poses) -> IntArray:
 def _kernels(fit: Calibration, poses: Poses, problem: Linearised) -> Iterator[Array]:
     """Yield K (3N, 3N) of mean variance one: Σ over axes of c cᵀ, each block times the correlation of two poses.
 
-    The twists depend on the joint values; then also on payload, row and further columns, each by itself.
+    The twists depend on the joint values. Further matrices K add payload, row and further columns, one at a time.
     """
     effects = geometric_effects(fit.model.mechanism)
     columns = effect_columns(effects, fit.model, poses, problem.observed)[:, :3].reshape(-1, len(effects))
@@ -318,8 +318,8 @@ def _kernels(fit: Calibration, poses: Poses, problem: Linearised) -> Iterator[Ar
 def alike(q: Array, lengths: Sequence[float] = LENGTHS, order: int = ORDER) -> Array:
     """Return the correlation (N, N) of an unknown function at two poses.
 
-    Mean over joints of exp(-d²/2) and its powers up to `order`, which contain products of joints. lengths: as shares of
-    a joint's range.
+    The correlation is the mean over joints of exp(-d²/2), and its powers up to `order` (products of joints). lengths:
+    correlation lengths as shares of a joint's range.
     """
     span = np.ptp(q, axis=0)
     gaps = (q[:, None] - q[None])[:, :, span > 0] / span[span > 0]

@@ -26,21 +26,20 @@ from gpmodel.table.dataset import Dataset, with_payload
 REACHED = 1e-7
 """Largest distance from a target that counts as reached, m: a tenth of the displayed micrometre."""
 ITERATIONS = 60
-"""Largest number of Newton steps to a target. Near a solution every step squares the error, so that more do not
+"""Largest number of Newton steps to a target. Near a solution every step squares the error, so that more steps do not
 help."""
 DAMPING = 1e-12
-"""Smallest damping, m²/rad²: below rounding, so that steps near a solution are Newton steps."""
+"""Smallest damping, m²/rad²: smaller than rounding errors, so that steps near a solution are Newton steps."""
 LONGEST_STEP = 0.3
-"""Largest change of a joint in one step, radians or metres. Beyond it the linearised arm is wrong."""
+"""Largest change of a joint in one step, rad or m. For larger changes the linearisation is wrong."""
 POOL = 4096
-"""Random joint values among which initial values for Cartesian targets are sought: four values for each of
-six joints."""
+"""Size of the pool of random initial values for Cartesian targets: four values for each of six joints."""
 NEAREST = 6
-"""Nearest initial values tried first for a target: as many as most arms have joints."""
+"""Number of nearest initial values that are tried first for a target: the number of joints of most arms."""
 SEEDS = 24
-"""Random initial values tried before a target counts as unreachable."""
+"""Number of random initial values tried before a target is called unreachable."""
 UNSOLVED = 1e3
-"""Added cost of joint values that miss their target: above every distance from the middle of the joint ranges."""
+"""Cost added to joint values that miss the target, larger than every distance from the middle of the joint ranges."""
 
 
 def tips(saved: SavedModel, dataset: Dataset, *, nominal: bool) -> tuple[Poses, Observed]:
@@ -79,8 +78,9 @@ def _jacobian(mechanism: Mechanism, observed: Observed) -> Array:
 def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, nominal: bool) -> tuple[Array, Array]:
     """Solve for joint values (N, n) near those of `dataset`; also return the remaining error (N,), m.
 
-    Levenberg-Marquardt for each row separately. Source: Moré (1978). whole: position and orientation, weighted by
-    ROTATION_WEIGHT, else position. The error is infinite if the loops of a mechanism cannot close.
+    The solver is Levenberg-Marquardt for each row separately. Source: Moré (1978). whole: True for position and
+    orientation, weighted by ROTATION_WEIGHT; False for position. The error is infinite if the loops of a mechanism
+    cannot close.
     """
     weight = np.array([1.0] * 3 + [ROTATION_WEIGHT if whole else 0.0] * 3)
 
@@ -149,7 +149,7 @@ def inverse(
 
 
 def _place(frames: Array, whole: bool) -> Array:
-    """Return points whose distances compare tool poses: position, and the axes times ROTATION_WEIGHT."""
+    """Return points whose distance measures the difference of tool poses: position, and axes times ROTATION_WEIGHT."""
     axes = ROTATION_WEIGHT * frames[:, :3, :3].reshape(len(frames), 9)
     return np.hstack([frames[:, :3, 3], axes]) if whole else frames[:, :3, 3]
 
@@ -237,7 +237,7 @@ def matched_with_readings(saved: SavedModel, dataset: Dataset) -> Dataset:
 def remembered(saved: SavedModel, dataset: Dataset) -> Dataset:
     """Return the dataset with inputs that depend on earlier rows, such as directions of approach, as columns.
 
-    Small changes of joint values then keep the direction of approach.
+    With these columns, small changes of joint values keep the direction of approach.
     Raises InputError if the rows are not known to be in order.
     """
     read = {name for effect in saved.model.effects for name in effect.inputs if read_by(name)}
@@ -255,7 +255,7 @@ def remembered(saved: SavedModel, dataset: Dataset) -> Dataset:
 def turned(saved: SavedModel, nominal: Array, corrected: Array) -> Mask:
     """Return the mask (N,) of targets that a joint approaches from another side than without correction.
 
-    Only joints whose direction of approach the model uses count.
+    The mask considers only joints whose direction of approach is an input of the model.
     """
     read = {source for effect in saved.model.effects for name in effect.inputs for source in read_by(name)}
     out = np.zeros(len(nominal), dtype=bool)

@@ -70,7 +70,7 @@ def measured_record(measured: Measured | None) -> dict[str, object] | None:
 
 
 def measured_from(record: MeasuredPart, mechanism: Mechanism) -> Measured:
-    """Read the record of `measured_record`. Raises InputError if its joints differ."""
+    """Read the record of `measured_record`. Raises InputError for a record with other joints."""
     joints = mechanism.joints
     count = len(record.row)
     if {len(row) for row in record.q} - {len(joints)}:
@@ -119,7 +119,7 @@ def counted(dataset: Dataset, metres: Mapping[str, float]) -> Dataset:
 
 
 def _numbers(values: Sequence[object]) -> Array:
-    """Return numbers as an array, null as NaN."""
+    """Return numbers of JSON as an array, null as NaN."""
     return np.array(values, dtype=float)
 
 
@@ -129,13 +129,13 @@ class SavedModel:
 
     theta, stderr: (E,) in the effects' SI units, stderr NaN where not fitted. covariance: of registration, tool and
     effects.
-    rotation_weight: weight of a radian, m. sigma: residual of one component, m. freedom: its degrees of freedom,
-    infinite if sigma is not estimated. pose: whether rotations were measured.
+    rotation_weight: weight of a radian, m. sigma: residual standard deviation of one component, m. freedom: degrees of
+    freedom of sigma, infinite if not estimated. pose: True if rotations were measured.
     input_units: units of the extra columns that the effects need.
     ranges: lowest and highest fitted value of joints and input columns, SI or the table's unit.
-    measured: the fitted table, None if not kept.
-    noise, discrepancy: of the instrument and of the model's form (see `application.further`), m, one component;
-    None and zero if not estimated.
+    measured: the fitted table, None if not saved.
+    noise, discrepancy: standard deviation of one component, m, of the instrument and of the model discrepancy (see
+    `application.further`); None and zero if not estimated.
     """
 
     model: ErrorModel
@@ -176,7 +176,7 @@ class SavedModel:
 
     @property
     def names(self) -> Mapping[str, str]:
-        """The fitted table's names of joints and of inputs named after joints, by the mechanism's names."""
+        """Map from the mechanism's names of joints, and of inputs named after joints, to names in the table."""
         return table_names([joint.name for joint in self.mechanism.joints], self.columns)
 
 
@@ -298,7 +298,7 @@ def save_model(path: Path, saved: SavedModel, **more: object) -> None:
 
 
 def load_model(path: Path, mechanism: Mechanism | None = None) -> SavedModel:
-    """Read model.json. mechanism: needed for a mechanism built in Python.
+    """Read model.json. mechanism: required only for a mechanism built in Python.
 
     Raises InputError for a missing, too large or changed file, invalid JSON, another kind or schema, an invalid field,
     or another machine.

@@ -22,7 +22,7 @@ from gpmodel.texts import SEAL, parse_json, read_limited, seal
 KIND, SCHEMA = "gpmodel model", 3
 """Kind and schema version in model.json."""
 SCHEMAS = (2, SCHEMA)
-"""Schemas that can be read. Before schema 3 the covariance was stored as a full matrix; now a row ends at the
+"""Schemas that can be read. Before schema 3 the covariance was stored as a full matrix; in schema 3 a row ends at the
 diagonal."""
 LARGEST_FILE = 64 << 20
 """Largest accepted file, bytes: a hundred times a model with all families and the description of a humanoid."""
@@ -50,7 +50,7 @@ Freedom = Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_NUMBER)]
 Name = Annotated[str, msgspec.Meta(max_length=1000, pattern=UNBROKEN)]
 Label = Annotated[str, msgspec.Meta(min_length=1, max_length=1000, pattern=UNBROKEN)]
 Word = Annotated[str, msgspec.Meta(max_length=LONGEST_JOINT, pattern=r"^[^\W\d]\w*\Z")]
-"""Name of a column, usable in an expression."""
+"""Type of a column name that is usable in an expression."""
 Unit = Annotated[str, msgspec.Meta(max_length=50, pattern=r"^(?!.*\*/)[\w°%·*/^.() -]*\Z")]
 FileName = Annotated[
     str, msgspec.Meta(min_length=1, max_length=200, pattern=r"^[^/\\\x00-\x1f\x7f\x85\u2028\u2029]+\Z")
@@ -84,7 +84,7 @@ class RigidPart(msgspec.Struct, frozen=True):
 
 
 class EffectPart(msgspec.Struct, frozen=True):
-    """Effect and its fitted value. prior: standard deviation, null without. stderr: standard error, null if
+    """Effect and its fitted value. prior: prior standard deviation, null without prior. stderr: standard error, null if
     not fitted."""
 
     name: Label
@@ -101,7 +101,7 @@ class MechanismPart(msgspec.Struct, frozen=True):
     """Mechanism of the model.
 
     name: built-in name, or name of the file with the text `description`.
-    tip_at_probe_m: tip position at one oblique pose, by which the mechanism is recognised.
+    tip_at_probe_m: tip position at one fixed pose, m, which identifies the mechanism.
     """
 
     name: FileName
@@ -153,7 +153,7 @@ class ModelPart(msgspec.Struct, frozen=True):
 
     noise_m, discrepancy_m: null and zero in files of versions that did not estimate these values.
     others, over_causes: effects that are alternative explanations of a finding, and the second moment of all unknowns
-    over these alternatives; empty without.
+    over these alternatives; empty without alternatives.
     """
 
     kind: str
@@ -248,8 +248,8 @@ MODEL = Sealed(KIND, SCHEMAS, ModelPart, "model", "a model.json")
 def read_part(path: Path) -> ModelPart:
     """Return the content of a model.json.
 
-    Raises InputError as `read_sealed`, or if the report in its folder names another model. Files with other names, such
-    as the true model of a simulation, need no report.
+    Raises InputError as `read_sealed`, or if the report in the folder names another model. Files that are not named
+    model.json, for example the true model of a simulation, need no report.
     """
     part, digest = read_sealed(path, MODEL)
     if path.name == REPORTED_FILE:
@@ -279,7 +279,8 @@ def read_sealed(path: Path, of: Sealed[Part]) -> tuple[Part, str]:
 
 
 def converted(content: object, kind: type[Part], word: str) -> Part:
-    """Convert content to its structure. Raises InputError naming a missing or invalid field; `word` names the whole."""
+    """Convert content to its structure. Raises InputError naming a missing or invalid field; `word` names the content
+    in messages."""
     try:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:

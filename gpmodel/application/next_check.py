@@ -1,8 +1,8 @@
-"""Check a model pose by pose: which pose to measure next, and when the check is decided.
+"""Check a model pose by pose: select the pose to measure next, and decide when the check ends.
 
-A test with n poses has the significance FALSE_ALARM · 6 / (π² k²), k = n - 5, shared by its two tests. All tests
-together call at most one unchanged machine in twenty changed (union bound, Σ 1/k² = π²/6). A check ends when a change
-is significant, or when a change of any joint zero that moves the tool by more than a limit would be.
+The two tests with n poses share the significance FALSE_ALARM · 6 / (π² k²), k = n - 5. All tests together report a
+change for at most one unchanged machine in twenty (union bound, Σ 1/k² = π²/6). A check ends when a change is
+significant, or when any change of a joint zero that moves the tool by more than a limit would be significant.
 """
 
 import math
@@ -25,10 +25,11 @@ from gpmodel.planning.poses import spread_among
 FALSE_ALARM = 0.05
 """Probability that the check of an unchanged machine ends with a change, over any number of poses."""
 FIRST = 6
-"""Different poses before the first test. If one is measured wrongly, five remain, enough for registration and tool."""
+"""Number of different poses before the first test. With one wrong measurement, five remain for registration and tool.
+"""
 SEEN = 1e-6
-"""Least share of a joint zero's displacement that registration does not absorb. Below, the poses do not determine the
-zero."""
+"""Least share of a joint zero's displacement that registration does not absorb. With a smaller share, the poses do not
+determine the zero."""
 SAME = 1e-4
 """Largest difference of joint values of one pose, rad or m."""
 
@@ -43,7 +44,7 @@ class HiddenChange:
 
 
 def significance(poses: int) -> float:
-    """Return the significance of each of the two tests with so many poses."""
+    """Return the significance level of each of the two tests for a number of poses."""
     look = max(poses - FIRST + 1, 1)
     return 0.5 * FALSE_ALARM * 6.0 / (math.pi * look) ** 2
 
@@ -69,7 +70,7 @@ class _Columns:
         return _Columns(self.placed[[k]], self.zeros[[k]])
 
     def beside(self, more: "_Columns") -> "_Columns":
-        """Return the columns of these poses and of further ones."""
+        """Return the columns of the present poses and of further poses together."""
         return _Columns(np.concatenate([self.placed, more.placed]), np.concatenate([self.zeros, more.zeros]))
 
     @property
@@ -89,7 +90,8 @@ class _Columns:
 class Pool:
     """Candidate poses of a check: the poses of the fit, which the arm can reach.
 
-    session: the check so far; None with too few poses for a test. columns: in the placement of the session, if any.
+    session: the check so far; None with too few poses for a test. columns: derivatives, with the session's
+    registration.
     """
 
     saved: SavedModel
@@ -113,18 +115,17 @@ class Pool:
         return self.poses.dataset.q
 
     def not_among(self, taken: Array) -> IntArray:
-        """Return the indices of the poses not among `taken` (M, n); all indices if every pose is."""
+        """Return the indices of the poses not among `taken` (M, n); all indices if every pose is among `taken`."""
         there = np.array([len(taken) > 0 and (np.abs(taken - one) < SAME).all(axis=1).any() for one in self.q])
         return np.flatnonzero(~there) if not there.all() else np.arange(len(self.q))
 
     @property
     def able(self) -> Mask:
-        """Mask (n,) of the joints whose zero these poses determine apart from the registration."""
+        """Mask (n,) of the joints whose zero the poses of the pool determine in addition to the registration."""
         return np.asarray(self.columns.information > SEEN * self.columns.alone)
 
     def unseen(self, visible: Sequence[Visible], limit: float) -> tuple[HiddenChange, ...]:
-        """Return the joints whose undetected change could move the tool by more than `limit`, m, except undeterminable
-        ones."""
+        """Return the determinable joints whose undetected zero shift could move the tool by more than `limit`, m."""
         levers = np.sqrt(self.columns.alone / len(self.q))
         moves = [(math.inf if v.size is None else v.size) * lever for v, lever in zip(visible, levers, strict=True)]
         hidden = zip(visible, moves, self.able, strict=True)

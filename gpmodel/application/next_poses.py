@@ -25,13 +25,12 @@ BUILT = 1e-3
 """Prior standard deviation of a geometric error, m or rad."""
 
 LITTLE = 1e-9
-"""Least information of the measured poses on a parameter, relative to that of all candidate poses. Less
-counts as none."""
+"""Least information of the measured poses on a parameter, relative to all candidate poses; less is treated as none."""
 
 
 @dataclass(frozen=True)
 class Questioned:
-    """A finding. effects: indices of its effects in the model.
+    """A finding and its alternatives. effects: indices of the effects of the finding in the model.
 
     rivals: names and effects of alternative explanations, and odds of the finding against each.
     """
@@ -42,7 +41,7 @@ class Questioned:
 
 
 def closing_pool(saved: SavedModel | None, pool: Array) -> Array:
-    """Keep the joint values (P, n) at which the mechanism's loops close with its fitted errors; all without a model.
+    """Return the joint values (P, n) at which the mechanism's loops close with fitted errors; all without a model.
 
     Raises InputError if the model of closed loops does not contain its table.
     """
@@ -79,15 +78,15 @@ class Outlook:
         return _question(here, there, self.saved.sigma**2 * over_the_pool(over), self._believed)
 
     def poses_of(self, targets: Dataset, rng: np.random.Generator) -> Poses:
-        """Return the poses of a task; inputs that its table lacks are those of random rows of the measured table."""
+        """Return the poses of a task; inputs missing in the task's table are taken from random rows of the measured
+        table."""
         like = at_joint_values(self.measured.dataset, targets.q, rng)
         extras = {**like.extras, **{name: v for name, v in targets.extras.items() if name in like.extras}}
         payload = targets.payload if targets.payload_given else like.payload
         return prepare(self.saved.mechanism, replace(like, extras=extras, payload=payload))
 
     def of_finding(self, finding: Questioned) -> Question:
-        """Return the experimental-design problem of a finding: its standard error relative to its size, by RMS
-        displacement."""
+        """Return the experimental-design problem of a finding: standard error relative to the RMS displacement."""
         here, there = self._columns(self.measured), self._columns(self.pool)
         own = len(self.saved.covariance.placement) + finding.effects
         theta, moves = self.saved.theta[finding.effects], over_the_pool(here[:, :, own])
@@ -96,8 +95,7 @@ class Outlook:
         return _question(here, there, weight, self._believed)
 
     def of_more(self, effects: tuple[Effect, ...]) -> Question:
-        """Return the experimental-design problem of effects outside the model: mean square displacement, m², by their
-        errors."""
+        """Return the experimental-design problem of effects outside the model: mean square displacement, m²."""
         here, there = (self._columns(poses, effects) for poses in (self.measured, self.pool))
         own = np.arange(there.shape[2] - len(effects), there.shape[2])
         weight = np.zeros((there.shape[2], there.shape[2]))
@@ -128,7 +126,7 @@ class Outlook:
         return np.concatenate([np.zeros(len(self.saved.covariance.placement)), 1.0 / priors**2])
 
     def _amplitude_last(self, poses: Poses, finding: Questioned, rival: tuple[Effect, ...]) -> Array:
-        """Return the columns of the model without the finding, of the alternative, and of the finding as fitted."""
+        """Return the columns of the model without the finding, of the alternative, and of the fitted finding."""
         columns = self._columns(poses, rival)
         at = len(self.saved.covariance.placement) + finding.effects
         shape = columns[:, :, at] @ self.saved.theta[finding.effects]

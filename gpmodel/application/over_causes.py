@@ -34,7 +34,7 @@ from gpmodel.numerics.least_squares import solve
 from gpmodel.table.bundles import JUDGED
 
 ALONG = 0.7
-"""Least cosine between an effect and the direction of a ball joint that it is assigned to: under 45 degrees."""
+"""Least cosine between an effect and its assigned direction of a ball joint: an angle below 45 degrees."""
 
 
 def of_the_ball(name: str, joint: SavedModel, machine: Mechanism) -> tuple[Effect, ...]:
@@ -73,7 +73,7 @@ def of_the_ball(name: str, joint: SavedModel, machine: Mechanism) -> tuple[Effec
 
 
 def _handed(effect: Effect, theta: float, stderr: float, one: Ball, there: Ball) -> Effect | None:
-    """Return an effect at the other ball; None if it is not an effect of the ball, or its standard error is unknown."""
+    """Return an effect transferred to another ball; None for other effects, or for an unknown standard error."""
     names = dict(zip(one.angles, there.angles, strict=False))
     if effect.constant or not set(effect.inputs) <= set(names) or not stderr > 0:
         return None
@@ -89,7 +89,8 @@ def _handed(effect: Effect, theta: float, stderr: float, one: Ball, there: Ball)
 
 
 def _weights(terms: Sequence[Term], shift: Shift) -> Array | None:
-    """Return the weights of an effect along the terms of a shift; None if it acts elsewhere or across the shift."""
+    """Return the weights of an effect along the terms of a shift; None if the effect acts elsewhere or across the
+    shift."""
     given = {(term.slot, term.axis): term.weight for term in terms}
     if len({str(term.basis) for term in terms}) > 1 or not set(given) <= {(slot, axis) for slot, axis, _ in shift}:
         return None
@@ -119,7 +120,7 @@ class FittedCause:
 
 @dataclass(frozen=True)
 class CausesThere:
-    """A finding, if any, and all alternative causes of the part of the residual that it explains.
+    """A finding (or none), and all alternative causes of the part of the residual that the finding explains.
 
     own: effects of the finding, with corrections of the constants inside it. names: parameters (K,) of the model
     without the finding. stated: the finding, fitted.
@@ -141,11 +142,11 @@ def over_causes(found: Discovery) -> Discovery:
 
 
 def _stated(found: Discovery, fit: Calibration, findings: Sequence[Candidate]) -> Calibration:
-    """Return a fit to all poses with its uncertainty over the causes of each finding; without findings, over one more
-    effect.
+    """Return a fit to all poses with the uncertainty over the causes of each finding, or over one undetected effect.
 
     Causes are the credible sets of the findings and all small effects of the catalogue. The probability of cause h is
-    p(h | y) ∝ exp(log evidence of h in this fit). Small effects count, since a constant of the model can absorb them.
+    p(h | y) ∝ exp(log evidence of h in this fit). Small effects are included, because a constant of the model can
+    absorb them.
     """
     offered = catalogue.candidates(found.mechanism, found.poses.states)
     sets = [finding.hypothesis.causes for finding in found.findings]
@@ -165,7 +166,7 @@ def place_of(
 ) -> CausesThere:
     """Weigh the candidates of a pool as replacements of a finding `own`. residual: of the model with the finding.
 
-    changes: corrections of the constants inside the finding, which the model has too.
+    changes: corrections of the constants inside the finding, which are also parameters of the model.
     """
     inside = (*(own.effects if own else ()), *changes)
     without = residual.without(inside) if inside else residual
@@ -218,8 +219,9 @@ def _system_of_fit(residual: Residual) -> Array:
 def uncertain(fit: Calibration, poses: Poses, places: Sequence[CausesThere]) -> Calibration:
     """Return a fit whose standard errors include the uncertainty about the causes of its findings.
 
-    Unchanged if no finding has a probable alternative. The standard error of a finding assumes that the finding is
-    right, and includes the causes of the others. Predictions include only causes that joint values determine.
+    The fit is unchanged if no finding has a probable alternative. The standard error of a finding assumes that the
+    finding is right, and includes the alternative causes of other findings. Predictions include only causes that joint
+    values determine.
     """
     if not any(one.probability > RARE for place in places for one in place.others):
         return fit
@@ -242,7 +244,7 @@ def uncertain(fit: Calibration, poses: Poses, places: Sequence[CausesThere]) -> 
 
 
 def _placed(fit: Calibration, poses: Poses, moments: Array) -> tuple[Placed, ...]:
-    """Return registration and tool with variances increased as those of their parameters, to the moments (P, P)."""
+    """Return registration and tool with covariance replaced by the second moments (P, P) over the causes."""
     problem, values = problem_at(fit, poses), fit.covariance.values[: len(moments), : len(moments)]
     before, after = (placed_numbers(fit.placement, problem, one) for one in (values, moments))
     variances = (p.stderr**2 + b.stderr**2 - a.stderr**2 for p, a, b in zip(fit.placed, before, after, strict=True))
@@ -250,7 +252,7 @@ def _placed(fit: Calibration, poses: Poses, moments: Array) -> tuple[Placed, ...
 
 
 def _effects(places: Sequence[CausesThere]) -> tuple[Effect, ...]:
-    """Return the effects (A,) of all alternative causes, each once."""
+    """Return the effects (A,) of all alternative causes, without duplicates."""
     every = (effect for place in places for cause in place.others for effect in cause.effects)
     return tuple({effect.name: effect for effect in every}.values())
 

@@ -33,11 +33,11 @@ crashes) get the most."""
 LEAST = 1e-3
 """Least share of a column's length that registration and tool do not absorb; a change with less is not tested."""
 STANDING = "base"
-"""Slot between the machine and its foundation."""
+"""Name of the slot (frame) between the machine and its foundation."""
 PIXELS = lens.NAMES[:4]
-"""Numbers of a lens in pixels."""
+"""Names of the lens parameters that are in pixels."""
 HALF_WAVES, POSES_A_WAVE = 6, 16
-"""Largest number of half waves of a drifting set-up along the rows, and least number of poses for each."""
+"""Largest number of half waves of a drifting set-up along the rows, and least number of poses per half wave."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,8 @@ class PossibleChange:
 
     columns: (M, k) whitened derivatives by its k numbers, in `unit`; for kind `size`, relative to the model's value.
     kind: `set-up` means that the instrument or a stationary object moved during the session, not the machine.
-    share: of the significance. effects: effects that the change adds to the model. at: columns of the linear problem
-    that the change moves, if it adds no effect.
+    share: share of the significance level. effects: effects that the change adds to the model. at: columns of the
+    linear problem that the change moves, if the change adds no effect.
     """
 
     name: str
@@ -84,7 +84,7 @@ class PossibleChange:
         return _chance(others, *self.beside(others).explained(others.z)) / self.share > limits.confirmation
 
     def fitted(self, z: Array) -> tuple[float, float]:
-        """Return size and standard error of the change; with several numbers, of the length of their vector."""
+        """Return size and standard error of the change; for a change with several numbers, of the vector length."""
         u, s, v = self._parts
         values = v.T @ ((u.T @ z) / s)
         size = float(np.linalg.norm(values))
@@ -93,7 +93,7 @@ class PossibleChange:
         return (float(values[0]) if len(values) == 1 else size), deviation
 
     def beside(self, left: Recheck) -> "PossibleChange":
-        """Return the change with the removed columns projected out; all zeros if nothing remains."""
+        """Return the change with `removed` columns projected out; all zeros if nothing remains."""
         columns = self.columns - left.basis @ (left.basis.T @ self.columns)
         little = np.linalg.norm(columns) < LEAST * np.linalg.norm(self.columns)
         return replace(self, columns=np.zeros_like(columns) if little else columns)
@@ -169,7 +169,7 @@ def _geometry(found: Recheck) -> Iterator[PossibleChange]:
 
 
 def _of_the_catalogue(found: Recheck) -> Iterator[PossibleChange]:
-    """Yield the catalogue's candidates with one number, or one amplitude and phase, that the model lacks."""
+    """Yield the candidates of the catalogue that the model lacks, with one number, or one amplitude and phase."""
     model, poses = found.session.saved.model, found.problem.poses
     own = {effect.name for effect in model.effects}
     offered = [
@@ -202,7 +202,7 @@ def wander(found: Recheck) -> Array:
 
 
 def _seen(found: Recheck, raw: PossibleChange) -> Iterator[PossibleChange]:
-    """Yield the change with its columns whitened, if the poses could reveal it."""
+    """Yield the change with whitened columns, if the poses could reveal the change."""
     columns = found.whitened(raw.columns)
     whole, left = (np.linalg.norm(c) for c in (found.spread.whiten(found.blocks.means(raw.columns)), columns))
     if left > LEAST * whole and np.isfinite(left):
@@ -211,14 +211,13 @@ def _seen(found: Recheck, raw: PossibleChange) -> Iterator[PossibleChange]:
 
 SET_UP: Kind = "set-up"
 SIGNIFICANCE = 0.005
-"""Significance of each of the two tests: of the whole residual, and of named changes. Together 1 %."""
+"""Significance level of each of the two tests (whole residual; named changes). The sum is 1 %."""
 MOST = 4
 """Largest number of identified changes. With more, the verdict is another machine."""
 AS_LIKELY = 4.0
 """Part of the chi-square of a change below which another change need not explain it: two standard deviations."""
 LARGEST = 0.01
-"""Largest detectable shift of a joint zero, rad or m, that is reported. Above, the shift is reported as
-undetectable."""
+"""Largest detectable shift of a joint zero, rad or m, that is reported. A larger shift is called undetectable."""
 POWER = 0.9
 """Probability with which a change called detectable is detected."""
 
@@ -288,7 +287,7 @@ def _chance(found: Recheck, score: float, numbers: int) -> float:
 
 
 def visible(found: Recheck, tried: Sequence[PossibleChange], significance: float = SIGNIFICANCE) -> tuple[Visible, ...]:
-    """Return the smallest change of each joint zero that these poses detect with the probability POWER."""
+    """Return the smallest change of each joint zero that the measured poses detect with the probability POWER."""
     zeros = {h.name: h for h in tried if h.kind == "zero"}
     out = []
     for joint in found.session.saved.mechanism.joints:

@@ -27,7 +27,7 @@ def point_deviation(saved: SavedModel, poses: Poses, observed: Observed, *, plac
     """Return the standard deviation (N,), m, of the predicted point: √ (trace(J Σ Jᵀ) + 3 d²).
 
     Σ is the covariance of the parameters, over alternative explanations of the findings, and d the model discrepancy.
-    Noise of the instrument is not included. placed: include registration and tool. NaN if not fitted.
+    Noise of the instrument is not included. placed: True to include registration and tool. NaN if not fitted.
     """
     return np.asarray(np.linalg.norm(coordinate_deviations(saved, poses, observed, placed=placed), axis=1))
 
@@ -69,9 +69,9 @@ def placement_columns(saved: SavedModel, poses: Poses, observed: Observed) -> Ar
 
 
 _MEASURED = re.compile(r"r?[xyz]|distance_.*")
-"""Names of columns of measurements or targets."""
+"""Names of table columns with measurements or targets."""
 AT_ONCE = 5000
-"""Poses predicted at a time; their derivatives take a tenth of a gigabyte."""
+"""Number of poses predicted at a time; the derivatives take a tenth of a gigabyte."""
 
 
 def predicted_columns(saved: SavedModel, dataset: Dataset, say: Say = silent) -> dict[str, Array]:
@@ -80,7 +80,8 @@ def predicted_columns(saved: SavedModel, dataset: Dataset, say: Say = silent) ->
     Columns: x y z [mm] and, if rotations were fitted, rx ry rz [deg], in the instrument's frame; distances [mm] to
     known anchors; solved approximate joint values with the residual [um], if points were measured; sigma [mm], the
     standard deviation of the point; `outside`, the inputs beyond the ranges of the fit.
-    say: called with progress. Raises InputError as `matched_with_readings`, or if an effect is infinite or undefined.
+    say: function called with progress messages. Raises InputError as `matched_with_readings`, or if an effect is
+    infinite or undefined.
     """
     poses, parts = prepare(saved.mechanism, matched_with_readings(saved, dataset)), list[dict[str, Array]]()
     solved = bool(free_joints(saved.mechanism)) and bool(np.isfinite(poses.dataset.position).any())
@@ -97,13 +98,13 @@ def batches(count: int) -> list[IntArray]:
 
 
 def observed_by(saved: SavedModel, given: Poses) -> tuple[Poses, Observed]:
-    """Solve approximate joint values of the poses; return these poses and all predicted measurements."""
+    """Solve approximate joint values of the poses; return the solved poses and all predicted measurements."""
     poses = solve_joints(saved.model, given, saved.theta, saved.placement)
     return poses, observe(saved.model, poses, saved.theta, saved.placement)
 
 
 def _predicted(saved: SavedModel, given: Poses, solved: bool) -> dict[str, Array]:
-    """Predict a batch of poses. solved: also return the solved joint values as columns."""
+    """Predict a batch of poses. solved: True to return also the solved joint values as columns."""
     check_finite(saved, given)
     poses, observed = observed_by(saved, given)
     tip = observed.tip

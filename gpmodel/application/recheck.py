@@ -1,7 +1,7 @@
 """Residuals of a saved model on later poses, whitened so that they are standard normal if the model holds.
 
 With r (M,) the measured minus predicted coordinates, F the columns that every session fits again (registration,
-anchors), K those of the model (tool, effects), known with covariance Σ, and σ the noise of a coordinate:
+anchors), K the columns of tool and effects, whose values have covariance Σ, and σ the noise of a coordinate:
 
     r = F ρ + K δ + e,   δ ~ N(0, Σ),   e ~ N(0, σ² I),   V = σ² I + K Σ Kᵀ,   z = Q V^(-1/2) r
 
@@ -42,8 +42,8 @@ PASSES = 8
 class Session:
     """A model with the registration of another session.
 
-    use: (N,) mask of the poses without outliers. fitted: placement of the model's own session.
-    tool: whether the tool point is fitted again too.
+    use: (N,) mask of the poses without outliers. fitted: registration and tool of the session of the fit.
+    tool: True if the tool point is fitted again.
     """
 
     saved: SavedModel
@@ -69,9 +69,9 @@ class Session:
         return pose_error(self.observed, self.poses.dataset)
 
     def anew(self, problem: Linearised) -> Mask:
-        """Return the mask (P + E,) of the columns that this session fits.
+        """Return the mask (P + E,) of the columns that the later session fits.
 
-        The session fits registration and stationary objects; also tool and objects on links if the tool is free.
+        The session fits registration and stationary objects; if `tool` is True, also tool and objects on links.
         Effects and lenses keep the model's values.
         """
         held = {name for name in problem.placement_names if name.split(" ", 1)[0] == "tool"}
@@ -87,8 +87,7 @@ class Session:
 
 
 def kept_by(saved: SavedModel, dataset: Dataset) -> list[tuple[Observation, str]]:
-    """Return each instrument of a dataset with the unknowns of its own that persist between sessions and that the model
-    has."""
+    """Return each instrument of a dataset with its unknowns that persist between sessions and are in the model."""
     known, there = set(saved.covariance.placement), saved.placement.anchors
     return [
         (kind, key)
@@ -99,10 +98,10 @@ def kept_by(saved: SavedModel, dataset: Dataset) -> list[tuple[Observation, str]
 
 
 def settled(saved: SavedModel, dataset: Dataset, start: Placement | None = None) -> Session:
-    """Fit the registration of these poses; the model is otherwise unchanged.
+    """Fit the registration of later poses; the model is otherwise unchanged.
 
-    saved: model without effects that do not apply. start: initial registration and tool point, to fit the tool too;
-    None to keep the model's tool point.
+    saved: model without effects that do not apply. start: initial registration and tool point, if the tool is also
+    fitted; None to keep the model's tool point.
     Raises InputError as `matched_with_readings`, for an unknown tool, and for fewer than three poses of a set-up.
     """
     fitted, setups = saved.placement, dict.fromkeys(dataset.label("setup").tolist(), np.eye(4))
@@ -154,7 +153,7 @@ def errors_at(session: Session, dataset: Dataset) -> Array:
 NORMAL = 3.0
 """Kurtosis of a normal distribution."""
 LEAST_POSES, LEAST_FREEDOM = 4, 6
-"""Least number of different poses and of degrees of freedom for a verdict: those of four points after registration."""
+"""Least number of different poses and of degrees of freedom for a verdict: the values for four registered points."""
 
 
 @dataclass(frozen=True)
@@ -174,7 +173,7 @@ class Spread:
         return self.sigma * (values + self._within(values, np.sqrt(1.0 + self.s**2) - 1.0))
 
     def block(self, rows: IntArray) -> Array:
-        """Return the rows and columns (k, k) of V with these indices."""
+        """Return the rows and columns (k, k) of V with the given indices."""
         own = self.u[rows] * self.s
         return self.sigma**2 * (np.eye(len(rows)) + own @ own.T)
 
@@ -186,7 +185,7 @@ class Spread:
 class Recheck:
     """Whitened residuals of a later session.
 
-    z: (M,) as in the module's docstring. basis: (M, k) orthonormal basis of the projected-out span.
+    z: (M,) whitened residual. basis: (M, k) orthonormal basis of the projected-out span.
     bundle: (N,) code of every pose, equal for repeats. pose: (M,) code of every row.
     freedom: degrees of freedom of σ.
     anew: names of the F columns that the session fits, and their covariance (F, F).
@@ -210,25 +209,25 @@ class Recheck:
 
     @property
     def chi_square(self) -> float:
-        """|z|²."""
+        """Chi-square statistic |z|²."""
         return float(self.z @ self.z)
 
     @property
     def chance(self) -> float:
-        """Chance of at least this |z|² if the model holds."""
+        """Probability of a chi-square |z|² at least as large, if the model holds."""
         return chance_of_ratio(self.chi_square / self.degrees, *self._as_many)
 
     @property
     def chance_of_less(self) -> float:
-        """Chance of at most this |z|² if the model holds and the noise is that of the fit."""
+        """Probability of a chi-square |z|² at most as large, if the model holds and the noise is that of the fit."""
         return chance_of_less(self.chi_square / self.degrees, *self._as_many)
 
     @property
     def _as_many(self) -> tuple[float, float]:
         """Effective degrees of freedom of |z|² and of σ.
 
-        A sum of squares with tails of kurtosis κ varies as a normal one with 2 / (κ - 1) as many degrees of freedom
-        (Box 1953).
+        A sum of squares of errors with kurtosis κ has 2 / (κ - 1) times the degrees of freedom of normal errors (Box
+        1953).
         """
         squares = self.z**2
         kurtosis = np.mean(squares**2) / max(float(np.mean(squares)) ** 2, np.finfo(float).tiny)
@@ -237,9 +236,9 @@ class Recheck:
 
     @cached_property
     def by_pose(self) -> tuple[Array, Array]:
-        """Expected 3-D error, RMS, m, of every pose (N,), and the chance of its actual error if the model holds.
+        """Expected RMS 3-D error, m, of every pose (N,), and the p-value of the actual error if the model holds.
 
-        The expectation includes V and the fitted registration. NaN for poses that do not count.
+        The expectation includes V and the fitted registration. The values are NaN for excluded poses.
         """
         promised, chance = (np.full(len(self.bundle), np.nan) for _ in range(2))
         left, fitted = self.spread.restored(self.z), self.spread.restored(self.basis)
@@ -263,11 +262,11 @@ class Recheck:
         return np.asarray(self.problem.observed.turns[component[first]])
 
     def whitened(self, columns: Array) -> Array:
-        """Return columns of the problem whitened, with the basis projected out."""
+        """Return whitened columns of the linear problem, with the basis projected out."""
         return rank.remove(self.basis, self.spread.whiten(self.blocks.means(columns)))
 
     def without(self, columns: Array) -> "Recheck":
-        """Return the recheck with whitened columns (M, k) removed too."""
+        """Return the recheck with further whitened columns (M, k) projected out."""
         more = rank.orthonormal(columns)
         return replace(self, z=rank.remove(more, self.z), basis=np.hstack([self.basis, more]))
 

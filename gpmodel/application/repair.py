@@ -1,7 +1,8 @@
-"""Refit a model after an identified change to the poses of the check alone, with the former model as prior.
+"""Refit a model after an identified change to the poses of a check, with the former model as prior.
 
-Tool and effects have the prior x ~ N(m, Σ) of model.json. Changed parameters are free: Σ + D Dᵀ with one column of D
-for each, 1 m, 1 rad or the whole of an effect. With x = m + L u, L Lᵀ that covariance, every Gauss-Newton step is
+Tool and effects have the prior x ~ N(m, Σ) of model.json. Changed parameters are free: covariance Σ + D Dᵀ with one
+column of D for each, 1 m, 1 rad or the value of an effect. With x = m + L u, L Lᵀ = Σ + D Dᵀ, every Gauss-Newton step
+is
 
     [F  K L; 0  σ] (ρ, u) = (r, -σ u)         F, K, r, σ: as in `application.recheck`; the registration ρ has no prior
 """
@@ -35,17 +36,17 @@ from gpmodel.table.bundles import sharing
 from gpmodel.table.dataset import Dataset
 
 ENOUGH = 1.2
-"""Expected error, relative to that before the change, at which no further pose is needed. At 1.1 twice as many poses
-are needed."""
+"""Ratio of the expected errors after repair and before the change at which no further pose is needed. At 1.1 twice as
+many poses are needed."""
 MOST_MORE = 30
-"""Largest number of further poses. With more, a new calibration costs little more."""
+"""Largest number of further poses for a repair. A new calibration needs hardly more poses."""
 KEPT_LABELS = ("setup", "tool", "tip")
-"""Labels that the rows of the fit keep when they are joined to those of the check."""
+"""Labels that the rows of the fit keep when they are joined to the rows of the check."""
 
 
 @dataclass(frozen=True)
 class Renewed:
-    """A refitted parameter of the model, SI: value and standard error, before and after."""
+    """A refitted parameter of the model, SI: value and standard error, before and after the refit."""
 
     name: str
     unit: str
@@ -55,12 +56,12 @@ class Renewed:
 
 @dataclass(frozen=True)
 class Repaired:
-    """Model of a machine after a change. numbers: its changed parameters.
+    """Model of a machine after a change. numbers: the changed parameters.
 
     expected, before: RMS error, m, of the point at the poses of the fit, without the part that a registration absorbs,
     now and before the change.
-    more: (M, n) joint values of further poses until the expected error is at most ENOUGH times that before the change;
-    None if MOST_MORE poses do not suffice.
+    more: (M, n) joint values of further poses until the expected error is at most ENOUGH times the error before the
+    change; None if MOST_MORE poses do not suffice.
     """
 
     saved: SavedModel
@@ -86,7 +87,7 @@ class _Fit:
 
     @property
     def covariance(self) -> Array:
-        """Covariance (P + E, P + E) of everything fitted."""
+        """Covariance (P + E, P + E) of registration, tool and effects after the refit."""
         size = np.linalg.norm(self.left, axis=0)
         size[size == 0.0] = 1.0
         root = self.sigma * (self.step / size) @ np.linalg.pinv(self.left / size, rcond=1e-12)
@@ -96,7 +97,7 @@ class _Fit:
 def repaired(found: Verified, pool: Pool) -> Repaired | None:
     """Refit a model to the poses of a check that identified a change.
 
-    None if no change is identified, or no measurement is in an instrument's frame.
+    The result is None if no change is identified, or if no measurement is in an instrument's frame.
     """
     data = found.session.poses.dataset
     if found.verdict != "drifted" or not found.changes or without_frame(observations(data)):
@@ -138,8 +139,7 @@ def _fitted(near: Recheck, changes: Sequence[PossibleChange]) -> _Fit:
 
 
 def _with(session: Session, problem: Linearised, changes: Sequence[PossibleChange]) -> tuple[Session, Array]:
-    """Return the session with the effects that changes add, and D. An effect with the terms of a known one is not
-    added."""
+    """Return the session with the effects that changes add, and D. Effects that the model has are not added again."""
     saved, count = session.saved, problem.placement
     known, added = [effect.terms for effect in saved.model.effects], list[Effect]()
     columns: list[dict[int, float]] = []
@@ -176,8 +176,8 @@ def _root(saved: SavedModel, problem: Linearised, held: Mask) -> Array:
 
 
 def _before(saved: SavedModel, problem: Linearised) -> Array:
-    """Return the model's covariance (P + E, P + E) in the order of a problem; zero for registrations and new
-    columns."""
+    """Return the model's covariance (P + E, P + E) in the order of a linear problem; zero for registration and new
+    effects."""
     at = in_covariance(saved, problem)
     at = np.append(at, np.full(problem.columns.shape[1] - len(at), -1))
     at[: problem.placement][[name.startswith("registration") for name in problem.placement_names]] = -1
@@ -187,7 +187,7 @@ def _before(saved: SavedModel, problem: Linearised) -> Array:
 
 
 def _kept(fit: _Fit, before: SavedModel, lasting: Mask) -> SavedModel:
-    """Return the model to save, with the effects `lasting` (E,) written as in the model `before`."""
+    """Return the model to save, with the persistent effects `lasting` (E,) written as in the model `before`."""
     now, data = fit.session.saved, fit.session.poses.dataset
     written = {effect.name: effect for effect in before.model.effects}
     rows = np.concatenate([np.ones(fit.problem.placement, dtype=bool), lasting])
@@ -209,7 +209,7 @@ def _kept(fit: _Fit, before: SavedModel, lasting: Mask) -> SavedModel:
 
 
 def _both(before: SavedModel, saved: SavedModel, data: Dataset) -> Dataset:
-    """Return the rows of the check, followed by the poses of the fit without measurements, which no longer apply."""
+    """Return the rows of the check, followed by the poses of the fit without their outdated measurements."""
     data = remembered(saved, data)
     if before.measured is None or data.observations or data.distances:
         return data
@@ -231,9 +231,9 @@ def _both(before: SavedModel, saved: SavedModel, data: Dataset) -> Dataset:
 def _numbers(
     before: SavedModel, fit: _Fit, lasting: Mask, called: Sequence[tuple[tuple[Term, ...], str]]
 ) -> Iterator[Renewed]:
-    """Yield every changed parameter: effects, and tool points in the axes of the flange; not the set-up.
+    """Yield every changed parameter except the set-up: effects, and tool points in the axes of the flange.
 
-    called: names of changes by the terms of their one effect.
+    called: names of changes, by the terms of the effect of the change.
     """
     now, problem = fit.session.saved, fit.problem
     count, names = problem.placement, problem.placement_names
@@ -257,8 +257,7 @@ def _numbers(
 
 
 def _ahead(fit: _Fit, saved: SavedModel, lasting: Mask, before: Array, pool: Pool) -> tuple[float, float, Array | None]:
-    """Return the expected error, m, now and before, and the poses until it is at most ENOUGH times that before the
-    change.
+    """Return the expected error, m, now and before the change, and the further poses until the ratio is at most ENOUGH.
 
     before: covariance (P + E, P + E) of the former model.
     """

@@ -23,15 +23,15 @@ MARGIN = 0.01
 short of the joint limits by about 1/N."""
 
 REACHES = (0.1, 0.05)
-"""Shares of an input's fitted range by which a formula outside the catalogue is extrapolated: the first if the formula
-is steady there, else the second, else none. Twenty or forty poses leave as much of their limits unsampled."""
+"""Shares of an input's fitted range by which a formula outside the catalogue is extrapolated: the first share if the
+formula is steady within it, else the second, else none. With 20 or 40 poses an equal share of a range is unsampled."""
 LOOKS = 400
-"""Points at which a formula is evaluated within the ranges of its inputs, and beyond each edge and corner."""
+"""Number of points at which a formula is evaluated within the ranges of its inputs, and beyond each edge and corner."""
 
 
 @dataclass(frozen=True)
 class Clamped:
-    """Basis function with inputs clipped to ranges, so that it is constant beyond them."""
+    """Basis function with inputs clipped to ranges, so that the function is constant beyond the ranges."""
 
     basis: Basis
     ranges: Mapping[str, tuple[float, float]]
@@ -61,8 +61,7 @@ class _Within:
 
 @dataclass(frozen=True)
 class Ended:
-    """Basis function at the end of a session: the machine stays as the session left it. clocks: last row number and
-    times."""
+    """Basis function with row number and time fixed at the end of a session. clocks: last row number and last times."""
 
     basis: Basis
     clocks: Mapping[str, float]
@@ -73,7 +72,7 @@ class Ended:
 
     @property
     def constant(self) -> float | None:
-        """Value if the basis function depends on the clocks alone, else None."""
+        """Value if the basis function depends on row number and time alone, else None."""
         return None if self.inputs else float(self({"": np.zeros(1)})[0])
 
     def __call__(self, states: Columns) -> Array:
@@ -102,7 +101,8 @@ def of_the_session(saved: SavedModel) -> tuple[Effect, ...]:
 
 
 def lasting(effect: Effect) -> bool:
-    """Return whether an effect persists after its session: an error of the instrument and a reversible drift do not."""
+    """Return True if an effect persists after its session; errors of the instrument and reversible drift do not
+    persist."""
     known = family(effect.family)
     return not effect.of_the_instrument and not (known and known.wanders)
 
@@ -112,7 +112,8 @@ def usable(saved: SavedModel, *, session: bool = False, as_measured: bool = Fals
 
     A formula outside the catalogue is constant beyond the ranges of its inputs, and so is a creep of the set-up after
     the session. A reversible drift of set-up or instrument is omitted after the session.
-    as_measured: keep the other errors of the instrument. session: keep all effects, for rows of the session itself.
+    as_measured: True to keep errors of the instrument other than drift. session: True to keep all effects, for rows of
+    the fitted session.
     """
     found = saved if session else _after_the_session(saved)
     found = found if session or as_measured else of_the_mechanism(found)
@@ -123,7 +124,7 @@ def usable(saved: SavedModel, *, session: bool = False, as_measured: bool = Fals
 
 
 def placed_now(saved: SavedModel) -> SavedModel:
-    """Return the model with registration and tool as at the end of the session.
+    """Return the model with registration and tool of the end of the session.
 
     A slip of the tool or a move of the set-up becomes part of tool and registration, so that compensation does not
     correct it by joint values.
@@ -183,7 +184,7 @@ def of_the_mechanism(saved: SavedModel) -> SavedModel:
 
 
 def _only(saved: SavedModel, kept: Mask) -> SavedModel:
-    """Return the model with some of its effects, mask `kept` (E,)."""
+    """Return the model with the effects selected by the mask `kept` (E,)."""
     model = ErrorModel(saved.mechanism, tuple(saved.model.effects[i] for i in np.flatnonzero(kept)))
     return replace(
         saved,
@@ -196,8 +197,7 @@ def _only(saved: SavedModel, kept: Mask) -> SavedModel:
 
 
 def _still_read(saved: SavedModel, model: ErrorModel) -> dict[str, str]:
-    """Return the units of the columns that a smaller model needs; all columns if it has a lag, which runs along a
-    clock."""
+    """Return the units of the columns that a smaller model needs; all columns if an effect lags along a clock."""
     before, reads = ({name for effect in m.effects for name in effect.inputs} for m in (saved.model, model))
     unread = set() if any(name.startswith("lag_") for name in reads) else before - reads
     return {name: unit for name, unit in saved.input_units.items() if name not in unread}
@@ -211,8 +211,7 @@ def _clamped(effect: Effect, ranges: Mapping[str, tuple[float, float]]) -> Effec
 
 
 def _clamped_basis(basis: Basis, ranges: Mapping[str, tuple[float, float]]) -> Clamped:
-    """Return a basis function clipped to the ranges of its inputs, slightly extended if it is steady there (no pole is
-    near)."""
+    """Return a basis function clipped to the ranges of its inputs, which are slightly extended if no pole is near."""
     own = {name: ranges[name] for name in basis.inputs if name in ranges}
     if own and len(own) == len(basis.inputs):
         for reach in REACHES:
@@ -225,7 +224,7 @@ def _clamped_basis(basis: Basis, ranges: Mapping[str, tuple[float, float]]) -> C
 
 
 def _is_steady(basis: Basis, own: Mapping[str, tuple[float, float]], wider: Mapping[str, tuple[float, float]]) -> bool:
-    """Return whether a basis function changes beyond its ranges by less than half of its change within them."""
+    """Return True if a basis function changes beyond its ranges by less than half of its change within the ranges."""
     count = max(3, round(LOOKS ** (1.0 / len(own))))
     ends = ((wider[name][0], low, high, wider[name][1]) for name, (low, high) in own.items())
     values = [np.concatenate([np.linspace(a, b, count) for a, b in pairwise(four)]) for four in ends]
@@ -236,7 +235,8 @@ def _is_steady(basis: Basis, own: Mapping[str, tuple[float, float]], wider: Mapp
 
 
 def outside(saved: SavedModel, states: States) -> tuple[str, ...]:
-    """List, for each pose, the inputs outside the ranges of the fit, named as in its table; empty if there is none."""
+    """List, for each pose, the inputs outside the ranges of the fit, with the names of the table; empty if all are
+    inside."""
     read = {name for effect in saved.model.effects for name in effect.inputs}
     words, called = np.full(len(states), "", dtype=object), saved.names
     for name, (low, high) in saved.ranges.items():

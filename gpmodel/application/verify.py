@@ -1,7 +1,7 @@
 """Test a fitted model on later poses, and identify what changed if the test fails.
 
-The registration is fitted again, since an instrument is never set up at an identical position. The tool point is the
-model's.
+The registration is fitted again, because an instrument is never set up at an identical position. The tool point of the
+model is kept.
 """
 
 from dataclasses import dataclass, replace
@@ -38,15 +38,15 @@ Verdict = Literal["holds", "drifted", "another machine"]
 HALF = 0.5
 """Largest error of a valid model, relative to the error of the nominal model."""
 UNEXPLAINED = 0.01
-"""Largest share of chi-square that second-order terms of a crash leave after its changes. The identified changes are
-complete if no more than this share remains, or nothing significant."""
+"""Largest share of chi-square that second-order terms of a crash cause. The identified changes are complete if the
+remaining chi-square is not significant, or at most this share."""
 
 COMPUTED = 0.02
-"""Residual, in units of the fit's noise, below which positions were computed from the model: no instrument is fifty
-times better."""
+"""Residual, in units of the noise of the fit, below which positions were computed from the model: no later instrument
+is fifty times better."""
 FAR = 5e-4
-"""RMS residual, m, above which the tool point is fitted again instead of corrected linearly. At half a millimetre on a
-0.2 m arm the second-order error of a rotation is a micrometre."""
+"""RMS residual, m, above which the tool point is fitted again, not corrected linearly. At half a millimetre on a 0.2 m
+arm the second-order error of a rotation is a micrometre."""
 
 
 @dataclass(frozen=True)
@@ -55,12 +55,12 @@ class Verified:
 
     verdict: "holds", also if only the set-up moved during the session; "drifted"; "another machine", if the model is
     hardly better than nominal geometry and few changes do not explain the error.
-    found: residuals with the model's tool point. near: those from which changes are identified, with the tool point
-    fitted again if it is far from the model's.
+    found: residuals with the model's tool point. near: residuals for the identification of changes, with a refitted
+    tool point if the tool point is far from the model's.
     alone: (N,) 3-D error, m, of nominal geometry with fitted registration and tool point.
-    alone_turn: (N,) its orientation error, rad, NaN without measured orientation.
+    alone_turn: (N,) orientation error of nominal geometry, rad, NaN without measured orientation.
     outside: (N,) inputs beyond the model's ranges.
-    instrument: whether the measurements contain the instrument errors of the model; None if the model has none.
+    instrument: True if the measurements contain the instrument errors of the model; None if the model has none.
     """
 
     verdict: Verdict
@@ -75,12 +75,12 @@ class Verified:
 
     @property
     def session(self) -> Session:
-        """The model with the registration of these poses."""
+        """The model with the registration of the later poses."""
         return self.found.session
 
 
 def afterwards(saved: SavedModel, dataset: Dataset) -> IntArray:
-    """Return the rows (K,) of a table that differ from all rows of the fit; raise InputError if there are none."""
+    """Return the rows (K,) of a table that differ from all rows of the fit; raise InputError if K = 0."""
     every = np.arange(len(dataset))
     if saved.measured is None:
         return every
@@ -161,7 +161,7 @@ def _as_counted(saved: SavedModel, dataset: Dataset) -> Dataset:
 def _with_or_without_the_instrument(saved: SavedModel, dataset: Dataset) -> tuple[Recheck, bool | None]:
     """Return the later session without or with the instrument errors of the model, whichever fits better.
 
-    The instrument may be another one, or stand elsewhere.
+    The later instrument may be a different one, or stand at a different position.
     """
     without = recheck(settled(usable(saved), dataset))
     if not any(e.of_the_instrument and v for e, v in zip(saved.model.effects, saved.theta, strict=True)):
@@ -183,7 +183,7 @@ def _near(found: Recheck, start: Placement) -> Recheck:
 
 
 def _moved_tools(saved: SavedModel, found: Recheck) -> tuple[NamedChange, ...]:
-    """Return the displacements, m, of tool points and of objects on links from their places in the model."""
+    """Return the displacements, m, of tool points and of objects on links relative to the model."""
     (names, covariance), now = found.anew, found.session.saved.placement
     moved = {f"tool{f' {n}' if n else ''}": (saved.placement.tool[n], frame) for n, frame in now.tool.items()}
     titles = {title: f"{title} point" for title in moved}

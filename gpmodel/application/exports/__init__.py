@@ -1,1 +1,1 @@
-"""A fitted model in the forms that others read."""
+"""Export of a fitted model to file formats of other programs."""

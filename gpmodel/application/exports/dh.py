@@ -4,7 +4,7 @@
 
 beta is zero except between nearly parallel axes, whose common normal is ill-defined. The row of nearly parallel axes
 follows the plane perpendicular to the first axis to its intersection with the second. A format with four columns has no
-beta, so such axes are refused. Source: Craig (1986); Hayati and Mirmirani (1985).
+beta, so that nearly parallel axes are refused. Source: Craig (1986); Hayati and Mirmirani (1985).
 """
 
 from collections.abc import Iterator, Mapping
@@ -25,8 +25,8 @@ from gpmodel.numerics import se3
 Convention = Literal["standard", "modified"]
 
 NEARLY_PARALLEL = np.radians(1.0)
-"""Angle between axes, rad, below which beta is used. There an error of 0.1 mrad moves the common normal of axes a metre
-apart by more than 6 mm."""
+"""Angle between axes, rad, below which beta is used. Below the angle an error of 0.1 mrad moves the common normal of
+axes a metre apart by more than 6 mm."""
 FAR = 10.0
 """Largest distance of the common normal from the axes, m. At 10 m, 1 µm at the tool needs angles with six decimals of a
 degree, the usual format of tables. At 5 m some arms of 3 m are refused; at 20 m seven decimals are needed."""
@@ -51,7 +51,8 @@ class Across:
 def across(frame: Array, parallel: float = NEARLY_PARALLEL) -> Across:
     """Decompose a transform (4, 4) between two frames, each with its axis along z.
 
-    parallel: angle between the axes, rad, below which beta is used; also used if the common normal is beyond FAR.
+    parallel: angle between the axes, rad, below which beta is used. beta is also used if the common normal is beyond
+    FAR.
     """
     angle = tilt(frame)
     found = _hayati(frame) if angle < parallel else _normal(frame)
@@ -133,7 +134,7 @@ def along_z(chain: Chain, twists: Mapping[str, Array]) -> tuple[Array, list[Arra
 
 
 def _couplings(chain: Chain, joints: tuple[Joint, ...]) -> tuple[list[int], list[tuple[int, int, float]]]:
-    """Return the sign of every joint's own motion, and (joint, the joint it follows, factor)."""
+    """Return the sign of the motion of every joint, and the couplings (joint, leading joint, factor)."""
     weights = chain.weights[list(chain.moving)]
     if weights.shape != (len(joints), len(joints)) or not np.isin(np.diag(weights), (-1.0, 1.0)).all():
         raise InputError(
@@ -172,7 +173,7 @@ def _degrees(angle: float) -> str:
 def robodk_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array], note: str) -> str:
     """Write a chain with constant error twists (6,), m and rad, by slot, as CSV for RoboDK. note: first comment.
 
-    Columns: rx, rz in deg, tx, tz in mm, and the joint whose value times its sense is added.
+    Columns: rx, rz in deg, tx, tz in mm, and the joint whose value times its sign is added.
     Raises InputError if a joint is moved by several values, or the common normal of two axes is beyond FAR; DH rows in
     TOML express both.
     """

@@ -46,7 +46,7 @@ class Chain:
 
     @property
     def moving(self) -> tuple[int, ...]:
-        """Indices of the slots that move."""
+        """Indices of the slots with a joint motion."""
         return tuple(i for i, axis in enumerate(self.axes) if axis)
 
     @property
@@ -66,7 +66,7 @@ class Chain:
 def coupled(mechanism: Mechanism) -> dict[str, dict[str, float]]:
     """Return the joints that several values of the controller move, as by a parallelogram linkage.
 
-    Name of the joint -> joint whose value moves it -> factor, its own first and 1.
+    The result maps a joint to the joints whose values move it, with factors; the first is the joint itself, factor 1.
     """
     moves: dict[str, dict[str, float]] = {}
     for joint in mechanism.joints:
@@ -82,7 +82,7 @@ def coupled(mechanism: Mechanism) -> dict[str, dict[str, float]]:
 def arm_of(mechanism: Mechanism, tip: str) -> Chain:
     """Return the chain that ends at a measured link `tip`, driven by all joint values; for one arm, the whole chain.
 
-    Raises InputError as `chain_of`, or if several arms have no tool of their own.
+    Raises InputError as `chain_of`, or if several arms do not have separate tools.
     """
     tree = branched(mechanism)
     if tree is None:
@@ -140,15 +140,14 @@ class Body:
 
 @dataclass(frozen=True)
 class Loads:
-    """Gravity loads of a mechanism as text. bodies: all bodies with mass, the payload last."""
+    """Gravity loads of a mechanism as source text. bodies: all bodies with mass, the payload last."""
 
     mechanism: Mechanism
     chain: Chain
     bodies: tuple[Body, ...]
 
     def text(self, name: str) -> str:
-        """Return the load with that name; raise InputError for another name, or if the masses of its arm are
-        unknown."""
+        """Return the source of the named load; raise InputError for an unknown name or unknown masses of the arm."""
         try:
             return self._text(name)
         except ValueError:
@@ -212,7 +211,7 @@ class Forward:
 
     computed: gravity loads that basis functions use, as arithmetic with `load` and `couple`.
     inputs: names and units of required inputs besides joint values.
-    bodies: with mass; the last one is 1 kg of payload.
+    bodies: bodies with mass; the last body is 1 kg of payload.
     missing: omitted effects, with the names of the fitted table.
     """
 
@@ -260,8 +259,7 @@ def forward_of(saved: SavedModel, place: Place) -> Forward:
 
 
 def _written(basis: Basis) -> Basis | None:
-    """Return a basis function as text can express it; at the end of the session a number, or None if it depends on the
-    pose."""
+    """Return a basis function as source text can express it; a function of the session becomes a number, or None."""
     last = basis.basis if isinstance(basis, Clamped) else basis
     if not isinstance(last, Ended):
         return basis
@@ -275,7 +273,7 @@ def _measured_torques(saved: SavedModel) -> set[str]:
 
 
 def _masses(saved: SavedModel, chain: Chain, tip: str) -> tuple[tuple[Body, ...], Array]:
-    """Return the bodies with mass, and gravity; each of several arms carries only itself, without payload."""
+    """Return the bodies with mass, and gravity; each of several arms carries only its own links, without payload."""
     tree = branched(saved.mechanism)
     bare = bare_of(saved.mechanism) if tree is None else tree.alone(tip)
     if not isinstance(bare, Massive):

@@ -21,34 +21,34 @@ from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import joint_column
 
 NODES = 5
-"""Nodes along each side of the box. The error of linear interpolation falls with the square of their number."""
+"""Number of nodes along each side of the box. The interpolation error falls with the square of the number."""
 
 MOST_NODES = 100
-"""Largest number of nodes along a side. A million corrections exceed the memory of every controller and take an
-hour."""
+"""Largest number of nodes along a side. A million corrections exceed the memory of every controller and take an hour of
+computing."""
 
 SIZES = (0.02, 0.03, 0.045, 0.07, 0.1, 0.15, 0.22)
 """Half sides of the trial boxes, if no box is given, relative to the spread of the measured points. Each box has three
-times the volume of the former; the last is half as wide as the workspace."""
+times the volume of the preceding box; the last box is half as wide as the workspace."""
 
 PROBES, LEFT = 3, 0.2
-"""Nodes along each side of a trial box, and largest accepted error between them, relative to the uncorrected error.
-With NODES nodes the error is a quarter of it."""
+"""Nodes along each side of a trial box, and largest accepted error between nodes, relative to the uncorrected error.
+With NODES nodes the error is a quarter of the error with PROBES nodes."""
 
 NEAR, STEPS = 20, 5
-"""Measured poses near the middle that may start the grid, and steps of inverse kinematics from one node to the next."""
+"""Number of measured poses near the middle at which the grid may start; steps of inverse kinematics between nodes."""
 
 TRIED = 5
-"""Number of poses around which a box is tried, the farthest from singular first."""
+"""Number of measured poses around which a box is tried; the pose farthest from singular is first."""
 
 CHECKS, TRIALS = 1000, 200
-"""Random points at which the interpolation is evaluated: of the exported grid, and of a trial box."""
+"""Number of random points at which the interpolation is evaluated: in the exported grid, and in a trial box."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Lookup table. text: as written to the file. error: (K,) m, distance of the real tool from random commanded points
-    of the box with interpolated correction; before: without. reached: share of the nodes with a correction."""
+    """Lookup table. text: content of the file. error: (K,) m, distance of the real tool from random commanded points of
+    the box with interpolated correction; before: without correction. reached: share of nodes with a correction."""
 
     text: str
     error: Array
@@ -113,8 +113,8 @@ def _nodes(box: Array, count: int) -> Array:
 
 
 def _largest(poses: Sequence["_Held"], spread: float) -> tuple["_Held", Array]:
-    """Return the pose with the largest cube that PROBES³ nodes correct, and the cube; the first and smallest if none
-    is."""
+    """Return the pose with the largest cube that PROBES³ nodes correct, and the cube; by default the first and
+    smallest."""
     best, served = (poses[0], _cube(poses[0], SIZES[0] * spread)), 0
     for pose in poses[:TRIED]:
         while served < len(SIZES) and _serves(pose, cube := _cube(pose, SIZES[served] * spread)):
@@ -123,7 +123,7 @@ def _largest(poses: Sequence["_Held"], spread: float) -> tuple["_Held", Array]:
 
 
 def _serves(pose: "_Held", cube: Array) -> bool:
-    """Return whether all points of a cube are reachable in one configuration, with errors reduced to LEFT."""
+    """Return True if all points of a cube are reachable in one configuration, with errors reduced to LEFT."""
     tried = _over(pose, cube, PROBES, np.random.default_rng(0), part=False)
     whole = tried.reached == 1.0 and len(tried.error) == TRIALS
     return whole and bool(tried.error.max() < LEFT * root_mean_square(tried.before))
@@ -150,7 +150,8 @@ class _Held:
     frame: Array
 
     def targets(self, points: Array, q: Array | None = None) -> TargetPoses:
-        """Return the target poses at points (N, 3), m, with initial joint values q (N, n), or those of the pose."""
+        """Return the target poses at points (N, 3), m, with initial joint values q (N, n), or the joint values of the
+        pose."""
         many = self.near.subset(np.zeros(len(points), dtype=np.int64))
         frames = np.repeat(self.frame[None], len(points), axis=0)
         frames[:, :3, 3] = points
@@ -160,7 +161,7 @@ class _Held:
     def nominal(self, points: Array) -> Array:
         """Return nominal joint values (N, n), NaN if unreachable.
 
-        Points are approached on straight lines from the pose, to keep the arm configuration.
+        Points are approached on straight lines from the measured pose, which keeps the arm configuration.
         """
         q = np.array(self.targets(points).dataset.q)
         for part in np.arange(1, STEPS + 1) / STEPS:

@@ -76,7 +76,7 @@ OF_URDF = (
 """Files with the geometry of calibrated.urdf in other formats."""
 HEADER = "declarations of model.c, for C and C++"
 POSES = 1000
-"""Poses at which an export is compared with `predict`. Their RMS is known to 2 %, 1 / √(2·1000)."""
+"""Number of poses at which an export is compared with `predict`. The RMS is known to 2 %, 1 / √(2·1000)."""
 PRINTED = {"RMS": r"RMS (\S+) m", "largest": r"largest (\S+) m", "miss": r"miss (\S+) m", "us": r"(\S+) us"}
 """Patterns of the results that the self-test of a C file prints."""
 CASES = 20
@@ -88,7 +88,7 @@ class Export:
     """Exported file, and its errors against `predict` at unmeasured poses within the measured ranges, m.
 
     file: path. what: description. text: content. heldout: RMS on held-out poses, m, if the geometry was refitted.
-    missing: effects that the file cannot express. said: notes on joint values. Unknown errors are NaN.
+    missing: effects that the file cannot express. said: notes on joint values. Errors that were not computed are NaN.
     """
 
     file: str
@@ -112,7 +112,7 @@ class Exports:
 def exports_of(
     saved: SavedModel, place: Place, *, box: Array | None = None, nodes: int = NODES, seed: int = 0
 ) -> Exports:
-    """Return every export of a model. place: set-up and tool for exports with only one.
+    """Return every export of a model. place: set-up and tool for formats that contain only one set-up and tool.
 
     box, nodes: of the lookup grid, as `lookup_grid`. Raises InputError if an effect is undefined at a fitted pose.
     """
@@ -127,7 +127,7 @@ def parts_of(
         check_finite(saved, prepare(saved.mechanism, saved.measured.dataset))
 
     def fresh() -> Dataset:
-        """Return the same poses on every call, since parts that run at the same time may each call it."""
+        """Return equal poses on every call, because several parallel parts may call the function."""
         return fresh_poses(saved, POSES, np.random.default_rng(seed))
 
     check = cache(lambda: Check.against(saved, place, place.poses(fresh())))
@@ -164,7 +164,7 @@ def together(parts: Iterable[Exports]) -> Exports:
 
 
 def _made(saved: SavedModel, makers: Mapping[str, Callable[[str], Export]]) -> Exports:
-    """Make the possible files, and collect the reasons for the others."""
+    """Make the files that the model allows, and collect the reasons for the refused files."""
     made, refused = [], {}
     unmeasured = [joint.name for joint in saved.mechanism.joints if not joint.measured]
     for file, make in makers.items():
@@ -192,13 +192,13 @@ def _dh(file: str, rigid: Rigid, predicted: PredictedPoints) -> Export:
 
 
 def of_urdf(file: str, rigid: Rigid, urdf: str, predicted: PredictedPoints) -> Export:
-    """Return one of the files OF_URDF from the refitted geometry and its URDF."""
+    """Return one of the files OF_URDF, derived from the refitted geometry and its URDF."""
     text, what = _beside(file, rigid, urdf)
     return _geometry(file, what, text, rigid, predicted)
 
 
 def _geometry(file: str, what: str, text: str, rigid: Rigid, predicted: PredictedPoints) -> Export:
-    """Return a file of the refitted geometry, with errors computed from the text read back."""
+    """Return a file of the refitted geometry, with errors computed from the text of the file."""
     errors = predicted.errors(points_read(file, text, rigid, predicted.dataset))
     heldout, said = root_mean_square(rigid.heldout), follows(rigid.mechanism, file)
     return Export(file, f"the refitted geometry {what}", text, *errors, heldout, rigid.missing, said)
@@ -256,7 +256,7 @@ def tested(text: str) -> dict[str, float]:
     """Compile a C file and run its self-test.
 
     Returns the `RMS` and `largest` difference, m, from the points in the file, the largest error `miss`, m, after its
-    inverse, and the computing time `us`. NaN if there is no compiler or it rejects the file.
+    inverse, and the computing time `us`. The values are NaN without a compiler, or if the compiler rejects the file.
     """
     nothing = dict.fromkeys(("RMS", "largest", "miss", "us"), np.nan)
     compiler = shutil.which("cc")

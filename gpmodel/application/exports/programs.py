@@ -26,14 +26,13 @@ Language = Literal["RAPID", "KRL"]
 LANGUAGES: tuple[Language, ...] = ("RAPID", "KRL")
 
 AXES = 6
-"""Axes of a robot in RAPID and KRL; further axes are external."""
+"""Number of robot axes in RAPID and KRL; further axes are external axes."""
 NAME = 24
 """Longest name in KRL, characters. RAPID allows 32."""
 
 
 def program_text(mechanism: Mechanism, corrected: pd.DataFrame, language: Language, name: str) -> str:
-    """Write targets corrected by `compensate`; j1 and p1 are the first row. Rows without corrected values become
-    comments.
+    """Write targets corrected by `compensate` as a program; j1 and p1 are row 1. Rows without values become comments.
 
     Raises InputError for another mechanism's joints, more than six joints, or if no row has corrected values.
     """
@@ -56,8 +55,7 @@ def program_text(mechanism: Mechanism, corrected: pd.DataFrame, language: Langua
 
 
 def _read_back(mechanism: Mechanism, text: str, scales: Array, q: Array) -> str:
-    """State the differences of a program's text, read back, from the joint values (N, n), rad or m, and their
-    frames."""
+    """State the differences between the program text, read back, and the joint values (N, n), rad or m, and frames."""
     joints, frames = program_read(text)
     values = np.array(list(joints.values()))[:, : len(scales)] / scales
     nominal, found = se3.chain(mechanism.transforms(values))[-1], np.array([frames[row] for row in joints])
@@ -134,7 +132,7 @@ _NUMBER = re.compile(r"-?\d+\.?\d*(?:E\d+)?")
 
 
 def program_read(text: str) -> tuple[dict[int, Array], dict[int, Array]]:
-    """Return joint values (6,), degrees or mm, and frames (4, 4), m, by the row of their target."""
+    """Return joint values (6,), degrees or mm, and frames (4, 4), m, by the row number of the target."""
     joints, frames = dict[int, Array](), dict[int, Array]()
     for said in _RAPID.finditer(text):
         numbers = np.array(_NUMBER.findall(said["value"]), dtype=float)

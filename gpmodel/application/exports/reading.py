@@ -1,9 +1,9 @@
-"""Read exports of the refitted geometry back as other programs do, from the text and the controller's joint values.
+"""Read exported files of the refitted geometry as other programs do, from the text and the controller's joint values.
 
     p = T_registration T_link(q) p_tool,   T_link and p_tool from the text
 
-URDF and DH rows are read by the mechanism loaders, robot_calibration's offsets by their importer, and YAML and RoboDK's
-table by the readers below. No code is shared with the writers.
+URDF and DH rows are read by the mechanism loaders, robot_calibration's offsets by the importer, and YAML and RoboDK's
+table by the functions of this module. The readers share no code with the writers.
 """
 
 import csv
@@ -26,14 +26,14 @@ from gpmodel.table.dataset import Dataset
 from gpmodel.table.of_programs import calibrated_urdf
 
 Origins = dict[str, tuple[float, ...]]
-"""x, y, z, m, and roll, pitch, yaw, rad, by the name of a row."""
+"""Origins x, y, z, m, and roll, pitch, yaw, rad, by the name of a row."""
 _TOOL = re.compile(r"Tool point.* in (?P<link>.*), mm: (?P<point>.*)\.$", re.M)
 
 
 def points_read(file: str, text: str, rigid: Rigid, dataset: Dataset) -> Array:
     """Return the tool points (N, 3), m, in the instrument's frame, read from a text, at the joint values of a dataset.
 
-    rigid: only its registration, tool names and nominal mechanism are used.
+    rigid: refitted geometry, of which only registration, tool names and nominal mechanism are used.
     """
     said = dict(zip(rigid.placement.tool, _TOOL.finditer(text), strict=True))
     setups, tools, tips = (dataset.label(name).tolist() for name in ("setup", "tool", "tip"))
@@ -91,7 +91,7 @@ def _origins(text: str) -> Origins:
 
 
 def _with_origins(nominal: str, rows: Origins, *, ur: bool = False) -> str:
-    """Return a nominal URDF with origins replaced as by a xacro. ur: rows are named by UR's links, else by joints."""
+    """Return a nominal URDF with replaced origins. ur: True if rows are named by UR's links, False for joint names."""
     robot = ET.fromstring(nominal)
     for joint in robot.findall("joint"):
         child = "" if (link := joint.find("child")) is None else link.get("link", "")

@@ -36,7 +36,7 @@ class Rigid:
 
     placement: registration and tool at the end of the session.
     twists: constant error twist (6,), m and rad, of every slot that has one.
-    heldout: 3-D errors on held-out rows without the outliers of the model, m.
+    heldout: 3-D errors on held-out rows, without outliers of the model, m.
     missing: omitted effects, with the names of the fitted table.
     tips: with several arms, the measured link of each tool.
     """
@@ -50,9 +50,9 @@ class Rigid:
 
 
 def refitted(saved: SavedModel) -> Rigid:
-    """Refit the constants of the model to its table, without the mechanism's other effects.
+    """Refit the geometric constants of the model to its table, without the other effects of the mechanism.
 
-    Values are kept if the model has no such effects, or if its constants were fitted separately from undeclared
+    Values are kept if the mechanism has no other effects, or if the constants were fitted separately from undeclared
     effects. Effects of the instrument and of the session stay in the fit, so that the geometry does not absorb them.
     Raises InputError as `measured_table`, or for a fit that fails.
     """
@@ -70,9 +70,10 @@ def refitted(saved: SavedModel) -> Rigid:
 
 
 def _held_out(model: ErrorModel, poses: Poses, saved: SavedModel) -> Array:
-    """Return the 3-D errors (H,), m, on held-out poses; without any, of each pose by a fit without its fold.
+    """Return the 3-D errors (H,), m, on held-out poses or, if no poses were held out, of each pose by a fit without its
+    fold.
 
-    The outliers of the saved model do not count, as in all errors of its report.
+    The outliers of the saved model are excluded, as in all errors of the report.
     """
     if saved.measured is None:
         return np.zeros(0)
@@ -94,7 +95,7 @@ def _held_out(model: ErrorModel, poses: Poses, saved: SavedModel) -> Array:
 
 
 def _constant_twists(fitted: SavedModel, one: Poses) -> dict[str, Array]:
-    """Return the constant error twists (6,) by slot. one: any pose, since constants do not depend on it."""
+    """Return the constant error twists (6,) by slot. one: a pose, which may be any pose."""
     out: dict[str, Array] = {}
     for effect, value in zip(fitted.model.effects, fitted.theta.tolist(), strict=True):
         if effect.constant and value != 0.0:
@@ -163,10 +164,10 @@ def _times(factor: float) -> str:
 
 
 def note_of(rigid: Rigid, file: str, link: str = "the measured link", at: Mapping[str, Array] | None = None) -> str:
-    """State the contents, the error and the omissions of the geometry, in lines for the head of a file.
+    """State the contents, the error and the omissions of the geometry, as comment lines for the head of a file.
 
-    link: link of the tool point; of several arms all links, separated by commas.
-    at: pose of the measured link in it, (4, 4), m, by name; empty where it is the link itself.
+    link: link of the tool point; for several arms all links, separated by commas.
+    at: pose (4, 4), m, of the measured link in the frame of `link`, by name; empty if `link` is the measured link.
     """
     lines = [f"Geometry of {harmless(rigid.mechanism.name)}, fitted without what a rigid description cannot hold."]
     if len(rigid.heldout):

@@ -18,7 +18,7 @@ from gpmodel.numerics import se3
 from gpmodel.table.of_programs import axis_of, origin_of
 
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
-"""Links of ur_description without the suffix `_link`, each moved by the joint before it."""
+"""Links of ur_description without the suffix `_link`, in the order of the joints that move them."""
 
 
 @dataclass(frozen=True)
@@ -67,9 +67,9 @@ def offsets_text(nominal: str, calibrated: str, note: str) -> str:
 
 
 def ur_text(nominal: str, calibrated: str, note: str) -> str:
-    """Write the kinematics file of ur_description: the frame of each of the six links on the former link.
+    """Write the kinematics file of ur_description: the frame of each of the six links on the preceding link.
 
-    A change before the first joint is added to that joint's origin, since ur_macro.xacro fixes all others.
+    A change before the first joint is added to the origin of the first joint; ur_macro.xacro fixes the base.
     Raises InputError if the arm is not the chain of ur_description.
     """
     chain, before = _ur_chain(calibrated), origins(nominal)

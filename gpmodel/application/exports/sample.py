@@ -23,8 +23,7 @@ def measured_table(saved: SavedModel) -> Dataset:
 
 @dataclass(frozen=True)
 class Place:
-    """Set-up and tool of an export. tip: with several arms, the measured link of the tool; empty if on
-    several links."""
+    """Set-up and tool of an export. tip: with several arms, the measured link of the tool; empty for several links."""
 
     setup: str
     tool: str
@@ -32,28 +31,27 @@ class Place:
 
     @classmethod
     def of(cls, saved: SavedModel, setup: str | None = None, tool: str | None = None) -> "Place":
-        """Return set-up and tool of these names, the first of the model for None; raise InputError for an
-        unknown name."""
+        """Return the named set-up and tool, the first of the model for None; raise InputError for an unknown name."""
         placed = saved.placement
         chosen = _named(placed.tool, tool, "tool")
         return cls(_named(placed.registration, setup, "setup"), chosen, tips_of(saved).get(chosen, ""))
 
     def poses(self, data: Dataset) -> Dataset:
-        """Return the data with all rows labelled by this set-up and tool."""
+        """Return the dataset with all rows labelled by the set-up and the tool."""
         here = {"setup": np.full(len(data), self.setup), "tool": np.full(len(data), self.tool)}
         if self.tip:
             here["tip"] = np.full(len(data), self.tip)
         return replace(data, labels={**data.labels, **here})
 
     def said(self, saved: SavedModel) -> str:
-        """Name the set-up and tool in a sentence; empty if the model has one of each."""
+        """Name the set-up and tool in a sentence; empty if the model has one set-up and one tool."""
         placed = saved.placement
         own = (("Set-up", self.setup, placed.registration), ("Tool", self.tool, placed.tool))
         return " ".join(f"{what} {name}, one of {', '.join(all_)}." for what, name, all_ in own if len(all_) > 1)
 
 
 def tips_of(saved: SavedModel) -> dict[str, str]:
-    """Return the measured link of each tool that is on one link only; empty for a single arm."""
+    """Return the measured link of each tool whose rows have a single link; empty for a single arm."""
     tree = branched(saved.mechanism)
     if tree is None or saved.measured is None:
         return {} if tree is None else {tip: tip for tip in tree.tips if tip in saved.placement.tool}
@@ -75,10 +73,9 @@ def _named(known: Mapping[str, object], name: str | None, argument: str) -> str:
 
 
 def fresh_poses(saved: SavedModel, count: int, rng: np.random.Generator) -> Dataset:
-    """Draw `count` poses with joint values uniform over the measured ranges and other inputs from random rows of the
-    table.
+    """Draw `count` poses, with joint values uniform over the measured ranges and other inputs of random rows.
 
-    Fewer if loops do not close with the fitted errors. Raises InputError as `measured_table`.
+    The result has fewer poses if loops do not close with the fitted errors. Raises InputError as `measured_table`.
     """
     data = measured_table(saved)
     q = drawn_between(saved.mechanism, data.q.min(axis=0), data.q.max(axis=0), count, rng)

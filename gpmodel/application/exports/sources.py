@@ -1,4 +1,4 @@
-"""Write the forward model as NumPy source, as C99 source, and its terms as LaTeX."""
+"""Write the forward model as NumPy source and as C99 source, and the terms of the model as LaTeX."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -44,7 +44,7 @@ def numpy_text(forward: Forward, note: str) -> str:
 def c_text(forward: Forward, note: str, cases: Array) -> str:
     """Return the source of a C99 file with gpmodel_predict and gpmodel_compensate.
 
-    cases: (K, joints + inputs + 3) joint values, inputs and predicted points, for the file's self-test.
+    cases: (K, joints + inputs + 3) joint values, inputs and predicted points, for the self-test of the file.
     """
     joints, bodies = _joints(forward), _bodies(forward)
     lines = [f"const double s_{n} = q[{j}];" for j, n in enumerate(joints)]
@@ -79,15 +79,16 @@ def _said(forward: Forward, note: str) -> dict[str, object]:
 
 
 def nameless(forward: Forward) -> Forward:
-    """Replace the table's names by those of the mechanism, which are plain words.
+    """Replace the joint names of the table by the names of the mechanism, which are plain words.
 
-    A check runs source with these names and an empty note, so that no text of an untrusted file is executed.
+    The check of an export runs source with the replaced names and an empty note, so that no text of an untrusted file
+    is executed.
     """
     return replace(forward, saved=replace(forward.saved, measured=None))
 
 
 def latex_text(forward: Forward) -> str:
-    """Write one equation per slot and axis: its error twist, m or rad, to DIGITS digits; common parts first."""
+    """Write one equation per slot and axis for the error twist, m or rad, to DIGITS digits; common terms first."""
     places, program = equations(forward)
     names = forward.saved.names
     parts, outputs = latex_lines(program, names)
@@ -157,9 +158,9 @@ def _bodies(forward: Forward) -> tuple[Body, ...]:
 
 
 def _weights(forward: Forward, one: str, none: str) -> Iterator[tuple[str, list[str]]]:
-    """Yield the weight vectors of the bodies by name: of all bodies, and of each body with a load of its own.
+    """Yield the weight vectors of the bodies by name: for all bodies, and for each body with a separate load.
 
-    The payload is last.
+    The payload is the last body.
     """
     every = [one] * (len(_bodies(forward)) - 1) + ["s_payload"]
     yield "weights", every
