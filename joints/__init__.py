@@ -1,5 +1,5 @@
-"""Precision spherical joints: the joint and machines with twelve of them as mechanisms, and the
-models for its design."""
+"""Precision spherical joints as mechanisms: the single joint, machines with twelve joints, and models for the design of
+the joint."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def mechanism_names() -> tuple[str, ...]:
 
 
 def spherical_joint() -> PassiveJoint:
-    """Return the joint of the thesis on its test rig."""
+    """Return the spherical joint of the thesis on its test rig."""
     from joints.passive_joint import spherical_joint as described
 
     return described()

@@ -1,7 +1,7 @@
 """Monte Carlo error budget: the distribution of the tooling ball's position error, and the share of each error source.
 
 For every pose the parameters ε are drawn, and the exact extended kinematics X give the error |X(θ, ε) - X(θ, 0)|. The
-share of a parameter is its part of the mean squared error, Σ |c|² var over the poses, c the derivative of X by it.
+share of a parameter is its part of the mean squared error, Σ |c|² var over the poses, with c = dX/dε of the parameter.
 Source: Robertson (2003), 3.3.2, Figures 3.18 and 3.19.
 """
 
@@ -29,25 +29,25 @@ from joints.passive_joint import (
 from joints.settings import Settings, load_settings, not_negative
 
 STEPS, SETTLED = 50, 1e-10
-"""Largest number of Gauss-Newton steps; largest change of an angle that ends them, rad: picometres at the lever."""
+"""Largest number of Gauss-Newton steps; change of an angle, rad, below which the steps end: picometres at the lever."""
 DIFFERENCE = 1e-5
-"""Step of central differences, rad; the error is ten digits below the lever."""
+"""Step of central differences, rad; the relative error is 1e-10 of the lever."""
 IDLE = 1e-3
-"""Least motion of the ball per radian, relative to the lever, for an angle to be adjusted. A rotation about the lever
+"""Least motion of the ball per radian, relative to the lever, at which an angle is adjusted. A rotation about the lever
 does not move the ball."""
 
 
 def realigned(q: Array, parameters: Array, tooling_ball: Array, held: Array, reach: float, stiffness: Array) -> Array:
     """Return the angles (..., 3), rad, of least strain energy within `reach` [rad] of q (..., 3).
 
-    parameters: (..., 30) m and rad. tooling_ball: (3,) m. held: (..., 3) m, where the ball is held.
+    parameters: (..., 30) m and rad. tooling_ball: (3,) m. held: (..., 3) m, position at which the ball is held.
     stiffness: K (3, 3) of the holder, any unit, symmetric.
         E = ½ (X(q, ε) - p)ᵀ K (X(q, ε) - p)
-    X: extended kinematics with errors ε; p: where the ball is held. The angles may differ by `reach` from the joint's
+    X: extended kinematics with errors ε; p: `held`. The angles may differ by `reach` from the joint's
     angles without errors. With K scaled to a largest eigenvalue of 1, 2 E + (IDLE |tooling_ball|)² |turn|² is minimised
-    by Gauss-Newton steps over the angles that are not at a bound. Free angles leave only the change of the ball's
-    distance from the centre; with stiffness along one line, as of a link, only its part along the line. Raises
-    InputError for a negative reach or stiffness.
+    by Gauss-Newton steps over the angles that are not at a bound. With free angles the remaining error is the change of
+    the ball's distance from the centre; with stiffness along one line, as of a link, the part of this change along the
+    line. Raises InputError for a negative reach or stiffness.
     """
     limit = float(not_negative("range of realignment", reach, "rad"))
     sizes, axes = np.linalg.eigh(stiffness)
@@ -75,7 +75,7 @@ def realigned(q: Array, parameters: Array, tooling_ball: Array, held: Array, rea
 
 def thesis_columns(joint: PassiveJoint, q: Array, *, angles_known: bool = True) -> Array:
     """Return the derivatives (M, 30) of the position, m per unit, by the thesis parameters, at q (N, 3).
-    Three rows per pose; fewer if the angles are free, since these are eliminated."""
+    There are three rows per pose; fewer rows if the angles are free, because free angles are eliminated."""
     data = unmeasured(JOINTS, q)
     effects = tuple(p.effect for p in THESIS_PARAMETERS)
     model, poses = ErrorModel(joint, effects), prepare(joint, data)
@@ -87,19 +87,19 @@ def thesis_columns(joint: PassiveJoint, q: Array, *, angles_known: bool = True) 
 
 
 MOST_DRAWS = 1_000_000
-"""Largest number of draws over all poses: a quarter of a gigabyte."""
+"""Largest number of draws over all poses, which need a quarter of a gigabyte."""
 KINDS = ("systematic", "stochastic")
 DISTRIBUTIONS = ("uniform", "normal")
 
 
 @dataclass(frozen=True)
 class ErrorSource:
-    """One entry of a budget.
+    """One error source of a budget.
 
     index: index of the parameter in the thesis.
-    half_range: m or rad.
+    half_range: half the range of the error, m or rad.
     kind: systematic or stochastic.
-    source: where the value comes from.
+    source: origin of the value of half_range.
     """
 
     index: int

@@ -39,7 +39,7 @@ _HELP = {
 def joint() -> None:
     """Engineering models of a precision joint.
 
-    Without a TOML table the models are of the thesis' spherical joint.
+    Without a TOML table the models describe the spherical joint of the thesis.
     """
 
 
@@ -122,7 +122,7 @@ def show(study: Study, files: list[str]) -> None:
 def lines_of(table: Table, width: int) -> Iterator[str]:
     """Yield the lines of a table in blocks of whole columns within `width` characters, each starting with the first
     column.
-    Numbers are not broken; texts break between words."""
+    Lines do not break within numbers; texts break between words."""
     columns = [[head, *(_cell(row[k]) for row in table.rows)] for k, head in enumerate(table.columns)]
     least = [max(len(word) for cell in column for word in (cell.split() or [""])) for column in columns]
     blocks: list[list[int]] = [[0]]

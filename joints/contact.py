@@ -1,8 +1,8 @@
 """Hertz contact of two curved elastic bodies (thesis section 3.5), exact and as computed in the thesis.
 
-Exact: K. L. Johnson, Contact Mechanics (1985), section 4.2, with the elliptic integrals in Carlson's form, so that
-circles and long ellipses are equally accurate. Published: A. Slocum, Precision Machine Design (1992), exponential fits.
-Fig 3.23 of the thesis shows the parameter lambda of these fits; Table 3.3 uses the parameters alpha and beta.
+Exact solution: K. L. Johnson, Contact Mechanics (1985), section 4.2, with the elliptic integrals in Carlson's form, so
+that circles and long ellipses are equally accurate. Published solution: A. Slocum, Precision Machine Design (1992),
+exponential fits. Fig 3.23 of the thesis shows the parameter lambda of Slocum's fits; Table 3.3 uses alpha and beta.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from joints.settings import not_negative, positive, require
 class LoopPart:
     """One part of the thermal loop from the measuring base to the tool.
 
-    length: m along the axis, negative if the part leads back.
+    length: length along the axis, m, negative for a part in the opposite direction.
     expansion: coefficient of thermal expansion, 1/K.
     """
 
@@ -111,8 +111,8 @@ def contact_modulus(one: Body, two: Body) -> float:
 def relative_curvatures(one: Body, two: Body, angle: float = 0.0) -> tuple[float, float]:
     """Return the relative curvatures A <= B [1/m] of the separation A x^2 + B y^2 of two bodies.
 
-    angle: between the planes of minor curvature, rad. A + B = (k1 + k1' + k2 + k2')/2, B - A = sqrt(d1^2 + d2^2 + 2 d1
-    d2 cos 2 angle)/2, d = k_minor - k_major.
+    angle: angle between the planes of minor curvature, rad. A + B = (k1 + k1' + k2 + k2')/2, B - A = sqrt(d1^2 + d2^2 +
+    2 d1 d2 cos 2 angle)/2, d = k_minor - k_major.
     """
     total = sum(1 / body.major_radius + 1 / body.minor_radius for body in (one, two))
     first, second = (1 / body.minor_radius - 1 / body.major_radius for body in (one, two))
@@ -125,9 +125,9 @@ def relative_curvatures(one: Body, two: Body, angle: float = 0.0) -> tuple[float
 def hertz(force: ArrayLike, one: Body, two: Body, angle: float = 0.0) -> HertzContact:
     """Return the Hertz contact of two bodies under `force` [N].
 
-    Two balls of 25.4 and 6.3 mm, steel, 100 N: 4.5 um and 2.1 GPa. With p the peak pressure, k = b/a, R_D Carlson's
-    integral and m = 1 - k^2: A = p b R_D(0, k^2, 1) / (3 E* a^2), B = p b R_D(0, 1, k^2) / (3 E* a^2), approach = p b
-    K(m) / E*, F = 2 pi a b p / 3.
+    Example: two steel balls of 25.4 and 6.3 mm under 100 N have 4.5 um approach and 2.1 GPa peak pressure. With p the
+    peak pressure, k = b/a, R_D Carlson's integral and m = 1 - k^2: A = p b R_D(0, k^2, 1) / (3 E* a^2), B = p b R_D(0,
+    1, k^2) / (3 E* a^2), approach = p b K(m) / E*, F = 2 pi a b p / 3.
     """
     load = positive("contact force", force, "N")
     small, large = relative_curvatures(one, two, angle)
@@ -143,8 +143,8 @@ def hertz(force: ArrayLike, one: Body, two: Body, angle: float = 0.0) -> HertzCo
 def first_yield_pressure(yield_stress: ArrayLike, poisson: float = 0.3) -> Array:
     """Return the peak pressure [Pa] at which a circular contact first yields (Tresca, below the surface).
 
-    1.61 Y for nu = 0.3. On the axis, s = z/a: |sigma_z - sigma_r| / p = |3/2/(1 + s^2) - (1 + nu)(1 - s atan(1/s))|
-    (Johnson 3.45).
+    The pressure is 1.61 Y for nu = 0.3, with Y the yield stress. On the axis, s = z/a: |sigma_z - sigma_r| / p =
+    |3/2/(1 + s^2) - (1 + nu)(1 - s atan(1/s))| (Johnson 3.45).
     """
 
     def shear(s: float) -> float:

@@ -1,4 +1,4 @@
-"""A whole joint compared with its requirements: preload, contact, growth, film, stiffness, budget."""
+"""Comparison of a joint with its requirements: preload, contact, growth, air film, stiffness, error budget."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ from joints.stiffness import layer_stiffness
 
 CONTACTS = ("point", "rolling", "sliding", "fluid")
 BUDGET_POSES, BUDGET_DRAWS = 40, 200
-"""Poses and draws of the error budget: two digits of the mean plus three standard deviations."""
+"""Number of poses and of draws of the error budget; the mean plus three standard deviations then has two digits."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ class JointDesign:
 def read_design(path: Path | None = None) -> tuple[PassiveJoint, dict[str, Settings]]:
     """Read a joint and the settings of its sections from a TOML file, with the thesis' joint as default.
 
-    A [ball] gives its radius to sections without one. Raises InputError for an invalid file, an unknown section or key,
-    or an unknown contact.
+    The radius in [ball] is the default of sections without a radius. Raises InputError for an invalid file, an unknown
+    section or key, or an unknown contact.
     """
     given = read_toml(path) if path else {}
     file = path.name if path else "design.toml"
@@ -134,8 +134,8 @@ def _length(topic: str, quantity: str, used: float, there: float) -> Limit:
 
 
 def _supports(s: dict[str, Settings]) -> Iterator[Limit]:
-    """Yield the limits of three supports: pull at which the first one unloads, and pressure under
-    the most loaded one."""
+    """Yield the limits of three supports: pull at which the first support unloads, and pressure under the most loaded
+    support."""
     pull, preload, angle = s["demand"]["pull"], _preload(s), s["preload"]["contact_angle"]
     tilt, turn = np.radians(np.linspace(0, 90, 91))[:, None], np.radians(np.arange(0, 360, 3.0))
     least = float(three_contact_limit(preload, tilt, turn, angle).min())
@@ -150,7 +150,8 @@ def _supports(s: dict[str, Settings]) -> Iterator[Limit]:
 
 
 def _surface(s: dict[str, Settings]) -> Iterator[Limit]:
-    """Yield the limits of a whole socket: pull at which the ball leaves it, and pressure on the replicated layer."""
+    """Yield the limits of a full socket: pull at which the ball leaves the socket, and pressure on the replicated
+    layer."""
     pull, preload, own = s["demand"]["pull"], _preload(s), s["preload"]
     least = float(socket_fixed_limit(preload, np.radians(np.linspace(0, 90, 181)), own["reaction_angle"]).min())
     yield Limit("preload", "pull before the ball leaves the socket", pull, least, "N")
@@ -176,7 +177,7 @@ def _film(s: dict[str, Settings]) -> Iterator[Limit]:
 
 
 def moving_film(s: dict[str, Settings]) -> tuple[FedFilm, float, float]:
-    """Return the film of a design in motion, the mass on it, kg, and the stiffness of the magnets, N/m."""
+    """Return the air film of a design in motion, the mass on the film, kg, and the stiffness of the magnets, N/m."""
     film, preload = s["film"], _preload(s)
     moved = fed_film(film_geometry(film), preload, orifice_law(film["orifice"]), s["demand"]["lift"])
     mass = ball_mass(film["ball_radius"], s["dynamics"]["ball_density"]) + s["dynamics"]["added_mass"]

@@ -17,7 +17,7 @@ from joints.settings import not_negative, positive, require
 SPAN = (0.01, 20.0)
 """Range of frequencies searched for peak and bandwidth, relative to sqrt(k/m) / 2 pi."""
 STEPS = 400
-"""Number of frequencies in this range, 2 % apart; the best is refined."""
+"""Number of frequencies in the range SPAN, 2 % apart; the best frequency is refined."""
 
 
 @dataclass(frozen=True)
@@ -74,8 +74,8 @@ def natural_frequency(system: BallOnFilm) -> float:
 
 
 def resonance(system: BallOnFilm) -> tuple[float, float]:
-    """Return the frequency [Hz] of the largest response, and its ratio to the static one; 0 and 1
-    without a resonance."""
+    """Return the frequency [Hz] of the largest response, and the ratio of largest to static response; 0 and 1 without a
+    resonance."""
     f = natural_frequency(system) * np.geomspace(*SPAN, STEPS)
     size = _times_static(system, f)
     at = int(np.argmax(size))
@@ -108,8 +108,8 @@ class ResponseFit:
     """Result of `fit_response`.
 
     mass: kg. stiffness: N/m.
-    resistance: factor s of the given impedance.
-    stderr: standard errors by name.
+    resistance: factor s of the given impedance Z.
+    stderr: standard errors of mass, stiffness and resistance by name.
     """
 
     mass: float
@@ -122,7 +122,7 @@ def fit_response(frequency: ArrayLike, measured: ArrayLike, impedance: ArrayLike
     """Fit stiffness k, mass m and resistance s to a measured receptance H (N,), complex [m/N].
 
     1/H = k - m w^2 + s Z is linear in k, m and s; rows are weighted by |H|, so that errors are relative.
-    impedance: Z (N,) [N/m]. With i w for a plain damper, s is in N s/m.
+    impedance: Z (N,) [N/m]. If Z = i w (plain damper), s is in N s/m.
     Raises InputError below 3 frequencies, or if the fitted mass or stiffness is not above 0.
     """
     f = positive("frequency", frequency, "Hz").ravel()
@@ -149,16 +149,17 @@ def fit_response(frequency: ArrayLike, measured: ArrayLike, impedance: ArrayLike
 
 
 INSTANTS, COARSE = 256, 64
-"""Instants of half a period, and of the coarse search for the frequency of the largest motion. Half as many odd
-harmonics are used. Amplitudes are accurate to 0.5 % at any frequency with 256 instants, to 1 % with 128."""
+"""Number of instants of half a period, and number for the coarse search of the frequency of the largest motion. The
+number of odd harmonics is half. Amplitudes are accurate to 0.5 % at any frequency with 256 instants, to 1 % with 128.
+"""
 SETTLED, SWEEPS = 1e-5, 20_000
-"""Largest change of the friction at an instant, relative to the friction, that ends the iteration; largest number of
-sweeps, of which a few hundred are needed."""
+"""Relative change of the friction force below which the iteration ends; largest number of sweeps (a few hundred are
+usually needed)."""
 
 
 @dataclass(frozen=True)
 class Losses:
-    """Losses of a joint.
+    """Friction and magnetic losses of a joint.
 
     friction: F_c, N, of the sliding contact. The joint sticks under a force that never exceeds F_c.
     magnet_stiffness: k_m, N/m, at most 0.
@@ -183,7 +184,7 @@ class Losses:
 
 @dataclass(frozen=True)
 class SteadyState:
-    """Periodic motion.
+    """Steady periodic motion of the ball.
 
     motion: (M,) x [m] over half a period.
     film, friction, magnets: energy lost per cycle, J.
@@ -219,9 +220,9 @@ def steady_state(
 
     D(nw) = D_film(nw) + k_m + i eta |k_m| is the dynamic stiffness at each odd harmonic n. The magnets have the
     stiffness k_m, negative since their pull falls with distance, and lose eta pi |k_m| X^2 per cycle at any frequency.
-    f and x change sign over half a period. With the mobility Y = i n w / D the speed is v = Y (F - f): at each instant
-    either v = 0 and |f| < F_c, or f = F_c sign(v). Re Y > 0 makes this a monotone complementarity problem with one
-    solution; for slow motion it is X = (F - F_c) / k.
+    f and x change sign after half a period. With the mobility Y = i n w / D the speed is v = Y (F - f): at each instant
+    either v = 0 and |f| < F_c, or f = F_c sign(v). With Re Y > 0 the problem is a monotone complementarity problem with
+    one solution; for slow motion the solution is X = (F - F_c) / k.
     Source: J. P. Den Hartog, Trans. ASME 53 (1931), for one mass and spring; P. L. Lions and B. Mercier, SIAM J. Numer.
     Anal. 16 (1979), for the splitting.
     """
@@ -245,7 +246,7 @@ def steady_state(
 
 def _friction(mobility: Array, pushed: Array, limit: float) -> Array:
     """Return the friction force f (M,) at instants where the speed is mobility (M, M) (pushed - f).
-    Douglas-Rachford splitting. Raises InputError if it does not converge."""
+    The method is Douglas-Rachford splitting. Raises InputError without convergence."""
     sizes = np.linalg.svd(mobility, compute_uv=False)
     scale = 1.0 / np.sqrt(sizes[0] * sizes[-1])
     inverse = np.linalg.inv(np.eye(len(pushed)) + scale * mobility)
@@ -260,7 +261,7 @@ def _friction(mobility: Array, pushed: Array, limit: float) -> Array:
 
 
 def largest_motion(system: BallOnFilm, losses: Losses, force: float, frequency: Array) -> float:
-    """Return the largest amplitude [m] over frequencies [Hz] in ascending order, refined between two of them."""
+    """Return the largest amplitude [m] over frequencies [Hz] in ascending order, refined between two frequencies."""
 
     def below(log_frequency: float) -> float:
         return -steady_state(system, losses, force, float(np.exp(log_frequency)), COARSE).amplitude

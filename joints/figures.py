@@ -1,4 +1,4 @@
-"""Figures of the joint's studies, drawn without a display."""
+"""Figures of the studies of the spherical joint, drawn without a display."""
 
 from collections.abc import Callable, Mapping, Sequence
 

@@ -169,9 +169,9 @@ def orifice_law(settings: Settings) -> Orifice:
 
 @dataclass(frozen=True)
 class FilmDesign:
-    """The design guide, one entry per displacement.
+    """The design guide of Fig 4.13, one entry per displacement.
 
-    flow: through one orifice.
+    flow: flow through one orifice.
     resistance_ratio: resistance of the orifice over that of the socket.
     """
 
@@ -213,9 +213,8 @@ def design_film(geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, di
 
 
 def displacement_at_inlet(geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, inlet: ArrayLike) -> Array:
-    """Return the displacement [m] at which a film with `inlet` pressure carries `preload` (Fig 4.21), 0 if it cannot
-    lift.
-    At this gap `film_resistance` times the flow is the socket pressure."""
+    """Return the displacement [m] at which a film with `inlet` pressure carries `preload` (Fig 4.21), 0 without lift.
+    At the displacement, `film_resistance` times the flow is the socket pressure."""
     supply = not_negative("inlet pressure", inlet, "Pa")
     socket = positive("preload", preload, "N") / geometry.area
     flow = np.where(supply > socket, orifice.flow(np.maximum(supply, socket), socket), 0.0)

@@ -1,9 +1,9 @@
 """Machines on six links with a ball at every end, as Mechanisms with closed loops: a Gough platform, a Tau robot.
 
-The hexapod has six measured legs between two rings of balls. Only the centres of the balls and the lengths matter:
-6 x 7 constants, of which 12 are equivalent to poses of base and platform. Source: Gough and Whitehall 1962.
-Three arms of the Tau robot, rotated or pushed, carry three, two and one links. Sources: Robertson 2003, 1.2; Brogårdh
-2002, PKM research: important issues, as seen from a product development perspective at ABB Robotics.
+The hexapod has six measured legs between two rings of balls. The parameters are the centres of the balls and the
+lengths of the legs: 6 x 7 constants, of which 12 are equivalent to poses of base and platform. Source: Gough and
+Whitehall 1962. Three arms of the Tau robot, rotated or pushed, carry three, two and one links. Sources: Robertson 2003,
+1.2; Brogårdh 2002, PKM research: important issues, as seen from a product development perspective at ABB Robotics.
 """
 
 from dataclasses import dataclass
@@ -107,16 +107,16 @@ def _ring(radius: float, angles: list[float]) -> Array:
 
 
 ARMS = (0, 0, 0, 1, 1, 2)
-"""Arm of each link: clusters of three, two and one."""
+"""Arm number of each link: clusters of three links, two links and one link."""
 
 
 @dataclass(frozen=True)
 class Actuator:
     """Actuator of a cluster of links.
 
-    kind: revolute or prismatic, about or along z of its frame.
-    frame: (4, 4) in the base frame, m.
-    lower, upper: limits of its coordinate, rad or m, zero at home.
+    kind: revolute or prismatic, about or along z of `frame`.
+    frame: frame (4, 4) of the actuator in the base frame, m.
+    lower, upper: limits of the actuator's coordinate, rad or m, zero at home.
     """
 
     kind: str
@@ -125,7 +125,7 @@ class Actuator:
     upper: float
 
     def moved(self, q: Array) -> Array:
-        """Return the transforms (N, 4, 4) of coordinates (N,), rad or m."""
+        """Return the transforms (N, 4, 4) of the actuator's motion at coordinates (N,), rad or m."""
         return along(5 if self.kind == "revolute" else 2, q)
 
 
@@ -133,7 +133,7 @@ class Actuator:
 class Tau(OnLegs):
     """A platform on six links of fixed length, in clusters of 3, 2 and 1 on three actuators; a Mechanism.
 
-    actuators: A1 to A3; `base` is in their frames, after their motion.
+    actuators: A1 to A3; `base` is in the frames of the actuators, after the motion.
     start: (3,) m, origin of the platform with all actuators at home, which defines the lengths of the links.
     """
 
@@ -149,7 +149,7 @@ class Tau(OnLegs):
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
-        """A1 to A3, measured."""
+        """Names A1 to A3 of the measured actuator coordinates."""
         return tuple(
             Joint(f"A{a}", m.kind, m.lower, m.upper, ((f"A{a}.moving", "Rz" if m.kind == "revolute" else "Tz", 1.0),))
             for a, m in enumerate(self.actuators, 1)
@@ -176,7 +176,7 @@ class Tau(OnLegs):
 
     @property
     def home(self) -> Array:
-        """All coordinates (1, 3) zero."""
+        """Joint values (1, 3) at home, all zero."""
         return np.zeros((1, len(self.actuators)))
 
     @cached_property
@@ -201,8 +201,9 @@ class Tau(OnLegs):
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
         """Return the loads of the weight.
-        torque_A1 ..: on each coordinate. force_L1_z ..: along each link, N, positive for tension. force_base_x ..
-        moment_base_z: on the base."""
+        torque_A1 ..: load on each coordinate. force_L1_z ..: force along each link, N, positive for tension.
+        force_base_x ..
+        moment_base_z: load on the base."""
         carried = np.asarray(payload, dtype=float)
         if not np.any(carried) and not self.mass:
             return {}
@@ -216,7 +217,7 @@ class Tau(OnLegs):
 
 
 DRIVES = {"turned": ("revolute", "turn"), "pushed": ("prismatic", "travel")}
-"""Kind of each drive, and the key of its range."""
+"""Kind of joint of each drive, and the TOML key of the range of the drive."""
 
 FRAMES = {"x": np.eye(3)[:, [1, 2, 0]], "y": np.eye(3)[:, [2, 0, 1]], "z": np.eye(3)}
 """Frames whose z axis is the named axis of the base."""

@@ -22,27 +22,28 @@ from gpmodel.numerics import se3
 from joints.settings import Settings, laid_over, read_toml
 
 STEPS = 50
-"""Largest number of Newton steps. Each doubles the number of digits; a machine that needs more does not close."""
+"""Largest number of Newton steps. Each step doubles the number of digits; a machine that needs more does not close."""
 
 PROGRESS, STALLED = 0.9, 6
-"""Newton's method gives up after STALLED steps without a fall of the largest gap by a tenth: the pose has left its
-assembly. At half, no pose of 2161 with tilts up to 15 deg is lost and one of 671 at 45 deg; at double, a pose that
-cannot close takes twice the time."""
+"""Newton's method ends without success after STALLED steps in which the largest gap does not fall by a tenth. With half
+as many steps, none of 2161 poses with tilts up to 15 deg is lost and one of 671 at 45 deg; with twice as many, a pose
+that cannot close takes twice the time."""
 
 CLOSED = 1e-13
-"""Largest gap of a closed loop, m. A length of a metre is a root of squares with a rounding of 2e-16 each."""
+"""Largest gap of a closed loop, m. Rounding of a length of a metre is a few 1e-16 m."""
 
 LONGEST_STEP = 0.1
-"""Longest step of Newton's method, m and rad: a part of the machine's size, so that the pose stays in its assembly."""
+"""Longest step of Newton's method, m and rad: a part of the machine's size, so that the assembly mode does not change.
+"""
 
 
 def newton(pose: Array, lower: Array, balls: Array, lengths: Array) -> tuple[Array, Array]:
     """Find the pose (N, 4, 4) of a platform by Newton's method; return it and the largest gap (N,) of a link, m.
 
-    pose: (N, 4, 4) to start from.
+    pose: initial pose (N, 4, 4).
     lower: centres (6, N, 3) of the lower balls. balls: centres (6, N, 3) of the balls on the platform, in its frame.
     lengths: (6, N) of the links, m.
-    Steps end for each pose when it is closed or has stalled.
+    The steps end for each pose when the loops are closed or the gap has stopped falling.
     """
     pose, lower, balls, lengths = pose.copy(), *(np.swapaxes(part, 0, 1) for part in (lower, balls, lengths))
     miss, best, stalled = np.full(len(pose), np.inf), np.full(len(pose), np.inf), np.zeros(len(pose), dtype=int)
@@ -76,8 +77,8 @@ def wrenches(along: Array, arm: Array) -> Array:
 
 
 def jacobian_of(tool: Array, lower: Array, upper: Array) -> Array:
-    """Return the derivatives (N, 6, 6) of the link lengths by a twist of the tool in its own frame.
-    Rows are (u, r × u) with u along the link."""
+    """Return the derivatives (N, 6, 6) of the link lengths by a twist of the tool in the tool frame.
+    The rows are (u, r × u) with the unit vector u along the link."""
     turn = tool[:, :3, :3]
     along = np.einsum("nji,knj->nki", turn, unit(upper - lower))
     arm = np.einsum("nji,knj->nki", turn, upper - tool[:, :3, 3])
@@ -98,8 +99,8 @@ def axes_along(directions: Array) -> Array:
 
 
 def adjoint(frame: Array) -> Array:
-    """Return the matrices (N, 6, 6) that convert twists in one frame to twists of a body in its own axes.
-    frame: (N, 4, 4), the frame in the frame of the body."""
+    """Return the matrices (N, 6, 6) that convert twists in one frame to twists in the axes of a body.
+    frame: (N, 4, 4), the first frame in the frame of the body."""
     out = np.zeros((len(frame), 6, 6))
     out[:, :3, :3] = out[:, 3:, 3:] = frame[:, :3, :3]
     out[:, :3, 3:] = se3.hat(frame[:, :3, 3]) @ frame[:, :3, :3]
@@ -109,7 +110,7 @@ def adjoint(frame: Array) -> Array:
 LEGS = 6
 WEAKEST = 1e-3
 """Least singular value of the legs' Jacobian at home, with lengths relative to the platform's radius. With a smaller
-one the legs do not hold the platform; two similar hexagons have zero."""
+value the legs do not hold the platform; two similar hexagons have zero."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -122,7 +123,7 @@ class OnLegs:
     axial: name of the load on link {i} along it, N.
     base, platform: (6, 3) m, nominal centres of the balls at the feet of the links and on the platform.
     tool: (3,) m, the measured point on the platform.
-    mass: kg of the platform, at its origin.
+    mass: mass of the platform, kg, at the origin of the platform.
     gravity: (3,) m/s² in the base frame.
     payload_com: (3,) m, centre of a payload in the measured frame.
     """
@@ -145,13 +146,13 @@ class OnLegs:
     @property
     @abstractmethod
     def slots(self) -> tuple[str, ...]:
-        """Slots in their order."""
+        """Names of the slots (frames at which errors act), in the order of the chain."""
 
     @abstractmethod
     def feet(self, frames: Array, own: Array, q: Array) -> tuple[Array, Array]:
         """Fill frames (S, N, 4, 4) up to the lower balls; return link lengths (6, N), m, and a start (N, 4, 4) of the
         platform.
-        own: error transform of each slot. The lengths do not include the errors of the links."""
+        own: error transform of each slot. The returned lengths do not include the errors of the links."""
 
     @property
     @abstractmethod
@@ -181,7 +182,7 @@ class OnLegs:
 
     @cached_property
     def balls(self) -> tuple[Ball, ...]:
-        """The twelve balls, named by their slots, with angles as in the thesis' joint and its axis along the link at
+        """The twelve balls, named by slots, with angles as in the joint of the thesis; the axis is along the link at
         home."""
         out = []
         for i in range(1, LEGS + 1):
@@ -193,8 +194,7 @@ class OnLegs:
         return tuple(out)
 
     def turned(self, q: Array) -> dict[str, Array]:
-        """Return roll and pitch (N,) of every ball, rad: the link is along Rx(roll) Ry(pitch) z in the axes of its
-        socket."""
+        """Return roll and pitch (N,) of every ball, rad: the link is along Rx(roll) Ry(pitch) z in socket axes."""
         there, home = self._along(self.assembled(q, {})), self._along(self.assembled(self.home, {}))
         u = np.einsum("enij,enj->eni", np.swapaxes(axes_along(home), 2, 3) + np.zeros((1, len(q), 1, 1)), there)
         angles = np.stack([np.arctan2(-u[..., 1], u[..., 2]), np.arcsin(np.clip(u[..., 0], -1.0, 1.0))])
@@ -202,7 +202,7 @@ class OnLegs:
         return {str(names[k, a]): angles[a, k] for k in range(len(names)) for a in range(2)}
 
     def _along(self, frames: Array) -> Array:
-        """Return the directions (12, N, 3) of the links in the axes of both of their sockets, ball by ball."""
+        """Return the directions (12, N, 3) of the links in the axes of the sockets at both ends, ball by ball."""
         lower, upper = frames[self.first : -1 : 3], frames[self.first + 2 : -1 : 3]
         along = unit(upper[..., :3, 3] - lower[..., :3, 3])
         seen = [np.einsum("knji,knj->kni", frame[..., :3, :3], along) for frame in (lower, upper)]
@@ -226,8 +226,8 @@ class OnLegs:
         return frames
 
     def closes(self, q: Array, twists: Mapping[int, Array] | None = None) -> Mask:
-        """Return whether the links meet in one platform (N,), at joint values (N, n) with error
-        twists (N, 6) by slot."""
+        """Return a mask (N,): True if the links meet in one platform, at joint values (N, n) with error twists (N, 6)
+        by slot."""
         return self._solved(q, twists or {})[2] < CLOSED
 
     def _solved(self, q: Array, twists: Mapping[int, Array]) -> tuple[Array, Array, Array]:
@@ -251,8 +251,8 @@ class OnLegs:
 
     def carried(self, frames: Array, slot: int) -> Array:
         """Return the twist of the tool per unit twist at a slot, (N, 6, 6).
-        The twist solves J ζ + c = 0, where J ζ is the change of the lengths by a twist ζ of the tool, and c their
-        change by the slot."""
+        The twist solves J ζ + c = 0, where J ζ is the change of the lengths by a twist ζ of the tool, and c the change
+        of the lengths by the slot."""
         tool = frames[-1]
         if slot == len(frames) - 1:
             return np.broadcast_to(np.eye(6), (len(tool), 6, 6))
@@ -275,7 +275,7 @@ class OnLegs:
         return []
 
     def jacobian(self, frames: Array) -> Array:
-        """Return the derivatives (N, 6, 6) of the lengths by a twist of the tool in its own frame."""
+        """Return the derivatives (N, 6, 6) of the lengths by a twist of the tool in the tool frame."""
         return jacobian_of(frames[-1], frames[self.first : -1 : 3, :, :3, 3], frames[self.first + 2 : -1 : 3, :, :3, 3])
 
     def weakest(self, q: Array) -> Array:
@@ -316,7 +316,8 @@ Machine = TypeVar("Machine", bound=OnLegs)
 def described(kind: str, path: Path | None, build: Callable[[Settings, str], Machine]) -> Machine:
     """Build a machine from the settings of a TOML file, or the built-in machine without a file.
 
-    A machine without a name gets the name of its file. build: also takes the name of the file, for messages.
+    A machine without a name gets the name of the file. build: function of the settings and of the file name (for
+    messages).
     """
     given, file = (read_toml(path), path.name) if path else ({}, f"{kind}.toml")
     machine = build(laid_over(kind, given, file), file)

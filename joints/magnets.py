@@ -48,7 +48,7 @@ def stack_factor(diameter: float, thickness: float, layers: int, gap: float) -> 
 
 @dataclass(frozen=True)
 class MagnetSeat:
-    """Seats of the magnets in the socket.
+    """Geometry of the magnet seats in the socket.
 
     radius: distance of the magnet faces from the centre of the ball, m.
     clearance: wall between two magnets, m.
@@ -79,13 +79,14 @@ class MagnetSeat:
         return count - count % 2 if self.paired else count
 
     def smallest_angle(self, diameter: float, count: int) -> float:
-        """Return the smallest ring angle [rad] at which `count` >= 2 magnets fit; nan if none up
-        to 90 deg is enough."""
+        """Return the smallest ring angle [rad] at which `count` >= 2 magnets fit; nan if no angle up to 90 deg
+        suffices."""
         sine = (diameter + self.clearance) / (2 * self.radius * np.sin(np.pi / count))
         return float(np.arcsin(sine)) if sine <= 1 else float("nan")
 
     def check(self, rings: Sequence[MagnetRing], socket_angle: float) -> None:
-        """Raise InputError for a ring that is too crowded, extends beyond the socket or overlaps its neighbour."""
+        """Raise InputError for a ring with too many magnets, or a ring that extends beyond the socket or overlaps
+        another ring."""
         angle_within("socket angle", socket_angle, np.pi / 2)
         for number, ring in enumerate(rings, 1):
             fits = MagnetSeat(self.radius, self.clearance, paired=False).fitting_count(ring.diameter, ring.angle)
@@ -112,7 +113,8 @@ class MagnetSeat:
 
 @dataclass(frozen=True)
 class PreloadDesign:
-    """One candidate: a socket, a ring, and their preload and cost. Angles rad, area ratios 1, pressures Pa."""
+    """A candidate design: socket, magnet ring, preload and cost. Angles in rad, area ratios without unit, pressures in
+    Pa."""
 
     socket_angle: float
     ring: MagnetRing
@@ -169,8 +171,8 @@ def rank_designs(
 
 def continuous_optimum(magnet: Magnet, seat: MagnetSeat, largest_socket: float) -> PreloadDesign:
     """Return the design of largest preload over all ring angles.
-    For each count n the ring is at the smallest angle that holds it, since n F cos(gamma) falls with the angle, in the
-    smallest socket that holds the ring."""
+    For each count n the ring is at the smallest possible angle, because n F cos(gamma) falls with the angle, and the
+    socket is the smallest socket that contains the ring."""
     half = seat.half_width(magnet.diameter)
     designs = []
     for count in range(2, 200, 2 if seat.paired else 1):
@@ -193,9 +195,9 @@ pull (section 3.6), m."""
 
 @dataclass(frozen=True)
 class PublishedPreload:
-    """A published preload.
+    """A published preload of the thesis.
 
-    predicted, measured: N; measured is None if only a figure shows it.
+    predicted, measured: preload, N; measured is None if the value is only in a figure.
     layers: number of magnets on top of one another.
     """
 
@@ -213,7 +215,7 @@ class PublishedPreload:
 
 
 def published_preloads() -> tuple[PublishedPreload, ...]:
-    """Return every preload of which the text states a number."""
+    """Return every preload whose value is stated in the text of the thesis."""
     file = DATA / "preload_published.toml"
     return tuple(
         PublishedPreload(

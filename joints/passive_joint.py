@@ -19,8 +19,8 @@ from joints.settings import Settings, laid_over, load_settings, positive, read_t
 
 @dataclass(frozen=True)
 class Rotation:
-    """One rotation of a joint about its axis x, y or z. lower, upper: limits, rad. measured:
-    whether it has a sensor."""
+    """One rotation of a joint about its axis x, y or z. lower, upper: limits, rad. measured: True if the rotation has a
+    sensor."""
 
     name: str
     axis: str
@@ -41,8 +41,8 @@ class PassiveJoint:
     tooling_ball: (x, y, z) m, the nominal lever: the measured centre in the frame after the last rotation.
     gravity: (3,) m/s² in the socket's frame.
     payload_com: (3,) m, centre of a payload in the tooling ball's frame.
-    reached: (3,) m, the tooling ball's position in its nominal frame by a first fit; thermal growth of the lever
-    includes it.
+    reached: (3,) m, the tooling ball's position in the nominal frame from a first fit; thermal growth of the lever
+    includes this position.
     Raises InputError for a tooling ball in the joint's centre, or rotations that are not two or three with different
     names and changing axes.
     """
@@ -70,7 +70,7 @@ class PassiveJoint:
             raise InputError(f"{self.name}: rotations about {axes}, expected different axes for successive rotations")
 
     def with_angles(self, *, measured: bool) -> "PassiveJoint":
-        """Return the joint with every angle measured, or none."""
+        """Return the joint with all angles measured, or with no angle measured."""
         return replace(self, rotations=tuple(replace(r, measured=measured) for r in self.rotations))
 
     def reaching(self, point: Iterable[float]) -> "PassiveJoint":
@@ -84,8 +84,8 @@ class PassiveJoint:
 
     @property
     def balls(self) -> tuple[Ball, ...]:
-        """The ball of the joint if some rotation has no sensor. The centre shifts along the axes of the base, or along
-        the lever."""
+        """The ball of the joint if a rotation has no sensor. The centre of the ball shifts along base axes or the
+        lever."""
         angles = tuple(r.name for r in self.rotations if not r.measured)
         lever = self.levers["tool"] / np.linalg.norm(self.levers["tool"])
         shifts: dict[str, Shift] = {f"along {a}": (("base", f"T{a}", 1.0),) for a in "zxy"}
@@ -93,7 +93,7 @@ class PassiveJoint:
         return (Ball("", angles, shifts),) if angles else ()
 
     def turned(self, q: Array) -> dict[str, Array]:
-        """Return no angles: the angles of the ball are joint coordinates."""
+        """Return an empty result, because the angles of the ball are joint coordinates."""
         return {}
 
     @cached_property
@@ -179,13 +179,12 @@ class Parameter:
 
     @property
     def effect(self) -> Effect:
-        """The parameter to first order, as a constant twist."""
+        """The error parameter to first order, as an effect with a constant twist."""
         return effect_at(self.name, self.slot, self.axis, family="geometric")
 
 
 def _slot(frame: int, axis: int) -> str:
-    """Return the slot at which a constant twist equals this entry of a frame at rest: before or after the frame's
-    rotation."""
+    """Return the slot (before or after the rotation of a frame) at which a constant twist equals an error parameter."""
     if frame == 0:
         return "base"
     if frame == 4:
@@ -212,7 +211,7 @@ def tooling_ball_position(q: Array, parameters: Array, tooling_ball: Array) -> A
         T = Tm_Ts · Ts_Tbr(q1) · Tbr_Tbp(q2) · Tbp_Tby(q3) · Tby_TCP
         T_k = Trans(Tx, Ty, Tz) · Rx(Rx + q1) · Ry(Ry + q2) · Rz(Rz + q3)
 
-    Each joint angle enters its own frame only. Source: Robertson (2003), Figures 3.13 to 3.15 and Table 3.2.
+    Each joint angle enters one frame only. Source: Robertson (2003), Figures 3.13 to 3.15 and Table 3.2.
     """
     shape = np.broadcast_shapes(q.shape[:-1], parameters.shape[:-1])
     point = np.broadcast_to(tooling_ball, (*shape, 3)) + parameters[..., 24:27]

@@ -54,8 +54,8 @@ def socket_fixed_limit(preload: ArrayLike, angle: ArrayLike, reaction_angle: flo
     """Return the largest pull [N] at `angle` from the axis with the socket fixed: P / (cos t + sin t cot phi) (Fig
     3.7).
 
-    `reaction_angle` phi is where the resultant of the socket's reaction acts. Over all angles the limit falls to P
-    sin(phi), at t = 90 deg - phi: by half for phi = 30 deg, as in Fig 3.9.
+    `reaction_angle` phi is where the resultant of the socket's reaction acts. The smallest limit over all angles t is P
+    sin(phi), at t = 90 deg - phi: half of P for phi = 30 deg, as in Fig 3.9.
     """
     phi = angle_within("reaction angle", reaction_angle, np.pi / 2)
     theta = _pull_angle(angle)
@@ -79,11 +79,12 @@ def contact_forces(
 
 
 def three_contact_limit(preload: ArrayLike, angle: ArrayLike, azimuth: ArrayLike, contact_angle: float) -> Array:
-    """Return the largest pull [N] at (`angle`, `azimuth`) before the first of three supports unloads; inf if none does.
+    """Return the largest pull [N] at (`angle`, `azimuth`) before the first of three supports unloads; inf without a
+    limit.
 
-    For supports 120 deg apart: min over i of P / (cos t - 2 cot(phi) sin t cos(psi - psi_i)). Towards a support it
-    falls to P sin(phi) (0.79 P for phi = 52.5 deg, the 20 % of Fig 3.11); away from a support to P / sqrt(1 + 4 cot^2
-    phi) = 0.546 P, which the thesis omits.
+    For supports 120 deg apart: min over i of P / (cos t - 2 cot(phi) sin t cos(psi - psi_i)). Towards a support the
+    limit falls to P sin(phi) (0.79 P for phi = 52.5 deg, the 20 % of Fig 3.11); away from a support to P / sqrt(1 + 4
+    cot^2 phi) = 0.546 P, which the thesis omits.
     """
     at_rest, per_newton = _support_responses(angle, azimuth, contact_directions(contact_angle))
     unloading = per_newton < 0

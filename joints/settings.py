@@ -1,4 +1,4 @@
-"""Settings of the joint's studies: a TOML table over defaults of the thesis' joint; every quantity has its unit."""
+"""Settings of the studies of the joint: a TOML table with units, over defaults of the joint of the thesis."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -47,7 +47,7 @@ def angle_within(name: str, value: ArrayLike, upper: float) -> Array:
 
 LONGEST, MOST = 100.0, 1e15
 """Largest length of a joint, m, except for the radius of a nearly flat surface; largest other number in SI. Elastic
-moduli and orifice resistances are some 1e11."""
+moduli and orifice resistances are of the order of 1e11."""
 
 DATA = Path(__file__).parent / "data"
 
@@ -89,7 +89,7 @@ def laid_over(study: str, given: Settings, file: str) -> Settings:
 
 
 def read_toml(path: Path) -> Settings:
-    """Return the TOML table at `path`. Raises InputError if there is none."""
+    """Return the TOML table at `path`. Raises InputError for a missing or invalid file."""
     return read_table(path, "a TOML file")
 
 
@@ -122,7 +122,7 @@ def _value(default: Any, given: Any, file: str, place: str) -> Any:
 
 
 def _entry(default: Any, given: Any, file: str, place: str) -> Any:
-    """Return one entry of a list; a table has to contain all keys, since a list has no default entry."""
+    """Return one entry of a list in SI; an entry that is a table must contain all keys, because it has no defaults."""
     if isinstance(default, dict) and isinstance(given, dict):
         missing = [key for key in default if key not in given]
         if missing:

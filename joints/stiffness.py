@@ -30,8 +30,8 @@ def layer_stiffness(elastic_modulus: ArrayLike, radius: ArrayLike, thickness: Ar
 def magnet_force(separation: ArrayLike, preload: float, stand_off: float) -> Array:
     """Return the pull F = P (s / (s + x))^2 [N] of the magnets at separation x.
 
-    The pull is the K_m/x^2 of Fig 4.16 with the distance measured from `stand_off` s below contact. The magnets are
-    1/32 in behind the replica (thesis 2.2.4), so that the pull P at contact is finite and K_m = P s^2.
+    The pull is K_m/x^2 of Fig 4.16, with the distance measured from a point `stand_off` s below contact. The magnets
+    are 1/32 in behind the replica (thesis 2.2.4), so that the pull P at contact is finite and K_m = P s^2.
     """
     gap = not_negative("separation", separation, "m")
     return positive("preload", preload, "N") * (positive("stand-off", stand_off, "m") / (stand_off + gap)) ** 2
@@ -141,9 +141,9 @@ class RegimeFit:
     """Result of `fit_regimes`.
 
     curve: the fitted curve.
-    stderr: standard errors of its numbers and of the magnets' coefficient.
-    rms: residual, N.
-    status: "ok", or why the result is doubtful.
+    stderr: standard errors of the numbers of the curve and of the magnets' coefficient.
+    rms: RMS residual, N.
+    status: "ok", or the reason why the result is doubtful.
     """
 
     curve: RegimeCurve

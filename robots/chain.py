@@ -31,8 +31,8 @@ _COMPONENTS = ("force_{}_x", "force_{}_y", "force_{}_z", "moment_{}_x", "moment_
 def gravity_loads(chain: Chain, q: Array, payload: Array) -> dict[str, Array]:
     """Return SerialChain.loads: force R' M g and moment R' (S - M p) x g at every joint.
 
-    M (N,) is the mass beyond the joint, kg, and S (N, 3) its first moment about the root, kg m. R and p are of the
-    frame after the joint's motion, in the root frame.
+    M (N,) is the mass beyond the joint, kg, and S (N, 3) its first moment about the root, kg m. R and p are orientation
+    and origin of the frame after the joint's motion, in the root frame.
     """
     payload = np.asarray(payload, dtype=np.float64)
     if not any(link.mass for link in chain.links) and not np.any(payload):
@@ -54,7 +54,7 @@ def _points(frames: Array, point: Array) -> Array:
 
 
 def _weight(chain: Chain, frame: Array, mass: Array, first: Array) -> Array:
-    """Return the wrench (N, 6), N and N m, of a mass (N,) with first moment (N, 3), at and in a frame (N, 4, 4)."""
+    """Return the wrench (N, 6), N and N m, of a mass (N,) with first moment (N, 3), in a frame (N, 4, 4)."""
     moment = np.cross(first - mass[:, None] * frame[:, :3, 3], chain.gravity)
     return np.concatenate([(v[:, None] @ frame[:, :3, :3])[:, 0] for v in (mass[:, None] * chain.gravity, moment)], 1)
 
@@ -63,8 +63,8 @@ def unit_loads(chain: Chain, q: Array) -> dict[str, Array]:
     """Return SerialChain.unit_loads.
 
     A first moment e_a of link k exerts the couple (R_k e_a) x g on every revolute joint j <= k. A mass m at c exerts
-    the torque z_j . (c - p_j) x m g on a revolute joint, and the force z_j . m g on a prismatic joint. All in the root
-    frame.
+    the torque z_j . (c - p_j) x m g on a revolute joint, and the force z_j . m g on a prismatic joint. All vectors are
+    in the root frame.
     """
     frames = se3.chain(chain.transforms(q))[2:-1:2]
     axes = [frames[j][:, :3, AXES.index(link.axis) % 3] for j, link in enumerate(chain.links)]
@@ -89,8 +89,7 @@ def _on_motion(chain: Chain, axes: list[Array], j: int, couple: Array, weight: A
 
 
 def _on_joints(chain: Chain, on_motions: list[Array], part: str) -> dict[str, Array]:
-    """Return generalized forces (N,) on the joint coordinates, from forces on the first motions; on later motions they
-    are zero."""
+    """Return generalized forces (N,) on the joint coordinates, from forces on the first motions (else zero)."""
     torques = np.stack(on_motions, axis=1) @ chain.coupling[: len(on_motions)]
     return {f"torque_{name}_of_{part}": torques[:, c] for c, name in enumerate(chain.joint_names)}
 
@@ -119,7 +118,7 @@ class SerialChain(Chain):
 
     @cached_property
     def link_slots(self) -> dict[str, str]:
-        """Link -> slot of the last motion before it, "" if the link is fixed; empty for a chain that is not from a
+        """Link -> slot of the last motion before the link, "" for a fixed link; empty for a chain that is not from a
         URDF."""
         if self.source is None:
             return {}
@@ -143,7 +142,7 @@ class SerialChain(Chain):
         return Joint(self.joint_names[column], kind, lower, upper, drive)
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
-        """Return the gravity loads (N,) on the arm at rest: the loads themselves, not the reactions.
+        """Return the gravity loads (N,) on the arm at rest: the loads, not the reactions.
 
         torque_J (Nm; N for a prismatic joint): generalized force of gravity on the coordinate J, positive if gravity
         increases the coordinate, so that `deflection = compliance * torque` has a positive compliance.
@@ -151,7 +150,7 @@ class SerialChain(Chain):
         axes.
         force_base_x .. moment_base_z: wrench of the whole arm in the root frame, about its origin.
         payload: (N,) kg at `payload_com`.
-        Empty if nothing has a mass. Source: sums of weights and lever arms; recursive Newton-Euler at rest
+        The result is empty without masses. Source: sums of weights and lever arms; recursive Newton-Euler at rest
         (Featherstone 2008, ch. 5) agrees.
         """
         return gravity_loads(self, q, payload)
@@ -171,16 +170,15 @@ class SerialChain(Chain):
 
     @property
     def has_shape(self) -> bool:
-        """Whether the URDF has collision geometry with existing meshes."""
+        """True if the URDF has collision geometry with existing meshes."""
         return self._shape is not None
 
     def collides(self, q: Array) -> Mask:
-        """Return whether the arm collides with itself (N,) at q (N, n); False without a shape."""
+        """Return a mask (N,): True if the arm collides with itself at joint values (N, n); False without a shape."""
         return np.zeros(len(q), dtype=bool) if self._shape is None else self._shape.collides(q)
 
     def hides(self, q: Array, points: Array, instrument: Array) -> Mask:
-        """Return whether the arm blocks the line (N,) from points (N, 3), m, to the instrument (3,), all in the root
-        frame."""
+        """Return a mask (N,): True if the arm blocks the line from points (N, 3), m, to the instrument (3,), m."""
         return np.zeros(len(q), dtype=bool) if self._shape is None else self._shape.hides(q, points, instrument)
 
     def write_urdf(self, path: Path, twists: Mapping[str, Array] | None = None) -> str:
@@ -192,8 +190,8 @@ class SerialChain(Chain):
 class Branches:
     """Chains (A,) of one tree; chains share the joints that move several arms.
 
-    Slots are the slots of the first chain without its last, then the further slots of the other chains with FRAME.tool
-    at the end of each, and `tool` of the first chain.
+    The slots are: slots of the first chain without the last, further slots of the other chains with FRAME.tool at the
+    end of each chain, and `tool` of the first chain.
     """
 
     name: str
@@ -201,7 +199,7 @@ class Branches:
 
     @cached_property
     def _own(self) -> tuple[tuple[str, ...], ...]:
-        """Slots of each chain, with their names in the tree."""
+        """Slots of each chain, with the names of the slots in the tree."""
         ends = ("tool", *(f"{chain.tool_frame}.tool" for chain in self.chains[1:]))
         return tuple((*chain.slots[:-1], end) for chain, end in zip(self.chains, ends, strict=True))
 
@@ -238,7 +236,7 @@ class Branches:
 
     @cached_property
     def link_slots(self) -> dict[str, str]:
-        """Link -> slot of the last motion before it, "" if the link is fixed. The longest chain to the link is used."""
+        """Link -> slot of the last motion before the link, "" for a fixed link, along the longest chain to the link."""
         return {
             link: max((chain.link_slots[link] for chain in self.chains), key=self._depth)
             for link in self.chains[0].link_slots
@@ -258,7 +256,7 @@ class Branches:
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
         """Return the gravity loads on every joint and on the base; see SerialChain.loads.
 
-        Each joint bears the weight of everything it carries; the tools carry no payload. Loads are linear in the
+        Each joint bears the weight of all parts beyond the joint; the tools carry no payload. Loads are linear in the
         masses. The mass of a shared link counts in the first chain that contains it.
         """
         out = dict[str, Array]()
@@ -268,8 +266,7 @@ class Branches:
         return out
 
     def unit_loads(self, q: Array) -> dict[str, Array]:
-        """Return the loads per unit moment and mass of each link; see SerialChain.unit_loads. A shared link is equal in
-        all chains."""
+        """Return the loads per unit moment and mass of each link; see SerialChain.unit_loads."""
         out = dict[str, Array]()
         for chain in self.chains:
             out |= chain.unit_loads(self._of(chain, q))
@@ -296,7 +293,7 @@ class Branches:
         return tuple(out)
 
     def _of(self, chain: SerialChain, q: Array) -> Array:
-        """Return the joint values (N, n) of a chain, from those of the tree."""
+        """Return the joint values (N, n) of a chain, from the joint values of the tree."""
         names = [joint.name for joint in self.joints]
         return np.asarray(q)[:, [names.index(name) for name in chain.joint_names]]
 

@@ -22,8 +22,8 @@ from gpmodel.table.units import identifier
 def parse_model(path: Path) -> pin.Model:
     """Return Pinocchio's model of a URDF file, without its meshes.
 
-    Raises InputError with the parser's first complaint. A complaint about an inertia is an error too, although the
-    parser would ignore that inertia.
+    Raises InputError with the first message of the parser. A message about an inertia is also an error, although the
+    parser would ignore the inertia.
     """
     try:
         with _quiet() as said:
@@ -40,7 +40,7 @@ def parse_model(path: Path) -> pin.Model:
 
 @contextmanager
 def _quiet() -> Iterator[list[str]]:
-    """Keep the output of C libraries off the terminal; afterwards the yielded list has its lines."""
+    """Redirect the output of C libraries from the terminal to the yielded list of lines."""
     lines: list[str] = []
     sys.stdout.flush()
     sys.stderr.flush()
@@ -66,7 +66,7 @@ CLEARANCE = 0.01
 """Least distance between parts, m: reflector nest and cables are not in the URDF."""
 
 BEAM = 0.02
-"""Radius of the laser beam with the reflector at its end, m: that of a 1.5 inch reflector."""
+"""Radius of the laser beam and of the reflector at its end, m: the radius of a 1.5 inch reflector."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,11 +101,11 @@ class Shape:
         return shape
 
     def collides(self, q: Array) -> Mask:
-        """Return whether two parts are within CLEARANCE of each other (N,), at joint values (N, n)."""
+        """Return a mask (N,): True if two parts are within CLEARANCE of each other, at joint values (N, n)."""
         return np.asarray(self._meetings(q).any(axis=1))
 
     def hides(self, q: Array, points: Array, instrument: Array) -> Mask:
-        """Return whether a part blocks the beam (N,) from points (N, 3) to the instrument (3,), m.
+        """Return a mask (N,): True if a part blocks the beam from points (N, 3) to the instrument (3,), m.
         The part that carries the target is ignored."""
         data, geometry = self.model.createData(), pin.GeometryData(self.geometry)
         parts = [i for i, g in enumerate(self.geometry.geometryObjects) if g.parentJoint != self.tip]
@@ -126,7 +126,7 @@ class Shape:
         return bool(coal.collide(body, where, capsule, placed, coal.CollisionRequest(), coal.CollisionResult()))
 
     def _meetings(self, q: Array) -> Mask:
-        """Return which pairs of parts collide (N, pairs), at joint values (N, n)."""
+        """Return a mask (N, pairs): True for colliding pairs of parts, at joint values (N, n)."""
         data, geometry = self.model.createData(), pin.GeometryData(self.geometry)
         for request in geometry.collisionRequests:
             request.security_margin = CLEARANCE

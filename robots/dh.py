@@ -58,7 +58,7 @@ from robots.links import DOWN, LONGEST_CHAIN, Link, along, placement
 
 
 def of_another_kind(path: Path) -> bool:
-    """Return whether a TOML file has a `kind`, so that another loader reads it; False if it is unreadable."""
+    """Return True if a TOML file has a key `kind`, so that another loader reads the file; False if unreadable."""
     try:
         return "kind" in read_toml(path, "a mechanism")
     except InputError:
@@ -69,8 +69,8 @@ def read_dh(path: Path) -> SerialChain | Branches:
     """Read a chain, or several arms, from a TOML file of Denavit-Hartenberg rows in the format of this module's
     docstring.
 
-    The frame of NAME.moving is the row's own frame in the modified convention; in the standard convention it is the
-    frame before the row's a and alpha. Either way the joint moves about or along its z axis.
+    The frame of NAME.moving is the frame of the row in the modified convention; in the standard convention it is the
+    frame before a and alpha of the row. In both conventions the joint moves about or along the z axis of the frame.
     Raises InputError if the file is unreadable, or a key is unknown, has no unit or no valid value.
     """
     top = TomlTable(read_toml(path, "a TOML table of DH rows"), str(path))
@@ -88,7 +88,7 @@ def read_dh(path: Path) -> SerialChain | Branches:
 
 @dataclass(frozen=True)
 class _Common:
-    """Fields shared by all arms of a file. convention: convention of the rows. gravity: (3,), m/s²."""
+    """Fields that all arms of a file share. convention: convention of the rows. gravity: (3,), m/s²."""
 
     name: str
     convention: str
@@ -162,7 +162,7 @@ def _coupled(top: TomlTable, names: tuple[str, ...], signs: Array) -> Array:
 
 
 def _link(row: TomlTable, number: int, convention: str, before: Array) -> tuple[Link, Array]:
-    """Return the link of a row, and the constant transform from its motion to its own frame."""
+    """Return the link of a row, and the constant transform from the motion to the frame of the row."""
     name = row.text("name", f"J{number}")
     if not is_name(name):
         raise InputError(

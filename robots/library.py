@@ -1,4 +1,4 @@
-"""Loads mechanisms by name or from a file."""
+"""Load mechanisms by name or from a file."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def irb6400r(name: str = "irb6400r") -> SerialChain:
 
     At zero all frames are parallel to the root frame; axes Z Y Y X Y X. J3 of the table is the angle of the upper arm
     to the ground, kept by the parallel bar: motion of link 3 = J3 - J2.
-    The masses of this arm are not published. The masses here are of an arm of equal size (FANUC R-2000iC), and each
-    centre of mass is midway between its joint's origin and the next (the flange, for the last).
+    The masses of this arm are not published. The masses used are those of an arm of equal size (FANUC R-2000iC), and
+    each centre of mass is midway between the origins of two successive joints (for the last, joint and flange).
     """
     size = DIMENSIONS[name]
     origins = np.array(
@@ -95,8 +95,8 @@ def load_mechanism(
     """Load the robot `name`: one of mechanism_names(), a path to a .urdf file, or to a .toml file of DH rows
     (robots.dh).
 
-    frame: measured link (default: the last link of the arm); for several arms of a URDF one link of each, separated by
-    commas. A table with several arms has all of them by default.
+    frame: measured link (default: the last link of the arm); for several arms of a URDF one link per arm, separated by
+    commas. For a TOML file with several arms the default is all arms.
     payload_com: (3,) m, centre of mass of a payload in the measured frame (default: its origin).
     Return None if no robot has the name, or a .toml file describes another `kind` of mechanism. Raises InputError if
     the file is missing or invalid, or the frame unknown.

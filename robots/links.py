@@ -1,4 +1,4 @@
-"""Parts of a serial chain, with the properties for statics and export."""
+"""Classes of the parts of a serial chain, with the properties for statics and export."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ class Link:
     """One motion of the chain and the rigid part that it carries.
 
     name: name of the joint.
-    placement: (4, 4), m, the frame before this motion in the frame after the preceding motion (in the root, for the
-    first).
-    axis: coordinate axis of this frame about or along which the motion is, one of gpmodel.mechanism.protocol.AXES.
+    placement: (4, 4), m, the frame before the motion in the frame after the preceding motion (for the first motion, in
+    the root frame).
+    axis: coordinate axis about or along which the link moves, one of gpmodel.mechanism.protocol.AXES.
     mass: kg. com: centre of mass (3,), m, in the frame after the motion.
     alignment: (4, 4), the frame after the motion in the frame of the same part in the source description.
-    offset: constant part of the motion that is included in placement, rad or m.
+    offset: constant part of the motion, rad or m, which is included in placement.
     """
 
     name: str
@@ -81,7 +81,7 @@ class Chain:
 
     @cached_property
     def slots(self) -> tuple[str, ...]:
-        """Frames at which errors act."""
+        """Names of the slots (frames at which errors act)."""
         sides = (f"{link.name}.{side}" for link in self.links for side in ("fixed", "moving"))
         return ("base", *sides, "tool")
 

@@ -1,4 +1,4 @@
-"""Reading of serial chains from URDF files, without their meshes."""
+"""Read serial chains from URDF files, without meshes."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def read_urdf(
     """Read the chain of a URDF file from its root link to the link `frame` (default: `default_frame`).
 
     name: name of the chain; by default the name of the <robot>, or of the file.
-    arms: measured links of other arms, the weight of which counts in their own chains.
-    Revolute, continuous and prismatic joints of the chain are its joints; mimic joints follow theirs. Joints off the
-    chain stay at neutral, and their links weigh on the chain. If a joint axis is not a coordinate axis, the frames of
-    its slots are rotated to make it z.
+    arms: measured links of other arms, whose weight is included in the other chains.
+    The joints of the chain are its revolute, continuous and prismatic joints; mimic joints follow the leading joint.
+    Joints off the chain stay at neutral, and their links weigh on the chain. If a joint axis is not a coordinate axis,
+    the frames of the slots are rotated so that the joint axis is z.
     Raises InputError if the file is unreadable as URDF, `frame` is not a link beyond a moving joint, or a joint of the
     chain is floating or planar.
     """
@@ -68,7 +68,7 @@ def read_branches(path: Path, frames: list[str], *, name: str | None = None) -> 
 def default_frame(tree: UrdfTree) -> str:
     """Return the link that is measured by default: the last link of the arm with the most revolute joints.
 
-    Fingers do not belong to the arm: it ends where a chain of at least ARM_DEPTH joints splits into equally long
+    Fingers do not belong to the arm: the arm ends where a chain of at least ARM_DEPTH joints splits into equally long
     branches of at most FINGER_DEPTH joints. Of several last links fixed to one part, `tool0` is preferred, then the
     first in the file.
     """
@@ -93,8 +93,7 @@ def default_frame(tree: UrdfTree) -> str:
 
 
 def _last_fixed(tree: UrdfTree, part: str) -> list[str]:
-    """Return the links at the ends of the longest sequences of fixed joints beyond a link; the link itself if there are
-    none."""
+    """Return the links at the ends of the longest sequences of fixed joints beyond a link; by default the link."""
     links = [part]
     while beyond := [j.child for link in links for j in tree.below[link] if j.kind == "fixed"]:
         links = beyond
@@ -165,8 +164,8 @@ def _chain(tree: UrdfTree, chain: list[UrdfJoint], others: list[UrdfJoint], call
 
 
 def _carried(tree: UrdfTree, joint: UrdfJoint, chains: list[UrdfJoint]) -> tuple[float, Array]:
-    """Return the mass, kg, and centre of mass (3,), m, of everything a joint carries up to the next joint of any chain.
-    Mass and centre are in the frame of the joint's child link, with joints off the chains at rest."""
+    """Return the mass, kg, and centre of mass (3,), m, of all parts between a joint and the next joint of any chain.
+    The centre of mass is in the frame of the joint's child link, with joints off the chains at rest."""
     mass, moment, waiting = 0.0, np.zeros(3), [joint.child]
     inverse = np.linalg.inv(tree.frames[joint.child])
     while waiting:
@@ -194,7 +193,7 @@ def _limits(joint: UrdfJoint, path: Path) -> tuple[float, float]:
 
 
 def _aligned(joint: UrdfJoint) -> tuple[str, float, Array]:
-    """Return axis name, sign, and the rotation (4, 4) of the joint frame that aligns the motion with this axis."""
+    """Return axis name, sign, and the rotation (4, 4) of the joint frame that aligns the motion with the axis."""
     z, first = joint.axis, 0 if joint.kind == "prismatic" else 3
     largest = int(np.argmax(np.abs(z)))
     if np.isclose(abs(z[largest]), 1.0, rtol=0.0, atol=1e-12):

@@ -24,11 +24,11 @@ def write_calibrated_urdf(mechanism: Chain, twists: Mapping[str, Array], path: P
     root -> measured link  =  T_0 E_0 T_1(q) E_1 ... T_S(q) E_S,   E_s = exp(twists[s])
 
     twists: by slot, (6,) as (Tx, Ty, Tz, Rx, Ry, Rz) in the frame of the slot, m and rad; zero if missing.
-    A mechanism from a URDF gives this file with changed joint origins; everything attached to a link moves with it. Any
-    other mechanism gives a new file in the joint coordinates of the table. A link moved by a second coordinate, as by a
-    parallel bar, gets a mimic joint NAME_with_OTHER about its axis for each such coordinate. If the chain is measured
-    at its very last link, a twist beyond the last joint needs an additional link FRAME_calibrated.
-    Raises InputError for an unknown slot, or a file that cannot be written.
+    A mechanism from a URDF gives the original file with changed joint origins; parts attached to a link move with the
+    link. A mechanism from another source gives a new file in the joint coordinates of the table. A link moved by a
+    second coordinate, as by a parallel bar, gets a mimic joint NAME_with_OTHER about its axis for each such coordinate.
+    If the measured link is the last link of the chain, a twist beyond the last joint needs an additional link
+    FRAME_calibrated. Raises InputError for an unknown slot, or a file that cannot be written.
     """
     errors = _errors(mechanism, twists)
     if mechanism.source is None:
@@ -41,7 +41,7 @@ def write_calibrated_urdf(mechanism: Chain, twists: Mapping[str, Array], path: P
 
 
 def write_arms_urdf(arms: Sequence[tuple[Chain, Mapping[str, Array]]], path: Path) -> str:
-    """Write several arms of one tree, each with the twists of its own slots; return the measured links, with commas.
+    """Write several arms of one tree, each with the twists of its slots; return the measured links, with commas.
 
     If the tree comes from a file, twists of shared slots are written with the first arm that has them.
     """
@@ -63,7 +63,7 @@ def write_arms_urdf(arms: Sequence[tuple[Chain, Mapping[str, Array]]], path: Pat
 
 
 def _errors(mechanism: Chain, twists: Mapping[str, Array]) -> dict[str, Array]:
-    """Return slot -> transform (4, 4) of its twist. Raises InputError for an unknown slot."""
+    """Return slot -> transform (4, 4) of the twist at the slot. Raises InputError for an unknown slot."""
     for slot, twist in twists.items():
         if slot not in mechanism.slots or np.shape(twist) != (6,) or not np.all(np.isfinite(twist)):
             raise InputError(
@@ -168,8 +168,7 @@ def _add_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str,
 
 
 def _seen_from(frame: Array, error: Array) -> Array:
-    """Return an error transform in `frame` as a transform in the parent of `frame`; no error remains exactly the
-    identity."""
+    """Return an error transform in `frame` as a transform in the parent of `frame`; the identity stays exact."""
     return error if np.array_equal(error, np.eye(4)) else frame @ error @ np.linalg.inv(frame)
 
 

@@ -1,4 +1,4 @@
-"""Links with masses and the joints between them, from a URDF file, without its meshes."""
+"""Read links with masses and the joints between links from a URDF file, without meshes."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ MOST_JOINTS = 300
 """Largest number of joints of a URDF; a humanoid with hands has 100."""
 
 ELEMENTS = ("link", "joint", "inertial", "mass", "origin", "parent", "child", "axis", "limit", "mimic", "calibration")
-"""Elements that are read; names are case sensitive in XML."""
+"""XML elements that are read; element names are case sensitive in XML."""
 
 
 class _Plain(ET.TreeBuilder):
-    """Accepts elements only: a document type, which could define entities of unlimited size, is refused."""
+    """XML builder that refuses a document type, which could define entities of unlimited size."""
 
     def doctype(self, name: str, public: str | None, system: str | None) -> None:
-        """Raise ValueError."""
+        """Refuse a document type by a ValueError."""
         raise ValueError(f"document type {name!r}; expected elements only")
 
 
@@ -70,7 +70,7 @@ LONGEST_TITLE = 60
 
 @dataclass(frozen=True)
 class Mimic:
-    """A joint that follows another: motion = multiplier * motion of the leader + offset (rad or m)."""
+    """A joint that follows a leading joint: motion = multiplier * motion of the leading joint + offset (rad or m)."""
 
     leader: str
     multiplier: float
@@ -81,10 +81,10 @@ class Mimic:
 class UrdfJoint:
     """A joint between two links.
 
-    origin: (4, 4), its frame at rest in the frame of its parent link, m.
-    axis: (3,), a unit vector in its own frame, or zero.
-    limits: rad or m, infinite if not given.
-    not_read: parts of its element that are ignored.
+    origin: (4, 4), the joint frame at rest in the frame of the parent link, m.
+    axis: (3,), a unit vector in the joint frame, or zero.
+    limits: lower and upper limit, rad or m, infinite if not given.
+    not_read: parts of the XML element that are ignored.
     """
 
     name: str
@@ -126,7 +126,7 @@ class UrdfTree:
 
     @cached_property
     def frames(self) -> dict[str, Array]:
-        """Link -> its frame (4, 4) in the root frame with all joints at zero, parents before children."""
+        """Link -> frame (4, 4) of the link in the root frame with all joints at zero, parents before children."""
         found: dict[str, Array] = {self.root: np.eye(4)}
         waiting = [*reversed(self.below[self.root])]
         while waiting:
@@ -154,7 +154,7 @@ class UrdfTree:
 
 def read_tree(path: Path) -> UrdfTree:
     """Read the links and joints of a URDF file.
-    Raises InputError if they do not form a tree, or a value is not a number."""
+    Raises InputError if the links do not form a tree, or if a value is not a number."""
     robot = parse_xml(path)
     try:
         links = robot.findall("link")
@@ -197,7 +197,7 @@ def read_tree(path: Path) -> UrdfTree:
 
 
 def origin_of(element: ET.Element) -> Array:
-    """Return the transform (4, 4) of an element's <origin>. Raises ValueError if it is invalid."""
+    """Return the transform (4, 4) of an element's <origin>. Raises ValueError for an invalid origin."""
     origin = element.find("origin")
     xyz, rpy = ("0 0 0", "0 0 0") if origin is None else (origin.get("xyz", "0 0 0"), origin.get("rpy", "0 0 0"))
     shift, turn = _vector(xyz, "xyz"), _vector(rpy, "rpy")
@@ -214,7 +214,7 @@ def _name(element: ET.Element) -> str:
 
 
 def _title(name: str) -> str:
-    """Return a name suitable as the title of a page, "" if it is too long or has characters that need escaping."""
+    """Return a name suitable as the title of a page, "" if the name is too long or needs escaping."""
     return name if re.fullmatch(rf"[\w .,()+-]{{1,{LONGEST_TITLE}}}", name) else ""
 
 
@@ -270,7 +270,7 @@ def _not_read(joint: ET.Element, name: str, kind: str) -> tuple[str, ...]:
 
 def _mimic(mimic: ET.Element, name: str, dimension: str) -> Mimic:
     """Return the Mimic of a <mimic> element.
-    A multiplier beyond a machine's largest length or angle is refused: no machine has it."""
+    A multiplier larger than the largest length or angle of a machine is refused."""
     multiplier, offset = (
         checked(_number(mimic.get(key, usual), what), dimension, what)
         for key, usual in (("multiplier", "1"), ("offset", "0"))

@@ -1,4 +1,4 @@
-"""One study per model: settings in; tables, numbers and figures out. `gpmodel joint` runs them."""
+"""One study per model of the joint: settings give tables, numbers and figures. `gpmodel joint` runs the studies."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path

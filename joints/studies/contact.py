@@ -35,7 +35,7 @@ class ContactType(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     supports: number of discrete contacts, 0 for a surface.
     predicted_max, sphere_fit_max, calibrated_max: largest residuals, m, None if not published.
-    figure: their source.
+    figure: source of the residuals, a figure of the thesis.
     """
 
     name: str

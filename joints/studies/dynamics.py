@@ -34,9 +34,9 @@ _HEADS = (
 )  # fmt: skip
 
 SOUGHT = 40
-"""Number of frequencies at which the largest motion is computed before it is refined."""
+"""Number of frequencies of the first search for the largest motion."""
 RATIO_DIGITS = 5
-"""Digits of a damping ratio, which is zero up to rounding at the onset of hammer."""
+"""Number of printed digits of a damping ratio; the ratio is zero up to rounding at the onset of pneumatic hammer."""
 
 
 def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:
@@ -94,7 +94,7 @@ def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:
 
 
 def _row(name: str, system: BallOnFilm) -> tuple[str | float, ...]:
-    """Return a row of the table of systems."""
+    """Return a row of the table of vibrating systems."""
     slow, natural = slow_damping(system), natural_frequency(system)
     return name, system.mass, system.stiffness * N_PER_UM, slow, natural, *resonance(system), bandwidth(system)
 

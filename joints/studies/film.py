@@ -35,7 +35,7 @@ from joints.settings import Settings, curve_of, load_settings, positive
 from joints.studies.study import MICRO, N_PER_UM, Study, Table
 
 APART = 1e4
-"""Condition number of the two scaled columns beyond which the rows do not separate clearance from flow."""
+"""Condition number of the two scaled columns above which the measured rows do not separate clearance from flow."""
 
 
 Film = FilmDesign | SphericalFilm
@@ -46,11 +46,11 @@ Film = FilmDesign | SphericalFilm
 class FilmFit:
     """Result of `fit_film`.
 
-    clearance: m.
-    passed: flow through the orifices over the flow of their formula.
+    clearance: fitted clearance, m.
+    passed: ratio of the flow through the orifices to the flow of the orifice formula.
     stderr: standard errors of clearance and passed, by name.
     rms: relative residual of the inlet pressures.
-    status: "ok", or why there is no stderr.
+    status: "ok", or the reason for a missing stderr.
     """
 
     clearance: float

@@ -46,7 +46,7 @@ class PughChart:
 
 
 def read_mark(text: str, where: str) -> int:
-    """Return the value of a mark: "0" is 0, "+" 1, "++" 2, "-" -1 and so on."""
+    """Return the value of a mark: "0" is 0, "+" is 1, "++" is 2, "-" is -1."""
     mark = text.strip()
     if mark == "0":
         return 0

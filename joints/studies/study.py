@@ -1,4 +1,4 @@
-"""Results of a study, before anything is printed or written."""
+"""Result classes of a study: tables, numbers, figures and pages."""
 
 import io
 from collections.abc import Mapping, Sequence
