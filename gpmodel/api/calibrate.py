@@ -106,7 +106,8 @@ def calibrate(
 
     mechanism, table: objects, or names and paths. effects: names in the catalogue ("base_compliance", "gear_harmonic
     J4"), expressions ("slot:axis:expression"), or Effect objects.
-    standard: patterns of geometric constants, "J* R?"; ("none",) for none. condition_limit: None: cross-validated.
+    standard: patterns of geometric constants, "J* R?"; ("none",) for none. condition_limit: largest ratio of singular
+    values; None: cross-validated.
     holdout: share of the poses excluded from every fit but the final fit; 0 for none. seed: random seed of held-out
     poses and folds.
     instrument: specification, "15um + 6um/m", the largest error of a coordinate, a bound of noise and instrument

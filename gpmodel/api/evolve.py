@@ -261,7 +261,7 @@ def evolve(
 
     mechanism, table: objects, or names and paths.
     model: result of `calibrate` or `discover`, or the folder or file of a result. The model is refitted to the training
-    poses. None for the standard model.
+    poses. With None, evolution starts from the standard model.
     effects: as in `calibrate`.
     space: "cartesian" for compensators of the tool point, "slot" for basis function and site of an effect.
     strategies: representations, Linear and Tree; None for those of the thesis in Cartesian space, the defaults at a

@@ -173,8 +173,8 @@ def fleet(
     Each machine is also calibrated alone and with the prior of the type.
     mechanism: mechanism of all machines; None if fleet.toml in the folder names the mechanism.
     tables: a folder with one table per machine, or tables by serial number.
-    effects: as in `calibrate`; () for the geometry alone. None: effects of the catalogue selected on all machines
-    together, then further effects of single machines.
+    effects: as in `calibrate`; () for the geometry alone. With None, effects of the catalogue are selected on all
+    machines together, then further effects of single machines.
     holdout: held-out share of the poses of each machine; 0 for none. Parameters of the type are fitted to all poses.
     seed: random seed of held-out poses.
     workers: number of processes, 0 for one per core. executor: runs the searches, for example on a cluster. Results do

@@ -177,7 +177,8 @@ class Model(Shown):
         without the effects that the file format cannot express. NumPy and C99 source contain the whole model, LaTeX its
         terms, and a grid joint corrections.
         box: limits of the grid in the root frame, "800:1200,-200:200,300:700 mm", or lowest and highest x, y, z in m.
-        None: the largest cube about a measured pose near the middle in which every node is reached and corrected.
+        The default is the largest cube about a measured pose near the middle in which every node is reached and
+        corrected.
         nodes: number of grid nodes along each side; None for 5.
         setup, tool: names of the registration and tool point for sources and grid, and, with several arms, of the arm;
         None for the first.

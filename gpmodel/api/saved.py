@@ -160,7 +160,7 @@ def _source(result: object, record: Report) -> str:
 
 
 def _folder_of(result: object) -> Path | None:
-    """Return the folder of a result; None if the result is not saved."""
+    """Return the folder of a result, or None if the result is not saved."""
     folder = result.folder if isinstance(result, SavedResult) else result
     return Path(folder) if isinstance(folder, str | Path) else None
 

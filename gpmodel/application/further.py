@@ -75,8 +75,8 @@ class ErrorBounds:
 def further_poses(fit: Calibration, poses: Poses, spread: float | None = None) -> ErrorBounds | None:
     """Bound the errors of a model, fitted to `poses`, at further poses.
 
-    None if joint values are approximate, positions are incomplete, inputs from earlier rows are unknown at further
-    poses, or the measurements hardly outnumber the unknowns.
+    The result is None if joint values are approximate, positions are incomplete, inputs from earlier rows are unknown
+    at further poses, or the measurements hardly outnumber the unknowns.
     spread: standard deviation of one measured coordinate about the model, m, with its discrepancy; None for
     `fit.sigma`. A search fits a part of the noise, so that its residuals are too small by spread / fit.sigma.
     """

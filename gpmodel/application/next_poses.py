@@ -61,8 +61,8 @@ class Outlook:
 
     @classmethod
     def over(cls, saved: SavedModel, pool: Array, rng: np.random.Generator) -> "Outlook":
-        """Make the pool from joint values (P, n). Its rows follow the last measured row; other inputs are those of
-        random rows of the measured table.
+        """Make the pool from joint values (P, n). Rows of the pool follow the last measured row; other inputs are those
+        of random rows of the measured table.
 
         Raises InputError if the model does not contain its table.
         """

@@ -45,7 +45,7 @@ TINY, GIANT = 5e-3, 30.0
 
 
 def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
-    """Name columns that are exchanged or in a wrong unit, with the correction. None if the table fits the mechanism.
+    """Name columns that are exchanged or in a wrong unit, with the correction; None if the table fits the mechanism.
 
     If the residual of registration and tool is far above real errors at most of the poses, other interpretations are
     tried: units, signs, columns swapped or coupled, lengths of the mechanism, then rows that belong to the pose before

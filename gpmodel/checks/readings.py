@@ -140,7 +140,7 @@ def of_signs(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
 
 
 def of_zeros_and_signs(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
-    """Yield the interpretations of `of_two_joints`, then those of `of_signs`."""
+    """Yield the interpretations of `of_two_joints`, then the interpretations of `of_signs`."""
     yield from of_two_joints(mechanism, q, p)
     yield from of_signs(mechanism, q, p)
 

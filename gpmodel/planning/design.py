@@ -311,7 +311,8 @@ def deviations(questions: Sequence[Question], order: IntArray) -> Array:
 def decided_after(question: Question, order: IntArray, odds: float) -> int | None:
     """Return the number of poses of `order` (n,) after which the true one of two causes has the probability COVERAGE.
 
-    The result holds with probability COVERAGE, whichever cause is true. None if the n poses do not suffice.
+    The result holds with probability COVERAGE, whichever cause is true. The result is None if the n poses do not
+    suffice.
     odds: present ratio of the probabilities of the two causes.
     The inverse s of the predicted standard deviation is the distance of the causes in standard errors. Poses add ln
     odds ~ N(d²/2, d²) for the true cause, d² = s² - s₀², to -|ln odds| at worst: d²/2 - z d ≥ ln (COVERAGE / (1 -

@@ -111,8 +111,8 @@ def shape_record(
 ) -> ShapeRecord | None:
     """Return the partial residual of a candidate pose by pose: its contribution plus the residual along its column.
 
-    partial = θ φ + l·r / l·l. l: motion of the measured components per unit of the twist. r: residual. Both are
-    weighted as in the fit. None if the candidate is not in the model.
+    partial = θ φ + l·r / l·l. l: motion of the measured components per unit of the twist. r: residual. Motion and
+    residual are weighted as in the fit. The result is None if the candidate is not in the model.
     """
     mechanism = final.model.mechanism
     poses = resolved(final, poses)
@@ -164,8 +164,8 @@ def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequen
     """Return the displacements of the tool by groups of effects, at random joint values within the limits.
 
     Inputs other than joint values are those of random rows of the table. Far outside the range of an input, formulas
-    outside the catalogue are held constant, as in `predict`. None for effects of the session only, for a mechanism with
-    unmeasured joints, or if the model depends on earlier rows whose order is not stated.
+    outside the catalogue are held constant, as in `predict`. The result is None for effects of the session only, for a
+    mechanism with unmeasured joints, or if the model depends on earlier rows whose order is not stated.
     """
     if poses.dataset.joints_approximate:
         return [None] * len(groups)

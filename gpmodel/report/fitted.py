@@ -115,7 +115,7 @@ def moves_alone(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect
     """Return the RMS displacement, mm, by each group of effects that nothing else in the model absorbs.
 
     The value is the residual of the displacement projected on the columns of all other unknowns, registration and tool
-    included. None with free joints, which absorb a part at every pose, and without a measured point.
+    included. The result is None with free joints, which absorb a part at every pose, and without a measured point.
     """
     problem = problem_at(fit, poses)
     point = np.nonzero(problem.weights > 0)[1] < 3

@@ -154,8 +154,8 @@ def positioning(poses: Poses, train: IntArray, steps: Sequence[Step]) -> Positio
     """Return the pose accuracy, 7.2.1: distance of the mean of a pose's repeats from its modelled position.
 
     Before: nominal geometry with fitted registration and tool. After: model of the last step. The poses are held-out
-    poses; with fewer than FEWEST held-out poses, fitted poses are used, with errors scaled as if left out. None if
-    fewer than FEWEST poses were measured FEWEST times.
+    poses; with fewer than FEWEST held-out poses, fitted poses are used, with errors scaled as if left out. The result
+    is None if fewer than FEWEST poses were measured FEWEST times.
     """
     heldout = ~np.isin(np.arange(len(poses)), train)
     every = list(_repeats(poses.dataset))

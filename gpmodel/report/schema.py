@@ -260,7 +260,7 @@ class Report:
 
     def turn_mrad(self, rung: StepRecord) -> float | None:
         """Return the RMS angle, mrad, between measured and modelled orientation after a step of the calibration.
-        None without measured orientations, and for steps between the standard model and the last step."""
+        The angle is None without measured orientations, and for steps between standard model and last step."""
         last = self.ladder and rung.step == self.ladder[-1].step
         return self.plots.turned("final" if last else rung.step, self.data.outliers)[1]
 

@@ -75,7 +75,7 @@ def replicates(dataset: Dataset, whatever: bool = False) -> IntArray:
 
 
 def _of_one_pose(dataset: Dataset, whatever: bool = False) -> IntArray:
-    """Return a number (N,) per row, equal for rows with one label or pose; `whatever` also for copies."""
+    """Return a number (N,) per row, equal for rows with one label or pose; with `whatever`, also for copies."""
     labels = dataset.label("repeat")
     same = np.arange(len(dataset)) if dataset.joints_approximate else _same_joints(dataset.q)
     if not whatever:

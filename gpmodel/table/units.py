@@ -142,9 +142,9 @@ def split_quantity(text: str) -> tuple[float, str] | None:
 
 
 def factor_like(unit: str, like: str) -> float | None:
-    """Return the size of one `unit`, which may be `/K`, in SI units; None unless its dimension is that of `like`.
+    """Return the size of one `unit`, which may be `/K`, in SI units; None for another dimension than that of `like`.
 
-    None also for units with an offset (degC), whose values are not multiples of a unit.
+    The result is also None for units with an offset (degC), whose values are not multiples of a unit.
     """
     try:
         value: pint.Quantity = _one(unit)
