@@ -212,7 +212,7 @@ CONE = 30.0
 DRAWS = 5
 """Random selections of candidate poses; the mean precision of the selections is printed for comparison."""
 MOST = 10_000
-"""Largest number of poses that may be requested: twice the number that is selected in a minute."""
+"""Largest number of poses that may be requested: twice the number of poses that is selected in a minute."""
 ROWS = 9
 """Rows of the printed curve of precision over the number of poses."""
 

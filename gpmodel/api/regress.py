@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from gpmodel.evolution.regression import Law
 
 FEWEST = 5
-"""Least number of rows. With fewer, the shortest formula with two constants fits any response."""
+"""Least number of rows of the regression table. With fewer rows, the shortest formula with two constants fits any
+response."""
 
 
 @dataclass(frozen=True, repr=False)

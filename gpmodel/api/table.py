@@ -53,7 +53,7 @@ class Shown:
             """Return the text to print."""
 
         def to_dataframe(self) -> pd.DataFrame:
-            """Return the rows of the result."""
+            """Return the rows of the result as a DataFrame."""
 
     def _repr_html_(self) -> str:
         table = self.to_dataframe().to_html(index=False, max_rows=20) if self._with_rows else ""

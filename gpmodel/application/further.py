@@ -247,8 +247,8 @@ the noise to 3 %."""
 LENGTHS = (0.3, 0.08)
 """Correlation lengths of the discrepancy, as shares of a joint's range: one period over the range, and four."""
 ORDER = 4
-"""Largest number of joints in a term of the discrepancy. With two joints, one more robot in a hundred lies outside two
-sigma."""
+"""Largest number of joints in a term of the discrepancy. With two joints per term, one more simulated robot in a
+hundred has an error above two sigma."""
 RATIOS = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 41)])
 """Grid of the variance ratio γ. Below 0.01 the discrepancy is a tenth of the noise and changes no standard error."""
 

@@ -279,8 +279,8 @@ def read_sealed(path: Path, of: Sealed[Part]) -> tuple[Part, str]:
 
 
 def converted(content: object, kind: type[Part], word: str) -> Part:
-    """Convert content to its structure. Raises InputError naming a missing or invalid field; `word` names the content
-    in messages."""
+    """Convert the content of a JSON file to a record. Raises InputError naming a missing or invalid field; `word` names
+    the content in messages."""
     try:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:

@@ -277,7 +277,7 @@ def _moments(fit: Calibration, places: Sequence[CausesThere]) -> Array:
 
 
 def _spanned(cause: FittedCause, rest: Sequence[int], number: Mapping[str, int]) -> tuple[Array, Array]:
-    """Return the change (K,) of all parameters by a cause, and its addition to their covariance (K, K)."""
+    """Return the change (K,) of all parameters by a cause, and the addition to the covariance (K, K)."""
     directions = np.zeros((len(number), len(cause.effects)))
     directions[rest] = cause.towards
     for k, effect in enumerate(cause.effects):

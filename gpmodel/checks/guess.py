@@ -255,7 +255,7 @@ def numbers_of(sheet: Sheet, column: int) -> Array:
 
 
 def _reflectors(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: dict[int, str]) -> list[Fit]:
-    """Return fits of different tool points. Of several fits with one tool point, one named as measured is preferred."""
+    """Return fits of different tool points; for equal tool points, the columns named as measured."""
     taken: list[Fit] = []
     said = {fit.points: said_to_be(sheet.names, fit.points) for fit in fits}
     for fit in sorted(fits, key=lambda f: (-said[f.points], f.points)):

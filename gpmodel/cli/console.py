@@ -49,8 +49,8 @@ def place_for(out: Path | None, default_name: str, source: Path | None = None) -
     """Return the output path; None if --out is not given.
 
     Raises InputError if the file contains measurements that would be lost. Files written by simulate, predict and
-    compensate may be replaced. A .truth.json next to the table (simulate) or a column sigma (predict, compensate)
-    identifies them.
+    compensate may be replaced. Such files have a .truth.json next to the table (simulate) or a column sigma (predict,
+    compensate).
     source: input table, which may be replaced, because the output keeps the columns of the input.
     """
     path = None if out is None else path_for(out, default_name)

@@ -311,7 +311,7 @@ def simulate(
     scene: Scene | None = None,
     drawn: bool = False,
 ) -> Simulation:
-    """Simulate measurements of `mechanism` at q (N, n) by an instrument at a random position, of a random tool point.
+    """Simulate measurements of `mechanism` at q (N, n), with a random instrument position and tool point.
 
     effects: texts as `planted` parses them.
     noise: standard deviation of each of x, y, z, m, or of one value in the unit of the instrument of `scene`.

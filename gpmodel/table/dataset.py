@@ -40,7 +40,7 @@ class Specification:
         return float(np.sqrt(np.mean(np.sum(whole**2, axis=1)))) if len(whole) else 0.0
 
     def at(self, points: Array) -> float:
-        """Return U, m, at the RMS distance of points (N, 3), m."""
+        """Return the permissible error U, m, at the RMS distance of points (N, 3), m."""
         return self.offset + self.slope * self.distance(points)
 
     def noise(self, points: Array) -> float:

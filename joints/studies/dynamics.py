@@ -102,7 +102,7 @@ def _row(name: str, system: BallOnFilm) -> tuple[str | float, ...]:
 def _hammer(
     film: FedFilm, mass: float, magnets: float, pocket: float, orifices: int
 ) -> tuple[Table, dict[str, dict[str, float]]]:
-    """Tabulate the least damped vibration of ball, magnets and fed film, as described and at the onset of hammer."""
+    """Tabulate the least damped vibration of ball, magnets and fed film, and the onset of pneumatic hammer."""
     numbers = {}
     for name, air in (("as described", pocket), ("where hammer begins", film.hammering_pocket(mass, magnets))):
         least = film.least_damped(mass, magnets, air)

@@ -122,7 +122,8 @@ def exports_of(
 def parts_of(
     saved: SavedModel, place: Place, *, box: Array | None = None, nodes: int = NODES, seed: int = 0
 ) -> list[Callable[[], Exports]]:
-    """Return the exports as functions that can run in parallel; files with a common fit or source are one function."""
+    """Return the exports as functions that can run in parallel; one function makes all files that share a fit or a
+    source."""
     if saved.measured is not None:
         check_finite(saved, prepare(saved.mechanism, saved.measured.dataset))
 
