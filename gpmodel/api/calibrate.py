@@ -108,12 +108,9 @@ def calibrate(
     J4"), expressions ("slot:axis:expression"), or Effect objects.
     standard: patterns of geometric constants, "J* R?"; ("none",) for none. condition_limit: largest ratio of singular
     values; None: cross-validated.
-    holdout: share of the poses excluded from every fit but the final fit; 0 for none. seed: random seed of held-out
-    poses and folds.
-    instrument: specification, "15um + 6um/m", the largest error of a coordinate, a bound of noise and instrument
-    errors.
-    fleet: fleet.json of machines of one type, or the record of a `FleetResult`; a prior that replaces the standard
-    model.
+    holdout: share of the poses excluded from every fit but the final fit; 0 for none. seed: seed of split and folds.
+    instrument: specification, "15um + 6um/m", the largest error of a coordinate, a bound of instrument errors.
+    fleet: fleet.json of a fleet, or the record of a `FleetResult`; a prior that replaces the standard model.
     joints: "BALL=RESULT" of ball joints measured alone; the posterior of RESULT is the prior of ball BALL.
     command: command line recorded in the report. Raises InputError for an invalid table, an unknown effect, or a
     diverging fit.

@@ -150,13 +150,11 @@ def discover(
 
     mechanism, table: objects, or names and paths. holdout: share of the poses that selection and fit do not use.
     folds: number of folds of a cross-validation in place of `holdout`. The selection uses all poses, and is repeated
-    without each fold to measure the prediction error. Default: holdout 0.3, or 5 folds if that is fewer than
-    ENOUGH_HELD poses.
+    without each fold to measure the prediction error. Default: holdout 0.3, or 5 folds with few poses (ENOUGH_HELD).
     seed: random seed of the evolution. Held-out poses, folds and permutations do not depend on it.
     search: effort of the search. criteria: tests that a candidate must pass to be accepted.
     candidates: families, candidates or single effects to test; () to test evolved formulas only. condition_limit:
-    largest ratio of singular values in the standard model; None for cross-validation. standard: patterns of the
-    geometric constants to fit.
+    largest ratio of singular values; None: cross-validated. standard: patterns of the geometric constants to fit.
     noise: standard deviation of one measurement, "0.03 mm" or "0.1 px", if no pose is repeated.
     instrument: specification, "15um + 6um/m", the largest error of a coordinate; the noise is taken as half of it.
     joints: "BALL=RESULT" as in `calibrate`, added to the standard model. like: folder, file or record of a `fleet` of

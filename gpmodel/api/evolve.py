@@ -264,8 +264,7 @@ def evolve(
     poses. With None, evolution starts from the standard model.
     effects: as in `calibrate`.
     space: "cartesian" for compensators of the tool point, "slot" for basis function and site of an effect.
-    strategies: representations, Linear and Tree; None for those of the thesis in Cartesian space, the defaults at a
-    slot.
+    strategies: representations of programs, Linear and Tree; None for the defaults of the space.
     runs: number of runs of each representation.
     population, generations, seconds: size and time limit of one run; None for the defaults (65536 sequences, 8192
     trees; 1024 and 512 at a slot; 100 generations).

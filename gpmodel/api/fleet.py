@@ -177,8 +177,7 @@ def fleet(
     machines together, then further effects of single machines.
     holdout: held-out share of the poses of each machine; 0 for none. Parameters of the type are fitted to all poses.
     seed: random seed of held-out poses.
-    workers: number of processes, 0 for one per core. executor: runs the searches, for example on a cluster. Results do
-    not depend on workers and executor.
+    workers: number of processes, 0 for one per core. executor: runs the searches. Results depend on neither argument.
     journal: keeps the findings of each machine, so that an interrupted call can continue.
     progress: called with progress messages. command: command line, recorded in fleet.json.
     A single machine is calibrated as by `calibrate`. Effects with priors, such as the harmonics of a smooth term, are
