@@ -46,7 +46,7 @@ def simulate(
     folder.
 
     The true model (NAME.truth.json) can be used by `predict` and `compensate`. NAME of an effect is a name of the
-    catalogue or slot:axis:expression. Without --out the table is printed and no file is written.
+    catalogue or slot:axis:expression. By default the table is printed and no file is written.
     """
     path = place_for(out, "simulated.csv")
     made = measure(
