@@ -133,6 +133,8 @@ def _columns(table: pd.DataFrame | ArrayLike, names: tuple[str, ...] | None) -> 
     """Return names and values (K, N) of a table's columns; if `names` is given, only the named columns."""
     if isinstance(table, pd.DataFrame):
         named = tuple(str(name) for name in table.columns)
+        if twice := [name for name in dict.fromkeys(named) if named.count(name) > 1]:
+            raise InputError(f"column '{twice[0]}' appears twice, expected each name once", "X")
         wanted = named if names is None else names
         missing = [name for name in wanted if name not in named]
         if missing:

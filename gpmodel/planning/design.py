@@ -84,10 +84,12 @@ def knows_its_shape(mechanism: Mechanism) -> bool:
     return isinstance(bare, Collides) and bare.has_shape
 
 
-def candidates(mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Reach | None = None) -> Array:
-    """Draw random joint values (count, n) inside the joint limits that meet all constraints.
+def candidates(
+    mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Reach | None = None, least: int | None = None
+) -> Array:
+    """Draw at most `count` random joint values (P, n) inside the joint limits that meet all constraints.
 
-    Raises InputError with the constraint that excludes most poses if fewer than `count` poses are found.
+    Raises InputError with the constraint that excludes most poses if fewer than `least` are found, by default `count`.
     """
     reach = reach or Reach()
     middle = np.mean(ranges(mechanism, reach.measured), axis=0)
@@ -102,7 +104,7 @@ def candidates(mechanism: Mechanism, count: int, rng: np.random.Generator, reach
         failed = {name: failed.get(name, 0) + int(bad.sum()) for name, bad in failures.items()}
         chosen.append(q[keep])
         found, tried = found + int(keep.sum()), tried + count
-    if found < count:
+    if found < (count if least is None else least):
         worst = max(failed, key=lambda name: failed[name])
         raise InputError(
             f"{found} of {tried} random poses of {mechanism.name} are feasible, {failed[worst]} are {worst}; "

@@ -74,7 +74,7 @@ def coordinates(mechanism: Mechanism, q: Array) -> Array:
 def pool_of(mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Reach | None = None) -> Array:
     """Draw the joint values (P, n) of a pool from which `count` poses are selected.
     Raises InputError as `candidates`."""
-    return candidates(mechanism, max(min(POOL * count, LARGEST_POOL), 2 * count, SMALLEST_POOL), rng, reach)
+    return candidates(mechanism, max(min(POOL * count, LARGEST_POOL), 2 * count, SMALLEST_POOL), rng, reach, count)
 
 
 def spread_poses(mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Reach | None = None) -> Array:
@@ -85,7 +85,7 @@ def spread_poses(mechanism: Mechanism, count: int, rng: np.random.Generator, rea
     position together. The smallest distance between two poses is within a factor 2 of the largest possible. Source:
     Robertson (2003), 3.3.3; Gonzalez (1985).
     """
-    pool = candidates(mechanism, max(POOL * count, 400), rng, reach)
+    pool = candidates(mechanism, max(POOL * count, 400), rng, reach, count)
     return pool[spread_among(mechanism, pool, count)]
 
 

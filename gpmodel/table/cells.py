@@ -105,8 +105,10 @@ _UNIT = re.compile(r"[\[(][^\W\d_][^\])]*[\])](?=\s*(?:[,;\t\"]|$))", re.MULTILI
 _NUMBER = re.compile(r"^[-+]?\d+,\d+(?:[eE][-+]?\d+)?$")
 
 
-_POINT = re.compile(r"^[-+]?(?:\d{1,3}(?:[, ]\d{3})+|\d+)?\.?\d*(?:[eE][-+]?\d+)?$")
-_COMMA = re.compile(r"^[-+]?(?:\d{1,3}(?:[. ]\d{3})+|\d+)?,?\d*(?:[eE][-+]?\d+)?$")
+_POINT = re.compile(r"^[-+]?(?:\d{1,3}(?:[, ]\d{3})+|\d*)(?:\.\d*)?(?:[eE][-+]?\d+)?$")
+_COMMA = re.compile(r"^[-+]?(?:\d{1,3}(?:[. ]\d{3})+|\d*)(?:,\d*)?(?:[eE][-+]?\d+)?$")
+_GROUPED = {".": re.compile(r"\d[, ]\d{3}"), ",": re.compile(r"\d[. ]\d{3}")}
+"""Pattern of thousands by decimal sign."""
 
 
 def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
@@ -191,9 +193,10 @@ def split(line: str, separator: str) -> list[str]:
 
 def separator_and_decimal(lines: Sequence[str], among: Sequence[str] = SEPARATORS) -> tuple[str, str]:
     """Choose the separator and the decimal sign that give most numbers in lines with equal numbers of cells.
-    Of equally good separators the most frequent one in the first line is chosen."""
+    Of equally good ones the most frequent separator in the first line, then the sign with the fewest thousands is
+    chosen: 126,983 between semicolons is no 126983."""
     lines = [line for line in lines[:SNIFFED] if line.strip()] or [""]
-    best = (-1, -1, ",", ".")
+    best = (-1, -1, 0, ",", ".")
     for separator in among:
         rows = [split(line, separator) for line in lines]
         for decimal in ".,":
@@ -202,8 +205,10 @@ def separator_and_decimal(lines: Sequence[str], among: Sequence[str] = SEPARATOR
             wide = Counter(len(row) for row, n in zip(rows, counts, strict=True) if n >= fewest)
             usual = wide.most_common(1)[0][0] if wide else 0
             score = sum(n for row, n in zip(rows, counts, strict=True) if len(row) == usual)
-            best = max(best, (score, lines[0].count(separator), separator, decimal), key=lambda item: item[:2])
-    return best[2:]
+            grouped = sum(bool(_GROUPED[decimal].search(cell)) for row in rows for cell in row)
+            found = (score, lines[0].count(separator), -grouped, separator, decimal)
+            best = max(best, found, key=lambda item: item[:3])
+    return best[3:]
 
 
 def _read_text(raw: bytes, path: Path) -> pd.DataFrame:

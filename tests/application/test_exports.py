@@ -28,6 +28,7 @@ from gpmodel.application.exports.sample import Place
 from gpmodel.application.kinematics import solve, tips
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.usable import of_the_mechanism, usable
+from gpmodel.errors import InputError
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.protocol import AXES
@@ -37,6 +38,7 @@ from gpmodel.numerics import se3
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.read import dataset_from
+from joints.hexapod import hexapod
 
 EFFECTS = {
     "irb6400r": ("base_compliance=3e-7", "gear_harmonic J4=60 arcsec", "J3.moving:Ry:max(J2, 0)*sin(2*J3)=0.3 mrad"),
@@ -297,3 +299,8 @@ def test_the_exported_urdf_of_an_arm_with_a_parallel_bar_fits_its_own_table(tmp_
     left = re.search(r"residual of the fitted poses: registration and tool ([\d.]+) mm RMS", said)
     assert left is not None
     assert float(left[1]) < 0.11
+
+
+def test_closed_loops_are_the_reason_why_no_text_holds_a_hexapod() -> None:
+    with pytest.raises(InputError, match="has closed loops; expected a serial chain"):
+        chain_of(hexapod())

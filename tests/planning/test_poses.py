@@ -219,6 +219,14 @@ def test_the_promised_precision_of_a_shift_is_reached_by_rows_after_the_session(
     assert reached * fit.model.saved.sigma * 100 == pytest.approx(found.curve.iloc[-1, 1], rel=0.05)
 
 
+def test_a_small_box_needs_no_more_candidates_than_poses() -> None:
+    arm = load_mechanism("irb6400r")
+    near = choose_poses(arm, 5, box="1200:1500,-200:200,800:1200mm")
+    assert near.q.shape == (5, 6)
+    with pytest.raises(InputError, match="expected a wider box"):
+        choose_poses(arm, 5, box="9000:9100,0:100,0:100mm")
+
+
 def test_joints_without_limits_keep_to_the_measured_range() -> None:
     arm, rng = mechanism("gantry"), np.random.default_rng(0)
     travel = np.array([[0.2, -0.3, 1.0], [0.9, 0.1, 1.5]])

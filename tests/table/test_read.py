@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from gpmodel.api.table import dataset_of, read_table
 from gpmodel.errors import InputError
 from gpmodel.mechanism.source import load_mechanism
-from gpmodel.table.cells import frame_of, read_frame
+from gpmodel.table.cells import frame_of, read_frame, separator_and_decimal
 from gpmodel.table.dataset import LABELS
 from gpmodel.table.units import identifier
 
@@ -252,3 +252,12 @@ def test_clock_times_are_seconds_after_the_first(stamps: tuple[str, str]) -> Non
     read = dataset_of(pd.DataFrame(columns), load_mechanism("irb6400r"), need_measurement=False)
     np.testing.assert_allclose(read.extras["measured_at"], [0.0, 1.75])
     assert (read.extra_units["measured_at"], read.ignored) == ("s", ("operator",))
+
+
+@pytest.mark.parametrize(
+    ("row", "expected"),
+    [("126,983;-12,500", (";", ",")), ("126,9837;-12,5001", (";", ",")), ("1.234,5;12,250", (";", ",")),
+     ("1,234.5;12.250", (";", ".")), ("126.983,-12.500", (",", ".")), ("126.983;-12.500", (";", "."))],
+)  # fmt: skip
+def test_a_decimal_sign_is_no_sign_of_thousands(row: str, expected: tuple[str, str]) -> None:
+    assert separator_and_decimal(["first;second" if ";" in row else "first,second", *[row] * 4]) == expected

@@ -21,7 +21,7 @@ from gpmodel.arrays import ROUNDING, Array
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.branches import branched, random_poses
-from gpmodel.mechanism.protocol import AXES, Massive, Mechanism, bare_of
+from gpmodel.mechanism.protocol import AXES, Massive, Mechanism, bare_of, closed
 from gpmodel.model.memory import read_by
 from gpmodel.model.sites import translate
 from gpmodel.model.states import measured_torques
@@ -101,10 +101,11 @@ def arm_of(mechanism: Mechanism, tip: str) -> Chain:
 def chain_of(mechanism: Mechanism) -> Chain:
     """Return the chain of a mechanism.
 
-    Raises InputError for several arms, or a slot that moves about more than one axis.
+    Raises InputError for several arms, closed loops, or a slot that moves about more than one axis.
     """
-    if branched(mechanism):
-        raise InputError(f"{mechanism.name} has several arms; expected a serial chain")
+    if branched(mechanism) or closed(mechanism):
+        what = "several arms" if branched(mechanism) else "closed loops"
+        raise InputError(f"{mechanism.name} has {what}; expected a serial chain")
     slots, joints = mechanism.slots, mechanism.joints
     axes, weights = [""] * len(slots), np.zeros((len(slots), len(joints)))
     for column, joint in enumerate(joints):
