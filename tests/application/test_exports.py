@@ -226,6 +226,9 @@ def test_the_grid_is_read_back_and_its_corrections_reach_its_nodes(model: Model,
 
 def test_a_controller_that_interpolates_in_the_grid_misses_by_what_is_said(model: Model, exports: Exports) -> None:
     export = next(e for e in exports.made if e.file == "exports/grid.csv")
+    measured = model.saved.measured
+    assert measured is not None
+    assert bool(export.said) == (measured.dataset.payload_given or bool(model.saved.input_units))
     grid = pd.read_csv(io.StringIO(export.text))
     sides = [np.unique(grid[f"{a} [mm]"]) for a in "xyz"]
     between = RegularGridInterpolator(sides, grid.to_numpy().reshape(5, 5, 5, -1))

@@ -48,12 +48,14 @@ CHECKS, TRIALS = 1000, 200
 @dataclass(frozen=True)
 class Grid:
     """Lookup table. text: content of the file. error: (K,) m, distance of the real tool from random commanded points of
-    the box with interpolated correction; before: without correction. reached: share of nodes with a correction."""
+    the box with interpolated correction; before: without correction. reached: share of nodes with a correction. state:
+    payload and further inputs at which the corrections hold."""
 
     text: str
     error: Array
     before: Array
     reached: float
+    state: str = ""
 
 
 def lookup_grid(saved: SavedModel, place: Place, box: Array | None, count: int, rng: np.random.Generator) -> Grid:
@@ -92,7 +94,14 @@ def _over(held: "_Held", box: Array, count: int, rng: np.random.Generator, *, pa
     moved = start + _interpolated(text, fresh)
     use = np.isfinite(moved).all(axis=1)
     before, after = np.split(held.misses(np.vstack([start[use], moved[use]]), np.vstack(2 * [fresh[use]])), 2)
-    return Grid(text, after, before, float(np.isfinite(moves).all(axis=1).mean()))
+    return Grid(text, after, before, float(np.isfinite(moves).all(axis=1).mean()), _state(held))
+
+
+def _state(held: "_Held") -> str:
+    """Return the payload and the further inputs of the model at which the corrections hold; empty without any."""
+    near, units = held.near, held.saved.input_units
+    loads = [f"payload {near.payload[0]:g} kg"] if near.payload_given else []
+    return ", ".join([*loads, *(f"{name} {near.extras[name][0]:g} {units[name]}" for name in units)])
 
 
 def _interpolated(text: str, points: Array) -> Array:

@@ -88,7 +88,8 @@ class Export:
     """Exported file, and its errors against `predict` at unmeasured poses within the measured ranges, m.
 
     file: path. what: description. text: content. heldout: RMS on held-out poses, m, if the geometry was refitted.
-    missing: effects that the file cannot express. said: notes on joint values. Errors that were not computed are NaN.
+    missing: effects that the file cannot express. said: notes on joint values and on the state of the machine. Errors
+    that were not computed are NaN.
     """
 
     file: str
@@ -279,7 +280,8 @@ def _grid(file: str, grid: Grid, nodes: int) -> Export:
         f"joint corrections at {nodes}³ nodes of a box, {100 * grid.reached:.0f} % of them reached; "
         f"without it {1e3 * root_mean_square(grid.before):.3g} mm RMS"
     )
-    return Export(file, what, grid.text, root_mean_square(grid.error), float(grid.error.max()))
+    said = (f"valid at {grid.state}",) if grid.state else ()
+    return Export(file, what, grid.text, root_mean_square(grid.error), float(grid.error.max()), said=said)
 
 
 def _note(forward: Forward) -> str:
