@@ -150,8 +150,8 @@ def _supports(s: dict[str, Settings]) -> Iterator[Limit]:
 
 
 def _surface(s: dict[str, Settings]) -> Iterator[Limit]:
-    """Yield the limits of a full socket: pull at which the ball leaves the socket, and pressure on the replicated
-    layer."""
+    """Yield the limits of a socket without cut-outs: pull at which the ball leaves the socket, and pressure on the
+    replicated epoxy layer."""
     pull, preload, own = s["demand"]["pull"], _preload(s), s["preload"]
     least = float(socket_fixed_limit(preload, np.radians(np.linspace(0, 90, 181)), own["reaction_angle"]).min())
     yield Limit("preload", "pull before the ball leaves the socket", pull, least, "N")

@@ -325,7 +325,7 @@ def described(kind: str, path: Path | None, build: Callable[[Settings, str], Mac
 
 
 def held(machine: Machine, file: str) -> Machine:
-    """Return the machine if it is rigid at home.
+    """Return the machine, after a check that its legs hold the platform at the home pose.
 
     Raises InputError if the links do not meet at home, or hold the platform no better than WEAKEST.
     """

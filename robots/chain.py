@@ -60,7 +60,7 @@ def _weight(chain: Chain, frame: Array, mass: Array, first: Array) -> Array:
 
 
 def unit_loads(chain: Chain, q: Array) -> dict[str, Array]:
-    """Return SerialChain.unit_loads.
+    """Return the joint torques by a unit mass and unit first moments of mass of each link.
 
     A first moment e_a of link k exerts the couple (R_k e_a) x g on every revolute joint j <= k. A mass m at c exerts
     the torque z_j . (c - p_j) x m g on a revolute joint, and the force z_j . m g on a prismatic joint. All vectors are

@@ -229,9 +229,9 @@ def built_wrong(fit: Calibration, poses: Poses) -> Iterator[str]:
 
 
 def _least(fit: Calibration, poses: Poses) -> Array:
-    """Return the linear map (E, E) from the values of a fit to equivalent values of least norm.
+    """Return the matrix (E, E) from E fitted parameters to the parameters of least norm that move all points equally.
 
-    Equivalent values move the points equally, up to registration and tool. Directions in parameter space whose effect
+    Points move equally if they differ by registration and tool alone. Directions in parameter space whose effect
     is more than RESOLVED times smaller than the largest effect are left at zero.
     """
     problem = problem_at(fit, poses)

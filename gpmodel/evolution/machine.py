@@ -129,7 +129,7 @@ class Layout:
 
     @cached_property
     def read_of(self) -> NDArray[np.uint32]:
-        """Bit mask of the registers that each instruction reads. The index is ``256 op-code + gene``."""
+        """Bit mask of the registers that each instruction reads, at index ``256 * op_code + gene``."""
         codes, bits = self._codes_and_bits()
         operands = np.where(codes == STORE, np.uint32(0), bits)
         return (operands | np.where(codes >= STORE, ACCUMULATOR, np.uint32(0))).astype(np.uint32)

@@ -164,7 +164,7 @@ def others(values: Array, k: int) -> Array:
 
 
 def through(targets: Targets, factor: Array) -> Targets:
-    """Return the targets of a function that is multiplied by a given factor (N,)."""
+    """Return the targets of a function f such that factor (N,) times f explains the given targets."""
     return replace(targets, weight=targets.weight * factor**2, cross=targets.cross * factor, pull=targets.pull * factor)
 
 

@@ -112,7 +112,7 @@ class Candidate:
 
     @property
     def unit(self) -> str:
-        """Unit of the amplitude: for a curve that of its motion, otherwise of the first effect's coefficient."""
+        """Unit of the amplitude: rad or m of the motion by a curve, otherwise the unit of the first coefficient."""
         return axis_unit(self.place.axis) if self.kind == "curve" else self.effects[0].unit
 
     @property

@@ -84,7 +84,7 @@ TIP_TOLERANCE = 1e-7
 
 
 def probe(mechanism: Mechanism) -> Array:
-    """Return one oblique pose (1, n). If closed loops do not close at this pose, the probe is near the middle of the
+    """Return one oblique trial pose (1, n); for closed loops that do not close there, a pose near the middle of the
     limits."""
     count = np.arange(1.0, len(mechanism.joints) + 1.0)
     q, loops = 0.1 * count[None], closed(mechanism)

@@ -93,7 +93,7 @@ class Past:
 
 
 def jitter(values: Array) -> float:
-    """Return the largest change (rad or m) of the values (N,) of a joint that is no move.
+    """Return the threshold (rad or m) below which a change of joint values (N,) counts as standstill.
 
     The limit is SAME_JOINT if more than the share OFTEN of the rows differs from the previous row by less, as for a
     joint that stands still while it is measured. The limit is ROUNDING if the values are commands.

@@ -365,6 +365,6 @@ class Asked:
     pairs: Mapping[str, tuple[Question, float]] = field(default_factory=dict)
 
     def said_of(self, deviation: Array) -> Array:
-        """Convert standard deviations (n,) to the values that the curve plots."""
+        """Convert standard deviations (n,) of the printed curve to its unit, or to their inverse."""
         with np.errstate(divide="ignore"):
             return np.asarray(1.0 / deviation if self.inverse else self.factor * deviation)

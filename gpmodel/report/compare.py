@@ -101,8 +101,9 @@ def compare(before: Report, after: Report, sources: tuple[str, str] | None = Non
     """
     if not _one_machine(before.mechanism, after.mechanism):
         raise InputError(
-            f"compare: {before.mechanism.name} with {len(before.mechanism.joints)} joints and {after.mechanism.name} "
-            f"with {len(after.mechanism.joints)} put their tips elsewhere; expected two calibrations of one machine"
+            f"compare: {before.mechanism.name} ({len(before.mechanism.joints)} joints) and {after.mechanism.name} "
+            f"({len(after.mechanism.joints)}) have different nominal tips at equal joint values; expected two "
+            "calibrations of one machine"
         )
     before, shared = _named_as(before, after.mechanism.joints), shared_rows(before, after)
     old, new = ({e.name: e for e in r.effects} for r in (before, after))
