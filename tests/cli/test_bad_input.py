@@ -91,7 +91,7 @@ TABLES: dict[str, tuple[Callable[[], pd.DataFrame], tuple[str, ...]]] = {
     "beyond the limits": (cell("J2 [deg]", 3, "86"), ("column 'J2'", "row 4", "86 deg", "-70 deg to 85 deg")),
     "degrees given as radians": (
         lambda: GOOD.rename(columns={c: c.replace("deg", "rad") for c in JOINTS}),
-        ("radians", "more than a joint turns", "[deg] in the headers of degrees"),
+        ("radians", "look like degrees", "write [deg]"),
     ),
     "radians given as degrees": (scaled(JOINTS, np.pi / 180), ("degrees", "look like radians", "write [rad]")),
     "one joint in the other unit": (scaled(["J4 [deg]"], np.pi / 180), ("column 'J4' looks like [rad]",)),

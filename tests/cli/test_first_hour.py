@@ -17,7 +17,7 @@ SIX = ("check", "calibrate", "discover", "predict", "compensate", "verify")
 def commands() -> list[list[str]]:
     """Return the words of the example files' command and of the six that read them."""
     made = re.search(r"`gpmodel (demo --files [^`]+)`", README)
-    block = README[README.index("Six commands") :].split("\n\n")[1]
+    block = README[README.index("five example files") :].split("\n\n")[1]
     assert made is not None
     return [shlex.split(made[1]), *(shlex.split(line, comments=True)[1:] for line in block.splitlines())]
 

@@ -65,7 +65,10 @@ LAWS = {
 @pytest.mark.long
 @pytest.mark.parametrize(("beginning", "true"), LAWS.items())
 def test_constants_go_from_those_offered_to_the_true_ones(beginning: str, true: tuple[float, ...]) -> None:
-    near = min(offered(beginning), key=lambda c: abs(np.log(c.inner.values[-1] / true[-1])) if c.inner else np.inf)
+    near = min(
+        (c for c in offered(beginning) if c.inner and len(c.inner.constants) >= len(true)),
+        key=lambda c: abs(np.log(c.inner.values[-1] / true[-1])),
+    )
     assert near.inner is not None
     planted = near.inner
     while len(planted.constants) > len(true):

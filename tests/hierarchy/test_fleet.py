@@ -142,11 +142,18 @@ def test_further_machines_with_few_poses_are_known_better(found: FleetResult) ->
     assert beside < 0.5 * without
 
 
-def test_poses_that_do_not_determine_the_model_by_themselves_are_said(found: FleetResult, tmp_path: Path) -> None:
+def test_poses_that_do_not_determine_the_model_by_themselves_are_said(found: FleetResult) -> None:
     few = machines(50, 1)["R-01"].subset(np.arange(9))
-    known = gp.calibrate(MECHANISM, few, fleet=found.record, holdout=0.0)
-    assert "do not determine the model" in known.verdict
+    assert "do not determine the model" in gp.calibrate(MECHANISM, few, fleet=found.record, holdout=0.0).verdict
+
+
+@pytest.mark.long
+def test_the_page_of_a_machine_without_a_standard_model_compares_with_its_registration(
+    found: FleetResult, tmp_path: Path
+) -> None:
+    known = gp.calibrate(MECHANISM, machines(50, 1)["R-01"].subset(np.arange(10)), fleet=found.record)
     assert "standard" not in known.record.plots.residual_mm
+    assert known.record.effects
     known.report(tmp_path / "few")
     assert (tmp_path / "few" / "figures" / "arrows_above.png").is_file()
 
