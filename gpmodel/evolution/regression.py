@@ -68,7 +68,7 @@ def regression_front(
     seconds: float = 5.0,
     clock: Callable[[], float] = time.perf_counter,
 ) -> tuple[Law, ...]:
-    """Return formulas of a response (N,) that fit better than all shorter ones, shortest first.
+    """Return formulas of a response (N,) that fit better than all shorter ones, the mean first.
 
     The search ends with the first exact formula, or after ``seconds``. Description length: N / 2 ln(residual share of
     the variance) + PRICE (nodes + constants). Links take turns of one generation; a population without progress is
@@ -77,7 +77,8 @@ def regression_front(
     regression(response)
     began, columns = clock(), inputs.mapping()
     response = np.asarray(response, dtype=float)
-    found = list(_judged((parse(repr(name)) for name in inputs.names), columns, response))
+    shortest = (repr(float(response.mean())), *map(repr, inputs.names))
+    found = list(_judged(map(parse, shortest), columns, response))
     islands = [_Island(inputs, response, link, rng) for link in LINKS if link.applies(response)]
     for island in islands:
         found += _judged(island.formulas([[]]), columns, response)
