@@ -129,7 +129,8 @@ def film_inlet(inlet: Array, lift: Array, gap: Array, sphere: SphericalFilm) -> 
     ax.plot(inlet / ATMOSPHERE, gap * 1e6, "--", color="C0", label="edge gap, flat plate")
     ax.plot(sphere.inlet_pressure / ATMOSPHERE, sphere.displacement * 1e6, label="displacement, sphere")
     ax.set(xlabel="inlet pressure above atmosphere [atm]", ylabel="[um]")
-    ax.set(xlim=(0, inlet[-1] / ATMOSPHERE), ylim=(0, 1.1 * lift[-1] * 1e6), title="Lift against inlet pressure")
+    highest = 1.1 * lift[-1] * 1e6 or None
+    ax.set(xlim=(0, inlet[-1] / ATMOSPHERE), ylim=(0, highest), title="Lift against inlet pressure")
     ax.legend()
     return figure
 

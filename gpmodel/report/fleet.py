@@ -206,7 +206,8 @@ def sentences(fleet: FleetPart) -> list[str]:
 
 def deviation(part: Part, machine: int) -> str:
     """State the deviation of a machine from the others, in σ of a normal distribution of equal probability."""
-    return f"{wording.minus(f'{in_normal(part.z[machine], part.chances[machine]):+.1f}')} σ"
+    value = in_normal(part.z[machine], part.chances[machine])
+    return f"{wording.minus(f'{value:+.1f}') if abs(value) >= 0.05 else '0.0'} σ"
 
 
 def said(part: SharedPart) -> wording.Stated:
