@@ -310,8 +310,9 @@ def _kernels(fit: Calibration, poses: Poses, problem: Linearised) -> Iterator[Ar
     data = poses.dataset
     further = [np.asarray(v, dtype=float) for v in (data.payload, data.row, *data.extras.values()) if np.ptp(v) > 0]
     smooth = [alike(data.q), *(alike(v[:, None], order=1) for v in further)]
+    products = columns @ columns.T
     for correlation in (smooth[0], np.sum(smooth, axis=0)):
-        kernel = (columns @ columns.T) * np.kron(correlation, np.ones((3, 3)))
+        kernel = products * np.kron(correlation, np.ones((3, 3)))
         yield np.asarray(kernel * len(kernel) / np.trace(kernel))
 
 

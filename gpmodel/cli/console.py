@@ -96,7 +96,7 @@ def _in_lines(frame: pd.DataFrame) -> pd.DataFrame:
     return frame.assign(**texts).rename(columns=lambda name: printable(str(name), ""))
 
 
-class Findings(Protocol):
+class Deliverable(Protocol):
     """Result with a text for the terminal and a page."""
 
     def summary(self) -> str:
@@ -106,7 +106,7 @@ class Findings(Protocol):
         """Write the files into a folder."""
 
 
-def deliver(found: Findings, folder: Path | None, quiet: bool) -> None:
+def deliver(found: Deliverable, folder: Path | None, quiet: bool) -> None:
     """Write the files of a result into the folder, if one is given, and then print its summary."""
     if folder is not None:
         found.report(folder)

@@ -61,6 +61,8 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_a
             return found
         causes = credible_set(model, number[name], *problem.smooth_sites)
         others = [group for cause in causes.causes for group in cause.groups if group.name != name]
+        if not others:
+            return replace(found, causes=causes)
         without = residual(calibration).without(found.candidate.effects)
         rivals = tuple((group.name, cross_validated(without, group.effects).rms) for group in others)
         return replace(found, causes=causes, rivals=rivals)

@@ -216,7 +216,7 @@ class State:
 
     @property
     def late(self) -> bool:
-        """Whether the time limit of the search is reached."""
+        """True once the time limit of the search is reached."""
         return time.monotonic() > self.ends
 
     @property

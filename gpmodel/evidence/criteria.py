@@ -102,7 +102,7 @@ class Verdict:
 
     @property
     def accepted(self) -> bool:
-        """Whether the candidate passed every test."""
+        """True if the candidate passed every test."""
         return all(test.passed for test in self.tests)
 
     @property

@@ -95,7 +95,7 @@ class CartesianProblem:
 
     @property
     def can_drop_the_hopeless(self) -> bool:
-        """Whether the scoring of a program may stop at a limit; true for the maximum over many poses."""
+        """True if the scoring of a program may stop at a limit, as for the maximum over many poses."""
         return self.norm == "max" and not self.parsimony and self.measured.shape[1] > BLOCK
 
     def initial_norm(self) -> float:
@@ -188,7 +188,7 @@ class Scored(Protocol):
 
     @property
     def can_drop_the_hopeless(self) -> bool:
-        """Whether the scoring of a program may stop at a limit."""
+        """True if the scoring of a program may stop at a limit."""
 
     def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
         """Return the scores of decoded programs on rows ``fixed`` (base, N); scores above

@@ -73,7 +73,7 @@ class Targets:
 
     @cached_property
     def is_plain(self) -> bool:
-        """Whether the problem is plain regression: one site, and weight 1 at every pose."""
+        """True for plain regression: one site, and weight 1 at every pose."""
         return self.sites == 1 and bool(np.all(self.weight == 1.0))
 
     @cached_property

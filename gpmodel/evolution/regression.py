@@ -177,7 +177,7 @@ class _Island:
 
     @property
     def is_stuck(self) -> bool:
-        """Whether the score has not improved for so long that a random population replaces the population."""
+        """True if the score has not improved for so long that a random population replaces the population."""
         return self.idle >= BUDGET.restart_after
 
     def best(self) -> list[Population]:

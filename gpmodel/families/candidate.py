@@ -97,7 +97,7 @@ class Candidate:
 
     @property
     def has_priors(self) -> bool:
-        """Whether the effects have priors. Either all effects of a candidate have priors, or none has."""
+        """True if the effects have priors. Either all effects of a candidate have priors, or none has."""
         return bool(np.isfinite(self.effects[0].prior))
 
     @property

@@ -11,7 +11,7 @@ from gpmodel.arrays import ROUNDING, Array
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.branches import branched, stands
-from gpmodel.mechanism.protocol import AXES, Mechanism, closed
+from gpmodel.mechanism.protocol import AXES, Mechanism, closed, followers
 from gpmodel.model.effect import Effect, Term, effect_at
 from gpmodel.model.memory import read_by
 from gpmodel.model.states import States
@@ -127,15 +127,9 @@ def sites_of(mechanism: Mechanism) -> tuple[Site, ...]:
         out += [Site(((f"{joint.name}.moving", axis, 1.0),)) for axis in AXES if axis != drive]
         fixed = f"{joint.name}.fixed"
         out += [Site(((fixed, axis, 1.0),)) for axis in AXES if axis[1] != drive[1] and _is_new(steps[fixed], axis)]
-    out += [Site(((slot, axis, 1.0),)) for slot in _followers(mechanism) for axis in AXES]
+    out += [Site(((f"{name}.moving", axis, 1.0),)) for name in followers(mechanism) for axis in AXES]
     out += [Site((("tool", axis, 1.0),)) for axis in AXES[:3]]
     return tuple(out)
-
-
-def _followers(mechanism: Mechanism) -> list[str]:
-    """Return the moving sides of the links that follow other joints."""
-    own = {f"{joint.name}.moving" for joint in mechanism.joints}
-    return [slot for slot in mechanism.slots if slot.endswith(".moving") and slot not in own]
 
 
 def _is_new(step: Array, axis: str) -> bool:
@@ -155,7 +149,8 @@ def geometric_effects(mechanism: Mechanism) -> tuple[Effect, ...]:
     """
     loops, tree = closed(mechanism), branched(mechanism)
     stand = [mechanism.slots[i] for i in stands(tree)] if tree else []
-    slots = [*stand, *(f"{joint.name}.moving" for joint in mechanism.joints), *_followers(mechanism)]
+    links = [*(joint.name for joint in mechanism.joints), *followers(mechanism)]
+    slots = [*stand, *(f"{name}.moving" for name in links)]
     return tuple(
         effect_at(f"{slot.removesuffix('.moving')} {axis}", slot, axis, family="geometric")
         for slot, axis in (loops.constants if loops else ((slot, axis) for slot in slots for axis in AXES))

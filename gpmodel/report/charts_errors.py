@@ -31,7 +31,7 @@ from gpmodel.report.picture import (
     rows_only,
     signed,
 )
-from gpmodel.report.schema import REGISTRATION, STANDARD, Report, StepRecord
+from gpmodel.report.schema import REGISTRATION, Report, StepRecord
 from gpmodel.report.schema_search import MovedRecord
 from gpmodel.wording import millimetres, shortened
 
@@ -203,8 +203,8 @@ def _arrow_pictures(report: Report) -> Iterator[Picture]:
     points, after = numbers(report.plots.points_mm), numbers(residual.get("final", ()))
     if len(points) == 0 or points.shape != after.shape:
         return
-    step = report.before_and_after()[0]
-    before = numbers(residual[step]) if report.effects else after
+    first = report.step(report.before_and_after()[0])
+    before = numbers(residual[first.step]) if report.effects and first else after
     whole = np.isfinite(points).all(axis=1) & np.isfinite(after).all(axis=1) & np.isfinite(before).all(axis=1)
     chosen = np.flatnonzero(whole)
     chosen = chosen[:: max(1, -(-len(chosen) // ARROWS))]
@@ -213,8 +213,9 @@ def _arrow_pictures(report: Report) -> Iterator[Picture]:
     points, before, after = points[chosen], before[chosen], after[chosen]
     magnification = _magnification(points, before)
     some = "" if len(chosen) == whole.sum() else f" {len(chosen)} of {int(whole.sum())} poses are shown."
-    compared = "standard model" if step == STANDARD else step
-    models = f"{compared} (grey) and of the final model (blue)" if report.effects else "standard model"
+    models = (
+        f"{report.title(first)} (grey) and of the final model (blue)" if report.effects and first else "standard model"
+    )
     colours = "Grey before, blue after. " if report.effects else ""
     shown = [(before, BEFORE), (after, AFTER)] if report.effects else [(after, AFTER)]
     yield Picture(

@@ -32,17 +32,17 @@ def of_discovery(report: Report) -> str:
     before, after = standard.errors.rms_mm, last.errors.rms_mm
     if not report.effects:
         left = f"{wording.length(before)} RMS on {_where(report)}{_beside_noise(report, before)}"
-        return f"Nothing was added: no further effect is significant at these poses, {left}.{_left_out(report)}"
+        return f"Nothing was added: no further effect is significant at these poses, {left}.{_remarks(report)}"
     effects = f"{_count(len(report.effects))} effect{'s' if len(report.effects) > 1 else ''}"
     were = "were" if len(report.effects) > 1 else "was"
     if report.confirmation is not None and not report.confirmation.passed:
         return (
             f"{effects} {were} found but not confirmed on {_where(report)}: the standard model is kept, "
             f"{wording.length(before)}{_beside_noise(report, before)}."
-        ).capitalize() + _left_out(report)
+        ).capitalize() + _remarks(report)
     confirmed = f" and {'are' if len(report.effects) > 1 else 'is'} confirmed" if report.confirmation else ""
     change = f"{_change(report)} on {_where(report)}{_beside_noise(report, after)}"
-    return f"{effects.capitalize()} {were} missing{confirmed}: {change}.{_left_out(report)}"
+    return f"{effects.capitalize()} {were} missing{confirmed}: {change}.{_remarks(report)}"
 
 
 def _change(report: Report) -> str:
@@ -141,7 +141,7 @@ def _where(report: Report) -> str:
     return "held-out poses" if report.held else "training poses"
 
 
-def _left_out(report: Report) -> str:
+def _remarks(report: Report) -> str:
     """State the outliers by row, and a held-out error far above that of training; empty without any."""
     rows, last = report.data.outliers, report.ladder[-1]
     said = f" {wording.left_out(rows, report.data.poses)}." if rows else ""
@@ -180,7 +180,7 @@ def of_calibration(report: Report) -> str:
     beside = f" and {last.step}" if last.step == PRIOR else ""
     where = f"{_where(report)}{_beside_noise(report, last.errors.rms_mm)}"
     known = f" {report.unseen[0][0].upper()}{report.unseen[0][1:]}." if report.unseen else ""
-    return f"Calibrated with {what}{beside}: {_change(report)} on {where}.{_left_out(report)}{known}"
+    return f"Calibrated with {what}{beside}: {_change(report)} on {where}.{_remarks(report)}{known}"
 
 
 def of_evolution(report: Report) -> str:
@@ -188,11 +188,11 @@ def of_evolution(report: Report) -> str:
     histogram = report.histograms[0]
     real = [run for run in report.runs if not run.shuffled]
     best = max((run.gain for run in real if run.gain is not None), default=None)
-    stated = words.significant_inputs(histogram)
-    found = {
-        "none": "No input is significant",
-        words.TOO_FEW: "The runs are too few to tell whether an input matters",
-    }.get(stated, f"The residual depends on {stated}")
+    stated, found = words.significant_inputs(histogram), "No input is significant"
+    if histogram.significant:
+        found = f"The residual depends on {stated}"
+    elif stated == words.TOO_FEW:
+        found = "The runs are too few to tell whether an input matters"
     if report.effects:
         found = f"Given {wording.listed([e.name for e in report.effects])}: {found[0].lower()}{found[1:]}"
     return f"{found}; the best of {len(real)} programs removes {wording.percent(best)} of the scored residual."
