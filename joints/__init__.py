@@ -34,9 +34,9 @@ def load_mechanism(
 ) -> PassiveJoint | Hexapod | Tau | None:
     """Load the joint, hexapod or Tau robot `name`, or of the `kind` in a TOML file; return None for any other name.
 
-    frame: only `TCP`, the measured point.
-    payload_com: (3,) m, centre of mass from the measured point, in the frame after the last rotation or of the
-    platform.
+    frame: name of the measured frame; only `TCP`, the measured point, is accepted.
+    payload_com: centre of mass of the payload relative to the measured point, 3 coordinates in m, in the axes of the
+    last rotation or of the platform.
     Raises InputError for another frame or an invalid file.
     """
     from joints.passive_joint import vector

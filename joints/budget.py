@@ -1,7 +1,7 @@
 """Monte Carlo error budget: the distribution of the tooling ball's position error, and the share of each error source.
 
-For every pose the parameters ε are drawn, and the exact extended kinematics X give the error |X(θ, ε) - X(θ, 0)|. The
-share of a parameter is its part of the mean squared error, Σ |c|² var over the poses, with c = dX/dε of the parameter.
+For every pose θ the errors ε of the joint's parameters are drawn at random. The exact kinematics X give the position
+error |X(θ, ε) - X(θ, 0)|. Share of a parameter in the mean squared error: Σ |dX/dε|² var(ε) over the poses.
 Source: Robertson (2003), 3.3.2, Figures 3.18 and 3.19.
 """
 
@@ -29,25 +29,25 @@ from joints.passive_joint import (
 from joints.settings import Settings, load_settings, not_negative
 
 STEPS, SETTLED = 50, 1e-10
-"""Largest number of Gauss-Newton steps; change of an angle, rad, below which the steps end: picometres at the lever."""
+"""Largest number of Gauss-Newton steps; change of an angle [rad] below which the steps end (picometres at the ball)."""
 DIFFERENCE = 1e-5
-"""Step of central differences, rad; the relative error is 1e-10 of the lever."""
+"""Step of central differences of the position by an angle, rad; relative error of the derivatives: 1e-10."""
 IDLE = 1e-3
-"""Least motion of the ball per radian, relative to the lever, at which an angle is adjusted. A rotation about the lever
-does not move the ball."""
+"""Least motion of the tooling ball per radian, relative to its distance from the joint's centre, at which realignment
+adjusts an angle. A rotation about the line from the centre to the tooling ball does not move the ball."""
 
 
 def realigned(q: Array, parameters: Array, tooling_ball: Array, held: Array, reach: float, stiffness: Array) -> Array:
-    """Return the angles (..., 3), rad, of least strain energy within `reach` [rad] of q (..., 3).
+    """Return the joint angles of least strain energy, rad, each within `reach` [rad] of the angle in q.
 
-    parameters: (..., 30) m and rad. tooling_ball: (3,) m. held: (..., 3) m, position at which the ball is held.
-    stiffness: K (3, 3) of the holder, any unit, symmetric.
+    q: joint angles (..., 3), rad. parameters: errors ε (..., 30) of the joint, m and rad. tooling_ball: nominal
+    position (3,) of the ball, m. held: position p (..., 3), m, at which a holder keeps the ball. stiffness: matrix K
+    (3, 3) of the holder, any unit, symmetric. The ball's position X(q, ε) by the extended kinematics gives the strain
+    energy:
         E = ½ (X(q, ε) - p)ᵀ K (X(q, ε) - p)
-    X: extended kinematics with errors ε; p: `held`. The angles may differ by `reach` from the joint's
-    angles without errors. With K scaled to a largest eigenvalue of 1, 2 E + (IDLE |tooling_ball|)² |turn|² is minimised
-    by Gauss-Newton steps over the angles that are not at a bound. With free angles the remaining error is the change of
-    the ball's distance from the centre; with stiffness along one line, as of a link, the part of this change along the
-    line. Raises InputError for a negative reach or stiffness.
+    With K scaled to a largest eigenvalue of 1, Gauss-Newton steps over the angles that are not at a bound minimise 2 E
+    + (IDLE |tooling_ball|)² |change of the angles|². With a large `reach` only the change of the ball's distance from
+    the joint's centre remains. Raises InputError for a negative reach or stiffness.
     """
     limit = float(not_negative("range of realignment", reach, "rad"))
     sizes, axes = np.linalg.eigh(stiffness)
@@ -74,8 +74,8 @@ def realigned(q: Array, parameters: Array, tooling_ball: Array, held: Array, rea
 
 
 def thesis_columns(joint: PassiveJoint, q: Array, *, angles_known: bool = True) -> Array:
-    """Return the derivatives (M, 30) of the position, m per unit, by the thesis parameters, at q (N, 3).
-    There are three rows per pose; fewer rows if the angles are free, because free angles are eliminated."""
+    """Return the derivatives (rows, 30) of the position [m] by the thesis parameters at angles q (poses, 3), rad. Each
+    pose has three rows, or fewer if the angles are unknown and therefore eliminated."""
     data = unmeasured(JOINTS, q)
     effects = tuple(p.effect for p in THESIS_PARAMETERS)
     model, poses = ErrorModel(joint, effects), prepare(joint, data)
@@ -87,19 +87,19 @@ def thesis_columns(joint: PassiveJoint, q: Array, *, angles_known: bool = True) 
 
 
 MOST_DRAWS = 1_000_000
-"""Largest number of draws over all poses, which need a quarter of a gigabyte."""
+"""Largest number of random draws over all poses; they need a quarter of a gigabyte."""
 KINDS = ("systematic", "stochastic")
 DISTRIBUTIONS = ("uniform", "normal")
 
 
 @dataclass(frozen=True)
 class ErrorSource:
-    """One error source of a budget.
+    """One error source of an error budget.
 
-    index: index of the parameter in the thesis.
+    index: number of the error parameter in the thesis, 1 to 30 (Table 3.2).
     half_range: half the range of the error, m or rad.
-    kind: systematic or stochastic.
-    source: origin of the value of half_range.
+    kind: `systematic` or `stochastic` error.
+    source: text that names the origin of half_range.
     """
 
     index: int
@@ -120,11 +120,11 @@ class ErrorSource:
 
     @property
     def sigma(self) -> float:
-        """Standard deviation, m or rad."""
+        """Standard deviation of the error, m or rad."""
         return self.half_range / (np.sqrt(3.0) if self.distribution == "uniform" else 3.0)
 
     def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
-        """Draw random values of the given shape, m or rad."""
+        """Draw random errors of the given array shape, m or rad."""
         if self.distribution == "uniform":
             return rng.uniform(-self.half_range, self.half_range, shape)
         return self.sigma * rng.standard_normal(shape)
@@ -132,16 +132,16 @@ class ErrorSource:
 
 @dataclass(frozen=True)
 class Drawn:
-    """Joints with random errors. q: (poses, 1, 3) rad. parameters: (poses, draws, 30), m and rad.
-    tooling_ball: (3,) m."""
+    """Joints with random errors. q: joint angles (poses, 1, 3), rad. parameters: errors (poses, draws, 30), m and rad.
+    tooling_ball: nominal position (3,) of the tooling ball, m."""
 
     q: Array
     parameters: Array
     tooling_ball: Array
 
     def distances(self, reach: float = 0.0) -> Array:
-        """Return the distance (poses, draws), m, of the ball from its nominal position.
-        reach: largest change of each angle by which the joint realigns, rad."""
+        """Return the distance (poses, draws), m, of the tooling ball from its nominal position.
+        reach: largest change of each joint angle, rad, by which the joint realigns."""
         place, angles = tooling_ball_position(self.q, np.zeros(PARAMETERS), self.tooling_ball), self.q
         if reach:
             angles = realigned(angles, self.parameters, self.tooling_ball, place, reach, np.eye(3))
@@ -154,8 +154,8 @@ class Budget:
     """Result of an error budget.
 
     distances: position errors (poses, draws), m.
-    shares: share of the mean square of each source, adding up to 1.
-    joints: the random joints.
+    shares: share of each error source in the mean squared error; the shares add up to 1.
+    joints: the joints with random errors.
     """
 
     kind: str
@@ -165,37 +165,37 @@ class Budget:
     joints: Drawn
 
     def realigned(self, reach: float, every: int = 1) -> "Budget":
-        """Return the budget if the ball is held and each angle realigns by up to `reach`, rad; uses every `every`-th
-        draw."""
+        """Return the budget of joints with a held ball whose angles realign by up to `reach`, rad.
+        every: use only every n-th random draw."""
         fewer = replace(self.joints, parameters=self.joints.parameters[:, ::every])
         return replace(self, distances=fewer.distances(reach), joints=fewer)
 
     @property
     def mean(self) -> float:
-        """Mean distance, m."""
+        """Mean position error of the tooling ball, m."""
         return float(self.distances.mean())
 
     @property
     def worst_case(self) -> float:
-        """Mean plus three standard deviations of the distance, m, as in the thesis."""
+        """Mean plus three standard deviations of the position error, m, as in the thesis."""
         return float(self.distances.mean() + 3.0 * self.distances.std())
 
     def histogram(self, bins: int = 40) -> tuple[Array, Array]:
-        """Return the share of draws in each bin, and the edges of the bins, m."""
+        """Return the fraction of the position errors in each bin, and the edges of the bins, m."""
         counts, edges = np.histogram(self.distances, bins=bins)
         return counts / self.distances.size, edges
 
 
 def read_budget(path: Path | None = None) -> tuple[tuple[ErrorSource, ...], Settings]:
-    """Read error sources and settings from the TOML table at `path`, with defaults for missing
-    keys. Raises InputError."""
+    """Read the error sources and settings of a budget from the TOML table at `path`; a missing key gets its default.
+    Raises InputError for an invalid table."""
     s = load_settings("budget", path)
     return sources_of(s), s
 
 
 def sources_of(s: Settings) -> tuple[ErrorSource, ...]:
-    """Return the error sources in settings.
-    Raises InputError for an index that is not a translation, or not a rotation."""
+    """Return the error sources in the settings of a budget.
+    Raises InputError if the index of a source in the list `translation` is that of a rotation, or the reverse."""
     entries = [(e, want) for want in ("translation", "rotation") for e in s[want]]
     for e, want in entries:
         if 1 <= e["index"] <= PARAMETERS and parameter(e["index"]).axis.startswith("R") != (want == "rotation"):
@@ -209,8 +209,8 @@ def error_budget(
     joint: PassiveJoint, sources: tuple[ErrorSource, ...], kind: str, rng: np.random.Generator,
     poses: int = 100, draws: int = 1000,
 ) -> Budget:  # fmt: skip
-    """Compute the error budget of one kind over poses spread by the equal distribution criterion.
-
+    """Compute the error budget of one kind (systematic or stochastic) for poses spread by the equal distribution
+    criterion.
     Raises InputError if no source is of that kind, or the number of poses or draws is zero or too large.
     """
     chosen = tuple(s for s in sources if s.kind == kind)
@@ -232,5 +232,5 @@ def error_budget(
 
 
 def budget_joint(joint: PassiveJoint, settings: Settings) -> PassiveJoint:
-    """Return the joint with the tooling ball of a budget's settings."""
+    """Return the joint with the tooling ball that the settings of an error budget define."""
     return replace(joint, tooling_ball=vector(settings["tooling_ball"]))

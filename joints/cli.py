@@ -95,7 +95,7 @@ def _mechanism(toml: Path | None, defaults: bool) -> None:
 
 
 def study_files(name: str, study: Study, seed: int, json_file: Path | None, out: Path | None) -> dict[Path, bytes]:
-    """Return every file of a command with its content: the numbers as JSON and the figures as PNG."""
+    """Return {path: content} of the files that a command writes: numbers as JSON, figures as PNG, pages."""
     from gpmodel.files import plain
     from joints.studies.study import png
 
@@ -113,16 +113,15 @@ def study_files(name: str, study: Study, seed: int, json_file: Path | None, out:
 
 
 def show(study: Study, files: list[str]) -> None:
-    """Print the tables, in blocks of columns that fit the terminal, and the names of the written files."""
+    """Print the tables of a study, in blocks of columns that fit the terminal, and the names of the written files."""
     width = shutil.get_terminal_size().columns
     lines = [line for table in study.tables for line in lines_of(table, width)]
     echo("".join(f"{line}\n" for line in (*lines, *files)), nl=False)
 
 
 def lines_of(table: Table, width: int) -> Iterator[str]:
-    """Yield the lines of a table in blocks of whole columns within `width` characters, each starting with the first
-    column.
-    Lines do not break within numbers; texts break between words."""
+    """Yield the lines of a table in blocks of whole columns within `width` characters. Each block starts with the first
+    column of the table. Texts break between words; numbers do not break."""
     columns = [[head, *(_cell(row[k]) for row in table.rows)] for k, head in enumerate(table.columns)]
     least = [max(len(word) for cell in column for word in (cell.split() or [""])) for column in columns]
     blocks: list[list[int]] = [[0]]

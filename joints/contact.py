@@ -2,7 +2,7 @@
 
 Exact solution: K. L. Johnson, Contact Mechanics (1985), section 4.2, with the elliptic integrals in Carlson's form, so
 that circles and long ellipses are equally accurate. Published solution: A. Slocum, Precision Machine Design (1992),
-exponential fits. Fig 3.23 of the thesis shows the parameter lambda of Slocum's fits; Table 3.3 uses alpha and beta.
+exponential fits of the contact coefficients alpha, beta (semi-axes; Table 3.3) and lambda (approach; Fig 3.23).
 """
 
 from collections.abc import Sequence
@@ -19,9 +19,9 @@ from joints.settings import not_negative, positive, require
 
 @dataclass(frozen=True)
 class LoopPart:
-    """One part of the thermal loop from the measuring base to the tool.
+    """One part of the chain of parts whose thermal growth moves the tool relative to the measuring base.
 
-    length: length along the axis, m, negative for a part in the opposite direction.
+    length: length of the part along the axis, m, negative for a part in the opposite direction.
     expansion: coefficient of thermal expansion, 1/K.
     """
 
@@ -31,19 +31,19 @@ class LoopPart:
 
     @property
     def growth_per_kelvin(self) -> float:
-        """Growth alpha_T L, m/K."""
+        """Thermal growth of the part per kelvin, m/K: coefficient of expansion times length."""
         return self.expansion * self.length
 
 
 def growth(length: ArrayLike, expansion: ArrayLike, temperature_change: ArrayLike) -> Array:
-    """Return the thermal growth alpha_T L dT [m]: 1.17 um/K for the 50.8 mm aluminium socket (the thesis prints "about
-    1")."""
+    """Return the thermal growth [m] of a part: expansion times length times temperature change. Example: 1.17 um/K for
+    the 50.8 mm aluminium socket, for which the thesis prints "about 1"."""
     warmer = np.asarray(temperature_change, np.float64)
     return np.asarray(expansion, np.float64) * np.asarray(length, np.float64) * warmer
 
 
 def loop_growth(parts: Sequence[LoopPart], temperature_change: ArrayLike) -> Array:
-    """Return the growth [m] of a chain of parts that all warm by `temperature_change` [K]."""
+    """Return the growth [m] of a chain of parts whose temperature rises by `temperature_change` [K]."""
     total = sum(part.growth_per_kelvin for part in parts)
     return total * np.asarray(temperature_change, float)
 
@@ -56,15 +56,14 @@ def gap_growth(
     socket_expansion: float,
     temperature_change: ArrayLike,
 ) -> Array:
-    """Return the growth [m] of the radial gap: the socket bore (radius r + t) minus its layer t and the ball."""
+    """Return the growth [m] of the gap between ball and socket: that of the bore minus those of layer and ball."""
     bore = socket_expansion * (positive("ball radius", ball_radius, "m") + not_negative("layer", layer, "m"))
     per_kelvin = bore - layer_expansion * layer - ball_expansion * ball_radius
     return per_kelvin * np.asarray(temperature_change, np.float64)
 
 
 def allowed_temperature_change(tolerance: ArrayLike, growth_per_kelvin: ArrayLike) -> Array:
-    """Return the temperature change [K] at which the growth equals `tolerance` [m]; inf for a
-    loop that does not grow."""
+    """Return the temperature change [K] at which the thermal growth equals `tolerance` [m]; infinite without growth."""
     rate: Array = np.abs(np.asarray(growth_per_kelvin, float))
     with np.errstate(divide="ignore"):
         return positive("tolerance", tolerance, "m") / rate
@@ -74,8 +73,8 @@ def allowed_temperature_change(tolerance: ArrayLike, growth_per_kelvin: ArrayLik
 class Body:
     """An elastic body at a contact.
 
-    major_radius, minor_radius: principal radii, m, negative if concave, inf if flat.
-    elastic_modulus: Pa.
+    major_radius, minor_radius: principal radii of curvature, m, negative if concave, inf if flat.
+    elastic_modulus: elastic modulus, Pa.
     poisson: Poisson's ratio.
     """
 
@@ -93,8 +92,8 @@ class Body:
 
 @dataclass(frozen=True)
 class HertzContact:
-    """A Hertz contact: semi-axes of the ellipse [m], peak pressure [Pa], approach [m], stiffness
-    dF/d(approach) [N/m]."""
+    """A Hertz contact: semi-axes of the contact ellipse [m], peak pressure [Pa], approach of the bodies [m] and
+    stiffness [N/m] (derivative of the force by the approach)."""
 
     semi_major: Array
     semi_minor: Array
@@ -104,15 +103,15 @@ class HertzContact:
 
 
 def contact_modulus(one: Body, two: Body) -> float:
-    """Return the contact modulus E* = 1 / ((1 - nu1^2)/E1 + (1 - nu2^2)/E2) [Pa]."""
+    """Return E* = 1 / ((1 - nu1^2)/E1 + (1 - nu2^2)/E2) [Pa]: contact modulus of two bodies."""
     return 1 / sum((1 - body.poisson**2) / body.elastic_modulus for body in (one, two))
 
 
 def relative_curvatures(one: Body, two: Body, angle: float = 0.0) -> tuple[float, float]:
-    """Return the relative curvatures A <= B [1/m] of the separation A x^2 + B y^2 of two bodies.
+    """Return A <= B [1/m]: the distance of the surfaces of two touching bodies is A x^2 + B y^2 near the contact.
 
-    angle: angle between the planes of minor curvature, rad. A + B = (k1 + k1' + k2 + k2')/2, B - A = sqrt(d1^2 + d2^2 +
-    2 d1 d2 cos 2 angle)/2, d = k_minor - k_major.
+    angle: angle between the planes of minor curvature, rad. With the principal curvatures k of both bodies, 2 (A + B)
+    is their sum, and 2 (B - A) = sqrt(d1^2 + d2^2 + 2 d1 d2 cos(2 angle)), d = k_minor - k_major of one body.
     """
     total = sum(1 / body.major_radius + 1 / body.minor_radius for body in (one, two))
     first, second = (1 / body.minor_radius - 1 / body.major_radius for body in (one, two))
@@ -125,9 +124,9 @@ def relative_curvatures(one: Body, two: Body, angle: float = 0.0) -> tuple[float
 def hertz(force: ArrayLike, one: Body, two: Body, angle: float = 0.0) -> HertzContact:
     """Return the Hertz contact of two bodies under `force` [N].
 
-    Example: two steel balls of 25.4 and 6.3 mm under 100 N have 4.5 um approach and 2.1 GPa peak pressure. With p the
-    peak pressure, k = b/a, R_D Carlson's integral and m = 1 - k^2: A = p b R_D(0, k^2, 1) / (3 E* a^2), B = p b R_D(0,
-    1, k^2) / (3 E* a^2), approach = p b K(m) / E*, F = 2 pi a b p / 3.
+    Example: two steel balls of 25.4 and 6.3 mm under 100 N have 4.5 um approach and 2.1 GPa peak pressure. Equations: A
+    = p b R_D(0, k^2, 1) / (3 E* a^2), B = p b R_D(0, 1, k^2) / (3 E* a^2), approach = p b K(1 - k^2) / E*, force = 2 pi
+    a b p / 3; semi-axes a, b = k a, peak pressure p, curvatures A, B, Carlson's R_D, elliptic integral K.
     """
     load = positive("contact force", force, "N")
     small, large = relative_curvatures(one, two, angle)
@@ -143,8 +142,8 @@ def hertz(force: ArrayLike, one: Body, two: Body, angle: float = 0.0) -> HertzCo
 def first_yield_pressure(yield_stress: ArrayLike, poisson: float = 0.3) -> Array:
     """Return the peak pressure [Pa] at which a circular contact first yields (Tresca, below the surface).
 
-    The pressure is 1.61 Y for nu = 0.3, with Y the yield stress. On the axis, s = z/a: |sigma_z - sigma_r| / p =
-    |3/2/(1 + s^2) - (1 + nu)(1 - s atan(1/s))| (Johnson 3.45).
+    For Poisson's ratio nu = 0.3 the peak pressure p is 1.61 times the yield stress. Stresses on the axis, depth s times
+    the contact radius: |sigma_z - sigma_r| / p = |3/2/(1 + s^2) - (1 + nu)(1 - s atan(1/s))| (Johnson 3.45).
     """
 
     def shear(s: float) -> float:
@@ -156,7 +155,7 @@ def first_yield_pressure(yield_stress: ArrayLike, poisson: float = 0.3) -> Array
 
 @dataclass(frozen=True)
 class PublishedContact(HertzContact):
-    """The rows of Table 3.3 in SI units: Slocum's coefficients and the contact computed from them."""
+    """The rows of Table 3.3 of the thesis in SI units: Slocum's coefficients and the contact computed from them."""
 
     equivalent_radius: float
     cos_theta: float
@@ -167,12 +166,11 @@ class PublishedContact(HertzContact):
 
 
 def published_hertz(force: ArrayLike, one: Body, two: Body, angle: float = 0.0) -> PublishedContact:
-    """Return the contact of Table 3.3's spreadsheet, with F the force, Re the equivalent radius and E* the contact
-    modulus.
+    """Return the contact of two bodies by Slocum's formulas, as in the spreadsheet of the thesis' Table 3.3.
 
-    c, d = (alpha, beta)(3 F Re/(2 E*))^(1/3), delta = lambda (2 F^2/(3 Re E*^2))^(1/3). The thesis enters R_maj = 1e6 m
-    for both balls, which makes them two parallel cylinders (0.50 um). With R_maj = R_min the formulas give 4.5 um, as
-    `hertz` does. `stiffness` is F/delta.
+    Semi-axes c, d = (alpha, beta)(3 F Re/(2 E*))^(1/3), approach delta = lambda (2 F^2/(3 Re E*^2))^(1/3); force F,
+    equivalent radius Re, contact modulus E*. The thesis enters a major radius of 1e6 m for both balls, which makes them
+    parallel cylinders (0.50 um); with equal radii the formulas give 4.5 um, as `hertz` does. `stiffness` is F/delta.
     """
     load = positive("contact force", force, "N")
     small, large = relative_curvatures(one, two, angle)
@@ -191,7 +189,7 @@ def published_hertz(force: ArrayLike, one: Body, two: Body, angle: float = 0.0) 
 
 
 def _axis_ratio(curvature_ratio: float) -> float:
-    """Return k = b/a in (0, 1] with R_D(0, 1, k^2)/R_D(0, k^2, 1) = B/A."""
+    """Return the ratio k in (0, 1] of the semi-axes of a contact: R_D(0, 1, k^2)/R_D(0, k^2, 1) = curvature_ratio."""
 
     def excess(log_k: float) -> float:
         k2 = np.exp(2 * log_k)

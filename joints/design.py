@@ -1,4 +1,4 @@
-"""Comparison of a joint with its requirements: preload, contact, growth, air film, stiffness, error budget."""
+"""Comparison of a joint with its requirements: preload, contact, thermal growth, air film, stiffness, error budget."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -28,12 +28,12 @@ from joints.stiffness import layer_stiffness
 
 CONTACTS = ("point", "rolling", "sliding", "fluid")
 BUDGET_POSES, BUDGET_DRAWS = 40, 200
-"""Number of poses and of draws of the error budget; the mean plus three standard deviations then has two digits."""
+"""Numbers of poses and of draws of an error budget; mean plus three standard deviations have two digits."""
 
 
 @dataclass(frozen=True)
 class Limit:
-    """A limit of the joint. used, there: used and available amount, in `unit`."""
+    """A limit of the joint. used: required amount, in `unit`. there: available amount, in `unit`."""
 
     topic: str
     quantity: str
@@ -43,13 +43,13 @@ class Limit:
 
     @property
     def share(self) -> float:
-        """Used over available amount; above 1 the limit is exceeded."""
+        """Required amount over available amount; above 1 the limit is exceeded."""
         return self.used / self.there
 
 
 @dataclass(frozen=True)
 class JointDesign:
-    """A joint, the settings of every model, and its limits."""
+    """A spherical joint, the settings of every engineering model, and the limits of the joint."""
 
     joint: PassiveJoint
     settings: dict[str, Settings]
@@ -57,12 +57,12 @@ class JointDesign:
 
     @property
     def governing(self) -> Limit:
-        """The limit with the largest used share."""
+        """The limit with the largest ratio of required to available amount."""
         return max(self.limits, key=lambda limit: limit.share)
 
     @property
     def verdict(self) -> str:
-        """One sentence with the governing limit and the exceeded limits."""
+        """One sentence that names the governing limit of the joint and the exceeded limits."""
         g = self.governing
         there = f"{g.there:.3g} {g.unit}".rstrip()
         said = f"{g.topic} governs: {g.quantity}, {g.used:.3g} of {there}, {100 * g.share:.0f} %"
@@ -71,10 +71,10 @@ class JointDesign:
 
 
 def read_design(path: Path | None = None) -> tuple[PassiveJoint, dict[str, Settings]]:
-    """Read a joint and the settings of its sections from a TOML file, with the thesis' joint as default.
+    """Read a joint and the settings of its models from a TOML file; the joint of the thesis is the default.
 
-    The radius in [ball] is the default of sections without a radius. Raises InputError for an invalid file, an unknown
-    section or key, or an unknown contact.
+    The radius in the section [ball] is the default of sections without a radius. Raises InputError for an invalid file,
+    an unknown section or key, or an unknown type of contact.
     """
     given = read_toml(path) if path else {}
     file = path.name if path else "design.toml"
@@ -104,7 +104,7 @@ def read_design(path: Path | None = None) -> tuple[PassiveJoint, dict[str, Setti
 
 
 def joint_design(path: Path | None = None, seed: int = 0) -> JointDesign:
-    """Compute every limit of the joint in a TOML file, by default the thesis' joint. seed: seed of the budget."""
+    """Compute every limit of the joint in a TOML file, by default the thesis' joint. seed: seed of the error budget."""
     joint, s = read_design(path)
     demand = s["demand"]
     bare = demand["contact"] in ("point", "rolling")
@@ -129,13 +129,13 @@ def joint_design(path: Path | None = None, seed: int = 0) -> JointDesign:
 
 
 def _length(topic: str, quantity: str, used: float, there: float) -> Limit:
-    """Return the limit of a length: arguments in m, result in um."""
+    """Return the limit of a length, in um, from the required (`used`) and available (`there`) length, m."""
     return Limit(topic, quantity, 1e6 * used, 1e6 * there, "um")
 
 
 def _supports(s: dict[str, Settings]) -> Iterator[Limit]:
-    """Yield the limits of three supports: pull at which the first support unloads, and pressure under the most loaded
-    support."""
+    """Yield the load limits of a ball on three supports: the pull [N] at which the first support unloads, and the
+    pressure [GPa] under the most loaded support."""
     pull, preload, angle = s["demand"]["pull"], _preload(s), s["preload"]["contact_angle"]
     tilt, turn = np.radians(np.linspace(0, 90, 91))[:, None], np.radians(np.arange(0, 360, 3.0))
     least = float(three_contact_limit(preload, tilt, turn, angle).min())
@@ -150,8 +150,8 @@ def _supports(s: dict[str, Settings]) -> Iterator[Limit]:
 
 
 def _surface(s: dict[str, Settings]) -> Iterator[Limit]:
-    """Yield the limits of a socket without cut-outs: pull at which the ball leaves the socket, and pressure on the
-    replicated epoxy layer."""
+    """Yield the load limits of a socket without cut-outs: the pull [N] at which the ball leaves the socket, and the
+    pressure [MPa] on the layer of cast (replicated) epoxy in the socket."""
     pull, preload, own = s["demand"]["pull"], _preload(s), s["preload"]
     least = float(socket_fixed_limit(preload, np.radians(np.linspace(0, 90, 181)), own["reaction_angle"]).min())
     yield Limit("preload", "pull before the ball leaves the socket", pull, least, "N")
@@ -162,8 +162,8 @@ def _surface(s: dict[str, Settings]) -> Iterator[Limit]:
 
 
 def _film(s: dict[str, Settings]) -> Iterator[Limit]:
-    """Yield the limits of the air film: inlet pressure for the lift, pneumatic hammer, and change
-    of the gap by growth."""
+    """Yield the limits of the air film: inlet pressure for the required lift, pneumatic hammer, thermal change of the
+    gap."""
     demand, geometry = s["demand"], film_geometry(s["film"])
     guide = design_film(geometry, _preload(s), orifice_law(s["film"]["orifice"]), demand["lift"])
     inlet, supply = float(guide.inlet_pressure) / ATMOSPHERE, demand["supply"] / ATMOSPHERE
@@ -177,7 +177,7 @@ def _film(s: dict[str, Settings]) -> Iterator[Limit]:
 
 
 def moving_film(s: dict[str, Settings]) -> tuple[FedFilm, float, float]:
-    """Return the air film of a design in motion, the mass on the film, kg, and the stiffness of the magnets, N/m."""
+    """Return the air film of a moving joint, the mass on the film [kg] and the stiffness of the magnets [N/m]."""
     film, preload = s["film"], _preload(s)
     moved = fed_film(film_geometry(film), preload, orifice_law(film["orifice"]), s["demand"]["lift"])
     mass = ball_mass(film["ball_radius"], s["dynamics"]["ball_density"]) + s["dynamics"]["added_mass"]
@@ -185,14 +185,14 @@ def moving_film(s: dict[str, Settings]) -> tuple[FedFilm, float, float]:
 
 
 def _workspace(joint: PassiveJoint, demand: Settings) -> Limit:
-    """Return the limit of the tilt: the smaller range of the two rotations that tilt the shaft."""
+    """Return the limit of the tilt, deg; available is the smaller range of the two rotations that tilt the shaft."""
     there = min(r.upper - r.lower for r in joint.rotations if r.axis != "z")
     asked = float(np.degrees(demand["workspace"]))
     return Limit("workspace", "tilt that is asked for", asked, float(np.degrees(there)), "deg")
 
 
 def _stiffness(s: dict[str, Settings]) -> float:
-    """Return the stiffness along the axis at rest, N/m: film and magnets, replicated layer, or three Hertz contacts."""
+    """Return the axial stiffness at rest, N/m: of film and magnets, of the epoxy layer, or of three Hertz contacts."""
     demand, preload = s["demand"], _preload(s)
     if demand["contact"] == "fluid":
         film = spherical_film(film_geometry(s["film"]), preload, orifice_law(s["film"]["orifice"]), demand["lift"])
@@ -210,7 +210,7 @@ def _preload(s: dict[str, Settings]) -> float:
 
 
 def _budget(joint: PassiveJoint, settings: Settings, kind: str, seed: int) -> float:
-    """Return mean plus three standard deviations of one kind of error, m; 0 without a source of this kind."""
+    """Return mean plus three standard deviations of the error of one kind, m; 0 without sources of this kind."""
     sources = sources_of(settings)
     if not any(source.kind == kind for source in sources):
         return 0.0

@@ -15,18 +15,18 @@ from joints.reynolds import FedFilm, squeeze_impedance
 from joints.settings import not_negative, positive, require
 
 SPAN = (0.01, 20.0)
-"""Range of frequencies searched for peak and bandwidth, relative to sqrt(k/m) / 2 pi."""
+"""Range of frequencies searched for resonance and bandwidth, relative to the natural frequency sqrt(k/m) / 2 pi."""
 STEPS = 400
-"""Number of frequencies in the range SPAN, 2 % apart; the best frequency is refined."""
+"""Number of frequencies in the range SPAN, 2 % apart. The frequency of the largest response is refined afterwards."""
 
 
 @dataclass(frozen=True)
 class BallOnFilm:
-    """A ball on an air film: m x'' + k x + Z(w) x = F.
+    """A ball of mass m on an air film, moved x by a force F: m x'' + k x + Z(w) x = F at the angular frequency w.
 
-    mass: kg.
-    stiffness: k of the static film, N/m.
-    air: Z, N/m, complex stiffness of the squeezed air in addition to k, at frequencies in Hz.
+    mass: mass m of the ball, kg.
+    stiffness: static stiffness k of the film, N/m.
+    air: function of the frequency [Hz]; complex stiffness Z [N/m] of the squeezed air in addition to k.
     """
 
     mass: float
@@ -38,7 +38,7 @@ class BallOnFilm:
         positive("stiffness", self.stiffness, "N/m")
 
     def dynamic_stiffness(self, frequency: ArrayLike) -> NDArray[np.complex128]:
-        """Return the dynamic stiffness k - m w^2 + Z(w) [N/m] at `frequency` [Hz], above 0."""
+        """Return the dynamic stiffness k - m w^2 + Z(w) [N/m] at `frequency` [Hz], above 0; w = 2 pi frequency."""
         f = positive("frequency", frequency, "Hz")
         return self.stiffness - self.mass * (2 * np.pi * f) ** 2 + self.air(f)
 
@@ -53,29 +53,28 @@ def ball_on_constant_feed(
 
 
 def ball_on_fed_film(mass: float, film: FedFilm, pocket: float = 0.0) -> BallOnFilm:
-    """Return a ball on a film whose feed depends on its pressure, with air pockets [m^3] behind its orifices."""
+    """Return a ball on a film whose feed depends on the film pressure. pocket: air volume behind all orifices, m^3."""
     static = float(film.impedance(0.0).real)
     return BallOnFilm(mass, static, lambda f: film.impedance(f, pocket) - static)
 
 
 def slow_damping(system: BallOnFilm, frequency: float = 0.1) -> float:
-    """Return the damping Im Z / w [N s/m] of slow motion, at `frequency` [Hz]."""
+    """Return the damping coefficient [N s/m] of slow motion, from the squeeze stiffness at `frequency` [Hz]."""
     return float(system.air(np.asarray(frequency)).imag / (2 * np.pi * frequency))
 
 
 def receptance(system: BallOnFilm, frequency: ArrayLike) -> NDArray[np.complex128]:
-    """Return the receptance x/F [m/N] at `frequency` [Hz]."""
+    """Return the receptance (displacement over force) [m/N] at `frequency` [Hz]."""
     return 1 / system.dynamic_stiffness(frequency)
 
 
 def natural_frequency(system: BallOnFilm) -> float:
-    """Return the natural frequency sqrt(k/m) / 2 pi [Hz] with the static stiffness k."""
+    """Return the natural frequency sqrt(k/m) / 2 pi [Hz] of the mass m with the static stiffness k."""
     return float(np.sqrt(system.stiffness / system.mass) / (2 * np.pi))
 
 
 def resonance(system: BallOnFilm) -> tuple[float, float]:
-    """Return the frequency [Hz] of the largest response, and the ratio of largest to static response; 0 and 1 without a
-    resonance."""
+    """Return the resonance frequency [Hz] and the ratio of largest to static response; without a resonance, 0 and 1."""
     f = natural_frequency(system) * np.geomspace(*SPAN, STEPS)
     size = _times_static(system, f)
     at = int(np.argmax(size))
@@ -99,7 +98,7 @@ def _times_static(system: BallOnFilm, frequency: ArrayLike) -> Array:
 
 
 def ball_mass(radius: float, density: float) -> float:
-    """Return the mass 4/3 pi r^3 rho [kg] of a ball."""
+    """Return the mass [kg] of a solid ball: 4/3 pi radius^3 density."""
     return float(4 / 3 * np.pi * positive("ball radius", radius, "m") ** 3 * positive("density", density, "kg/m^3"))
 
 
@@ -107,8 +106,8 @@ def ball_mass(radius: float, density: float) -> float:
 class ResponseFit:
     """Result of `fit_response`.
 
-    mass: kg. stiffness: N/m.
-    resistance: factor s of the given impedance Z.
+    mass: fitted mass, kg. stiffness: fitted static stiffness, N/m.
+    resistance: fitted factor of the given impedance.
     stderr: standard errors of mass, stiffness and resistance by name.
     """
 
@@ -119,10 +118,10 @@ class ResponseFit:
 
 
 def fit_response(frequency: ArrayLike, measured: ArrayLike, impedance: ArrayLike) -> ResponseFit:
-    """Fit stiffness k, mass m and resistance s to a measured receptance H (N,), complex [m/N].
+    """Fit stiffness k, mass m and resistance s to a measured receptance H (frequencies,), complex [m/N].
 
-    1/H = k - m w^2 + s Z is linear in k, m and s; rows are weighted by |H|, so that errors are relative.
-    impedance: Z (N,) [N/m]. If Z = i w (plain damper), s is in N s/m.
+    1/H = k - m w^2 + s Z is linear in k, m and s; w: angular frequency. Weights |H| make the errors relative.
+    impedance: Z (frequencies,) [N/m]. If Z = i w (plain damper), the unit of s is N s/m.
     Raises InputError below 3 frequencies, or if the fitted mass or stiffness is not above 0.
     """
     f = positive("frequency", frequency, "Hz").ravel()
@@ -149,21 +148,21 @@ def fit_response(frequency: ArrayLike, measured: ArrayLike, impedance: ArrayLike
 
 
 INSTANTS, COARSE = 256, 64
-"""Number of instants of half a period, and number for the coarse search of the frequency of the largest motion. The
-number of odd harmonics is half. Amplitudes are accurate to 0.5 % at any frequency with 256 instants, to 1 % with 128.
+"""Number of instants of half a period in the steady state, and in the coarse search for the frequency of largest
+motion; half as many odd harmonics. Amplitudes are accurate to 0.5 % at any frequency with 256 instants, 1 % with 128.
 """
 SETTLED, SWEEPS = 1e-5, 20_000
-"""Relative change of the friction force below which the iteration ends; largest number of sweeps (a few hundred are
-usually needed)."""
+"""Relative change of the friction force below which the iteration for the steady state ends; largest number of
+iterations (a few hundred are usually needed)."""
 
 
 @dataclass(frozen=True)
 class Losses:
     """Friction and magnetic losses of a joint.
 
-    friction: F_c, N, of the sliding contact. The joint sticks under a force that never exceeds F_c.
-    magnet_stiffness: k_m, N/m, at most 0.
-    loss_factor: eta of the magnets.
+    friction: largest friction force F_c of the sliding contact, N. Below F_c the contact sticks.
+    magnet_stiffness: stiffness k_m of the magnets, N/m, at most 0.
+    loss_factor: loss factor eta of the magnets: imaginary part of their complex stiffness over |k_m|.
     Raises InputError for negative friction or loss.
     """
 
@@ -178,7 +177,7 @@ class Losses:
 
     @property
     def magnets(self) -> complex:
-        """Complex stiffness k_m + i eta |k_m| of the magnets [N/m]."""
+        """Complex stiffness k_m + i eta |k_m| of the magnets [N/m], with their stiffness k_m and loss factor eta."""
         return complex(self.magnet_stiffness, self.loss_factor * abs(self.magnet_stiffness))
 
 
@@ -186,8 +185,8 @@ class Losses:
 class SteadyState:
     """Steady periodic motion of the ball.
 
-    motion: (M,) x [m] over half a period.
-    film, friction, magnets: energy lost per cycle, J.
+    motion: displacement [m] at equally spaced instants of half a period.
+    film, friction, magnets: energy that film, friction or magnets dissipate per cycle, J.
     """
 
     motion: Array
@@ -197,32 +196,32 @@ class SteadyState:
 
     @property
     def amplitude(self) -> float:
-        """Largest |x| [m]."""
+        """Largest displacement of the ball in either direction [m]."""
         return float(np.abs(self.motion).max())
 
     @property
     def lost(self) -> float:
-        """Energy lost per cycle [J]."""
+        """Energy that film, friction and magnets dissipate per cycle [J]."""
         return self.film + self.friction + self.magnets
 
 
 def magnet_stiffness(preload: float, stand_off: float) -> float:
-    """Return the stiffness dF/dx = -2 P / s [N/m] at contact, of a magnetic pull P (s / (s + x))^2."""
+    """Return the stiffness -2 P / s [N/m] at contact of a magnetic pull P (s / (s + x))^2 at distance x."""
     return float(-2 * positive("preload", preload, "N") / positive("stand-off", stand_off, "m"))
 
 
 def steady_state(
     system: BallOnFilm, losses: Losses, force: float, frequency: float, instants: int = INSTANTS
 ) -> SteadyState:
-    """Return the periodic motion under `force` [N] at `frequency` [Hz], at `instants` of half a period.
+    """Return the periodic motion x under `force` [N] at `frequency` [Hz], at `instants` of half a period.
 
-    D x + f = F sin wt,   f in F_c sign(x'),   |f| <= F_c if x' = 0
+    D x + f = F sin wt,   f in F_c sign(x'),   |f| <= F_c if x' = 0         f: friction force, F: `force`
 
-    D(nw) = D_film(nw) + k_m + i eta |k_m| is the dynamic stiffness at each odd harmonic n. The magnets have the
-    stiffness k_m, negative since their pull falls with distance, and lose eta pi |k_m| X^2 per cycle at any frequency.
-    f and x change sign after half a period. With the mobility Y = i n w / D the speed is v = Y (F - f): at each instant
-    either v = 0 and |f| < F_c, or f = F_c sign(v). With Re Y > 0 the problem is a monotone complementarity problem with
-    one solution; for slow motion the solution is X = (F - F_c) / k.
+    D(nw) = D_film(nw) + k_m + i eta |k_m| is the dynamic stiffness at each odd harmonic n. The stiffness k_m of the
+    magnets is negative, because their pull falls with distance; they dissipate eta pi |k_m| X^2 per cycle of amplitude
+    X. f and x change sign after half a period. With the mobility Y = i n w / D the speed is v = Y (F - f): at each
+    instant either v = 0 and |f| < F_c, or f = F_c sign(v). With Re Y > 0 the problem is a monotone complementarity
+    problem with one solution; for slow motion the solution is X = (F - F_c) / k.
     Source: J. P. Den Hartog, Trans. ASME 53 (1931), for one mass and spring; P. L. Lions and B. Mercier, SIAM J. Numer.
     Anal. 16 (1979), for the splitting.
     """
@@ -245,8 +244,8 @@ def steady_state(
 
 
 def _friction(mobility: Array, pushed: Array, limit: float) -> Array:
-    """Return the friction force f (M,) at instants where the speed is mobility (M, M) (pushed - f).
-    The method is Douglas-Rachford splitting. Raises InputError without convergence."""
+    """Return the friction force [N] at each instant, by Douglas-Rachford splitting; InputError if it does not converge.
+    Speed of the ball: mobility (instants, instants) times the difference of driving force `pushed` and friction."""
     sizes = np.linalg.svd(mobility, compute_uv=False)
     scale = 1.0 / np.sqrt(sizes[0] * sizes[-1])
     inverse = np.linalg.inv(np.eye(len(pushed)) + scale * mobility)
@@ -261,7 +260,7 @@ def _friction(mobility: Array, pushed: Array, limit: float) -> Array:
 
 
 def largest_motion(system: BallOnFilm, losses: Losses, force: float, frequency: Array) -> float:
-    """Return the largest amplitude [m] over frequencies [Hz] in ascending order, refined between two frequencies."""
+    """Return the largest amplitude [m] of the motion at ascending frequencies [Hz], refined between them."""
 
     def below(log_frequency: float) -> float:
         return -steady_state(system, losses, force, float(np.exp(log_frequency)), COARSE).amplitude

@@ -26,7 +26,7 @@ def _axes(columns: int = 1, width: float = 6.0) -> tuple[Figure, list[Axes]]:
 
 
 def preload_sliding(angles: Array, preload: float, socket_fixed: Array) -> Figure:
-    """Plot the largest pull against the joint angle, with ball fixed and with socket fixed (Fig 3.9)."""
+    """Plot the largest pull that the preload resists against the joint angle, with ball or socket fixed (Fig 3.9)."""
     figure, (ax,) = _axes()
     degrees = np.degrees(angles)
     ax.plot(degrees, np.full_like(degrees, preload), label="ball fixed")
@@ -38,8 +38,8 @@ def preload_sliding(angles: Array, preload: float, socket_fixed: Array) -> Figur
 
 
 def preload_contacts(angles: Array, preload: float, limits: Array, towards: Array) -> Figure:
-    """Plot the largest pull against the joint angle for three supports: all azimuths, the best and the worst (Fig
-    3.11)."""
+    """Plot the largest pull on a ball on three supports against the joint angle (Fig 3.11): for all azimuths of the
+    pull, for a pull towards a support, and for the worst azimuth."""
     figure, (ax,) = _axes()
     degrees = np.degrees(angles)
     top = np.minimum(limits.max(axis=1), 2 * preload)
@@ -54,7 +54,7 @@ def preload_contacts(angles: Array, preload: float, limits: Array, towards: Arra
 
 
 def preload_rings(magnets: Sequence[Magnet], seat: MagnetSeat, best: Sequence[PreloadDesign]) -> Figure:
-    """Plot the preload of the fullest ring against its angle (Fig 3.10)."""
+    """Plot the preload of a magnet ring with as many magnets as fit, against its polar angle (Fig 3.10)."""
     figure, (ax,) = _axes()
     angles = np.radians(np.linspace(5, 85, 1601))
     for magnet, design in zip(magnets, best, strict=True):
@@ -76,7 +76,7 @@ def preload_rings(magnets: Sequence[Magnet], seat: MagnetSeat, best: Sequence[Pr
 
 
 def contact(force: Array, printed: PublishedContact, exact: HertzContact, first_yield: float) -> Figure:
-    """Plot approach and peak pressure against force, as printed and exact."""
+    """Plot approach and peak pressure of a Hertz contact against force: as printed in the thesis, and exact."""
     figure, (left, right) = _axes(2, 5.0)
     left.plot(force, exact.approach * 1e6, label="exact")
     left.plot(force, printed.approach * 1e6, "--", label="as printed (cylinders)")
@@ -91,7 +91,7 @@ def contact(force: Array, printed: PublishedContact, exact: HertzContact, first_
 
 
 def thermal(per_kelvin: Mapping[str, float], change: float, tolerance: float) -> Figure:
-    """Plot the growth of every part over the temperature change, against the tolerance."""
+    """Plot the thermal growth of every part over the temperature change, and the tolerance of the growth."""
     figure, (ax,) = _axes(1, 7.0)
     names = list(per_kelvin)
     ax.barh(names, [rate * change * 1e6 for rate in per_kelvin.values()])
@@ -104,7 +104,7 @@ def thermal(per_kelvin: Mapping[str, float], change: float, tolerance: float) ->
 
 
 def film_guide(flat: FilmDesign, sphere: SphericalFilm) -> Figure:
-    """Plot flow and stiffness against displacement, for flat plate and sphere."""
+    """Plot flow and stiffness of the air film against displacement, for the flat-plate and the spherical model."""
     figure, (left, right) = _axes(2, 5.5)
     lift = flat.displacement * 1e6
     left.plot(lift, flat.flow / SCCM, label="flat plate (Table 4.2)")
@@ -123,7 +123,7 @@ def film_guide(flat: FilmDesign, sphere: SphericalFilm) -> Figure:
 
 
 def film_inlet(inlet: Array, lift: Array, gap: Array, sphere: SphericalFilm) -> Figure:
-    """Plot displacement and edge gap against inlet pressure (Figs 4.21 and 4.22)."""
+    """Plot displacement of the ball and gap at the socket's edge against inlet pressure (Figs 4.21 and 4.22)."""
     figure, (ax,) = _axes()
     ax.plot(inlet / ATMOSPHERE, lift * 1e6, label="displacement, flat plate")
     ax.plot(inlet / ATMOSPHERE, gap * 1e6, "--", color="C0", label="edge gap, flat plate")
@@ -136,7 +136,7 @@ def film_inlet(inlet: Array, lift: Array, gap: Array, sphere: SphericalFilm) -> 
 
 
 def film_pressure(geometry: FilmGeometry, load: float, displacement: float) -> Figure:
-    """Plot the pressure from the axis to the edge: flat plate, sphere, sphere with compressible air."""
+    """Plot the film pressure from axis to edge for three models: flat plate, sphere, sphere with compressible air."""
     figure, (ax,) = _axes()
     angle = np.linspace(1e-3, geometry.socket_angle, 300)
     degrees = np.degrees(angle)
@@ -155,7 +155,7 @@ def film_pressure(geometry: FilmGeometry, load: float, displacement: float) -> F
 
 
 def stiffness_predicted(displacement: Array, curves: Mapping[str, Array], rest: float) -> Figure:
-    """Plot tension against displacement, with air on and off (Figs 4.14 and 4.28)."""
+    """Plot the tension on the ball against its displacement, with air on and off (Figs 4.14 and 4.28)."""
     figure, (ax,) = _axes()
     for name, force in curves.items():
         ax.plot(displacement * 1e6, force, label=name)
@@ -169,7 +169,7 @@ def stiffness_predicted(displacement: Array, curves: Mapping[str, Array], rest: 
 
 
 def stiffness_regimes(displacement: Array, force: Array, curve: RegimeCurve, source: str) -> Figure:
-    """Plot the measured force and the four fitted regimes (Fig 4.15)."""
+    """Plot the measured force-displacement curve and its four fitted regimes (Fig 4.15)."""
     figure, (ax,) = _axes(1, 7.0)
     ax.plot(displacement * 1e6, force, ".", color="0.6", markersize=3, label=source)
     limits = (displacement.min(), curve.contact_end, curve.transition_end, curve.film_end, displacement.max())
@@ -183,7 +183,7 @@ def stiffness_regimes(displacement: Array, force: Array, curve: RegimeCurve, sou
 
 
 def design_lift(inlets: Array, lift: Array, supply: float, wanted: float) -> Figure:
-    """Plot lift against inlet pressure, with the available supply pressure and the required lift."""
+    """Plot the lift of the ball against inlet pressure, with the available supply pressure and the required lift."""
     figure, (ax,) = _axes(1, 5.5)
     ax.plot(inlets / ATMOSPHERE, lift * 1e6, label="flat film")
     ax.axvline(supply / ATMOSPHERE, color="k", linestyle="--", linewidth=0.8, label="supply")
@@ -198,7 +198,7 @@ def dynamics(
     responses: Mapping[str, NDArray[np.complex128]],
     measured: tuple[Array, NDArray[np.complex128], str],
 ) -> Figure:
-    """Plot compliance and phase against frequency."""
+    """Plot amplitude [um/N] and phase [deg] of the measured and computed compliance against frequency."""
     figure, (left, right) = _axes(2, 5.5)
     points, response, source = measured
     left.loglog(points, np.abs(response) * 1e6, ".", color="0.7", label=source)

@@ -1,7 +1,7 @@
 """Flat-plate air film of a spherical joint: gap, pressure, flow and stiffness (thesis section 4.2).
 
-Air enters through orifices at polar angle phi and leaves at the socket's edge alpha. Pressures are gauge [Pa],
-flows volumes at atmospheric pressure [m^3/s], displacements and gaps [m], angles [rad], stiffnesses [N/m].
+Air enters the socket through orifices at polar angle phi and leaves at its edge, polar angle alpha. Gauge pressures
+[Pa], flows as volumes at atmospheric pressure [m^3/s], displacements and gaps [m], angles [rad], stiffnesses [N/m].
 """
 
 from dataclasses import dataclass, fields
@@ -18,13 +18,13 @@ from joints.settings import Settings, angle_within, not_negative, positive, requ
 
 @dataclass(frozen=True)
 class FilmGeometry:
-    """Geometry of an air film.
+    """Geometry of an air film between ball and socket.
 
-    ball_radius: r, m.
-    socket_angle, orifice_angle: polar angles alpha of the socket's edge and phi of the orifices, rad.
-    clearance: radial clearance h0 of the concentric ball, m.
+    ball_radius: radius of the ball, m.
+    socket_angle, orifice_angle: polar angles of the socket's edge and of the orifices, rad.
+    clearance: radial gap between socket and concentric ball, m.
     orifices: number of orifices.
-    viscosity: Pa s.
+    viscosity: dynamic viscosity of the air, Pa s.
     """
 
     ball_radius: float
@@ -44,29 +44,29 @@ class FilmGeometry:
 
     @property
     def area(self) -> float:
-        """Projected area pi (r sin alpha)^2 [m^2]."""
+        """Projected area [m^2] of the socket, a circle of radius (ball radius) sin(socket angle)."""
         return float(projected_area(self.ball_radius, self.socket_angle))
 
     @property
     def orifice_length(self) -> float:
-        """Inner radius l_o = eta r phi [m] of the equivalent flat pad, eta = sqrt(4 alpha / pi): 11.5 mm (Figs 4.10,
-        4.17)."""
+        """Inner radius l_o = eta r phi [m] of the equivalent flat pad: ball radius r, orifices at polar angle phi,
+        socket's edge at alpha, eta = sqrt(4 alpha / pi); 11.5 mm in the thesis (Figs 4.10, 4.17)."""
         return self._arc_factor * self.ball_radius * self.orifice_angle
 
     @property
     def socket_length(self) -> float:
-        """Width l_s = eta r (alpha - phi) [m] of the flat pad: 32.2 mm; Fig 4.10 prints the bracket with the opposite
-        sign."""
+        """Width l_s = eta r (alpha - phi) [m] of the flat pad, 32.2 mm in the thesis; symbols as in `orifice_length`.
+        Fig 4.10 prints the bracket with the opposite sign."""
         return self._arc_factor * self.ball_radius * (self.socket_angle - self.orifice_angle)
 
     @property
     def outer_length(self) -> float:
-        """Outer radius l_o + l_s [m] of the equivalent flat pad."""
+        """Outer radius [m] of the flat pad that is equivalent to the socket."""
         return self.orifice_length + self.socket_length
 
     @property
     def log_ratio(self) -> float:
-        """Logarithm ln((l_o + l_s) / l_o) of the radii of the flat pad."""
+        """Natural logarithm of the ratio of outer to inner radius of the equivalent flat pad."""
         return float(np.log(self.socket_angle / self.orifice_angle))
 
     @property
@@ -75,11 +75,11 @@ class FilmGeometry:
 
 
 def film_gap(geometry: FilmGeometry, displacement: ArrayLike, angle: ArrayLike) -> Array:
-    """Return the gap h(t) = h0 + (d - h0) cos t [m] at polar angle t, with d measured from the ball at rest in the
-    socket.
+    """Return the gap h(t) = h0 + (d - h0) cos t [m] between ball and socket at polar angle t.
 
-    Figs 4.10 and 4.12 print h0 + d cos(alpha), with d measured from the concentric ball; Table 4.2 and Fig 4.17 measure
-    d from contact. Raises InputError if the ball would touch the socket.
+    h0: radial clearance; d: displacement of the ball from rest in the socket. Figs 4.10 and 4.12 print h0 + d
+    cos(alpha), with d measured from the concentric ball; Table 4.2 and Fig 4.17 measure d from contact. Raises
+    InputError if the ball would touch the socket.
     """
     gap = gap_along(geometry, not_negative("displacement", displacement, "m"), np.cos(np.asarray(angle, float)))
     require(gap > 0, "film gap", gap, "above 0 m")
@@ -87,59 +87,59 @@ def film_gap(geometry: FilmGeometry, displacement: ArrayLike, angle: ArrayLike) 
 
 
 def gap_along(geometry: FilmGeometry, lift: Array, cosine: Array) -> Array:
-    """Return `film_gap` for valid displacements and cos t."""
+    """Return the gap [m] as `film_gap` does, from the cosine of the polar angle, without a check."""
     return geometry.clearance + (lift - geometry.clearance) * cosine
 
 
 def edge_gap(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
-    """Return `film_gap` at the edge of the socket, alpha."""
+    """Return the gap [m] between ball and socket at the edge of the socket."""
     return film_gap(geometry, displacement, geometry.socket_angle)
 
 
 def film_resistance(geometry: FilmGeometry, gap: ArrayLike) -> Array:
-    """Return R_s = 6 mu ln((l_o + l_s)/l_o) / (pi h^3) [Pa s/m^3], socket pressure over total flow (Fig 4.9)."""
+    """Return the film's resistance 6 mu log_ratio / (pi gap^3) [Pa s/m^3]: pressure over total flow (Fig 4.9)."""
     return 6 * geometry.viscosity * geometry.log_ratio / (np.pi * positive("film gap", gap, "m") ** 3)
 
 
 def film_pressure(geometry: FilmGeometry, socket_pressure: ArrayLike, radius: ArrayLike) -> Array:
-    """Return the pressure P(l) = P_s ln((l_o + l_s)/l) / ln((l_o + l_s)/l_o) [Pa] at radius l of the flat pad, P_s
-    inside l_o."""
+    """Return the pressure [Pa] at radius l of the flat pad, P_s ln(R/l) / ln(R/l_o), at most the socket pressure P_s.
+    l_o, R: inner and outer radius of the pad."""
     clipped = np.clip(np.asarray(radius, float), geometry.orifice_length, geometry.outer_length)
     share: Array = np.log(geometry.outer_length / clipped) / geometry.log_ratio
     return not_negative("socket pressure", socket_pressure, "Pa") * share
 
 
 def supporting_pressure(geometry: FilmGeometry, preload: ArrayLike) -> Array:
-    """Return the pressure P_s = F / (pi (r sin alpha)^2) [Pa], uniform over the projected socket (Fig 4.11)."""
+    """Return the pressure [Pa] that carries the preload: preload over the projected area of the socket (Fig 4.11)."""
     return not_negative("preload", preload, "N") / geometry.area
 
 
 def pad_load(geometry: FilmGeometry, socket_pressure: ArrayLike) -> Array:
-    """Return the load pi P_s (R^2 - l_o^2) / (2 ln(R/l_o)) [N] of the classical pad: the integral of `film_pressure`.
-    R = l_o + l_s."""
+    """Return the load pi P_s (R^2 - l_o^2) / (2 ln(R/l_o)) [N] of a flat pad: the integral of the film pressure.
+    P_s: socket pressure; l_o, R: inner and outer radius of the pad."""
     ring = geometry.outer_length**2 - geometry.orifice_length**2
     return np.pi * not_negative("socket pressure", socket_pressure, "Pa") * ring / (2 * geometry.log_ratio)
 
 
 def published_load(geometry: FilmGeometry, socket_pressure: ArrayLike) -> Array:
-    """Return the load pi R^2 P_s (1 - 1/(2 ln(R/l_o))) [N] as printed in Fig 4.12, with a pressure that grows outwards.
-    199 N for Table 4.2, where the preload is 100.7 N and the classical pad carries 111 N."""
+    """Return the load pi R^2 P_s (1 - 1/(2 ln(R/l_o))) [N] as printed in Fig 4.12, for a pressure that grows outwards.
+    The result for Table 4.2 is 199 N; the preload is 100.7 N and the classical pad carries 111 N."""
     shape = 1 - 1 / (2 * geometry.log_ratio)
     return np.pi * geometry.outer_length**2 * not_negative("socket pressure", socket_pressure, "Pa") * shape
 
 
 def published_stiffness(geometry: FilmGeometry, socket_pressure: ArrayLike, gap: ArrayLike) -> Array:
-    """Return (3 pi/2) R^2 P_s cos(alpha) (2 - 1/ln(R/l_o)) / h [N/m] (Fig 4.12, Table 4.2; Fig 4.17 misprints 2 pi)."""
+    """Return the printed stiffness [N/m], 3 published_load cos(socket angle) / gap (Fig 4.12, misprint in Fig 4.17)."""
     return 3 * published_load(geometry, socket_pressure) * float(np.cos(geometry.socket_angle)) / _gap(gap)
 
 
 def stiffness_constant_flow(geometry: FilmGeometry, load: ArrayLike, gap: ArrayLike) -> Array:
-    """Return the stiffness -dF/dd = 3 F cos(alpha) / h [N/m] at constant flow, with the load F actually carried."""
+    """Return the stiffness 3 load cos(socket angle) / gap [N/m] of the film at constant flow, for the carried load."""
     return 3 * not_negative("load", load, "N") * float(np.cos(geometry.socket_angle)) / _gap(gap)
 
 
 def feed_factor(geometry: FilmGeometry, resistance: ArrayLike, flow_slope: ArrayLike) -> Array:
-    """Return 1 / (1 - N R_s dq/dP_s): stiffness at constant inlet pressure over stiffness at constant flow."""
+    """Return the ratio of stiffness at constant inlet pressure to stiffness at constant flow, below 1."""
     return 1 / (1 - geometry.orifices * np.asarray(resistance, np.float64) * np.asarray(flow_slope, np.float64))
 
 
@@ -148,7 +148,7 @@ def _gap(gap: ArrayLike) -> Array:
 
 
 def film_geometry(settings: Settings, ball_radius: float | None = None) -> FilmGeometry:
-    """Return the geometry of the film from settings with the names of its fields.
+    """Return the geometry of the film from settings that have the names of the fields of FilmGeometry.
     Raises InputError for impossible numbers, such as a clearance as large as the ball."""
     given = settings if ball_radius is None else {**settings, "ball_radius": ball_radius}
     film = FilmGeometry(**{field.name: given[field.name] for field in fields(FilmGeometry)})
@@ -157,7 +157,7 @@ def film_geometry(settings: Settings, ball_radius: float | None = None) -> FilmG
 
 
 def orifice_law(settings: Settings) -> Orifice:
-    """Return the orifice that an [orifice] table describes. Raises InputError for an impossible number."""
+    """Return the orifice that a TOML table [orifice] describes. Raises InputError for an impossible number."""
     laws: dict[str, Orifice] = {
         "linear": LinearOrifice(settings["slope"], settings["offset"]),
         "nozzle": NozzleOrifice(settings["diameter"], settings["discharge"], settings["temperature"]),
@@ -169,10 +169,10 @@ def orifice_law(settings: Settings) -> Orifice:
 
 @dataclass(frozen=True)
 class FilmDesign:
-    """The design guide of Fig 4.13, one entry per displacement.
+    """The design guide of Fig 4.13, one entry per displacement of the ball.
 
-    flow: flow through one orifice.
-    resistance_ratio: resistance of the orifice over that of the socket.
+    flow: flow through one orifice, m^3/s at atmospheric pressure.
+    resistance_ratio: flow resistance of one orifice over the resistance of the film.
     """
 
     displacement: Array
@@ -188,7 +188,7 @@ class FilmDesign:
 
 
 def design_film(geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, displacement: ArrayLike) -> FilmDesign:
-    """Return the design guide of Fig 4.13: flow, inlet pressure and stiffness for preload and displacement."""
+    """Return the design guide of Fig 4.13: flow, pressures and stiffness of the film at a preload and displacements."""
     lift, load = np.broadcast_arrays(np.asarray(displacement, float), np.asarray(preload, float))
     gap = edge_gap(geometry, lift)
     socket = supporting_pressure(geometry, load)
@@ -213,8 +213,8 @@ def design_film(geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, di
 
 
 def displacement_at_inlet(geometry: FilmGeometry, preload: ArrayLike, orifice: Orifice, inlet: ArrayLike) -> Array:
-    """Return the displacement [m] at which a film with `inlet` pressure carries `preload` (Fig 4.21), 0 without lift.
-    At the displacement, `film_resistance` times the flow is the socket pressure."""
+    """Return the displacement [m] at which a film with inlet pressure `inlet` [Pa] carries `preload` (Fig 4.21), or 0.
+    At the displacement the flow times the film's resistance is the socket pressure."""
     supply = not_negative("inlet pressure", inlet, "Pa")
     socket = positive("preload", preload, "N") / geometry.area
     flow = np.where(supply > socket, orifice.flow(np.maximum(supply, socket), socket), 0.0)

@@ -25,49 +25,49 @@ from joints.settings import Settings, positive, require
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Hexapod(OnLegs):
-    """A platform on six legs with a ball joint at either end. A Mechanism with loops closed by Newton's method.
-    limits: shortest and longest leg, m."""
+    """A hexapod: a platform on six legs with a ball joint at either end; Newton's method closes its loops.
+    limits: shortest and longest length of a leg, m."""
 
     axial: ClassVar[str] = "torque_L{i}"
     limits: tuple[float, float]
 
     @cached_property
     def slots(self) -> tuple[str, ...]:
-        """The base; of every leg its lower ball, the leg and its upper ball; the measured frame on the platform."""
+        """Names of the frames at which errors act: base, lower ball, body and upper ball of every leg, tool."""
         return ("base", *self.link_slots, "tool")
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
-        """L1 to L6: the measured lengths of the legs between the centres of their balls."""
+        """Joints L1 to L6: the measured lengths of the legs between the centres of their balls."""
         return tuple(
             Joint(f"L{i}", "prismatic", *self.limits, ((f"L{i}.moving", "Tz", 1.0),)) for i in range(1, LEGS + 1)
         )
 
     @property
     def constants(self) -> tuple[tuple[str, str], ...]:
-        """The length of each leg, then the centres of its balls, in the axes of base and platform."""
+        """Geometric constants (slot, axis): length of each leg, then the coordinates of the centres of its balls."""
         return self.link_constants
 
     @property
     def levers(self) -> dict[str, Array]:
-        """Levers as in OnLegs.link_levers, with the legs at half stroke."""
+        """{slot: vector [m] that grows with temperature}: positions of the balls, and legs at half stroke."""
         return self.link_levers(self.home[0])
 
     @property
     def home(self) -> Array:
-        """Lengths (1, 6) of all legs at half stroke, m."""
+        """Lengths (1, 6) of the legs at half stroke, m."""
         return np.full((1, LEGS), np.mean(self.limits))
 
     def feet(self, frames: Array, own: Array, q: Array) -> tuple[Array, Array]:
-        """Place the lower balls on the base; see OnLegs.feet."""
+        """Place the lower balls on the base; arguments and results as in OnLegs.feet."""
         frames[1:-1:3] = own[0] @ shift(self.base)[:, None] @ own[1:-1:3]
         apart = np.linalg.norm((self.platform - self.base)[:, :2], axis=1).mean()
         high = np.sqrt(max(np.mean(self.limits) ** 2 - apart**2, 0.0)) + np.mean(self.base - self.platform, 0)[2]
         return q.T, np.broadcast_to(shift([0.0, 0.0, high]), (len(q), 4, 4))
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
-        """Return the loads of the weight: torque_L1 .. (N) on each length, force_base_x ..
-        moment_base_z on the base."""
+        """Return the loads of the weight at each pose: torque_L1 to torque_L6, forces on the legs [N]; force_base_x to
+        moment_base_z, force [N] and moment [N m] on the base."""
         carried = np.asarray(payload, dtype=float)
         if not np.any(carried) and not self.mass:
             return {}
@@ -76,7 +76,7 @@ class Hexapod(OnLegs):
 
 
 def hexapod(path: Path | None = None) -> Hexapod:
-    """Return the hexapod of a TOML file, the built-in one by default.
+    """Return the hexapod that a TOML file describes; without a file, the built-in one.
 
     Raises InputError for an unknown key, a missing unit, a ring or range without size, or legs that cannot meet or do
     not hold the platform.
@@ -107,15 +107,15 @@ def _ring(radius: float, angles: list[float]) -> Array:
 
 
 ARMS = (0, 0, 0, 1, 1, 2)
-"""Arm number of each link: clusters of three links, two links and one link."""
+"""Number (from 0) of the arm that carries each link of the Tau robot: three links, two links and one link."""
 
 
 @dataclass(frozen=True)
 class Actuator:
-    """Actuator of a cluster of links.
+    """Actuator of a cluster of links of the Tau robot.
 
-    kind: revolute or prismatic, about or along z of `frame`.
-    frame: frame (4, 4) of the actuator in the base frame, m.
+    kind: revolute (about z of `frame`) or prismatic (along z of `frame`).
+    frame: pose of the actuator in the base frame, 4 x 4 matrix, m.
     lower, upper: limits of the actuator's coordinate, rad or m, zero at home.
     """
 
@@ -125,16 +125,16 @@ class Actuator:
     upper: float
 
     def moved(self, q: Array) -> Array:
-        """Return the transforms (N, 4, 4) of the actuator's motion at coordinates (N,), rad or m."""
+        """Return transforms (poses, 4, 4) of the actuator's motion at its coordinates (poses,), rad or m."""
         return along(5 if self.kind == "revolute" else 2, q)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Tau(OnLegs):
-    """A platform on six links of fixed length, in clusters of 3, 2 and 1 on three actuators; a Mechanism.
+    """A Tau robot: a platform on six links of fixed length, in clusters of 3, 2 and 1 links on three actuators.
 
-    actuators: A1 to A3; `base` is in the frames of the actuators, after the motion.
-    start: (3,) m, origin of the platform with all actuators at home, which defines the lengths of the links.
+    actuators: A1 to A3. The positions in `base` are in the frames of the actuators, after their motion.
+    start: origin (3,) of the platform with all actuators at home, m; defines the lengths of the links.
     """
 
     first: ClassVar[int] = 7
@@ -143,13 +143,13 @@ class Tau(OnLegs):
 
     @cached_property
     def slots(self) -> tuple[str, ...]:
-        """The base; both sides of the motion of every actuator; the balls and the body of every link; the tool."""
+        """Names of the frames at which errors act: base, actuators before and after motion, balls and links, tool."""
         arms = (f"A{a}.{side}" for a in range(1, 4) for side in ("fixed", "moving"))
         return ("base", *arms, *self.link_slots, "tool")
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
-        """Names A1 to A3 of the measured actuator coordinates."""
+        """Joints A1 to A3: the measured actuator coordinates."""
         return tuple(
             Joint(f"A{a}", m.kind, m.lower, m.upper, ((f"A{a}.moving", "Rz" if m.kind == "revolute" else "Tz", 1.0),))
             for a, m in enumerate(self.actuators, 1)
@@ -157,7 +157,7 @@ class Tau(OnLegs):
 
     @property
     def constants(self) -> tuple[tuple[str, str], ...]:
-        """Zero and axis of every actuator, lengths of the links, centres of their balls."""
+        """Geometric constants (slot, axis): zeros and axes of actuators, lengths of links, centres of their balls."""
         axes = (
             (f"A{a}.{side}", axis)
             for a, m in enumerate(self.actuators, 1)
@@ -170,13 +170,13 @@ class Tau(OnLegs):
 
     @property
     def levers(self) -> dict[str, Array]:
-        """Levers as in OnLegs.link_levers, and the positions of the axes."""
+        """{slot: vector [m] that grows with temperature}: positions of the actuators and balls, and the links."""
         axes = {f"A{a}.fixed": m.frame[:3, 3] for a, m in enumerate(self.actuators, 1)}
         return axes | self.link_levers(self.lengths)
 
     @property
     def home(self) -> Array:
-        """Joint values (1, 3) at home, all zero."""
+        """Joint values (1, 3) at home, all zero, rad or m."""
         return np.zeros((1, len(self.actuators)))
 
     @cached_property
@@ -187,11 +187,11 @@ class Tau(OnLegs):
         return np.asarray(np.linalg.norm(self.platform + np.array(self.start) - lower, axis=1))
 
     def links_behind(self, slot: int) -> list[int]:
-        """Return the indices of the links on the arm of a slot."""
+        """Return the numbers (from 0) of the links that the actuator of a slot moves."""
         return [k for k, arm in enumerate(ARMS) if arm == (slot - 1) // 2]
 
     def feet(self, frames: Array, own: Array, q: Array) -> tuple[Array, Array]:
-        """Place the lower balls on the actuators; see OnLegs.feet."""
+        """Place the lower balls on the actuators; arguments and results as in OnLegs.feet."""
         for a, actuator in enumerate(self.actuators):
             frames[1 + 2 * a] = own[0] @ actuator.frame @ own[1 + 2 * a]
             frames[2 + 2 * a] = frames[1 + 2 * a] @ actuator.moved(q[:, a]) @ own[2 + 2 * a]
@@ -200,10 +200,10 @@ class Tau(OnLegs):
         return np.broadcast_to(self.lengths[:, None], (len(ARMS), len(q))), start
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
-        """Return the loads of the weight.
-        torque_A1 ..: load on each coordinate. force_L1_z ..: force along each link, N, positive for tension.
-        force_base_x ..
-        moment_base_z: load on the base."""
+        """Return the loads of the weight at each pose.
+        torque_A1 to torque_A3: torque [N m] or force [N] on each actuator.
+        force_L1_z to force_L6_z: force along each link, N, positive for tension.
+        force_base_x to moment_base_z: force [N] and moment [N m] on the base."""
         carried = np.asarray(payload, dtype=float)
         if not np.any(carried) and not self.mass:
             return {}
@@ -217,14 +217,14 @@ class Tau(OnLegs):
 
 
 DRIVES = {"turned": ("revolute", "turn"), "pushed": ("prismatic", "travel")}
-"""Kind of joint of each drive, and the TOML key of the range of the drive."""
+"""Joint type of each kind of drive, and the TOML key of the range of the drive."""
 
 FRAMES = {"x": np.eye(3)[:, [1, 2, 0]], "y": np.eye(3)[:, [2, 0, 1]], "z": np.eye(3)}
-"""Frames whose z axis is the named axis of the base."""
+"""Rotation matrices whose z axis is the named axis of the base."""
 
 
 def tau(path: Path | None = None) -> Tau:
-    """Return the Tau robot of a TOML file, the built-in one by default.
+    """Return the Tau robot that a TOML file describes; without a file, the built-in one.
 
     Raises InputError for an unknown key, a missing unit, other than three actuators or six links, a range that does not
     contain zero, or links that do not hold the platform.

@@ -2,8 +2,8 @@
 
 |p + R (b_i + δb_i) - (a_i + δa_i)| = l_i + δl_i,   i = 1..6
 
-a, b: balls at the foot of a link and on the platform, l: length of a link, δ: errors.
-Source: Merlet 2006, Parallel Robots, ch. 4 (Newton's method) and 5 (Jacobian).
+p, R: position and rotation of the platform; a, b: balls at the foot of a link and on the platform; l: length of a link;
+δ: errors. Source: Merlet 2006, Parallel Robots, ch. 4 (Newton's method) and 5 (Jacobian).
 """
 
 from abc import abstractmethod
@@ -22,28 +22,27 @@ from gpmodel.numerics import se3
 from joints.settings import Settings, laid_over, read_toml
 
 STEPS = 50
-"""Largest number of Newton steps. Each step doubles the number of digits; a machine that needs more does not close."""
+"""Largest number of Newton steps for the platform's pose. Each step doubles the number of correct digits."""
 
 PROGRESS, STALLED = 0.9, 6
-"""Newton's method ends without success after STALLED steps in which the largest gap does not fall by a tenth. With half
-as many steps, none of 2161 poses with tilts up to 15 deg is lost and one of 671 at 45 deg; with twice as many, a pose
-that cannot close takes twice the time."""
+"""Newton's method ends without success after 6 steps (STALLED) in which the largest gap of a link does not fall by a
+tenth (PROGRESS). With half as many steps, none of 2161 poses with tilts up to 15 deg is lost and one of 671 at 45 deg;
+with twice as many, a pose that cannot close takes twice the time."""
 
 CLOSED = 1e-13
-"""Largest gap of a closed loop, m. Rounding of a length of a metre is a few 1e-16 m."""
+"""Largest gap of a closed kinematic loop, m. Rounding of a length of a metre is a few 1e-16 m."""
 
 LONGEST_STEP = 0.1
-"""Longest step of Newton's method, m and rad: a part of the machine's size, so that the assembly mode does not change.
-"""
+"""Longest step of Newton's method, m and rad. A short step keeps the machine in its assembly mode."""
 
 
 def newton(pose: Array, lower: Array, balls: Array, lengths: Array) -> tuple[Array, Array]:
-    """Find the pose (N, 4, 4) of a platform by Newton's method; return it and the largest gap (N,) of a link, m.
+    """Find the poses (poses, 4, 4) of a platform by Newton's method; return also the largest gap of a link per pose, m.
 
-    pose: initial pose (N, 4, 4).
-    lower: centres (6, N, 3) of the lower balls. balls: centres (6, N, 3) of the balls on the platform, in its frame.
-    lengths: (6, N) of the links, m.
-    The steps end for each pose when the loops are closed or the gap has stopped falling.
+    pose: initial poses (poses, 4, 4) of the platform.
+    lower: centres (6, poses, 3) of the lower balls, m. balls: centres (6, poses, 3) of the upper balls in the
+    platform's frame, m. lengths: lengths (6, poses) of the links, m.
+    For each pose the steps end when the loops are closed or the gap has stopped falling.
     """
     pose, lower, balls, lengths = pose.copy(), *(np.swapaxes(part, 0, 1) for part in (lower, balls, lengths))
     miss, best, stalled = np.full(len(pose), np.inf), np.full(len(pose), np.inf), np.zeros(len(pose), dtype=int)
@@ -71,14 +70,14 @@ def newton(pose: Array, lower: Array, balls: Array, lengths: Array) -> tuple[Arr
 
 
 def wrenches(along: Array, arm: Array) -> Array:
-    """Return rows (..., 6) of unit directions u (..., 3) and their moments r × u at arms r (..., 3)."""
+    """Return rows (..., 6): a unit direction u (..., 3), and its moment r × u with the lever arm r (..., 3)."""
     (x, y, z), (u, v, w) = np.moveaxis(arm, -1, 0), np.moveaxis(along, -1, 0)
     return np.stack([u, v, w, y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
 def jacobian_of(tool: Array, lower: Array, upper: Array) -> Array:
-    """Return the derivatives (N, 6, 6) of the link lengths by a twist of the tool in the tool frame.
-    The rows are (u, r × u) with the unit vector u along the link."""
+    """Return the derivatives (poses, 6, 6) of the six link lengths by a twist of the tool, in the tool frame. The row
+    of a link is (u, r × u): unit vector u along the link, vector r from the tool to its upper ball."""
     turn = tool[:, :3, :3]
     along = np.einsum("nji,knj->nki", turn, unit(upper - lower))
     arm = np.einsum("nji,knj->nki", turn, upper - tool[:, :3, 3])
@@ -91,16 +90,16 @@ def unit(vectors: Array) -> Array:
 
 
 def axes_along(directions: Array) -> Array:
-    """Return rotations (..., 3, 3) with z along unit vectors (..., 3), the smallest rotations from the root axes.
-    No vector may point along -z."""
+    """Return the smallest rotations (..., 3, 3) of the root axes that turn z along unit vectors (..., 3). The vectors
+    may not point along -z."""
     v = np.stack([-directions[..., 1], directions[..., 0], np.zeros(directions.shape[:-1])], axis=-1)
     turn = se3.hat(v.reshape(-1, 3)).reshape(*directions.shape, 3)
     return np.eye(3) + turn + turn @ turn / (1.0 + directions[..., 2])[..., None, None]
 
 
 def adjoint(frame: Array) -> Array:
-    """Return the matrices (N, 6, 6) that convert twists in one frame to twists in the axes of a body.
-    frame: (N, 4, 4), the first frame in the frame of the body."""
+    """Return the matrices (poses, 6, 6) that convert twists in one frame to twists in the axes of a body.
+    frame: pose (poses, 4, 4) of the first frame in the frame of the body."""
     out = np.zeros((len(frame), 6, 6))
     out[:, :3, :3] = out[:, 3:, 3:] = frame[:, :3, :3]
     out[:, :3, 3:] = se3.hat(frame[:, :3, 3]) @ frame[:, :3, :3]
@@ -109,23 +108,23 @@ def adjoint(frame: Array) -> Array:
 
 LEGS = 6
 WEAKEST = 1e-3
-"""Least singular value of the legs' Jacobian at home, with lengths relative to the platform's radius. With a smaller
-value the legs do not hold the platform; two similar hexagons have zero."""
+"""Least singular value of the legs' Jacobian at home, with lengths relative to the platform's radius. Below this value
+the legs do not hold the platform; two similar hexagons have the value zero."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OnLegs:
     """A machine with six links between a base and a platform.
 
-    Slots are the base, the slots that move the links, the lower ball, link and upper ball of each link, and the
-    measured frame on the platform.
-    first: index of the first slot of the links.
-    axial: name of the load on link {i} along it, N.
-    base, platform: (6, 3) m, nominal centres of the balls at the feet of the links and on the platform.
-    tool: (3,) m, the measured point on the platform.
+    Slots (frames at which errors act): the base, the slots that move the links, the lower ball, link and upper ball of
+    each link, and the measured frame on the platform.
+    first: index of the first slot of the links in `slots`.
+    axial: name of the force along link i; `{i}` stands for its number.
+    base, platform: nominal centres (6, 3) of the balls at the feet of the links and on the platform, m.
+    tool: measured point (3,) on the platform, m.
     mass: mass of the platform, kg, at the origin of the platform.
-    gravity: (3,) m/s² in the base frame.
-    payload_com: (3,) m, centre of a payload in the measured frame.
+    gravity: acceleration of gravity (3,), m/s², in the base frame.
+    payload_com: centre of mass (3,) of a payload in the measured frame, m.
     """
 
     first: ClassVar[int] = 1
@@ -150,29 +149,29 @@ class OnLegs:
 
     @abstractmethod
     def feet(self, frames: Array, own: Array, q: Array) -> tuple[Array, Array]:
-        """Fill frames (S, N, 4, 4) up to the lower balls; return link lengths (6, N), m, and a start (N, 4, 4) of the
-        platform.
-        own: error transform of each slot. The returned lengths do not include the errors of the links."""
+        """Write the poses of all slots up to the lower balls into `frames` (slots, poses, 4, 4).
+        own: error transform of each slot. q: joint values. Returns the link lengths (6, poses), m, without the errors
+        of the links, and an initial pose (poses, 4, 4) of the platform."""
 
     @property
     @abstractmethod
     def home(self) -> Array:
-        """Joint values (1, n) in the middle of the workspace."""
+        """Joint values (1, joints) in the middle of the workspace, rad or m."""
 
     @cached_property
     def link_slots(self) -> tuple[str, ...]:
-        """Frames of the chain (slots) of every leg: at the lower ball, on the leg, at the upper ball."""
+        """Names of the slots (frames at which errors act) of every leg: lower ball, leg, upper ball."""
         return tuple(f"L{i}.{part}" for i in range(1, LEGS + 1) for part in ("fixed", "moving", "platform"))
 
     @property
     def link_constants(self) -> tuple[tuple[str, str], ...]:
-        """The length of each link, then the centres of its balls, in the axes of the part that carries them."""
+        """Geometric constants (slot, axis): length of each link, then the coordinates of the centres of its balls."""
         legs = range(1, LEGS + 1)
         balls = ((f"L{i}.{ball}", axis) for i in legs for ball in ("fixed", "platform") for axis in AXES[:3])
         return (*((f"L{i}.moving", "Tz") for i in legs), *balls)
 
     def link_levers(self, lengths: Array) -> dict[str, Array]:
-        """Return slot -> vector (3,), m, that grows with temperature: positions of the balls, and links of the given
+        """Return {slot: vector (3,) [m] that grows with temperature}: positions of the balls, and links of the given
         lengths."""
         out = {}
         for i, (base, platform, length) in enumerate(zip(self.base, self.platform, lengths, strict=True), 1):
@@ -182,8 +181,8 @@ class OnLegs:
 
     @cached_property
     def balls(self) -> tuple[Ball, ...]:
-        """The twelve balls, named by slots, with angles as in the joint of the thesis; the axis is along the link at
-        home."""
+        """The twelve balls, named by slots, with angles as in the joint of the thesis. At home the axis of each ball is
+        along its link."""
         out = []
         for i in range(1, LEGS + 1):
             for end in ("fixed", "platform"):
@@ -194,7 +193,7 @@ class OnLegs:
         return tuple(out)
 
     def turned(self, q: Array) -> dict[str, Array]:
-        """Return roll and pitch (N,) of every ball, rad: the link is along Rx(roll) Ry(pitch) z in socket axes."""
+        """Return roll and pitch [rad] of every ball: Rx(roll) Ry(pitch) turns z of the socket along the link."""
         there, home = self._along(self.assembled(q, {})), self._along(self.assembled(self.home, {}))
         u = np.einsum("enij,enj->eni", np.swapaxes(axes_along(home), 2, 3) + np.zeros((1, len(q), 1, 1)), there)
         angles = np.stack([np.arctan2(-u[..., 1], u[..., 2]), np.arcsin(np.clip(u[..., 0], -1.0, 1.0))])
@@ -202,22 +201,22 @@ class OnLegs:
         return {str(names[k, a]): angles[a, k] for k in range(len(names)) for a in range(2)}
 
     def _along(self, frames: Array) -> Array:
-        """Return the directions (12, N, 3) of the links in the axes of the sockets at both ends, ball by ball."""
+        """Return the directions (12, poses, 3) of the links in the axes of the sockets at both of their ends."""
         lower, upper = frames[self.first : -1 : 3], frames[self.first + 2 : -1 : 3]
         along = unit(upper[..., :3, 3] - lower[..., :3, 3])
         seen = [np.einsum("knji,knj->kni", frame[..., :3, :3], along) for frame in (lower, upper)]
         return np.stack(seen, axis=1).reshape(2 * LEGS, -1, 3)
 
     def transforms(self, q: Array) -> Array:
-        """Return nominal transforms (S, N, 4, 4) between successive slots, m. Raises InputError
-        if loops do not close."""
+        """Return nominal transforms (slots, poses, 4, 4) between successive slots, m.
+        Raises InputError if a closed loop cannot be closed."""
         frames = self.assembled(q, {})
         out = np.linalg.inv(np.concatenate([np.eye(4) + np.zeros_like(frames[:1]), frames[:-1]])) @ frames
         out[..., 3, :] = (0.0, 0.0, 0.0, 1.0)
         return out
 
     def assembled(self, q: Array, twists: Mapping[int, Array]) -> Array:
-        """Return the frames (S, N, 4, 4) of the slots, m, each after its error twist (N, 6), with all loops closed."""
+        """Return the poses (slots, poses, 4, 4) of all slots, m, with their error twists and with all loops closed."""
         frames, lengths, miss = self._solved(q, twists)
         wrong = int(np.argmax(miss))
         if not miss[wrong] < CLOSED:
@@ -226,12 +225,12 @@ class OnLegs:
         return frames
 
     def closes(self, q: Array, twists: Mapping[int, Array] | None = None) -> Mask:
-        """Return a mask (N,): True if the links meet in one platform, at joint values (N, n) with error twists (N, 6)
-        by slot."""
+        """Return for each pose whether the links meet in one platform (loops closed).
+        q: joint values (poses, joints). twists: error twist (poses, 6) of each slot."""
         return self._solved(q, twists or {})[2] < CLOSED
 
     def _solved(self, q: Array, twists: Mapping[int, Array]) -> tuple[Array, Array, Array]:
-        """Return frames (S, N, 4, 4), lengths (6, N), m, and the largest gap (N,) of a link at each pose, m."""
+        """Return slot poses (slots, poses, 4, 4), link lengths (6, poses) and the largest gap (poses,) of a link, m."""
         q, at = self.values(q), self.first
         own = np.broadcast_to(np.eye(4), (len(self.slots), len(q), 4, 4)).copy()
         for slot, twist in twists.items():
@@ -250,9 +249,9 @@ class OnLegs:
         return frames, lengths, miss
 
     def carried(self, frames: Array, slot: int) -> Array:
-        """Return the twist of the tool per unit twist at a slot, (N, 6, 6).
-        The twist solves J ζ + c = 0, where J ζ is the change of the lengths by a twist ζ of the tool, and c the change
-        of the lengths by the slot."""
+        """Return the twist of the tool per unit error twist at a slot, (poses, 6, 6).
+        The twist ζ of the tool solves J ζ + c = 0: J ζ is the change of the link lengths by ζ, and c their change by
+        the error at the slot."""
         tool = frames[-1]
         if slot == len(frames) - 1:
             return np.broadcast_to(np.eye(6), (len(tool), 6, 6))
@@ -271,22 +270,22 @@ class OnLegs:
         return np.linalg.inv(self.jacobian(frames)) @ changed
 
     def links_behind(self, slot: int) -> list[int]:
-        """Return the indices of the links that a slot before the links moves."""
+        """Return the numbers (from 0) of the links that a slot before the links moves."""
         return []
 
     def jacobian(self, frames: Array) -> Array:
-        """Return the derivatives (N, 6, 6) of the lengths by a twist of the tool in the tool frame."""
+        """Return the derivatives (poses, 6, 6) of the link lengths by a twist of the tool, in the tool frame."""
         return jacobian_of(frames[-1], frames[self.first : -1 : 3, :, :3, 3], frames[self.first + 2 : -1 : 3, :, :3, 3])
 
     def weakest(self, q: Array) -> Array:
-        """Return the smallest singular value (N,) of the Jacobian, rotations times the platform's radius; zero if
-        singular."""
+        """Return the smallest singular value of the links' Jacobian at each pose; zero at a singular pose. Rotations
+        are multiplied by the radius of the platform."""
         jacobian = self.jacobian(self.assembled(q, {}))
         jacobian[:, :, 3:] /= np.linalg.norm(self.platform, axis=1).mean()
         return np.asarray(np.linalg.svd(jacobian, compute_uv=False)[:, -1])
 
     def weight(self, frames: Array, payload: Array) -> tuple[Array, dict[str, Array]]:
-        """Return the force (N, 6), N, of the weight on each length, and force_base_x .. moment_base_z on the base."""
+        """Return the force [N] of the weight on each link (poses, 6), and forces and moments on the base by name."""
         tool, down = frames[-1], np.asarray(self.gravity)
         turn = tool[:, :3, :3]
         arms = np.stack([turn @ np.asarray(self.payload_com), -turn @ np.asarray(self.tool)])
@@ -300,7 +299,7 @@ class OnLegs:
         return legs, out
 
     def values(self, q: Array) -> Array:
-        """Return the joint values (N, n). Raises InputError for another shape."""
+        """Return joint values (poses, joints) as numbers. Raises InputError for an array of another shape."""
         q = np.asarray(q, dtype=float)
         if q.ndim != 2 or q.shape[1] != len(self.joints):
             names = f"{self.joints[0].name} to {self.joints[-1].name}"
@@ -314,10 +313,10 @@ Machine = TypeVar("Machine", bound=OnLegs)
 
 
 def described(kind: str, path: Path | None, build: Callable[[Settings, str], Machine]) -> Machine:
-    """Build a machine from the settings of a TOML file, or the built-in machine without a file.
+    """Build a machine from the settings of a TOML file; without a file, the built-in machine.
 
     A machine without a name gets the name of the file. build: function of the settings and of the file name (for
-    messages).
+    messages) that returns the machine.
     """
     given, file = (read_toml(path), path.name) if path else ({}, f"{kind}.toml")
     machine = build(laid_over(kind, given, file), file)
@@ -327,7 +326,7 @@ def described(kind: str, path: Path | None, build: Callable[[Settings, str], Mac
 def held(machine: Machine, file: str) -> Machine:
     """Return the machine, after a check that its legs hold the platform at the home pose.
 
-    Raises InputError if the links do not meet at home, or hold the platform no better than WEAKEST.
+    Raises InputError if the links do not meet at home, or if the Jacobian's smallest singular value is below WEAKEST.
     """
     try:
         weakest = float(machine.weakest(machine.home)[0])

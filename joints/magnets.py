@@ -34,8 +34,8 @@ class Magnet:
 def stack_factor(diameter: float, thickness: float, layers: int, gap: float) -> float:
     """Return the pull of a stack of `layers` magnets relative to one magnet, over `gap` [m] to the ball.
 
-    The pull is proportional to the square of the field on the axis of a cylinder, B(z) ~ (L + z) / sqrt(R^2 + (L +
-    z)^2) - z / sqrt(R^2 + z^2) at a distance z from a face (Furlani 2001, section 4.2), without steel behind it.
+    The pull is proportional to the square of the field B at distance z from a cylinder of length L and radius R
+    (Furlani 2001, section 4.2), without steel behind it: B(z) ~ (L + z) / sqrt(R^2 + (L + z)^2) - z / sqrt(R^2 + z^2).
     """
     radius = float(positive("magnet diameter", diameter, "m")) / 2
     z = float(not_negative("gap", gap, "m"))
@@ -51,8 +51,8 @@ class MagnetSeat:
     """Geometry of the magnet seats in the socket.
 
     radius: distance of the magnet faces from the centre of the ball, m.
-    clearance: wall between two magnets, m.
-    paired: poles alternate around the ring, so that the number is even (thesis 3.2.1).
+    clearance: thickness of the wall between two magnets, m.
+    paired: True if the poles alternate around the ring, so that the number of magnets is even (thesis 3.2.1).
     """
 
     radius: float
@@ -70,8 +70,8 @@ class MagnetSeat:
         return float(np.arcsin(diameter / (2 * self.radius)))
 
     def fitting_count(self, diameter: float, angle: float) -> int:
-        """Return the largest n with 2 r sin(gamma) sin(pi/n) >= diameter + clearance; 1 or 2
-        never touch the far side."""
+        """Return the number n of magnets that fit on a ring at polar angle `angle`, rad.
+        The largest n with 2 radius sin(angle) sin(pi/n) >= diameter + clearance."""
         chord = (diameter + self.clearance) / (2 * self.radius * np.sin(angle))
         if chord > 1:
             return 0 if self.paired else 1
@@ -79,14 +79,14 @@ class MagnetSeat:
         return count - count % 2 if self.paired else count
 
     def smallest_angle(self, diameter: float, count: int) -> float:
-        """Return the smallest ring angle [rad] at which `count` >= 2 magnets fit; nan if no angle up to 90 deg
-        suffices."""
+        """Return the smallest polar angle [rad] of a ring on which `count` >= 2 magnets fit; nan if they do not fit at
+        any angle up to 90 deg."""
         sine = (diameter + self.clearance) / (2 * self.radius * np.sin(np.pi / count))
         return float(np.arcsin(sine)) if sine <= 1 else float("nan")
 
     def check(self, rings: Sequence[MagnetRing], socket_angle: float) -> None:
-        """Raise InputError for a ring with too many magnets, or a ring that extends beyond the socket or overlaps
-        another ring."""
+        """Raise InputError for a magnet ring with too many magnets, or a magnet ring that extends beyond the socket or
+        overlaps another ring."""
         angle_within("socket angle", socket_angle, np.pi / 2)
         for number, ring in enumerate(rings, 1):
             fits = MagnetSeat(self.radius, self.clearance, paired=False).fitting_count(ring.diameter, ring.angle)
@@ -113,8 +113,8 @@ class MagnetSeat:
 
 @dataclass(frozen=True)
 class PreloadDesign:
-    """A candidate design: socket, magnet ring, preload and cost. Angles in rad, area ratios without unit, pressures in
-    Pa."""
+    """A candidate design: socket, magnet ring, preload [N] and cost [$]. Angles in rad, pressures in Pa. An area ratio
+    is the area of the magnet faces over the area of the socket."""
 
     socket_angle: float
     ring: MagnetRing
@@ -128,7 +128,7 @@ class PreloadDesign:
 
 
 def preload_design(socket_angle: float, angle: float, magnet: Magnet, seat: MagnetSeat) -> PreloadDesign | None:
-    """Return the fullest ring of `magnet` at `angle` in a socket of `socket_angle`; None if it does not fit."""
+    """Return a ring with as many magnets as fit, at polar angle `angle`, rad; None if it does not fit the socket."""
     count = seat.fitting_count(magnet.diameter, angle)
     if count < 2 or angle + seat.half_width(magnet.diameter) > socket_angle + 1e-12:
         return None
@@ -153,7 +153,7 @@ def rank_designs(
 ) -> list[PreloadDesign]:
     """Return every design of the grid that fits, best first: largest preload, then highest socket pressure.
 
-    The six best of 12.7 mm magnets, on a grid of 9 deg up to a socket of 72 deg, are the rows of Table 3.1.
+    The six best designs with 12.7 mm magnets, on a grid of 9 deg up to a socket of 72 deg, are the rows of Table 3.1.
     """
     candidates = [
         preload_design(alpha, gamma, magnet, seat)
@@ -170,9 +170,9 @@ def rank_designs(
 
 
 def continuous_optimum(magnet: Magnet, seat: MagnetSeat, largest_socket: float) -> PreloadDesign:
-    """Return the design of largest preload over all ring angles.
-    For each count n the ring is at the smallest possible angle, because n F cos(gamma) falls with the angle, and the
-    socket is the smallest socket that contains the ring."""
+    """Return the design of largest preload over all ring angles. For each number n of magnets of force F the ring is at
+    the smallest possible polar angle gamma, because the preload n F cos(gamma) falls with gamma. The socket is the
+    smallest socket that contains the ring."""
     half = seat.half_width(magnet.diameter)
     designs = []
     for count in range(2, 200, 2 if seat.paired else 1):
@@ -189,8 +189,8 @@ def continuous_optimum(magnet: Magnet, seat: MagnetSeat, largest_socket: float) 
 
 
 THICKNESS, SPACER = 6e-3, 1.5875e-3
-"""Thickness of a magnet in Table 3.1, m; the 1/16 in spacer between magnet and ball in the measurement of one magnet's
-pull (section 3.6), m."""
+"""Thickness of a magnet in Table 3.1, m; thickness of the 1/16 in spacer between magnet and ball when the pull of one
+magnet was measured (section 3.6), m."""
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ class PublishedPreload:
 
     @property
     def stacked(self) -> float:
-        """Predicted pull relative to one layer, from the field of a cylinder at the distance of the spacer."""
+        """Predicted pull of the stack of magnets relative to one magnet, at the distance of the spacer."""
         return stack_factor(self.diameter, THICKNESS, self.layers, SPACER)
 
 

@@ -17,23 +17,23 @@ SCCM = 1e-6 / 60
 
 
 class Orifice(Protocol):
-    """Flow through one orifice between `inlet` and `socket` pressure [Pa, gauge]."""
+    """Flow through one orifice from the `inlet` pressure to the `socket` pressure in the film [Pa, gauge]."""
 
     def flow(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
-        """Return the flow [m^3/s at atmospheric pressure]."""
+        """Return the flow [m^3/s at atmospheric pressure] from the inlet pressure to the socket pressure."""
 
     def inlet_pressure(self, flow: ArrayLike, socket: ArrayLike) -> Array:
-        """Return the inlet pressure [Pa] that drives `flow`: the inverse of `flow`."""
+        """Return the inlet pressure [Pa] that drives `flow` through the orifice."""
 
     def flow_slope(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
-        """Return d(flow)/d(socket pressure) [m^3/(s Pa)] at constant inlet pressure, never positive."""
+        """Return the derivative of the flow by the socket pressure [m^3/(s Pa)] at constant inlet pressure."""
 
 
 @dataclass(frozen=True)
 class LinearOrifice:
-    """An orifice with the pressure drop P_o = max(0, `slope` Q - `offset`): slope [Pa s/m^3], offset [Pa].
+    """An orifice with the pressure drop max(0, `slope` flow - `offset`): slope [Pa s/m^3], offset [Pa].
 
-    The defaults reproduce the orifice and inlet columns of Table 4.2: P_o[atm] = 0.03445 Q[sccm] - 0.638.
+    The defaults reproduce the orifice and inlet columns of Table 4.2: drop [atm] = 0.03445 flow [sccm] - 0.638.
     """
 
     slope: float = 0.03445 * ATMOSPHERE / SCCM
@@ -44,16 +44,16 @@ class LinearOrifice:
         not_negative("orifice offset", self.offset, "Pa")
 
     def flow(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
-        """Return (P_i - P_s + offset) / slope [m^3/s]."""
+        """Return the flow (inlet pressure - socket pressure + offset) / slope [m^3/s]."""
         return (_drop(inlet, socket) + self.offset) / self.slope
 
     def inlet_pressure(self, flow: ArrayLike, socket: ArrayLike) -> Array:
-        """Return P_s + max(0, slope Q - offset) [Pa]."""
+        """Return the inlet pressure: socket pressure + max(0, slope flow - offset) [Pa]."""
         drop = np.maximum(self.slope * not_negative("flow", flow, "m^3/s") - self.offset, 0.0)
         return not_negative("socket pressure", socket, "Pa") + drop
 
     def flow_slope(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
-        """Return -1 / slope [m^3/(s Pa)]."""
+        """Return the derivative of the flow by the socket pressure, -1 / slope [m^3/(s Pa)]."""
         return np.full_like(_drop(inlet, socket), -1 / self.slope)
 
 
@@ -61,8 +61,8 @@ class LinearOrifice:
 class NozzleOrifice:
     """Isentropic nozzle of `diameter` [m] and `discharge` coefficient, air at `temperature` [K] (form of ISO 6358).
 
-    Q = C_d A (p_u / p_a) sqrt(R T) psi(p_d / p_u), absolute pressures up- and downstream. psi is constant (0.685) below
-    the critical ratio 0.528: the flow of a choked orifice does not depend on the film.
+    Flow C_d A (p_u / p_a) sqrt(R T) psi(p_d / p_u): discharge coefficient C_d, area A, gas constant R, temperature T,
+    and absolute pressures p_u upstream, p_d downstream, p_a of the atmosphere. psi = 0.685 for p_d / p_u below 0.528.
     """
 
     diameter: float
@@ -75,15 +75,15 @@ class NozzleOrifice:
         positive("air temperature", self.temperature, "K")
 
     def flow(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
-        """Return C_d A (p_u / p_a) sqrt(R T) psi(p_d / p_u) [m^3/s]."""
+        """Return the flow [m^3/s] by the equation in the docstring of the class."""
         _drop(inlet, socket)
         upstream = np.asarray(inlet, float) + ATMOSPHERE
         ratio = (np.asarray(socket, float) + ATMOSPHERE) / upstream
         return self._capacity * upstream / ATMOSPHERE * _discharge_function(ratio)
 
     def inlet_pressure(self, flow: ArrayLike, socket: ArrayLike) -> Array:
-        """Return the inlet pressure [Pa] by bisection between zero flow and choked flow; `flow` grows with inlet
-        pressure."""
+        """Return the inlet pressure [Pa] that drives `flow`, by bisection between zero flow and choked flow. The flow
+        grows with the inlet pressure."""
         target, socket_pressure = np.broadcast_arrays(
             not_negative("flow", flow, "m^3/s"), not_negative("socket pressure", socket, "Pa")
         )
@@ -97,7 +97,7 @@ class NozzleOrifice:
         return (low + high) / 2
 
     def flow_slope(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
-        """Return C_d A sqrt(R T) psi'(p_d / p_u) / p_a, zero when choked."""
+        """Return the derivative of the flow by the socket pressure [m^3/(s Pa)]; zero for a choked orifice."""
         _drop(inlet, socket)
         ratio = (np.asarray(socket, float) + ATMOSPHERE) / (np.asarray(inlet, float) + ATMOSPHERE)
         return self._capacity / ATMOSPHERE * _discharge_slope(ratio)
@@ -113,7 +113,7 @@ _CRITICAL = (2 / (_HEAT_RATIO + 1)) ** (_HEAT_RATIO / (_HEAT_RATIO - 1))
 
 
 def _discharge_function(ratio: Array) -> Array:
-    """Return psi(x) = sqrt(2 k/(k-1) (x^(2/k) - x^((k+1)/k)))."""
+    """Return the discharge function sqrt(2 k/(k-1) (x^(2/k) - x^((k+1)/k))), x: pressure ratio, k: heat ratio."""
     x = np.clip(ratio, _CRITICAL, 1.0)
     k = _HEAT_RATIO
     return np.sqrt(2 * k / (k - 1) * (x ** (2 / k) - x ** ((k + 1) / k)))

@@ -1,4 +1,4 @@
-"""A passive joint as a Mechanism: rotations about axes through one centre, and a lever."""
+"""A passive joint as a Mechanism: rotations about axes through one centre, and a tooling ball at a distance."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -19,8 +19,8 @@ from joints.settings import Settings, laid_over, load_settings, positive, read_t
 
 @dataclass(frozen=True)
 class Rotation:
-    """One rotation of a joint about its axis x, y or z. lower, upper: limits, rad. measured: True if the rotation has a
-    sensor."""
+    """One rotation of a joint about its axis x, y or z. lower, upper: limits of the angle, rad. measured: True if the
+    rotation has a sensor."""
 
     name: str
     axis: str
@@ -30,7 +30,7 @@ class Rotation:
 
     @property
     def index(self) -> int:
-        """Index of the axis: 0 for x."""
+        """Number of the axis: 0 for x, 1 for y, 2 for z."""
         return "xyz".index(self.axis)
 
 
@@ -38,11 +38,11 @@ class Rotation:
 class PassiveJoint:
     """A spherical or universal joint: two or three rotations about axes that meet in one centre; a Mechanism.
 
-    tooling_ball: (x, y, z) m, the nominal lever: the measured centre in the frame after the last rotation.
-    gravity: (3,) m/s² in the socket's frame.
-    payload_com: (3,) m, centre of a payload in the tooling ball's frame.
-    reached: (3,) m, the tooling ball's position in the nominal frame from a first fit; thermal growth of the lever
-    includes this position.
+    tooling_ball: nominal centre (x, y, z) of the measured tooling ball, m, in the frame after the last rotation.
+    gravity: acceleration of gravity (3,), m/s², in the socket's frame.
+    payload_com: centre of mass (3,) of a payload in the tooling ball's frame, m.
+    reached: position (3,) of the tooling ball in its nominal frame after a first fit, m; thermal growth of the lever
+    from the centre to the tooling ball includes this position.
     Raises InputError for a tooling ball in the joint's centre, or rotations that are not two or three with different
     names and changing axes.
     """
@@ -74,18 +74,18 @@ class PassiveJoint:
         return replace(self, rotations=tuple(replace(r, measured=measured) for r in self.rotations))
 
     def reaching(self, point: Iterable[float]) -> "PassiveJoint":
-        """Return the joint with its tooling ball at `point` (3,), m, in the nominal tooling ball's frame."""
+        """Return the joint with its tooling ball at `point` (3,), m, in the nominal frame of the tooling ball."""
         return replace(self, reached=vector(tuple(point)))
 
     @cached_property
     def levers(self) -> dict[str, Array]:
-        """Slot -> best known lever (3,), m, that grows with temperature, in the frame of the slot."""
+        """{slot: vector (3,) [m] that grows with temperature, in the frame of the slot}: centre to tooling ball."""
         return {"tool": np.add(self.tooling_ball, self.reached)}
 
     @property
     def balls(self) -> tuple[Ball, ...]:
-        """The ball of the joint if a rotation has no sensor. The centre of the ball shifts along base axes or the
-        lever."""
+        """The ball of the joint if a rotation has no sensor, otherwise nothing. Errors can shift the centre of the ball
+        along an axis of the base, or along the line to the tooling ball."""
         angles = tuple(r.name for r in self.rotations if not r.measured)
         lever = self.levers["tool"] / np.linalg.norm(self.levers["tool"])
         shifts: dict[str, Shift] = {f"along {a}": (("base", f"T{a}", 1.0),) for a in "zxy"}
@@ -93,7 +93,7 @@ class PassiveJoint:
         return (Ball("", angles, shifts),) if angles else ()
 
     def turned(self, q: Array) -> dict[str, Array]:
-        """Return an empty result, because the angles of the ball are joint coordinates."""
+        """Return an empty dictionary, because the angles of the ball are joint coordinates."""
         return {}
 
     @cached_property
@@ -108,7 +108,7 @@ class PassiveJoint:
         )
 
     def transforms(self, q: Array) -> Array:
-        """Return nominal transforms (S, N, 4, 4), m, between successive slots: the rotations and the shaft."""
+        """Return nominal transforms (slots, poses, 4, 4), m, between successive slots: the rotations and the shaft."""
         q = np.asarray(q, dtype=float)
         if q.ndim != 2 or q.shape[1] != len(self.rotations):
             names = ", ".join(r.name for r in self.rotations)
@@ -122,8 +122,8 @@ class PassiveJoint:
         return out
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
-        """Return gravity loads of a payload on the shaft, named as in the Mechanism protocol;
-        empty without a payload."""
+        """Return the gravity loads of a payload on the shaft, named as in the Mechanism protocol; without a payload, an
+        empty dictionary."""
         if not np.any(payload):
             return {}
         frames = se3.chain(self.transforms(q))
@@ -141,7 +141,7 @@ class PassiveJoint:
 
 
 def turn(points: Array, axis: int, angle: Array) -> Array:
-    """Rotate points (..., 3) about a coordinate axis by angles (...), rad."""
+    """Rotate points (..., 3) about coordinate axis 0, 1 or 2 by angles (...), rad."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     c, s = np.cos(angle), np.sin(angle)
     out = points.copy()
@@ -165,7 +165,7 @@ PARAMETERS = len(FRAMES) * len(AXES)
 
 @dataclass(frozen=True)
 class Parameter:
-    """One of the thirty error parameters: its thesis index (from 1), frame and axis, and the slot at which it acts."""
+    """One of the thirty error parameters: number in the thesis, frame and axis, and the slot at which it acts."""
 
     index: int
     frame: str
@@ -174,7 +174,7 @@ class Parameter:
 
     @property
     def name(self) -> str:
-        """Index, axis and frame of the parameter."""
+        """Number, axis and frame of the error parameter."""
         return f"{self.index} {self.axis} {self.frame}"
 
     @property
@@ -184,7 +184,7 @@ class Parameter:
 
 
 def _slot(frame: int, axis: int) -> str:
-    """Return the slot (before or after the rotation of a frame) at which a constant twist equals an error parameter."""
+    """Return the slot (before or after a rotation) at which a constant twist is equivalent to an error parameter."""
     if frame == 0:
         return "base"
     if frame == 4:
@@ -198,15 +198,15 @@ THESIS_PARAMETERS = tuple(
 
 
 def parameter(index: int) -> Parameter:
-    """Return the parameter with a thesis index, 1 to 30."""
+    """Return the error parameter with number `index` in the thesis, 1 to 30."""
     return THESIS_PARAMETERS[index - 1]
 
 
 def tooling_ball_position(q: Array, parameters: Array, tooling_ball: Array) -> Array:
-    """Return positions (..., 3), m, in the measurement system by the extended forward kinematics.
+    """Return positions (..., 3) of the tooling ball, m, in the measurement system by the extended forward kinematics.
 
-    q: (..., 3) rad. parameters: (..., 30) m and rad, thesis order; all zero gives the nominal kinematics.
-    tooling_ball: (3,) m, its centre in the frame after the yaw rotation. Leading shapes broadcast.
+    q: joint angles (..., 3), rad. parameters: errors (..., 30) in the order of the thesis, m and rad, zero if nominal.
+    tooling_ball: centre (3,) of the ball in the frame after the yaw rotation, m. Leading shapes broadcast.
 
         T = Tm_Ts · Ts_Tbr(q1) · Tbr_Tbp(q2) · Tbp_Tby(q3) · Tby_TCP
         T_k = Trans(Tx, Ty, Tz) · Rx(Rx + q1) · Ry(Ry + q2) · Rz(Rz + q3)
@@ -225,7 +225,7 @@ def tooling_ball_position(q: Array, parameters: Array, tooling_ball: Array) -> A
 
 
 KINDS = ("spherical", "universal")
-"""Kinds of a single joint; `hexapod` and `tau` are machines with twelve joints (joints.hexapod, joints.hexapod)."""
+"""Kinds of a single joint. The machines `hexapod` and `tau` of joints.hexapod have twelve joints."""
 
 SECTIONS = ("preload", "contact", "thermal", "film", "stiffness", "dynamics", "budget", "demand")
 """Sections of a TOML file for `gpmodel joint design`."""
@@ -252,8 +252,8 @@ def read_joint(path: Path) -> PassiveJoint:
 
     `gpmodel joint mechanism --defaults` prints a complete file. A file may also contain sections of the design studies
     (`[preload]`, `[film]`, ...), which `gpmodel joint design` reads.
-    Raises InputError for an unknown kind or key, a missing unit, no lever, a ball smaller than its socket's opening, a
-    tooling ball inside the ball, or other than two or three rotations about different axes.
+    Raises InputError for an unknown kind or key, a missing unit, a tooling ball in the joint's centre or inside the
+    ball, a ball smaller than its socket's opening, or other than two or three rotations about different axes.
     """
     given = read_toml(path)
     kind = given.get("kind")

@@ -16,7 +16,7 @@ from joints.settings import angle_within, not_negative, positive, require
 
 @dataclass(frozen=True)
 class MagnetRing:
-    """A ring of `count` magnets of pull `force` [N] and `diameter` [m], each at polar `angle` [rad] from the axis."""
+    """A ring of `count` magnets of pull `force` [N] and `diameter` [m], at the polar `angle` [rad] in the socket."""
 
     count: int
     force: float
@@ -31,7 +31,7 @@ class MagnetRing:
 
     @property
     def axial_force(self) -> float:
-        """Axial force n F cos(gamma) [N]; lateral components cancel around the ring."""
+        """Axial force count force cos(angle) [N] of the ring on the ball; lateral components cancel around the ring."""
         return self.count * self.force * float(np.cos(self.angle))
 
     @property
@@ -41,7 +41,7 @@ class MagnetRing:
 
 
 def total_preload(rings: Sequence[MagnetRing]) -> float:
-    """Return the preload [N] of several rings, the sum of n F cos(gamma)."""
+    """Return the preload [N] of several magnet rings, the sum of their axial forces."""
     return sum(ring.axial_force for ring in rings)
 
 
@@ -51,11 +51,11 @@ def ball_fixed_limit(preload: ArrayLike, angle: ArrayLike) -> Array:
 
 
 def socket_fixed_limit(preload: ArrayLike, angle: ArrayLike, reaction_angle: float) -> Array:
-    """Return the largest pull [N] at `angle` from the axis with the socket fixed: P / (cos t + sin t cot phi) (Fig
+    """Return the largest pull [N] at `angle` t from the axis with the socket fixed: P / (cos t + sin t cot phi) (Fig
     3.7).
 
-    `reaction_angle` phi is where the resultant of the socket's reaction acts. The smallest limit over all angles t is P
-    sin(phi), at t = 90 deg - phi: half of P for phi = 30 deg, as in Fig 3.9.
+    P: preload. phi: `reaction_angle`, polar angle at which the resultant of the socket's reaction acts. The smallest
+    limit over all angles t is P sin(phi), at t = 90 deg - phi: half of P for phi = 30 deg, as in Fig 3.9.
     """
     phi = angle_within("reaction angle", reaction_angle, np.pi / 2)
     theta = _pull_angle(angle)
@@ -72,19 +72,19 @@ def contact_directions(contact_angle: float) -> Array:
 def contact_forces(
     preload: float, pull: ArrayLike, angle: ArrayLike, azimuth: ArrayLike, directions: ArrayLike
 ) -> Array:
-    """Return the normal forces (..., 3) [N] of three supports, from sum N_i c_i = F u - P z; a negative force is a
+    """Return the normal forces (..., 3) [N] of three supports on a ball under preload and pull; a negative force means
     separation."""
     at_rest, per_newton = _support_responses(angle, azimuth, directions)
     return preload * at_rest + np.asarray(pull, float)[..., None] * per_newton
 
 
 def three_contact_limit(preload: ArrayLike, angle: ArrayLike, azimuth: ArrayLike, contact_angle: float) -> Array:
-    """Return the largest pull [N] at (`angle`, `azimuth`) before the first of three supports unloads; inf without a
-    limit.
+    """Return the largest pull [N] at (`angle`, `azimuth`) before the first of three supports unloads, or infinity.
 
-    For supports 120 deg apart: min over i of P / (cos t - 2 cot(phi) sin t cos(psi - psi_i)). Towards a support the
-    limit falls to P sin(phi) (0.79 P for phi = 52.5 deg, the 20 % of Fig 3.11); away from a support to P / sqrt(1 + 4
-    cot^2 phi) = 0.546 P, which the thesis omits.
+    Minimum over the supports i of P / (cos t - 2 cot(phi) sin t cos(psi - psi_i)): preload P, pull at polar angle t and
+    azimuth psi, supports at polar angle phi, 120 deg apart. For a pull towards a support the minimum is P sin(phi)
+    (0.79 P for phi = 52.5 deg, the 20 % of Fig 3.11); for a pull away from a support it is P / sqrt(1 + 4 cot^2 phi) =
+    0.546 P, which the thesis omits.
     """
     at_rest, per_newton = _support_responses(angle, azimuth, contact_directions(contact_angle))
     unloading = per_newton < 0
@@ -93,20 +93,20 @@ def three_contact_limit(preload: ArrayLike, angle: ArrayLike, azimuth: ArrayLike
 
 
 def published_socket_area(radius: ArrayLike, socket_angle: ArrayLike) -> Array:
-    """Return 4 alpha r^2 [m^2], the thesis' area of the socket (Tables 3.1, 4.1); exact only for a hemisphere."""
+    """Return the area of the socket as in Tables 3.1 and 4.1, 4 socket_angle radius^2 [m^2]; exact for a hemisphere."""
     alpha = angle_within("socket angle", socket_angle, np.pi / 2)
     return 4 * alpha * positive("socket radius", radius, "m") ** 2
 
 
 def cap_area(radius: ArrayLike, socket_angle: ArrayLike) -> Array:
-    """Return 2 pi r^2 (1 - cos alpha) [m^2], the area of the spherical cap."""
+    """Return the area [m^2] of the spherical socket, 2 pi radius^2 (1 - cos(socket_angle))."""
     alpha = angle_within("socket angle", socket_angle, np.pi / 2)
     area: Array = 2 * np.pi * positive("socket radius", radius, "m") ** 2 * (1 - np.cos(alpha))
     return area
 
 
 def projected_area(radius: ArrayLike, socket_angle: ArrayLike) -> Array:
-    """Return pi (r sin alpha)^2 [m^2], the projected area of the cap, on which a uniform pressure lifts (Fig 4.11)."""
+    """Return the projected area pi (r sin alpha)^2 [m^2] of a socket: ball radius r, polar angle alpha of the edge."""
     alpha = angle_within("socket angle", socket_angle, np.pi / 2)
     return np.pi * (positive("socket radius", radius, "m") * np.sin(alpha)) ** 2
 

@@ -1,17 +1,17 @@
 """The spherical air film: Reynolds' equation over the real gap, an improvement suggested in thesis section 4.4.1.
 
-Between two eccentric spheres the gap at polar angle t is h(t) = h0 + (d - h0) cos t, d the ball's axial displacement
-from contact. The flow across the ring at t is Q = -(pi sin t h^3 / (6 mu)) dp/dt. The orifices are spread over their
-ring at phi; below it the film has the socket pressure. Units as in `joints.film`.
+Between two eccentric spheres the gap at polar angle t is h(t) = h0 + (d - h0) cos t: radial clearance h0, axial
+displacement d of the ball from contact. The flow across the circle at t is Q = -(pi sin t h^3 / (6 mu)) dp/dt. The
+orifices are spread over their ring at phi. From the pole to the ring the film has the socket pressure.
 
 Dynamics of a fed air film: compressible air in the gap and behind the orifices, linearised; pneumatic hammer.
 
-Isothermal air of absolute pressure P in the gap h(t) = h0 + (d - h0) cos t, flows as volumes at atmospheric pressure:
+Isothermal air has the absolute pressure P in the gap h(t); its flows are volumes at the atmospheric pressure p_a:
 
     2 pi r^2 sin t d(P h)/dtau / p_a + dQ/dt = feed at the orifices' ring,   Q = -(pi sin t h^3 / (12 mu p_a)) dP^2/dt
 
-Linearised about the steady film that carries the load, with pressures p of n nodes, x of the ball along the axis and
-stiffness k of the magnets:
+The equations are linearised about the steady film. p: pressure changes at n nodes; x: displacement of the ball of mass
+m along the axis; k: stiffness of the magnets; w: areas that the nodes displace:
 
     S dp/dtau = L p + g x - (P w / p_a) dx/dtau,    m d^2x/dtau^2 = w.p - k x
 
@@ -38,7 +38,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 
 @dataclass(frozen=True)
 class SphericalFilm:
-    """The film at each displacement: flow through one orifice, socket and inlet pressure, stiffness."""
+    """The spherical film at each displacement of the ball: flow of an orifice, pressures and stiffnesses."""
 
     displacement: Array
     flow: Array
@@ -49,19 +49,20 @@ class SphericalFilm:
 
 
 def spherical_resistance(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
-    """Return R_s = (6 mu / pi) integral from phi to alpha of dt / (sin t h^3) [Pa s/m^3], incompressible.
+    """Return the flow resistance (6 mu / pi) integral of dt / (sin t h^3) [Pa s/m^3] from the orifices to the edge.
 
-    Gauss-Legendre quadrature with 24 nodes agrees with adaptive quadrature to 1e-9.
+    Incompressible air. Gauss-Legendre quadrature with 24 nodes agrees with adaptive quadrature to 1e-9.
     """
     return 6 * geometry.viscosity / np.pi * _log_integral(geometry, displacement)
 
 
 def orifice_spreading_resistance(geometry: FilmGeometry, displacement: ArrayLike, orifice_diameter: ArrayLike) -> Array:
-    """Return (6 mu / (pi h^3)) ln(r sin(phi) / (N a)) [Pa s/m^3] at the gap over the orifices, a their radius.
+    """Return the extra flow resistance [Pa s/m^3] of N separate holes, compared with a feed spread evenly on their
+    ring.
 
-    N holes add this resistance, per unit of the flow of one hole, to the source spread evenly over their ring (log
-    potentials of N equal sources on a circle). The resistance reduces the inlet pressure. The load is unchanged: if
-    the gap does not vary around the axis, the mean pressure around the axis is that of the evenly spread source.
+    Pressure drop per flow of one hole: (6 mu / (pi h^3)) ln(ring radius / (N hole radius)), gap h over the holes (log
+    potentials of N equal sources on a circle). The resistance changes the inlet pressure. The load is unchanged: if the
+    gap does not vary around the axis, the mean pressure around the axis is that of the evenly spread feed.
     """
     gap = film_gap(geometry, displacement, geometry.orifice_angle)
     ring = geometry.ball_radius * np.sin(geometry.orifice_angle)
@@ -80,8 +81,8 @@ def spherical_area(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
 def spherical_film(geometry: FilmGeometry, load: ArrayLike, orifice: Orifice, displacement: ArrayLike) -> SphericalFilm:
     """Return flow, pressures and stiffnesses of the incompressible spherical film that carries `load` [N].
 
-    W = 6 mu Q r^2 J with J = integral of sin t / h^3, in closed form; both derivatives follow from dh/dd = cos t. At
-    constant inlet pressure the orifices reduce the stiffness as in the flat film.
+    load = 6 mu r^2 flow integral(sin t / h^3 dt) at ball radius r, gap h and polar angle t, in closed form; stiffnesses
+    follow from dh/dd = cos t. At constant inlet pressure the orifices reduce the stiffness as in the flat film.
     """
     lift = positive("displacement", displacement, "m")
     weight = not_negative("load", load, "N")
@@ -100,10 +101,10 @@ def spherical_film(geometry: FilmGeometry, load: ArrayLike, orifice: Orifice, di
 def spherical_pressure(
     geometry: FilmGeometry, displacement: float, socket_pressure: float, angle: ArrayLike, compressible: bool = True
 ) -> Array:
-    """Return the gauge pressure [Pa] at polar angles `angle`.
+    """Return the gauge pressure [Pa] of the film at polar angles `angle`, rad.
 
-    Incompressible pressure is linear in G = integral from t to alpha of dt/(sin t h^3); for isothermal air the square
-    of the absolute pressure is.
+    The gauge pressure of incompressible air is linear in G, the integral of dt / (sin t h^3) from `angle` to the edge.
+    For isothermal air, the square of the absolute pressure is linear in G.
     """
     share = _share(geometry, displacement, angle)
     socket = not_negative("socket pressure", socket_pressure, "Pa")
@@ -113,9 +114,9 @@ def spherical_pressure(
 
 
 def compressible_film(geometry: FilmGeometry, load: float, displacement: float) -> tuple[float, float]:
-    """Return flow through one orifice and socket pressure of isothermal compressible air that carries `load`.
+    """Return flow [m^3/s] of one orifice and socket pressure [Pa] of isothermal compressible air that carries `load`.
 
-    Flow at atmospheric pressure: pi (p_s^2 - p_a^2) / (12 mu p_a G N), p absolute, G as in `spherical_resistance`.
+    flow = pi (p_s^2 - p_a^2) / (12 mu p_a G N): absolute socket pressure p_s, N orifices, G of `_log_integral`.
     """
     target = float(positive("load", load, "N"))
     alpha, phi, r = geometry.socket_angle, geometry.orifice_angle, geometry.ball_radius
@@ -131,19 +132,19 @@ def compressible_film(geometry: FilmGeometry, load: float, displacement: float) 
 
 
 def _isothermal(socket: Array | float, share: Array) -> Array:
-    """Return the gauge pressure [Pa] of compressible air. share: incompressible pressure over socket pressure."""
+    """Return the gauge pressure [Pa] of isothermal air from that of incompressible air, `share` times `socket`."""
     squared = ATMOSPHERE**2 + ((socket + ATMOSPHERE) ** 2 - ATMOSPHERE**2) * share
     return np.asarray(np.sqrt(squared) - ATMOSPHERE)
 
 
 def _share(geometry: FilmGeometry, displacement: float, angle: ArrayLike) -> Array:
-    """Return G(t) / G(phi), 1 below the orifices and 0 beyond the edge."""
+    """Return the pressure at polar angles over the pressure at the orifices, for incompressible air."""
     clipped = np.clip(np.asarray(angle, float), geometry.orifice_angle, geometry.socket_angle)
     return _log_integral(geometry, displacement, clipped) / _log_integral(geometry, displacement)
 
 
 def _log_integral(geometry: FilmGeometry, displacement: ArrayLike, lower: ArrayLike | None = None) -> Array:
-    """Return G: integral from `lower`, by default the orifices, to alpha of dt / (sin t h^3)."""
+    """Return the integral of dt / (sin t h^3) over the polar angle t from `lower` (default: orifices) to the edge."""
     lift = np.asarray(displacement, float)
     total: Array | float = 0.0
     for cosine, weight in _rule(geometry, lower):
@@ -153,7 +154,7 @@ def _log_integral(geometry: FilmGeometry, displacement: ArrayLike, lower: ArrayL
 
 
 def _log_integral_and_slope(geometry: FilmGeometry, displacement: ArrayLike) -> tuple[Array, Array]:
-    """Return G and dG/dd = -3 integral of cos t / h^4 dt / sin t."""
+    """Return the integral G of dt / (sin t h^3) from orifices to edge, and its derivative by the displacement."""
     lift = np.asarray(displacement, float)
     total, slope = np.zeros_like(lift), np.zeros_like(lift)
     for cosine, weight in _rule(geometry, None):
@@ -165,8 +166,8 @@ def _log_integral_and_slope(geometry: FilmGeometry, displacement: ArrayLike) -> 
 
 
 def _rule(geometry: FilmGeometry, lower: ArrayLike | None) -> Iterator[tuple[Array, Array]]:
-    """Yield (cos t, weight) of Gauss-Legendre quadrature in s = ln tan(t/2) from `lower` to
-    alpha, with dt/sin t = ds."""
+    """Yield (cos t, weight) of a Gauss-Legendre quadrature over dt / sin t, from the polar angle `lower` to the
+    edge."""
     start = np.log(np.tan(np.asarray(geometry.orifice_angle if lower is None else lower, float) / 2))
     half = (np.log(np.tan(geometry.socket_angle / 2)) - start) / 2
     for node, weight in zip(_NODES, _WEIGHTS, strict=True):
@@ -174,7 +175,7 @@ def _rule(geometry: FilmGeometry, lower: ArrayLike | None) -> Iterator[tuple[Arr
 
 
 def _load_integral(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
-    """Return the integral of sin t / h^3 = (cos phi - cos alpha)(h_phi + h_alpha) / (2 h_phi^2 h_alpha^2)."""
+    """Return the integral of sin t / h^3 over the polar angle t from the orifices to the edge, in closed form."""
     inner = film_gap(geometry, displacement, geometry.orifice_angle)
     outer = film_gap(geometry, displacement, geometry.socket_angle)
     cosines = float(np.cos(geometry.orifice_angle) - np.cos(geometry.socket_angle))
@@ -182,7 +183,7 @@ def _load_integral(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
 
 
 def _load_integral_slope(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
-    """Return d/dd of `_load_integral`."""
+    """Return the derivative of `_load_integral` by the displacement of the ball."""
     inner = film_gap(geometry, displacement, geometry.orifice_angle)
     outer = film_gap(geometry, displacement, geometry.socket_angle)
     cos_inner, cos_outer = np.cos(geometry.orifice_angle), np.cos(geometry.socket_angle)
@@ -191,25 +192,25 @@ def _load_integral_slope(geometry: FilmGeometry, displacement: ArrayLike) -> Arr
 
 
 CELLS = 800
-"""Cells of the arc from the pole to the edge. Twice as many change the stiffness by 1e-5."""
+"""Number of cells of the arc from the pole to the edge. Twice as many change the stiffness by 1e-5."""
 
 
 def lateral_stiffness(
     geometry: FilmGeometry, film: SphericalFilm, orifice: Orifice | None = None, cells: int = CELLS
 ) -> Array:
-    """Return the stiffness -dF/dx [N/m] across the axis at each displacement of a film, pi r² of the integral of p1
-    sin² t.
+    """Return the lateral stiffness -dF/dx [N/m] of a film at each displacement: pi r² times the integral of p1 sin² t
+    dt.
 
-    With an orifice the inlet pressure is constant, without one the flow at each azimuth. A ball moved by x across the
-    axis changes the gap h(t) by -x sin t cos f at azimuth f, and the pressure p(t) by x p1(t) cos f to first order.
-    Reynolds' equation (incompressible) becomes
+    With an orifice the inlet pressure is constant; without one, the flow at each azimuth is constant. A lateral move x
+    of the ball changes the gap h(t) at azimuth f by -x sin t cos f, and the pressure p(t) by x p1(t) cos f to first
+    order. Reynolds' equation (incompressible) becomes
 
         d/dt [ sin t (h³ p1' - 3 h² sin t p') ] - h³ p1 / sin t = -(6 mu / pi) N (dq/dp) p1  at the ring of the
         orifices,
 
-    p1 = 0 at the pole and at the edge; q: flow through one orifice. A rotation of the ball about its centre changes no
-    gap, so that the film has no tilt stiffness; about a point at distance L from the centre it has L² times this
-    stiffness.
+    p1 = 0 at the pole and at the edge; q: flow through one orifice, N: number of orifices. A rotation of the ball about
+    its centre changes no gap, so that the film has no tilt stiffness. For a rotation about a point at distance L from
+    the centre, the tilt stiffness is L² times the lateral stiffness.
     """
     pressures = film.inlet_pressure, film.socket_pressure
     slopes = np.zeros_like(film.flow) if orifice is None else orifice.flow_slope(*pressures)
@@ -219,8 +220,7 @@ def lateral_stiffness(
 
 
 def _lateral(geometry: FilmGeometry, lift: float, socket: float, flow_slope: float, cells: int) -> float:
-    """Return the lateral stiffness at one displacement, by finite volumes around nodes; one node is at the ring of
-    orifices."""
+    """Return the lateral stiffness [N/m] at one displacement, by finite volumes; a node is at the ring of orifices."""
     ring, edge = geometry.orifice_angle, geometry.socket_angle
     inner = max(round(cells * ring / edge), 4)
     node = np.concatenate([np.linspace(0.0, ring, inner + 1), np.linspace(ring, edge, cells - inner + 1)[1:]])
@@ -239,23 +239,23 @@ def _lateral(geometry: FilmGeometry, lift: float, socket: float, flow_slope: flo
 
 
 NODES = 120
-"""Nodes of the polar angle, in equal steps inside and outside the ring of orifices: eigenvalues to three digits."""
+"""Number of nodes of the polar angle, in equal steps inside and outside the ring of orifices: three digits."""
 STEEPEST = 50.0
-"""Largest exponent of a vibration per cycle; beyond it the vibration decays within a cycle, or is unbounded."""
+"""Largest logarithm of the ratio of amplitudes after and before one cycle of a vibration."""
 POCKETS = np.geomspace(0.01, 100.0, 25)
-"""Pocket volumes, relative to the gap, among which the smallest unstable one (pneumatic hammer) is searched."""
+"""Volumes of the air pockets behind the orifices, relative to the volume of the gap, searched for pneumatic hammer."""
 
 
 @dataclass(frozen=True)
 class FedFilm:
-    """The linearised film, as matrices of the module docstring.
+    """The linearised film: vectors and matrices at n nodes of the polar angle, as in the module docstring.
 
-    volume: (n,) m^3 of air at each node.
-    pressure: (n,) P, Pa.
-    conduct: (3, n) bands of L with the orifices, m^3/(s Pa).
-    gap: (n,) g, m^2/s.
-    swept: (n,) w, m^2.
-    ring: index of the node of the orifices.
+    volume: air volume at each node, (n,) m^3.
+    pressure: absolute pressure at each node, (n,) Pa.
+    conduct: three diagonals (3, n) of the matrix of flow per pressure, with the orifices, m^3/(s Pa).
+    gap: flow into each node per displacement of the ball, (n,) m^2/s.
+    swept: area that the ball displaces at each node, (n,) m^2.
+    ring: number of the node of the orifices, from 0.
     """
 
     volume: Array
@@ -266,8 +266,8 @@ class FedFilm:
     ring: int
 
     def impedance(self, frequency: ArrayLike, pocket: float = 0.0) -> NDArray[np.complex128]:
-        """Return the complex stiffness -F/x [N/m] at `frequency` [Hz], 0 for static. pocket: volume of all pockets,
-        m^3."""
+        """Return the complex stiffness -F/x [N/m] of the film at `frequency` [Hz], 0 for static.
+        pocket: total volume of the air pockets behind the orifices, m^3."""
         omega = 2 * np.pi * not_negative("frequency", frequency, "Hz")
         stored, result = self._stored(pocket), np.empty(omega.shape, complex)
         for at, rate in np.ndenumerate(omega):
@@ -277,10 +277,10 @@ class FedFilm:
         return result
 
     def least_damped(self, mass: float, stiffness: float = 0.0, pocket: float = 0.0) -> complex:
-        """Return the eigenvalue s [1/s] with the smallest damping ratio -Re s / |s| and a non-negative imaginary part.
+        """Return the eigenvalue s [1/s] with the smallest damping ratio -Re s / |s|; imaginary part not negative.
 
-        mass: kg. stiffness: of the magnets, N/m. With a negative ratio the ball hammers, or is sucked in or blown out
-        if s is real.
+        mass: mass of the ball, kg. stiffness: stiffness of the magnets, N/m. A negative damping ratio means pneumatic
+        hammer or, for a real eigenvalue, that the ball is sucked in or blown out.
         """
         n, stored, m = len(self.volume), self._stored(pocket), positive("mass", mass, "kg")
         above, within, below = self.conduct
@@ -294,8 +294,8 @@ class FedFilm:
         return complex(least.real, abs(least.imag))
 
     def hammering_pocket(self, mass: float, stiffness: float = 0.0) -> float:
-        """Return the smallest total pocket volume [m^3] with pneumatic hammer.
-        0 if it occurs without a pocket, and the largest of POCKETS if no pocket causes it."""
+        """Return the smallest total volume [m^3] of the air pockets that causes pneumatic hammer. The result is 0 for
+        hammer without a pocket, and the largest of POCKETS if no pocket causes hammer."""
 
         def grows(pocket: float) -> float:
             least = self.least_damped(mass, stiffness, pocket)
@@ -309,24 +309,24 @@ class FedFilm:
 
     @property
     def _pushed(self) -> Array:
-        """Flow displaced per unit speed of the ball (n,), m^2 at atmospheric pressure."""
+        """Flow that the ball displaces per unit speed, m^2, at each node, as volume at atmospheric pressure."""
         return self.swept * self.pressure / ATMOSPHERE
 
     def _stored(self, pocket: float) -> Array:
-        """Return the diagonal of S (n,), m^3/Pa."""
+        """Return the stored air per pressure at each node, m^3/Pa: the diagonal of the matrix S."""
         added: Array = not_negative("air pocket", pocket, "m^3") * (np.arange(len(self.volume)) == self.ring)
         return (self.volume + added) / ATMOSPHERE
 
 
 def left_a_cycle_later(root: complex) -> float:
-    """Return the ratio exp(2 pi Re s / Im s) of the amplitudes of a vibration s [1/s] after and before one cycle.
-    The exponent is bounded if s does not oscillate."""
+    """Return the ratio of the amplitudes after and before one cycle of a vibration with eigenvalue `root` [1/s]. The
+    logarithm of the ratio is at most STEEPEST."""
     rate = 2 * np.pi * root.real / max(root.imag, abs(root) / STEEPEST)
     return float(np.exp(np.clip(rate, -STEEPEST, STEEPEST)))
 
 
 def fed_film(geometry: FilmGeometry, load: float, orifice: Orifice, displacement: float) -> FedFilm:
-    """Return the film that carries `load` [N] at `displacement` [m], with its orifices at constant inlet pressure."""
+    """Return the linearised film that carries `load` [N] at `displacement` [m], with constant inlet pressure."""
     flow, socket = compressible_film(geometry, load, displacement)
     slope = orifice.flow_slope(orifice.inlet_pressure(flow, socket), socket)
     return linearised_film(geometry, displacement, geometry.orifices * flow, geometry.orifices * float(slope))
@@ -337,8 +337,8 @@ def linearised_film(
 ) -> FedFilm:
     """Return the linearised film with a `flow` [m^3/s] from the ring of orifices to the edge.
 
-    slope: d(flow)/dp [m^3/(s Pa)] at the ring. Finite volumes between the midpoints of nodes use the same areas for
-    displaced air and load, so that no energy is gained or lost at rest.
+    slope: derivative of the flow by the pressure [m^3/(s Pa)] at the ring. Finite volumes between the midpoints of
+    nodes use equal areas for displaced air and load, so that no energy is gained or lost at rest.
     """
     phi, alpha, r = geometry.orifice_angle, geometry.socket_angle, geometry.ball_radius
     ring = max(round(nodes * phi / alpha), 1)
@@ -360,8 +360,8 @@ def linearised_film(
 
 
 def squeeze_number(geometry: FilmGeometry, displacement: ArrayLike, frequency: ArrayLike) -> Array:
-    """Return the squeeze number 12 mu omega (r alpha)^2 / (p_a h^2), with the gap h at the edge of the socket.
-    Well below 1 the air escapes, well above it acts as a spring."""
+    """Return the squeeze number 12 mu omega (r alpha)^2 / (p_a h^2), with the gap h at the edge of the socket. If it is
+    well below 1, air escapes from the film; if it is well above 1, the air acts as a spring."""
     gap = film_gap(geometry, displacement, geometry.socket_angle)
     omega = 2 * np.pi * not_negative("frequency", frequency, "Hz")
     length = geometry.ball_radius * geometry.socket_angle
@@ -371,6 +371,6 @@ def squeeze_number(geometry: FilmGeometry, displacement: ArrayLike, frequency: A
 def squeeze_impedance(
     geometry: FilmGeometry, displacement: float, frequency: ArrayLike, cells: int = 400
 ) -> NDArray[np.complex128]:
-    """Return the complex stiffness -F/x [N/m] of the unfed isothermal film at atmospheric mean pressure.
-    Im / omega is the damping of slow motion; the real part is the spring of the trapped air."""
+    """Return the complex stiffness -F/x [N/m] of the unfed isothermal film at atmospheric mean pressure. The imaginary
+    part over omega is the damping of slow motion; the real part is the spring of the trapped air."""
     return linearised_film(geometry, displacement, nodes=cells).impedance(positive("frequency", frequency, "Hz"))

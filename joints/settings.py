@@ -37,7 +37,7 @@ def not_negative(name: str, value: ArrayLike, unit: str) -> Array:
 
 
 def angle_within(name: str, value: ArrayLike, upper: float) -> Array:
-    """Return `value` [rad] as a float array. Raises InputError, in degrees, unless 0 < value <= upper."""
+    """Return the angle `value` [rad] as a float array. Raises InputError, in degrees, unless 0 < angle <= upper."""
     array = np.asarray(value, float)
     valid = np.isfinite(array) & (array > 0) & (array <= upper * (1 + 1e-12))
     bounds = f"above 0 and at most {np.degrees(upper):.6g} deg"
@@ -46,8 +46,8 @@ def angle_within(name: str, value: ArrayLike, upper: float) -> Array:
 
 
 LONGEST, MOST = 100.0, 1e15
-"""Largest length of a joint, m, except for the radius of a nearly flat surface; largest other number in SI. Elastic
-moduli and orifice resistances are of the order of 1e11."""
+"""Largest length of a joint, m, except for the radius of a nearly flat surface; largest value of any other quantity, in
+SI units. Elastic moduli and orifice resistances are of the order of 1e11."""
 
 DATA = Path(__file__).parent / "data"
 
@@ -58,9 +58,9 @@ _EXPECTED = {
 
 
 def quantity(text: Any, like: str, where: str) -> float:
-    """Return the SI value of `text`, a number and a unit such as "25.4 mm", of the dimension of the example `like`.
+    """Return the SI value of `text`, a number and a unit such as "25.4 mm".
 
-    Raises InputError naming `where`.
+    like: an example with the expected dimension, for example "1 mm". Raises InputError that names `where`.
     """
     given, example = (split_quantity(t) if isinstance(t, str) else None for t in (text, like))
     unit = factor_like(given[1], example[1]) if given and example else None
@@ -74,22 +74,22 @@ def quantity(text: Any, like: str, where: str) -> float:
 
 
 def load_settings(study: str, path: Path | None = None) -> Settings:
-    """Return the settings of `study` in SI: the table at `path` over the defaults in joints/data/<study>.toml.
+    """Return the settings of `study` in SI: values of the TOML file at `path`, or defaults in joints/data/<study>.toml.
 
-    A list of tables in `path` replaces the default list. Raises InputError for an unreadable file, an unknown key, a
+    A list of tables in the file replaces the default list. Raises InputError for an unreadable file, an unknown key, a
     missing unit, or a dimension or type other than the default's.
     """
     return laid_over(study, read_toml(path) if path else {}, path.name if path else f"{study}.toml")
 
 
 def laid_over(study: str, given: Settings, file: str) -> Settings:
-    """Return the settings of `study` in SI: the keys `given` over the defaults; see load_settings. file: named in
-    messages."""
+    """Return the settings of `study` in SI: the values `given`, or the defaults; see load_settings. file: file name for
+    error messages."""
     return _overlay(read_toml(DATA / f"{study}.toml"), given, file, "")
 
 
 def read_toml(path: Path) -> Settings:
-    """Return the TOML table at `path`. Raises InputError for a missing or invalid file."""
+    """Return the content of the TOML file at `path`. Raises InputError for a missing or invalid file."""
     return read_table(path, "a TOML file")
 
 
@@ -122,7 +122,7 @@ def _value(default: Any, given: Any, file: str, place: str) -> Any:
 
 
 def _entry(default: Any, given: Any, file: str, place: str) -> Any:
-    """Return one entry of a list in SI; an entry that is a table must contain all keys, because it has no defaults."""
+    """Return one entry of a list in SI. An entry that is a table must contain all keys, because it has no defaults."""
     if isinstance(default, dict) and isinstance(given, dict):
         missing = [key for key in default if key not in given]
         if missing:
@@ -131,15 +131,15 @@ def _entry(default: Any, given: Any, file: str, place: str) -> Any:
 
 
 def curve_of(settings: Settings, path: Path | None, columns: Mapping[str, str]) -> dict[str, Array] | None:
-    """Return the curve of the `file` in a table [measured], relative to the TOML file at `path`;
-    None without a file."""
+    """Return the columns of the data file that the table [measured] names; None if it names no file. The file name is
+    relative to the TOML file at `path`."""
     return None if settings["file"] == "none" else read_curve((path or Path()).parent / settings["file"], columns)
 
 
 def read_curve(path: Path, columns: Mapping[str, str]) -> dict[str, Array]:
-    """Return columns {name: example unit} of the table at `path`, such as `displacement [um],force [N]`, in SI.
+    """Return the named columns of the data file at `path`, in SI. columns: {name: example unit}.
 
-    Raises InputError naming column and row for a missing column, unit or number.
+    Header of a file: `displacement [um],force [N]`. Raises InputError for a missing column, unit or number.
     """
     frame, curve = read_frame(path)[0], dict[str, Array]()
     heads = {str(head): split_header(str(head)) for head in frame.columns}

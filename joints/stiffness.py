@@ -17,29 +17,29 @@ from joints.orifice import Orifice
 from joints.settings import not_negative, positive, require
 
 HIGHEST = 1e-3
-"""Largest lift of the ball by the film, m."""
+"""Largest displacement of the ball by the air film, m."""
 
 
 def layer_stiffness(elastic_modulus: ArrayLike, radius: ArrayLike, thickness: ArrayLike) -> Array:
-    """Return E pi r^2 / t [N/m]: replica layer 2702 N/um (Fig 4.18 prints 2700), brass tube 138
-    (Fig 4.19 prints 140)."""
+    """Return the axial stiffness [N/m] of a layer: elastic modulus pi radius^2 / thickness. Replicated layer 2702 N/um
+    (Fig 4.18 prints 2700), brass tube 138 N/um (Fig 4.19 prints 140)."""
     area = np.pi * positive("radius", radius, "m") ** 2
     return positive("elastic modulus", elastic_modulus, "Pa") * area / positive("thickness", thickness, "m")
 
 
 def magnet_force(separation: ArrayLike, preload: float, stand_off: float) -> Array:
-    """Return the pull F = P (s / (s + x))^2 [N] of the magnets at separation x.
+    """Return the pull [N] of the magnets at `separation` x [m] of ball and seat, P (s / (s + x))^2.
 
-    The pull is K_m/x^2 of Fig 4.16, with the distance measured from a point `stand_off` s below contact. The magnets
-    are 1/32 in behind the replica (thesis 2.2.4), so that the pull P at contact is finite and K_m = P s^2.
+    P is the preload at contact. The distance of Fig 4.16's pull K_m/x^2 is measured from a point at the depth s
+    (stand_off) below contact, because the magnets are 1/32 in behind the replicated layer (thesis 2.2.4); K_m = P s^2.
     """
     gap = not_negative("separation", separation, "m")
     return positive("preload", preload, "N") * (positive("stand-off", stand_off, "m") / (stand_off + gap)) ** 2
 
 
 def film_force(geometry: FilmGeometry, orifice: Orifice, inlet: float, displacement: ArrayLike) -> Array:
-    """Return the lift [N] of the flat film at constant inlet pressure, P_s A with P_s/R_s = N
-    q(P_i, P_s) by bisection."""
+    """Return the lift [N] of the flat film at constant inlet pressure. By bisection, the socket pressure makes the flow
+    of the orifices equal to the flow of the film."""
     supply = float(not_negative("inlet pressure", inlet, "Pa"))
     resistance = film_resistance(geometry, edge_gap(geometry, displacement)) * geometry.orifices
     low, high = np.zeros_like(resistance), np.full_like(resistance, supply)
@@ -52,10 +52,10 @@ def film_force(geometry: FilmGeometry, orifice: Orifice, inlet: float, displacem
 
 @dataclass(frozen=True)
 class RegimeCurve:
-    """The four regimes of Fig 4.15 as one continuous curve of tension F.
+    """The four regimes of Fig 4.15 as one continuous curve of the tension F [N] against the displacement x [m].
 
-    Contact is below `contact_end`, transition up to `transition_end`, film up to `film_end`, where F peaks at
-    `peak_force`. Beyond, F = peak (s / (s + x - film_end))^2 with the `stand_off` s.
+    Contact below `contact_end`, transition to `transition_end`, film to `film_end`, where F has its maximum
+    `peak_force`. Beyond `film_end` the magnets pull with F = peak_force (stand_off / (stand_off + x - film_end))^2.
     """
 
     contact_stiffness: float
@@ -79,15 +79,15 @@ class RegimeCurve:
 
     @property
     def magnet_coefficient(self) -> float:
-        """K_m = peak s^2 [N m^2] of Fig 4.16."""
+        """Coefficient K_m = peak_force stand_off^2 [N m^2] of the magnets' pull K_m/x^2 in Fig 4.16."""
         return self.peak_force * self.stand_off**2
 
 
 def regime_basis(
     displacement: ArrayLike, contact_end: float, transition_end: float, film_end: float, stand_off: float
 ) -> Array:
-    """Return columns (N, 4) of peak force and of film, transition and contact stiffness, in which
-    the curve is linear."""
+    """Return the derivatives (displacements, 4) of the tension by peak force, film, transition and contact stiffness.
+    The tension is linear in these four parameters."""
     x = np.asarray(displacement, float)
     beyond = np.maximum(x - film_end, 0.0)
     return np.stack(
@@ -104,13 +104,13 @@ def regime_basis(
 def lifted_tension(
     geometry: FilmGeometry, orifice: Orifice, inlet: float, preload: float, stand_off: float, lift: ArrayLike
 ) -> Array:
-    """Return the predicted tension [N] of magnet minus film, at a lift [m] ≥ 0 above the seat (Fig 4.14)."""
+    """Return the predicted tension [N], pull of the magnets minus lift of the film, at `lift` [m] ≥ 0 (Fig 4.14)."""
     height = np.asarray(lift, float)
     return magnet_force(height, preload, stand_off) - film_force(geometry, orifice, inlet, height)
 
 
 def contact_tension(stiffness: float, displacement: ArrayLike) -> Array:
-    """Return the predicted tension [N] of the linear contact at displacements [m] below 0; zero above."""
+    """Return the predicted tension [N] of the linear contact at displacements [m] below 0; zero above 0."""
     return positive("contact stiffness", stiffness, "N/m") * np.minimum(np.asarray(displacement, np.float64), 0.0)
 
 
@@ -119,7 +119,7 @@ def rest_displacement(
 ) -> float:
     """Return the displacement [m] where film and magnets balance; 0 if the film cannot lift the ball off its seat.
 
-    The magnets pull less as the ball rises: 89 N of 100.7 at 50 um, near the measured 90 N of the thesis.
+    The pull of the magnets falls as the ball rises: 89 N of 100.7 N at 50 um, near the measured 90 N of the thesis.
     """
 
     def tension(lift: float) -> float:
@@ -141,7 +141,7 @@ class RegimeFit:
     """Result of `fit_regimes`.
 
     curve: the fitted curve.
-    stderr: standard errors of the numbers of the curve and of the magnets' coefficient.
+    stderr: standard errors of the parameters of the curve and of the magnets' coefficient, by name.
     rms: RMS residual, N.
     status: "ok", or the reason why the result is doubtful.
     """
@@ -153,7 +153,7 @@ class RegimeFit:
 
 
 def fit_regimes(displacement: ArrayLike, force: ArrayLike) -> RegimeFit:
-    """Fit a `RegimeCurve` to displacements [m] and tensions [N] (N,) by least squares.
+    """Fit a `RegimeCurve` to displacements [m] and tensions [N] by least squares.
 
     Peak force and stiffnesses are solved linearly for every trial of the three regime limits and the magnets'
     stand-off. Limits and stand-off are searched on a grid over the range of the data and then refined. Raises
@@ -210,8 +210,8 @@ def _residual(breaks: Array, x: Array, f: Array) -> Array:
 
 
 def _standard_errors(curve: RegimeCurve, x: Array, residual: Array) -> tuple[dict[str, float], str]:
-    """Return Gauss-Newton standard errors of the eight numbers, by central differences, and of K_m = peak s^2; and a
-    status."""
+    """Return the standard errors of the eight parameters, by central differences, and of the magnets' coefficient; and
+    a status text."""
     names = [field.name for field in fields(RegimeCurve)]
     values = np.array([getattr(curve, name) for name in names])
     span = np.ptp(x)
@@ -232,6 +232,6 @@ def _standard_errors(curve: RegimeCurve, x: Array, residual: Array) -> tuple[dic
 
 
 def _force(values: Array, x: Array) -> Array:
-    """Return `RegimeCurve.force` without the check of the order, for steps across a limit."""
+    """Return `RegimeCurve.force` without a check that the ends of the regimes are in order."""
     contact, transition, film, peak, *breaks = values
     return np.asarray(regime_basis(x, *breaks) @ np.array([peak, film, transition, contact]))

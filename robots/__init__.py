@@ -1,4 +1,4 @@
-"""Robots: loaders that convert the description of an arm to a mechanism."""
+"""Loaders that convert the description of a robot arm to a Mechanism."""
 
 from robots.library import load_mechanism, mechanism_names
 

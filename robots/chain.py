@@ -29,10 +29,10 @@ _COMPONENTS = ("force_{}_x", "force_{}_y", "force_{}_z", "moment_{}_x", "moment_
 
 
 def gravity_loads(chain: Chain, q: Array, payload: Array) -> dict[str, Array]:
-    """Return SerialChain.loads: force R' M g and moment R' (S - M p) x g at every joint.
+    """Return the gravity loads of SerialChain.loads: at every joint the force R' M g and the moment R' (S - M p) x g.
 
-    M (N,) is the mass beyond the joint, kg, and S (N, 3) its first moment about the root, kg m. R and p are orientation
-    and origin of the frame after the joint's motion, in the root frame.
+    M: mass beyond the joint, kg. S: its first moment about the root, kg m. R, p: rotation and origin of the frame after
+    the joint's motion, in the root frame. g: acceleration of gravity.
     """
     payload = np.asarray(payload, dtype=np.float64)
     if not any(link.mass for link in chain.links) and not np.any(payload):
@@ -49,22 +49,22 @@ def gravity_loads(chain: Chain, q: Array, payload: Array) -> dict[str, Array]:
 
 
 def _points(frames: Array, point: Array) -> Array:
-    """Return a point (3,), fixed in frames (N, 4, 4), in the root frame (N, 3), m."""
+    """Return the positions (poses, 3), m, in the root frame of a point (3,) fixed in `frames` (poses, 4, 4)."""
     return frames[:, :3, :3] @ point + frames[:, :3, 3]
 
 
 def _weight(chain: Chain, frame: Array, mass: Array, first: Array) -> Array:
-    """Return the wrench (N, 6), N and N m, of a mass (N,) with first moment (N, 3), in a frame (N, 4, 4)."""
+    """Return the wrench (poses, 6), N and N m, in `frame`, of the weight of masses with a first moment [kg m]."""
     moment = np.cross(first - mass[:, None] * frame[:, :3, 3], chain.gravity)
     return np.concatenate([(v[:, None] @ frame[:, :3, :3])[:, 0] for v in (mass[:, None] * chain.gravity, moment)], 1)
 
 
 def unit_loads(chain: Chain, q: Array) -> dict[str, Array]:
-    """Return the joint torques by a unit mass and unit first moments of mass of each link.
+    """Return the joint torques by the mass of each link and by unit first moments of mass (1 kg m) of each link.
 
-    A first moment e_a of link k exerts the couple (R_k e_a) x g on every revolute joint j <= k. A mass m at c exerts
-    the torque z_j . (c - p_j) x m g on a revolute joint, and the force z_j . m g on a prismatic joint. All vectors are
-    in the root frame.
+    A unit first moment along axis e of a link exerts the couple e x g on every revolute joint before the link. A mass m
+    at c exerts on a revolute joint at p with axis z the torque z . (c - p) x m g, and on a prismatic joint the force z
+    . m g. All vectors are in the root frame; g: acceleration of gravity.
     """
     frames = se3.chain(chain.transforms(q))[2:-1:2]
     axes = [frames[j][:, :3, AXES.index(link.axis) % 3] for j, link in enumerate(chain.links)]
@@ -83,13 +83,13 @@ def unit_loads(chain: Chain, q: Array) -> dict[str, Array]:
 
 
 def _on_motion(chain: Chain, axes: list[Array], j: int, couple: Array, weight: Array | float = 0.0) -> Array:
-    """Return the generalized force (N,) on motion j by a couple (N, 3) if revolute, by a weight (3,) if prismatic."""
+    """Return the generalized force (poses,) on joint j, by a couple (poses, 3) if revolute, a weight if prismatic."""
     acting = couple if chain.links[j].axis.startswith("R") else np.broadcast_to(weight, couple.shape)
     return np.asarray(np.einsum("ni,ni->n", axes[j], acting))
 
 
 def _on_joints(chain: Chain, on_motions: list[Array], part: str) -> dict[str, Array]:
-    """Return generalized forces (N,) on the joint coordinates, from forces on the first motions (else zero)."""
+    """Return generalized forces (poses,) on the joint coordinates by name, from forces on the motions of links."""
     torques = np.stack(on_motions, axis=1) @ chain.coupling[: len(on_motions)]
     return {f"torque_{name}_of_{part}": torques[:, c] for c, name in enumerate(chain.joint_names)}
 
@@ -105,7 +105,7 @@ def _named(chain: Chain, wrenches: Array) -> dict[str, Array]:
 
 @dataclass(frozen=True, eq=False)
 class SerialChain(Chain):
-    """A chain of links driven by table coordinates: a Mechanism."""
+    """A chain of links driven by the joint coordinates of a table: a Mechanism."""
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
@@ -113,13 +113,13 @@ class SerialChain(Chain):
 
     @property
     def bodies(self) -> dict[str, tuple[float, Array]]:
-        """Slot -> mass, kg, and centre of mass (3,) in the frame of the slot, m."""
+        """{slot: mass [kg] and centre of mass (3,) [m] in the frame of the slot}."""
         return {f"{link.name}.moving": (link.mass, link.com) for link in self.links if link.mass}
 
     @cached_property
     def link_slots(self) -> dict[str, str]:
-        """Link -> slot of the last motion before the link, "" for a fixed link; empty for a chain that is not from a
-        URDF."""
+        """{link: slot of the last moving joint before the link}, "" for a link without one; empty if the chain is not
+        from a URDF."""
         if self.source is None:
             return {}
         tree, own = read_tree(self.source), [link.name for link in self.links]
@@ -142,21 +142,20 @@ class SerialChain(Chain):
         return Joint(self.joint_names[column], kind, lower, upper, drive)
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
-        """Return the gravity loads (N,) on the arm at rest: the loads, not the reactions.
+        """Return the gravity loads on the arm at rest, one value per pose; loads, not reactions.
 
-        torque_J (Nm; N for a prismatic joint): generalized force of gravity on the coordinate J, positive if gravity
-        increases the coordinate, so that `deflection = compliance * torque` has a positive compliance.
-        force_J_x .. moment_J_z (N, Nm): wrench of the weight of everything beyond J, at the origin of J.moving, in its
-        axes.
-        force_base_x .. moment_base_z: wrench of the whole arm in the root frame, about its origin.
-        payload: (N,) kg at `payload_com`.
-        The result is empty without masses. Source: sums of weights and lever arms; recursive Newton-Euler at rest
-        (Featherstone 2008, ch. 5) agrees.
+        torque_J: generalized force of gravity on coordinate J, N m, or N for a prismatic joint. It is positive if
+        gravity increases the coordinate, so that `deflection = compliance * torque` has a positive compliance.
+        force_J_x .. moment_J_z: wrench, N and N m, of the weight of all parts beyond joint J, at the origin and in the
+        axes of the frame J.moving.
+        force_base_x .. moment_base_z: wrench of the weight of the whole arm in the root frame, about its origin.
+        payload: payload mass per pose, kg, at `payload_com`. Without masses the result is empty.
+        Source: sums of weights and lever arms; recursive Newton-Euler at rest (Featherstone 2008, ch. 5) agrees.
         """
         return gravity_loads(self, q, payload)
 
     def unit_loads(self, q: Array) -> dict[str, Array]:
-        """Return the loads of unit first moments and of the mass of each link, as defined by `Weighed`."""
+        """Return the loads by the mass and by unit first moments of mass of each link, named as in `Weighed`."""
         return unit_loads(self, q)
 
     @cached_property
@@ -174,24 +173,24 @@ class SerialChain(Chain):
         return self._shape is not None
 
     def collides(self, q: Array) -> Mask:
-        """Return a mask (N,): True if the arm collides with itself at joint values (N, n); False without a shape."""
+        """Return for each row of joint values whether the arm collides with itself; False if its shape is unknown."""
         return np.zeros(len(q), dtype=bool) if self._shape is None else self._shape.collides(q)
 
     def hides(self, q: Array, points: Array, instrument: Array) -> Mask:
-        """Return a mask (N,): True if the arm blocks the line from points (N, 3), m, to the instrument (3,), m."""
+        """Return for each pose whether the arm blocks the line from `points` (poses, 3) to the instrument (3,), m."""
         return np.zeros(len(q), dtype=bool) if self._shape is None else self._shape.hides(q, points, instrument)
 
     def write_urdf(self, path: Path, twists: Mapping[str, Array] | None = None) -> str:
-        """Write the chain with constant error twists, by slot, as URDF; see robots.urdf_export."""
+        """Write the chain with a constant error twist at each slot as URDF; see robots.urdf_export."""
         return write_calibrated_urdf(self, twists or {}, path)
 
 
 @dataclass(frozen=True, eq=False)
 class Branches:
-    """Chains (A,) of one tree; chains share the joints that move several arms.
+    """Several arms of one tree of links. Joints that move several arms are shared by their chains.
 
-    The slots are: slots of the first chain without the last, further slots of the other chains with FRAME.tool at the
-    end of each chain, and `tool` of the first chain.
+    Order of the slots: slots of the first chain without its tool, further slots of the other chains with FRAME.tool at
+    the end of each chain, and `tool` of the first chain.
     """
 
     name: str
@@ -199,7 +198,7 @@ class Branches:
 
     @cached_property
     def _own(self) -> tuple[tuple[str, ...], ...]:
-        """Slots of each chain, with the names of the slots in the tree."""
+        """Names in the tree of the slots of each chain."""
         ends = ("tool", *(f"{chain.tool_frame}.tool" for chain in self.chains[1:]))
         return tuple((*chain.slots[:-1], end) for chain, end in zip(self.chains, ends, strict=True))
 
@@ -217,7 +216,7 @@ class Branches:
         return {chain.tool_frame: own[-1] for chain, own in zip(self.chains, self._own, strict=True)}
 
     def alone(self, tip: str) -> SerialChain:
-        """Return the chain that ends at a measured link; see gpmodel.mechanism.branches.Branched."""
+        """Return the chain that ends at the measured link `tip`; see gpmodel.mechanism.branches.Branched."""
         return next(chain for chain in self.chains if chain.tool_frame == tip)
 
     @cached_property
@@ -226,7 +225,7 @@ class Branches:
 
     @cached_property
     def levers(self) -> dict[str, Array]:
-        """Slot -> vector (3,) from the preceding slot of its chain, in its own frame, m."""
+        """{slot: vector (3,) [m] from the preceding slot of its chain, in the frame of the slot}."""
         pairs = zip(self.chains, self._own, strict=True)
         return {
             name: links(chain)[slot]
@@ -236,7 +235,7 @@ class Branches:
 
     @cached_property
     def link_slots(self) -> dict[str, str]:
-        """Link -> slot of the last motion before the link, "" for a fixed link, along the longest chain to the link."""
+        """{link: slot of the last moving joint before the link on the longest chain}, "" for a link without one."""
         return {
             link: max((chain.link_slots[link] for chain in self.chains), key=self._depth)
             for link in self.chains[0].link_slots
@@ -246,7 +245,7 @@ class Branches:
         return max((own.index(slot) for own in self._own if slot in own), default=-1)
 
     def transforms(self, q: Array) -> Array:
-        """Return transforms (S, N, 4, 4), m, from each slot to the next in the list. q: (N, n), rad and m."""
+        """Return transforms (slots, poses, 4, 4), m, from each slot to the next slot in the list, at joint values q."""
         frames: dict[str, Array] = {}
         for chain, own in zip(self.chains, self._own, strict=True):
             frames.update(zip(own, se3.chain(chain.transforms(self._of(chain, q))), strict=True))
@@ -254,10 +253,10 @@ class Branches:
         return np.concatenate([placed[:1], np.linalg.solve(placed[:-1], placed[1:])])
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
-        """Return the gravity loads on every joint and on the base; see SerialChain.loads.
+        """Return the gravity loads on every joint and on the base, named as in SerialChain.loads.
 
         Each joint bears the weight of all parts beyond the joint; the tools carry no payload. Loads are linear in the
-        masses. The mass of a shared link counts in the first chain that contains it.
+        masses. The mass of a shared link counts in the first chain that contains the link.
         """
         out = dict[str, Array]()
         for chain in self._weighed_once:
@@ -266,14 +265,14 @@ class Branches:
         return out
 
     def unit_loads(self, q: Array) -> dict[str, Array]:
-        """Return the loads per unit moment and mass of each link; see SerialChain.unit_loads."""
+        """Return the joint torques of all arms by the mass and by unit first moments of mass of each link."""
         out = dict[str, Array]()
         for chain in self.chains:
             out |= chain.unit_loads(self._of(chain, q))
         return out
 
     def write_urdf(self, path: Path, twists: Mapping[str, Array] | None = None) -> str:
-        """Write the arms with constant error twists, by slot, as URDF; see robots.urdf_export."""
+        """Write the arms with a constant error twist at each slot as URDF; see robots.urdf_export."""
         arms, before, given = [], set[str](), twists or {}
         for chain, own in zip(self.chains, self._own, strict=True):
             shared = before if chain.source else set()
@@ -284,7 +283,7 @@ class Branches:
 
     @cached_property
     def _weighed_once(self) -> tuple[SerialChain, ...]:
-        """Chains in which a link has a mass only in the first chain that contains it."""
+        """The chains of the arms; a shared link has its mass only in the first chain that contains it."""
         counted, out = set[str](), []
         for chain in self.chains:
             links = (replace(link, mass=0.0) if link.name in counted else link for link in chain.links)
@@ -293,13 +292,13 @@ class Branches:
         return tuple(out)
 
     def _of(self, chain: SerialChain, q: Array) -> Array:
-        """Return the joint values (N, n) of a chain, from the joint values of the tree."""
+        """Return the joint values (poses, joints) of one chain, selected from the joint values of the tree."""
         names = [joint.name for joint in self.joints]
         return np.asarray(q)[:, [names.index(name) for name in chain.joint_names]]
 
 
 def check_arms(chains: tuple[SerialChain, ...], where: str) -> None:
-    """Raise InputError for arms without different names, or for joints that share a name but differ between arms."""
+    """Raise InputError for two arms with one name, or for joints that share a name but differ between arms."""
     names = [chain.tool_frame for chain in chains]
     if len(set(names)) < len(names) or "" in names:
         raise InputError(f"{where}: arms {', '.join(map(repr, names))}; expected different names")

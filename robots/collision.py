@@ -59,11 +59,11 @@ def _quiet() -> Iterator[list[str]]:
 
 
 ALWAYS = 0.95
-"""Share of random poses from which two colliding parts count as permanently joined, as in MoveIt's setup assistant."""
+"""Fraction of random poses in collision from which two parts count as joined, as in MoveIt's setup assistant."""
 
 PROBES = 200
 CLEARANCE = 0.01
-"""Least distance between parts, m: reflector nest and cables are not in the URDF."""
+"""Least distance between parts of an arm, m. Reflector nest and cables are not in the URDF."""
 
 BEAM = 0.02
 """Radius of the laser beam and of the reflector at its end, m: the radius of a 1.5 inch reflector."""
@@ -73,8 +73,8 @@ BEAM = 0.02
 class Shape:
     """The collision geometry of a URDF.
 
-    joints: names of the chain's joints in the table; other joints stay at neutral.
-    tip: index of the joint that carries the measured link.
+    joints: names of the moving joints of the arm; all other joints of the URDF stay at their neutral position.
+    tip: Pinocchio's number of the joint that carries the measured link.
     """
 
     model: pin.Model
@@ -84,7 +84,7 @@ class Shape:
 
     @classmethod
     def read(cls, path: Path, joints: Sequence[str], frame: str) -> Shape | None:
-        """Read the shape from a URDF file; None if it has no collision geometry or its meshes are missing."""
+        """Read the collision geometry of a URDF file; None if it has none or its meshes are missing."""
         model = parse_model(path)
         folders = [str(p) for p in path.resolve().parents]
         folders += [p for p in os.environ.get("ROS_PACKAGE_PATH", "").split(":") if p]
@@ -101,11 +101,11 @@ class Shape:
         return shape
 
     def collides(self, q: Array) -> Mask:
-        """Return a mask (N,): True if two parts are within CLEARANCE of each other, at joint values (N, n)."""
+        """Return for each row of joint values whether two parts of the arm are closer than CLEARANCE."""
         return np.asarray(self._meetings(q).any(axis=1))
 
     def hides(self, q: Array, points: Array, instrument: Array) -> Mask:
-        """Return a mask (N,): True if a part blocks the beam from points (N, 3) to the instrument (3,), m.
+        """Return for each pose whether a part of the arm blocks the beam from a point (3,) to the instrument (3,), m.
         The part that carries the target is ignored."""
         data, geometry = self.model.createData(), pin.GeometryData(self.geometry)
         parts = [i for i, g in enumerate(self.geometry.geometryObjects) if g.parentJoint != self.tip]
@@ -126,7 +126,7 @@ class Shape:
         return bool(coal.collide(body, where, capsule, placed, coal.CollisionRequest(), coal.CollisionResult()))
 
     def _meetings(self, q: Array) -> Mask:
-        """Return a mask (N, pairs): True for colliding pairs of parts, at joint values (N, n)."""
+        """Return for each row of joint values and each pair of parts whether the two parts collide."""
         data, geometry = self.model.createData(), pin.GeometryData(self.geometry)
         for request in geometry.collisionRequests:
             request.security_margin = CLEARANCE
@@ -137,7 +137,7 @@ class Shape:
         return out
 
     def _configurations(self, q: Array) -> Array:
-        """Return Pinocchio's configurations (N, nq) of joint values (N, n)."""
+        """Return Pinocchio's configuration vectors for joint values (poses, joints)."""
         rows = np.repeat(pin.neutral(self.model)[None], len(q), axis=0)
         names = {identifier(name): i for i, name in enumerate(self.model.names)}
         for column, name in enumerate(self.joints):
@@ -149,7 +149,7 @@ class Shape:
         return rows
 
     def _forget_neighbours(self) -> None:
-        """Remove pairs of parts of one body, of a body and its parent, and pairs that always collide."""
+        """Remove from the collision pairs: parts of one body, a body and its parent, and pairs that always collide."""
         parents = self.model.parents
         bodies = [g.parentJoint for g in self.geometry.geometryObjects]
         pairs = [(p.first, p.second) for p in self.geometry.collisionPairs]

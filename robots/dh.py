@@ -66,11 +66,11 @@ def of_another_kind(path: Path) -> bool:
 
 
 def read_dh(path: Path) -> SerialChain | Branches:
-    """Read a chain, or several arms, from a TOML file of Denavit-Hartenberg rows in the format of this module's
-    docstring.
+    """Read a chain, or several arms, from a TOML file of Denavit-Hartenberg rows; see the docstring of this module.
 
-    The frame of NAME.moving is the frame of the row in the modified convention; in the standard convention it is the
-    frame before a and alpha of the row. In both conventions the joint moves about or along the z axis of the frame.
+    The frame of the slot NAME.moving is the frame of the row in the modified convention; in the standard convention it
+    is the frame before a and alpha of the row. In both conventions the joint moves about or along the z axis of the
+    frame.
     Raises InputError if the file is unreadable, or a key is unknown, has no unit or no valid value.
     """
     top = TomlTable(read_toml(path, "a TOML table of DH rows"), str(path))
@@ -88,7 +88,7 @@ def read_dh(path: Path) -> SerialChain | Branches:
 
 @dataclass(frozen=True)
 class _Common:
-    """Fields that all arms of a file share. convention: convention of the rows. gravity: (3,), m/s²."""
+    """Values that all arms of a file share. convention: `standard` or `modified` rows. gravity: (3,), m/s²."""
 
     name: str
     convention: str
@@ -96,7 +96,7 @@ class _Common:
 
 
 def _chain(top: TomlTable, common: _Common, frame: str) -> SerialChain:
-    """Return the chain of one table with [base], [tool], [[joint]] and [[coupling]]."""
+    """Return the chain of one TOML table with [base], [tool], [[joint]] and [[coupling]]."""
     before = _placement(top.table("base"))
     tool = _placement(top.table("tool"))
     rows = top.tables("joint")
@@ -137,8 +137,8 @@ def _chain(top: TomlTable, common: _Common, frame: str) -> SerialChain:
 
 
 def _coupled(top: TomlTable, names: tuple[str, ...], signs: Array) -> Array:
-    """Return the motions (n, n) per joint coordinate. Raises InputError for two couplings of one pair or a cycle of
-    couplings."""
+    """Return the matrix of the motions of the links per joint coordinate. Raises InputError for two couplings of one
+    pair of joints, or a cycle of couplings."""
     coupling, pairs = np.diag(signs), dict[tuple[str, str], str]()
     for table in top.tables("coupling"):
         pair = table.choice("joint", names), table.choice("follows", names)
@@ -162,7 +162,7 @@ def _coupled(top: TomlTable, names: tuple[str, ...], signs: Array) -> Array:
 
 
 def _link(row: TomlTable, number: int, convention: str, before: Array) -> tuple[Link, Array]:
-    """Return the link of a row, and the constant transform from the motion to the frame of the row."""
+    """Return the link of a Denavit-Hartenberg row, and the constant transform from its motion to the row's frame."""
     name = row.text("name", f"J{number}")
     if not is_name(name):
         raise InputError(

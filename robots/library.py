@@ -29,8 +29,8 @@ SURROGATE_MASSES = (262.6, 156.2, 149.3, 10.2, 17.7, 41.5)
 def irb6400r(name: str = "irb6400r") -> SerialChain:
     """Return the arm `irb6400r` (2.5-150) or `irb6400r-2.8` (2.8-200), measured at its flange.
 
-    At zero all frames are parallel to the root frame; axes Z Y Y X Y X. J3 of the table is the angle of the upper arm
-    to the ground, kept by the parallel bar: motion of link 3 = J3 - J2.
+    At zero joint values all frames are parallel to the root frame; the joint axes are Z Y Y X Y X. The value J3 is the
+    angle of the upper arm to the ground, kept by the parallel bar: motion of link 3 = J3 - J2.
     The masses of this arm are not published. The masses used are those of an arm of equal size (FANUC R-2000iC), and
     each centre of mass is midway between the origins of two successive joints (for the last, joint and flange).
     """
@@ -92,14 +92,14 @@ def mechanism_names() -> tuple[str, ...]:
 def load_mechanism(
     name: str, *, frame: str | None = None, payload_com: Sequence[float] | None = None
 ) -> SerialChain | Branches | None:
-    """Load the robot `name`: one of mechanism_names(), a path to a .urdf file, or to a .toml file of DH rows
+    """Load the robot `name`: one of mechanism_names(), or the path of a .urdf file or of a .toml file of DH rows
     (robots.dh).
 
-    frame: measured link (default: the last link of the arm); for several arms of a URDF one link per arm, separated by
+    frame: measured link (default: the last link of the arm); for several arms of a URDF, one link per arm, separated by
     commas. For a TOML file with several arms the default is all arms.
-    payload_com: (3,) m, centre of mass of a payload in the measured frame (default: its origin).
-    Return None if no robot has the name, or a .toml file describes another `kind` of mechanism. Raises InputError if
-    the file is missing or invalid, or the frame unknown.
+    payload_com: centre of mass (3,) of a payload in the measured frame, m (default: its origin). Return None if no
+    robot has the name, or if a .toml file describes a mechanism of another kind. Raises InputError if the file is
+    missing or invalid, or the frame unknown.
     """
     chain = _load(name, frame)
     if chain is None or payload_com is None:

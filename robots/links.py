@@ -16,7 +16,7 @@ from gpmodel.numerics import se3
 
 
 def along(axis: str, value: float) -> Array:
-    """Return the transform (4, 4) of a motion by value, rad about or m along the axis, one of AXES."""
+    """Return the transform (4, 4) of a motion about (value in rad) or along (value in m) an axis such as "Rz"."""
     return np.asarray(se3.along(AXES.index(axis), np.array([value]))[0])
 
 
@@ -27,7 +27,7 @@ def placement(xyz: ArrayLike, rpy: ArrayLike) -> Array:
 
 
 LONGEST_CHAIN = 64
-"""Largest number of moving joints. Time and memory grow with the square of the number; a snake robot has 20."""
+"""Largest number of moving joints of a chain; time and memory grow with its square. A snake robot has 20 joints."""
 DOWN = (0.0, 0.0, -GRAVITY)
 
 
@@ -36,11 +36,11 @@ class Link:
     """One motion of the chain and the rigid part that it carries.
 
     name: name of the joint.
-    placement: (4, 4), m, the frame before the motion in the frame after the preceding motion (for the first motion, in
-    the root frame).
+    placement: pose (4, 4), m, of the frame before the motion, in the frame after the preceding motion (for the first
+    motion, in the root frame).
     axis: coordinate axis about or along which the link moves, one of gpmodel.mechanism.protocol.AXES.
-    mass: kg. com: centre of mass (3,), m, in the frame after the motion.
-    alignment: (4, 4), the frame after the motion in the frame of the same part in the source description.
+    mass: mass of the link, kg. com: centre of mass (3,), m, in the frame after the motion.
+    alignment: pose (4, 4) of the frame after the motion, in the frame of the part in the source description.
     offset: constant part of the motion, rad or m, which is included in placement.
     """
 
@@ -55,15 +55,15 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """Links driven by joint coordinates: motion of the links s = coupling @ q.
+    """Links driven by joint coordinates q: motions of the links = coupling @ q.
 
-    coupling: (len(links), len(joints)), the identity for an arm with one motor per joint. A reversed axis, a parallel
-    bar or a mimic joint has other entries.
-    tool: (4, 4) from the frame after the last motion to the measured frame `tool_frame`, m.
-    gravity: (3,) m/s^2 in the root frame.
-    payload_com: (3,) m, centre of mass of the payload in the measured frame.
+    coupling: matrix (links, joints), the identity for an arm with one motor per joint. A reversed axis, a parallel bar
+    or a mimic joint has other entries.
+    tool: pose (4, 4) of the measured frame `tool_frame` in the frame after the last motion, m.
+    gravity: acceleration of gravity (3,), m/s², in the root frame.
+    payload_com: centre of mass (3,) of the payload in the measured frame, m.
     source: URDF file of the chain, if any.
-    limits: (len(joints), 2), rad or m, of the joint coordinates.
+    limits: lower and upper limit of each joint coordinate, (joints, 2), rad or m.
     not_read: parts of the file that are ignored.
     """
 
@@ -86,7 +86,7 @@ class Chain:
         return ("base", *sides, "tool")
 
     def motions(self, q: Array) -> Array:
-        """Return the motions (N, len(links)) of the links, rad and m, at joint coordinates q (N, n)."""
+        """Return the motions (poses, links) of the links, rad and m, at joint coordinates q (poses, joints)."""
         q = np.asarray(q, dtype=np.float64)
         if q.ndim != 2 or q.shape[1] != len(self.joint_names):
             raise InputError(
@@ -96,7 +96,7 @@ class Chain:
         return q @ self.coupling.T
 
     def transforms(self, q: Array) -> Array:
-        """Return nominal transforms (S, N, 4, 4) between successive slots, as the Mechanism protocol defines them."""
+        """Return nominal transforms (slots, poses, 4, 4), m, between successive slots; see the Mechanism protocol."""
         motions = self.motions(q)
         transforms = np.empty((len(self.slots), len(motions), 4, 4))
         transforms[0] = np.eye(4)

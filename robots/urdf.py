@@ -20,7 +20,7 @@ from robots.urdf_tree import MOVING, UrdfJoint, UrdfTree, read_tree
 FINGER_DEPTH = 3
 ARM_DEPTH = 3
 MOST_TURN = 30.0
-"""Limit of a joint, rad, beyond which it is probably in degrees: cables allow at most five turns either way."""
+"""Limit of a joint, rad, beyond which its unit is probably degrees: cables allow at most five turns either way."""
 
 
 def read_urdf(
@@ -29,10 +29,10 @@ def read_urdf(
     """Read the chain of a URDF file from its root link to the link `frame` (default: `default_frame`).
 
     name: name of the chain; by default the name of the <robot>, or of the file.
-    arms: measured links of other arms, whose weight is included in the other chains.
-    The joints of the chain are its revolute, continuous and prismatic joints; mimic joints follow the leading joint.
-    Joints off the chain stay at neutral, and their links weigh on the chain. If a joint axis is not a coordinate axis,
-    the frames of the slots are rotated so that the joint axis is z.
+    arms: measured links of the other arms; the weight of the other arms is not included in this chain. The joints of
+    the chain are its revolute, continuous and prismatic joints; mimic joints follow the leading joint. Joints off the
+    chain stay at neutral, and their links weigh on the chain. If a joint axis is not a coordinate axis, the frames of
+    the slots are rotated so that the joint axis is z.
     Raises InputError if the file is unreadable as URDF, `frame` is not a link beyond a moving joint, or a joint of the
     chain is floating or planar.
     """
@@ -59,7 +59,7 @@ def read_urdf(
 
 def read_branches(path: Path, frames: list[str], *, name: str | None = None) -> Branches:
     """Read the arms of a URDF file that end at the links `frames`.
-    Raises InputError as `read_urdf`, or for a repeated link."""
+    Raises InputError as `read_urdf` does, or for a repeated link."""
     if len(set(frames)) < len(frames):
         raise InputError(f"{name or path}: frames {', '.join(frames)}; expected each link once")
     return Branches(name or path.stem, tuple(read_urdf(path, name=name, frame=frame, arms=frames) for frame in frames))
@@ -69,8 +69,8 @@ def default_frame(tree: UrdfTree) -> str:
     """Return the link that is measured by default: the last link of the arm with the most revolute joints.
 
     Fingers do not belong to the arm: the arm ends where a chain of at least ARM_DEPTH joints splits into equally long
-    branches of at most FINGER_DEPTH joints. Of several last links fixed to one part, `tool0` is preferred, then the
-    first in the file.
+    branches of at most FINGER_DEPTH joints. If several last links are fixed to one part, `tool0` is preferred, then the
+    first link in the file.
     """
 
     def most_turns(joint: UrdfJoint) -> int:
@@ -93,7 +93,7 @@ def default_frame(tree: UrdfTree) -> str:
 
 
 def _last_fixed(tree: UrdfTree, part: str) -> list[str]:
-    """Return the links at the ends of the longest sequences of fixed joints beyond a link; by default the link."""
+    """Return the links at the ends of the longest sequences of fixed joints beyond the link `part`."""
     links = [part]
     while beyond := [j.child for link in links for j in tree.below[link] if j.kind == "fixed"]:
         links = beyond
@@ -102,7 +102,7 @@ def _last_fixed(tree: UrdfTree, part: str) -> list[str]:
 
 @dataclass(frozen=True)
 class _Called:
-    """Names of a chain, its measured link and its file."""
+    """Names of a chain, of its measured link and of its file."""
 
     name: str
     frame: str
@@ -164,8 +164,8 @@ def _chain(tree: UrdfTree, chain: list[UrdfJoint], others: list[UrdfJoint], call
 
 
 def _carried(tree: UrdfTree, joint: UrdfJoint, chains: list[UrdfJoint]) -> tuple[float, Array]:
-    """Return the mass, kg, and centre of mass (3,), m, of all parts between a joint and the next joint of any chain.
-    The centre of mass is in the frame of the joint's child link, with joints off the chains at rest."""
+    """Return mass [kg] and centre of mass (3,) [m] of all parts between a joint and the next joint of any chain. The
+    centre of mass is in the frame of the joint's child link. Joints that are not in a chain are at rest."""
     mass, moment, waiting = 0.0, np.zeros(3), [joint.child]
     inverse = np.linalg.inv(tree.frames[joint.child])
     while waiting:
@@ -193,7 +193,7 @@ def _limits(joint: UrdfJoint, path: Path) -> tuple[float, float]:
 
 
 def _aligned(joint: UrdfJoint) -> tuple[str, float, Array]:
-    """Return axis name, sign, and the rotation (4, 4) of the joint frame that aligns the motion with the axis."""
+    """Return the name and sign of a joint's motion axis, and the rotation (4, 4) of its frame that aligns the axis."""
     z, first = joint.axis, 0 if joint.kind == "prismatic" else 3
     largest = int(np.argmax(np.abs(z)))
     if np.isclose(abs(z[largest]), 1.0, rtol=0.0, atol=1e-12):

@@ -23,8 +23,8 @@ def write_calibrated_urdf(mechanism: Chain, twists: Mapping[str, Array], path: P
 
     root -> measured link  =  T_0 E_0 T_1(q) E_1 ... T_S(q) E_S,   E_s = exp(twists[s])
 
-    twists: by slot, (6,) as (Tx, Ty, Tz, Rx, Ry, Rz) in the frame of the slot, m and rad; zero if missing.
-    A mechanism from a URDF gives the original file with changed joint origins; parts attached to a link move with the
+    T_s: nominal transform to slot s. twists: {slot: (Tx, Ty, Tz, Rx, Ry, Rz) in the frame of the slot, m and rad}. A
+    mechanism from a URDF gives the original file with changed joint origins; parts attached to a link move with the
     link. A mechanism from another source gives a new file in the joint coordinates of the table. A link moved by a
     second coordinate, as by a parallel bar, gets a mimic joint NAME_with_OTHER about its axis for each such coordinate.
     If the measured link is the last link of the chain, a twist beyond the last joint needs an additional link
@@ -41,9 +41,9 @@ def write_calibrated_urdf(mechanism: Chain, twists: Mapping[str, Array], path: P
 
 
 def write_arms_urdf(arms: Sequence[tuple[Chain, Mapping[str, Array]]], path: Path) -> str:
-    """Write several arms of one tree, each with the twists of its slots; return the measured links, with commas.
+    """Write several arms of one tree, each with its error twists by slot; return the measured links, with commas.
 
-    If the tree comes from a file, twists of shared slots are written with the first arm that has them.
+    If the tree comes from a file, the twist of a shared slot is written with the first arm that has the slot.
     """
     robot, frames = None, []
     for mechanism, twists in arms:
@@ -63,7 +63,7 @@ def write_arms_urdf(arms: Sequence[tuple[Chain, Mapping[str, Array]]], path: Pat
 
 
 def _errors(mechanism: Chain, twists: Mapping[str, Array]) -> dict[str, Array]:
-    """Return slot -> transform (4, 4) of the twist at the slot. Raises InputError for an unknown slot."""
+    """Return {slot: transform (4, 4) of its error twist}. Raises InputError for an unknown slot."""
     for slot, twist in twists.items():
         if slot not in mechanism.slots or np.shape(twist) != (6,) or not np.all(np.isfinite(twist)):
             raise InputError(
@@ -129,8 +129,8 @@ def _generated(mechanism: Chain, errors: Mapping[str, Array]) -> ET.Element:
 
 
 def _add_motions(robot: ET.Element, mechanism: Chain, row: int, parent: str, origin: Array) -> ET.Element:
-    """Add the joint of a link, then a mimic joint about the same axis for every further coordinate that moves the link.
-    Return the last <link>. Raises InputError if the weight of the link's own coordinate is not 1 or -1."""
+    """Add the joint of a link, then a mimic joint about its axis for every further coordinate that moves the link.
+    Return the last <link>. Raises InputError if the factor of the link's own coordinate is not 1 or -1."""
     link, names, weights = mechanism.links[row], mechanism.joint_names, mechanism.coupling[row]
     own = names.index(link.name)
     if abs(weights[own]) != 1.0:
@@ -168,7 +168,7 @@ def _add_joint(robot: ET.Element, name: str, kind: str, parent: str, child: str,
 
 
 def _seen_from(frame: Array, error: Array) -> Array:
-    """Return an error transform in `frame` as a transform in the parent of `frame`; the identity stays exact."""
+    """Convert an error transform in `frame` to the parent of `frame`; the identity stays exact."""
     return error if np.array_equal(error, np.eye(4)) else frame @ error @ np.linalg.inv(frame)
 
 

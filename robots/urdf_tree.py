@@ -20,10 +20,10 @@ from gpmodel.texts import read_limited
 from robots.links import placement
 
 MOST_JOINTS = 300
-"""Largest number of joints of a URDF; a humanoid with hands has 100."""
+"""Largest number of joints of a URDF; a humanoid robot with hands has 100 joints."""
 
 ELEMENTS = ("link", "joint", "inertial", "mass", "origin", "parent", "child", "axis", "limit", "mimic", "calibration")
-"""XML elements that are read; element names are case sensitive in XML."""
+"""XML elements of a URDF that are read; names of XML elements are case sensitive."""
 
 
 class _Plain(ET.TreeBuilder):
@@ -35,7 +35,7 @@ class _Plain(ET.TreeBuilder):
 
 
 def parse_xml(path: Path) -> ET.Element:
-    """Return the <robot> element of a file, with comments. Raises InputError if the file cannot be a URDF."""
+    """Return the <robot> element of a URDF file, with comments. Raises InputError if the file cannot be a URDF."""
     try:
         content = read_limited(path, LARGEST_FILE, "a URDF file")
         root = ET.fromstring(content, ET.XMLParser(target=_Plain(insert_comments=True)))
@@ -56,12 +56,12 @@ def parse_xml(path: Path) -> ET.Element:
 
 
 def has_geometry(path: Path) -> bool:
-    """Return whether any link of the file has collision geometry."""
+    """Return whether any link of the URDF file has collision geometry."""
     return any(link.find("collision/geometry") is not None for link in parse_xml(path).iterfind("link"))
 
 
 MOVING = ("revolute", "continuous", "prismatic")
-"""Kinds of joints with one coordinate."""
+"""Kinds of URDF joints that have one coordinate."""
 KINDS = (*MOVING, "fixed", "floating", "planar")
 
 LONGEST_TITLE = 60
@@ -79,10 +79,10 @@ class Mimic:
 
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
-    """A joint between two links.
+    """A joint between two links of a URDF.
 
-    origin: (4, 4), the joint frame at rest in the frame of the parent link, m.
-    axis: (3,), a unit vector in the joint frame, or zero.
+    origin: pose (4, 4) of the joint frame at rest in the frame of the parent link, m.
+    axis: unit vector (3,) of the motion in the joint frame, or zero.
     limits: lower and upper limit, rad or m, infinite if not given.
     not_read: parts of the XML element that are ignored.
     """
@@ -100,10 +100,10 @@ class UrdfJoint:
 
 @dataclass(frozen=True, eq=False)
 class UrdfTree:
-    """The tree of links and joints of a file.
+    """The tree of links and joints of a URDF file.
 
     name: name of the robot, "" if not given.
-    masses: link -> mass, kg, and centre of mass (3,) in the link's frame, m.
+    masses: {link: mass [kg] and centre of mass (3,) [m] in the link's frame}.
     """
 
     name: str
@@ -113,12 +113,12 @@ class UrdfTree:
 
     @cached_property
     def above(self) -> dict[str, UrdfJoint]:
-        """Link -> joint of which the link is the child."""
+        """{link: joint of which the link is the child}."""
         return {joint.child: joint for joint in self.joints}
 
     @cached_property
     def below(self) -> dict[str, list[UrdfJoint]]:
-        """Link -> joints of which the link is the parent, sorted by name."""
+        """{link: joints of which the link is the parent, sorted by name}."""
         found: dict[str, list[UrdfJoint]] = {link: [] for link in self.masses}
         for joint in sorted(self.joints, key=lambda joint: joint.name):
             found[joint.parent].append(joint)
@@ -126,7 +126,7 @@ class UrdfTree:
 
     @cached_property
     def frames(self) -> dict[str, Array]:
-        """Link -> frame (4, 4) of the link in the root frame with all joints at zero, parents before children."""
+        """{link: pose (4, 4) of the link in the root frame with all joints at zero}, parents before children."""
         found: dict[str, Array] = {self.root: np.eye(4)}
         waiting = [*reversed(self.below[self.root])]
         while waiting:
@@ -197,7 +197,7 @@ def read_tree(path: Path) -> UrdfTree:
 
 
 def origin_of(element: ET.Element) -> Array:
-    """Return the transform (4, 4) of an element's <origin>. Raises ValueError for an invalid origin."""
+    """Return the transform (4, 4) of an XML element's <origin>. Raises ValueError for an invalid origin."""
     origin = element.find("origin")
     xyz, rpy = ("0 0 0", "0 0 0") if origin is None else (origin.get("xyz", "0 0 0"), origin.get("rpy", "0 0 0"))
     shift, turn = _vector(xyz, "xyz"), _vector(rpy, "rpy")
@@ -214,7 +214,7 @@ def _name(element: ET.Element) -> str:
 
 
 def _title(name: str) -> str:
-    """Return a name suitable as the title of a page, "" if the name is too long or needs escaping."""
+    """Return a robot's name as the title of a page; "" if the name is too long or needs escaping."""
     return name if re.fullmatch(rf"[\w .,()+-]{{1,{LONGEST_TITLE}}}", name) else ""
 
 
@@ -261,7 +261,7 @@ def _joint(joint: ET.Element) -> UrdfJoint:
 
 
 def _not_read(joint: ET.Element, name: str, kind: str) -> tuple[str, ...]:
-    """List the ignored elements of a joint, and missing elements for which URDF has a default."""
+    """List the ignored elements of a URDF joint, and its missing elements for which URDF has a default."""
     said = [f"<calibration> of joint {name}" for _ in joint.findall("calibration")]
     if kind in MOVING and joint.find("axis") is None:
         said.append(f"the axis of joint {name}, which the file does not give; 1 0 0 is taken, as URDF says")
@@ -269,7 +269,7 @@ def _not_read(joint: ET.Element, name: str, kind: str) -> tuple[str, ...]:
 
 
 def _mimic(mimic: ET.Element, name: str, dimension: str) -> Mimic:
-    """Return the Mimic of a <mimic> element.
+    """Return the Mimic joint of a <mimic> element.
     A multiplier larger than the largest length or angle of a machine is refused."""
     multiplier, offset = (
         checked(_number(mimic.get(key, usual), what), dimension, what)

@@ -1,4 +1,4 @@
-"""One study per model of the joint: settings give tables, numbers and figures. `gpmodel joint` runs the studies."""
+"""One study per engineering model of the joint; a study turns settings into tables, numbers and figures."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path

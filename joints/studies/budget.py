@@ -12,14 +12,14 @@ from joints.studies.study import MICRO, Study, Table
 
 HEADS = ("kind", "mean [um]", "mean + 3 SD [um]", "published [um]", "realigned [um]")
 EVERY = 10
-"""Interval between realigned draws. Realignment of all draws would take thirty times as long and change the result by a
-hundredth."""
+"""Realignment uses every tenth random draw. Realignment of all draws would take thirty times as long and change the
+result by a hundredth."""
 REALIGNED = "realigned: the ball is held, and the angles turn to where it strains least"
 PUBLISHED = {"systematic": 10e-6, "stochastic": 0.1e-6}
 
 
 def budget_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Make Figures 3.18 and 3.19: distributions, mean plus three standard deviations, and the share of every source."""
+    """Make Figures 3.18 and 3.19: distribution of the position error, its mean + 3 SD, and shares of the sources."""
     sources, settings = read_budget(path)
     joint = budget_joint(spherical_joint(), settings)
     kinds = [kind for kind in KINDS if any(s.kind == kind for s in sources)]
@@ -60,7 +60,7 @@ def budget_study(path: Path | None = None, seed: int = 0) -> Study:
 
 
 def budget_chart(figure: Figure, budget: Budget, published: float) -> None:
-    """Plot the distribution of the position error and the share of every source (Figs 3.18, 3.19). published: m."""
+    """Plot the distribution of the position error, the value `published` [m], and the share of every error source."""
     left, right = figure.subplots(1, 2)
     shares, edges = budget.histogram()
     left.stairs(100 * shares, MICRO * edges, fill=True, alpha=0.6)

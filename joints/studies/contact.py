@@ -31,11 +31,11 @@ LENGTHS = ("predicted_max", "sphere_fit_max", "calibrated_max")
 
 
 class ContactType(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A contact type and its published accuracy.
+    """A contact type of a spherical joint and its published accuracy.
 
     supports: number of discrete contacts, 0 for a surface.
     predicted_max, sphere_fit_max, calibrated_max: largest residuals, m, None if not published.
-    figure: source of the residuals, a figure of the thesis.
+    figure: figure of the thesis with the residuals.
     """
 
     name: str
@@ -87,7 +87,7 @@ def contact_types_study(path: Path | None = None, seed: int = 0) -> Study:
 
 
 def contact_chart(figure: Figure, types: Sequence[ContactType]) -> None:
-    """Plot the largest residual of every prototype, predicted and before and after calibration (Figs 3.29, 4.30)."""
+    """Plot the largest residual of every prototype: predicted, and before and after calibration (Figs 3.29, 4.30)."""
     ax = figure.subplots()
     at = np.arange(len(types))
     for k, (name, key) in enumerate(
@@ -105,8 +105,8 @@ def contact_chart(figure: Figure, types: Sequence[ContactType]) -> None:
 
 
 def thermal_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Tabulate growth per kelvin and for the given temperature change, and the change at which growth equals the
-    tolerance."""
+    """Tabulate thermal growth per kelvin and for a temperature change, and the temperature change at which the growth
+    equals the tolerance."""
     s = load_settings("thermal", path)
     change, tolerance = s["temperature_change"], s["tolerance"]
     parts = [LoopPart(**part) for part in s["part"]]
@@ -149,7 +149,7 @@ _KEYS = (
 
 
 def contact_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Tabulate Table 3.3 as printed (two cylinders), by its formulas with the true radii, and exact."""
+    """Tabulate the contact of Table 3.3 as printed (two cylinders), by its formulas with the true radii, and exact."""
     s = load_settings("contact", path)
     ball, support = Body(**s["ball"]), Body(**s["support"])
     flat = s["published_major_radius"]
@@ -197,7 +197,7 @@ def contact_study(path: Path | None = None, seed: int = 0) -> Study:
 
 
 def _numbers(case: HertzContact, force: float, allowed: float, onset: float) -> tuple[float, ...]:
-    """Return a row of the table, in the order of _KEYS."""
+    """Return a row of the table of Hertz contacts, in the order of the column keys _KEYS."""
     major, minor, peak, approach = map(float, (case.semi_major, case.semi_minor, case.pressure, case.approach))
     stiffness = (force / approach * N_PER_UM, 1.5 * force / approach * N_PER_UM)
     return major * MICRO, minor * MICRO, peak * 1e-9, approach * MICRO, *stiffness, peak / allowed, peak / onset

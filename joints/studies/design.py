@@ -1,4 +1,4 @@
-"""`gpmodel joint design`: one page for a joint, with the governing limit."""
+"""`gpmodel joint design`: one page with every limit of a joint, and its governing limit."""
 
 import base64
 import re
@@ -20,7 +20,7 @@ from joints.studies.study import MICRO, N_PER_UM, Study, Table, png
 
 
 def design_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Make tables and a page of every limit of a joint, the governing limit, and the numbers behind them."""
+    """Make tables and a page of every limit of a joint, its governing limit, and the numbers used for the limits."""
     design = joint_design(path, seed)
     limits = Table(
         "What is used of what is there",
@@ -41,7 +41,7 @@ def design_study(path: Path | None = None, seed: int = 0) -> Study:
 
 
 def _parts(design: JointDesign) -> tuple[Table, ...]:
-    """Tabulate the parts of the thermal loop, and of the film guide of a fluid joint."""
+    """Tabulate the parts of the thermal loop and, for a joint on an air film, the design guide of the film."""
     thermal = design.settings["thermal"]
     loop = [LoopPart(**part) for part in thermal["part"]]
     rates = [(part.name, part.growth_per_kelvin) for part in loop]
@@ -108,7 +108,7 @@ def _page(design: JointDesign, parts: tuple[Table, ...], drawn: dict[str, Figure
 
 
 def _micro(text: str) -> str:
-    """Replace the um of terminals and JSON keys by µm."""
+    """Replace the unit um, as in terminals and JSON keys, by µm."""
     return re.sub(r"\bum\b", "µm", text)
 
 

@@ -34,13 +34,13 @@ _HEADS = (
 )  # fmt: skip
 
 SOUGHT = 40
-"""Number of frequencies of the first search for the largest motion."""
+"""Number of frequencies in the first search for the frequency of the largest motion."""
 RATIO_DIGITS = 5
 """Number of printed digits of a damping ratio; the ratio is zero up to rounding at the onset of pneumatic hammer."""
 
 
 def dynamics_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Tabulate the ball on a flat and a spherical film of compressible air, and the fit to a measured response."""
+    """Tabulate the vibration of the ball on a flat and a spherical film of air, and a fit to a measured response."""
     s = load_settings("dynamics", path)
     geometry = film_geometry(s["film"], s["ball_radius"])
     orifice, lift = orifice_law(s["orifice"]), positive("displacement", s["displacement"], "m")
@@ -118,7 +118,7 @@ def _hammer(
 
 
 def _lossy(s: Settings, load: float, system: BallOnFilm, frequency: Array) -> tuple[Table, dict[str, dict[str, float]]]:
-    """Tabulate the effect of sliding friction and magnetic hysteresis at one amplitude of force."""
+    """Tabulate the effect of sliding friction and magnetic hysteresis on the motion at one amplitude of force."""
     pull, force = magnet_stiffness(load, s["stand_off"]), float(positive("losses.force", s["force"], "N"))
     grip = float(not_negative("losses.friction_coefficient", s["friction_coefficient"], "")) * load
     cases = {

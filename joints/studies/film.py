@@ -1,4 +1,4 @@
-"""`gpmodel joint film`: the design guide of Table 4.2, and the film over the real spherical gap."""
+"""`gpmodel joint film`: the design guide of Table 4.2, and the film in the real spherical gap."""
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
@@ -35,22 +35,22 @@ from joints.settings import Settings, curve_of, load_settings, positive
 from joints.studies.study import MICRO, N_PER_UM, Study, Table
 
 APART = 1e4
-"""Condition number of the two scaled columns above which the measured rows do not separate clearance from flow."""
+"""Condition number of the scaled fit above which measured rows cannot separate clearance from flow ratio."""
 
 
 Film = FilmDesign | SphericalFilm
-"""A film that carries a load at a displacement."""
+"""An air film that carries a load at a displacement of the ball."""
 
 
 @dataclass(frozen=True)
 class FilmFit:
     """Result of `fit_film`.
 
-    clearance: fitted clearance, m.
-    passed: ratio of the flow through the orifices to the flow of the orifice formula.
+    clearance: fitted radial clearance, m.
+    passed: fitted ratio of the flow through the orifices to the flow by the orifice formula.
     stderr: standard errors of clearance and passed, by name.
-    rms: relative residual of the inlet pressures.
-    status: "ok", or the reason for a missing stderr.
+    rms: RMS of the relative residuals of the inlet pressures.
+    status: "ok", or the reason for a missing standard error.
     """
 
     clearance: float
@@ -64,12 +64,12 @@ def fit_film(
     film: Callable[[FilmGeometry, ArrayLike, Orifice, ArrayLike], Film], geometry: FilmGeometry, orifice: Orifice,
     inlet: ArrayLike, lift: ArrayLike, load: ArrayLike,
 ) -> FilmFit:  # fmt: skip
-    """Fit clearance and flow to inlet pressures (N,) [Pa] at displacements [m] and loads [N], by relative least
+    """Fit clearance and flow ratio to inlet pressures [Pa] at displacements [m] and loads [N], by relative least
     squares.
 
-    film: `design_film` or `spherical_film`, which gives the flow q and socket pressure p_s that carry the load. The
-    orifices pass q at the inlet pressure of their formula for q / passed. Raises InputError below 3 rows, or for an
-    impossible row.
+    film: `design_film` or `spherical_film`, which gives the flow and the socket pressure that carry the load. The flow
+    ratio `passed` is the flow through an orifice over the flow by the orifice formula. Raises InputError below 3 rows,
+    or for an impossible row.
     """
     given, at, held = np.broadcast_arrays(
         positive("inlet pressure", inlet, "Pa"), positive("lift", lift, "m"), positive("load", load, "N")
@@ -99,7 +99,7 @@ NO_TILT = "stiffness along the axis, and across it at constant inlet; a ball tha
 
 
 def film_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Tabulate flat plate and spherical film at every displacement, for one preload."""
+    """Tabulate the flat-plate and the spherical air film at every displacement of the ball, for one preload."""
     s = load_settings("film", path)
     geometry, orifice, preload = film_geometry(s), orifice_law(s["orifice"]), s["preload"]
     displacement = np.array(s["displacements"])
@@ -142,7 +142,7 @@ def film_study(path: Path | None = None, seed: int = 0) -> Study:
 
 
 def _fitted(s: Settings, path: Path | None, geometry: FilmGeometry, orifice: Orifice) -> dict[str, FilmFit]:
-    """Fit both films to a measured table; empty without a table."""
+    """Fit both film models to a measured table; without a table, return an empty dictionary."""
     rows = curve_of(s, path, {"inlet": "atm", "lift": "um", "load": "N"})
     films: dict[str, Callable[..., Film]] = {"flat plate": design_film, "sphere": spherical_film}
     return {name: fit_film(film, geometry, orifice, **rows) for name, film in films.items()} if rows else {}
@@ -190,7 +190,7 @@ _UNITS = {"N_per_um": "N/um", "um": "um", "sccm": "sccm", "atm": "atm"}
 
 
 def _heads(columns: dict[str, np.ndarray]) -> list[str]:
-    """Return column heads: `stiffness_published_N_per_um` becomes `stiffness published [N/um]`."""
+    """Return table heads with units: `stiffness_published_N_per_um` becomes `stiffness published [N/um]`."""
     heads = []
     for name in columns:
         unit = next((unit for unit in _UNITS if name.endswith(f"_{unit}")), "")

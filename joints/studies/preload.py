@@ -1,5 +1,5 @@
-"""`gpmodel joint preload`: the largest force, N, that the magnets of a spherical joint resist, over the
-joint angle, and the choice of socket, ring and magnet."""
+"""`gpmodel joint preload`: the largest force [N] that the magnets of a spherical joint resist, against the joint angle,
+and the choice of socket, magnet ring and magnet."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -34,7 +34,7 @@ PSI = 6894.757293168
 
 
 def preload_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Tabulate preload, largest pull at every angle and azimuth, and the designs of Tables 3.1 and 4.1."""
+    """Tabulate the preload, the largest pull at every angle and azimuth, and the designs of Tables 3.1 and 4.1."""
     s = load_settings("preload", path)
     seat = MagnetSeat(s["seat_radius"], s["magnet_clearance"], s["paired"])
     rings = [MagnetRing(**ring) for ring in s["ring"]]
@@ -97,7 +97,7 @@ _HEADS = (
 
 
 def _pulls(preload: float, sliding: tuple[float, float], support: float, rolling: tuple[float, float]) -> Table:
-    """Tabulate the smallest limits of the sliding joint (ball and socket fixed) and the rolling joint (by azimuth)."""
+    """Tabulate the smallest limit of the pull on the sliding joint (ball or socket fixed) and on the rolling joint."""
     (ball, socket), (towards, anywhere) = sliding, rolling
     fluid, point = "sliding, fluid", "point, rolling"
     return Table(

@@ -16,7 +16,7 @@ from joints.studies.study import Study, Table
 
 @dataclass(frozen=True)
 class PughChart:
-    """A Pugh chart. marks: (criteria, concepts) integers, plus marks positive. weights: (criteria,)."""
+    """A Pugh chart. marks: integers (criteria, concepts), plus marks positive. weights: one weight per criterion."""
 
     title: str
     concepts: tuple[str, ...]
@@ -26,7 +26,7 @@ class PughChart:
 
     @property
     def scores(self) -> Array:
-        """Weighted sum of plus marks minus minus marks of each concept."""
+        """Score of each concept: weighted sum of its plus marks minus its minus marks."""
         return self.weights @ self.marks
 
     @property
@@ -41,12 +41,12 @@ class PughChart:
 
     @property
     def ranking(self) -> tuple[str, ...]:
-        """Concepts from best to worst; equal scores keep the order of the chart."""
+        """Concepts from best to worst score; concepts with equal scores keep the order of the chart."""
         return tuple(self.concepts[i] for i in np.argsort(-self.scores, kind="stable"))
 
 
 def read_mark(text: str, where: str) -> int:
-    """Return the value of a mark: "0" is 0, "+" is 1, "++" is 2, "-" is -1."""
+    """Return the value of a mark of a Pugh chart: "0" is 0, "+" is 1, "++" is 2, "-" is -1."""
     mark = text.strip()
     if mark == "0":
         return 0
@@ -61,7 +61,7 @@ def pugh_chart(
     marks: Mapping[str, Sequence[str | int]],
     weights: Mapping[str, float] | None = None,
 ) -> PughChart:
-    """Build a chart from marks {criterion: [one mark per concept]}; the weight of a criterion is 1 unless given.
+    """Build a Pugh chart from marks {criterion: [one mark per concept]}; the weight of a criterion is 1 unless given.
 
     Raises InputError for a row of wrong length, an invalid mark, or a weight of an unknown criterion.
     """
@@ -84,7 +84,7 @@ def pugh_chart(
 
 
 def pugh_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Score and rank every [[chart]] of the TOML file, by default Tables 2.6 and 2.12 of the thesis."""
+    """Score and rank the concepts of every [[chart]] of the TOML file, by default Tables 2.6 and 2.12 of the thesis."""
     charts = _charts(path or DATA / "pugh.toml")
     return Study(
         [
@@ -115,7 +115,7 @@ def pugh_study(path: Path | None = None, seed: int = 0) -> Study:
 
 
 class _Chart(msgspec.Struct, forbid_unknown_fields=True):
-    """A [[chart]] of the TOML file. marks: criterion -> one mark per concept."""
+    """A Pugh chart in the TOML file. marks: {criterion: one mark per concept}."""
 
     concepts: list[str]
     marks: dict[str, list[str | int]]
@@ -134,7 +134,7 @@ def _charts(path: Path) -> list[PughChart]:
 
 
 def pugh_figure(chart: PughChart) -> Figure:
-    """Plot the marks of every criterion, and the scores."""
+    """Plot the marks of every criterion of a Pugh chart, and the scores of the concepts."""
     height = 1.6 + 0.27 * len(chart.criteria)
     figure = Figure(figsize=(2.6 + 1.0 * len(chart.concepts), height), layout="constrained")
     ax = figure.add_subplot()

@@ -36,8 +36,8 @@ _PREDICTED = (
 
 
 def stiffness_study(path: Path | None = None, seed: int = 0) -> Study:
-    """Tabulate contact stiffnesses, the curve of Fig 4.14, and the four regimes fitted to
-    measured or simulated data."""
+    """Tabulate contact stiffnesses, the force-displacement curve of Fig 4.14, and the four regimes fitted to measured
+    or simulated data."""
     s = load_settings("stiffness", path)
     replica, tube = (float(layer_stiffness(**s[name])) for name in ("replica", "tube"))
     geometry, orifice = film_geometry(s["film"]), orifice_law(s["orifice"])

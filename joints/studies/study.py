@@ -23,7 +23,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Study:
-    """Tables to print, `data` for JSON (units in the key names), figures and HTML pages by file name."""
+    """Result of a study: tables to print, `data` for JSON (units in the keys), figures and HTML pages by file name."""
 
     tables: Sequence[Table]
     data: Mapping[str, object]
