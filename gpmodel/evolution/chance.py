@@ -24,10 +24,10 @@ class Chance:
 
 
 def chance(value: float, null: Array) -> Chance:
-    """Return the p-value of a score, given the maxima (T,) of searches on permuted residuals.
+    """Return the p-value of a score, given the largest scores of T searches on permuted residuals.
 
-    If some maximum reaches `value`, the p-value is the larger of the rank (1 + count) / (1 + T) and the tail of the
-    fitted distribution, otherwise the tail. With fewer than FEWEST finite maxima the p-value is 1.
+    If some of these scores reach `value`, the p-value is the larger of the rank (1 + count) / (1 + T) and the tail of
+    the fitted distribution, otherwise the tail. With fewer than FEWEST finite scores the p-value is 1.
     """
     finite = null[np.isfinite(null)]
     if len(finite) < FEWEST or np.isnan(value):
@@ -42,7 +42,7 @@ def larger(first: Chance, *others: Chance) -> Chance:
 
 
 def _tail(value: float, null: Array) -> float:
-    """Return the tail probability of Gumbel's distribution of maxima (Gumbel 1958), fitted to null maxima (T,).
+    """Return the tail probability of Gumbel's distribution of maxima (Gumbel 1958), fitted to T maxima under the null.
 
     β = s √6 / π and μ = mean - 0.5772 β. The standard deviation s is uncertain: the tail is averaged over its
     log-normal distribution of width √((κ - 1) / 4T), corrected for its bias 1 - (κ - 1) / 8T, and widened by √(1 + 1/T)

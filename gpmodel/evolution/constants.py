@@ -1,4 +1,4 @@
-"""Least-squares fit of the constants of a program."""
+"""Least-squares fit of the constants of an evolved program."""
 
 from collections.abc import Mapping, Sequence
 from itertools import count
@@ -11,8 +11,8 @@ from gpmodel.formula.operators import BY_NAME, INPUT
 from gpmodel.formula.program import Program
 
 IDLE = 1e-12
-"""Share of a constant's derivative column outside the model's columns, below which the constant is not fitted, because
-the model's columns have an equal effect."""
+"""Least share of the derivative by a constant that lies outside the span of the model's columns. A constant with a
+smaller share is not fitted, because columns of the model have an equal effect."""
 
 
 def polish(
@@ -46,8 +46,8 @@ def polish(
 
 
 def _nodes(program: Program, names: Sequence[str]) -> IntArray:
-    """Return op-codes and two arguments (3, nodes) of a program for the kernels. names: inputs of the program, numbered
-    in order."""
+    """Return a program for the kernels: three rows, the op-code and two arguments of each node. names: names of the
+    inputs, in the order of their numbers."""
     from gpmodel.evolution.kernels.machine import CONSTANT
 
     numbers = count()
@@ -65,7 +65,7 @@ def _nodes(program: Program, names: Sequence[str]) -> IntArray:
 def own_constants_polished(
     program: Program, targets: Targets, site: int, inputs: Mapping[str, Array], own: Array, fixed: tuple[float, ...]
 ) -> Array:
-    """Return a program's own constants after ``polish``; constants outside its effective code are unchanged."""
+    """Return the fitted constants that a program carries; constants that reach no output are unchanged."""
     better, _ = polish(program, targets, site, inputs, held=fixed, steps=8)
     change = dict(zip(program.constants, better.constants, strict=True))
     return np.array([change.get(value, value) for value in own.tolist()])

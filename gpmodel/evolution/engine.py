@@ -1,4 +1,4 @@
-"""Run populations of programs on the compiled kernels."""
+"""Run populations of programs with compiled loops."""
 
 import os
 import threading
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gpmodel.arrays import Array, IntArray
 
 SLICE = 512
-"""Number of programs that a thread runs together: their registers fit into its cache."""
+"""Number of programs that a thread runs together: their values fit into its cache."""
 
 
 @cache
@@ -36,22 +36,22 @@ def over_slices(count: int, threads: int, work: Callable[[slice], None], size: i
 
 
 BLOCK = 128
-"""Poses that are run together if a program can be dropped after any block: its rows fit into the first-level cache."""
+"""Number of poses that are run together if programs can be dropped: the values fit into the first-level cache."""
 
 LONG_BLOCK = 512
-"""Number of poses that are run together if no program is dropped. Rows in the second-level cache cost less than four
+"""Number of poses that are run together if no program is dropped. Values in the second-level cache cost less than four
 times as many jumps (18 %)."""
 
 
 @dataclass(frozen=True)
 class Code:
-    """Effective code (instructions that reach an output) of P programs, as the kernels execute it.
+    """Effective code (instructions that reach an output) of programs, as the compiled loops execute it.
 
-    words: instructions (P, longest), of which the first ``count`` are used.
-    outputs: (P, m) row of each output.
-    nodes: (P,) number of operators and references to leaves.
-    hashes: (P,) hash of the code.
-    constants: (P, C) constants that belong to each program.
+    words: instructions (programs, longest), of which the first ``count`` are used.
+    outputs: instruction row of each output, (programs, outputs).
+    nodes: number of operators and of references to leaves, per program.
+    hashes: hash of the code, per program.
+    constants: constants that belong to each program, (programs, constants).
     """
 
     words: IntArray
@@ -62,13 +62,13 @@ class Code:
     constants: Array
 
     def take(self, rows: NDArray[np.intp]) -> "Code":
-        """Return the code of the programs at some rows."""
+        """Return the code of the programs with the given row numbers."""
         return Code(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
 
 def empty_code(constants: Array, longest: int, outputs: int) -> Code:
-    """Allocate the code of P programs with own constants (P, C), of at most ``longest`` instructions and ``outputs``
-    outputs."""
+    """Allocate the code of programs with own constants (programs, constants), of at most ``longest`` instructions and
+    with ``outputs`` outputs each."""
     size = len(constants)
     return Code(
         workspace("words", (size, longest)).view(np.int64),
@@ -81,7 +81,7 @@ def empty_code(constants: Array, longest: int, outputs: int) -> Code:
 
 
 def values(code: Code, fixed: Array) -> Array:
-    """Return the outputs (P, outputs, N) of decoded programs on fixed rows (base, N); the next call overwrites them."""
+    """Return the outputs (programs, outputs, poses) of decoded programs; the next call overwrites the result."""
     from gpmodel.evolution.kernels import batch
 
     found = workspace("values", (len(code.count), code.outputs.shape[1], fixed.shape[1]))
@@ -92,15 +92,15 @@ def values(code: Code, fixed: Array) -> Array:
 
 
 def sizes(code: Code, base: int) -> NDArray[np.uint16]:
-    """Return the number (P, 2^m) of nodes of each program that reach exactly the outputs in each bit set.
-    base: number of fixed rows."""
+    """Return for each program the number of nodes that reach exactly the outputs of each bit set.
+    base: number of rows of inputs and fixed constants."""
     from gpmodel.evolution.kernels import batch
 
     return batch.sizes_by_outputs(code.words, code.count, base, code.outputs)
 
 
 def compensator_fitness(code: Code, fixed: Array, measured: Array, maximum: bool, hopeless: float) -> Array:
-    """Return the largest distance (Fig 5.5), or the RMS distance, of each decoded program; see ``kernels.batch``."""
+    """Return the largest or the RMS distance (Fig 5.5) of each program's output points from the measured points."""
     from gpmodel.evolution.kernels import batch
 
     found = np.empty(len(code.count))

@@ -1,4 +1,4 @@
-"""Programs of several trees each, as flat prefix codes for the kernels."""
+"""Programs of several trees each, as flat prefix codes for the compiled loops."""
 
 from dataclasses import dataclass
 
@@ -10,20 +10,20 @@ from gpmodel.evolution.engine import Code, empty_code
 from gpmodel.evolution.machine import Layout
 
 OPERATOR_CODES = 32
-"""First prefix code that is a row of fixed values; smaller codes are operators."""
+"""First code of a node that is an input or a fixed constant; smaller codes are operators."""
 
 OWN_CONSTANT = 16384
-"""First prefix code that is one of the constants that a program carries."""
+"""First code of a node that is one of the constants that a program carries."""
 
 OWN_BYTE = 255
-"""Byte of every own constant in a packed tree, which has one byte per node."""
+"""Byte of every constant that a program carries, in a packed tree (one byte per node)."""
 
 
 @dataclass(frozen=True)
 class Forest:
-    """Programs of several trees each, as flat prefix codes.
+    """Programs of several trees each, as flat prefix codes (one code per node).
 
-    Tree k of program p is ``codes[bounds[p, k]:bounds[p, k + 1]]``. constants: (P, most constants) constants, padded.
+    Tree k of program p is ``codes[bounds[p, k]:bounds[p, k + 1]]``. constants: (programs, constants) of each, padded.
     """
 
     codes: NDArray[np.int16]
@@ -31,7 +31,7 @@ class Forest:
     constants: Array
 
     def decoded(self, layout: Layout, part: slice) -> Code:
-        """Return the effective code of a slice of programs."""
+        """Return the effective code (instructions that reach an output) of a slice of programs."""
         from gpmodel.evolution.kernels.batch import decode_forest
 
         longest = int(np.max(self.bounds[part, -1] - self.bounds[part, 0]))

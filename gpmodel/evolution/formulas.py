@@ -1,10 +1,10 @@
 """Search of a formula for the residual at a known site, in one to six known inputs.
 
-Founders in one input are the short forms of ``gpmodel.evolution.founders``. In several inputs a formula is a product or
-a sum of formulas in one input each, or a formula of a weighted sum or of a distance. Factors, summands, weights or the
-point are estimated as smooth functions first; their residual variance ranks the structures. Each part is then searched
-in one input. The resulting population is bred (``gpmodel.evolution.memetic``). Constants are fitted to the residual of
-the whole model at the site.
+Founders (first formulas) in one input are the short forms of ``gpmodel.evolution.founders``. In several inputs a
+formula is a product or a sum of formulas in one input each, or a formula of a weighted sum or of a distance. Factors,
+summands, weights or the point are estimated as smooth functions first; their residual variance ranks the structures.
+Each part is then searched in one input. The resulting population is bred (``gpmodel.evolution.memetic``). Constants are
+fitted to the residual of the whole model at the site.
 """
 
 import itertools
@@ -39,15 +39,15 @@ STARTED, STARTED_OF_SEVERAL = 200, 120
 """Number of short forms whose constants are fitted: for a formula of one input, and for one part of a formula of
 several inputs."""
 KEPT = 40
-"""Number of formulas in one input, fitted to binned values, whose constants are then fitted to all poses."""
+"""Number of formulas in one input that are fitted to binned values first and to all poses afterwards."""
 PIECES, PRODUCTS = 8, 48
-"""Number of formulas kept for each factor, summand, weighted sum or distance, by description length;
-largest number of products of such formulas."""
+"""Number of formulas kept for each factor, summand, weighted sum or distance, those of shortest description; largest
+number of products of such formulas."""
 BEHIND = 40.0
-"""Largest difference in log likelihood, nats, to the best structure at which a structure of
-several inputs is searched."""
+"""Largest difference in log likelihood, nats, to the most likely structure, at which a structure of several inputs is
+searched."""
 THIRDS = 4
-"""Number of third inputs that are tried in a product with two inputs."""
+"""Number of inputs that are tried as the third factor of a product with two inputs."""
 
 
 def formulas_at(
@@ -57,7 +57,7 @@ def formulas_at(
 
     names: names of the formula's inputs. A third input of the problem is added to two inputs if the third input lowers
     the description length much more. Of more than three inputs the three with the best structure are used.
-    generations: largest number of generations; with 0 the founders are only shortened.
+    generations: largest number of generations; with 0 the founders (first formulas) are only shortened.
     ``problem.nats(formula.gain, formula.complexity + 1)`` is the net gain of a formula in nats, with its coefficient
     solved. The result depends on the arguments only. Raises InputError for an unknown input.
     """
@@ -84,7 +84,7 @@ def _sound(one: Solution) -> bool:
 
 
 def shorter(program: Program, problem: SlotProblem) -> Iterator[Program]:
-    """Yield the program with one node removed, in every possible way, with constants fitted."""
+    """Yield the program with one node removed, in every possible way, and with its constants fitted."""
     columns = problem.inputs.mapping()
     for one in shorter_forms(program):
         yield polish(one, problem.targets, 0, columns)[0]
@@ -92,9 +92,9 @@ def shorter(program: Program, problem: SlotProblem) -> Iterator[Program]:
 
 @dataclass(frozen=True)
 class _Structure:
-    """Structure of a formula in its inputs.
+    """Structure of a formula in its inputs, such as a product of one formula per input.
 
-    noise: residual variance with smooth functions in place of formulas.
+    noise: residual variance if smooth functions take the place of the formulas.
     programs: function that searches the formulas.
     """
 
@@ -103,14 +103,14 @@ class _Structure:
 
 
 def _of_two(problem: SlotProblem, every: SlotProblem) -> list[_Structure]:
-    """Return the likely structures of two inputs, or structures with a third input that are far more likely."""
+    """Return the likely structures of a formula of two inputs, or of three if a third input is far more likely."""
     own, further = _structures_of_two(problem), _with_a_third(problem, every)
     least = min(structure.noise for structure in own)
     return _likely(every, [s for s in further if _nats(problem, least, s.noise) > BEHIND] or own)
 
 
 def _with_a_third(problem: SlotProblem, every: SlotProblem) -> list[_Structure]:
-    """Return the product of two inputs and the third input with the least residual variance; [] without one."""
+    """Return the product of two inputs and the third input with the least residual variance, or an empty list."""
     pair, columns = problem.inputs.names, every.inputs.mapping()
     rest = sorted(set(columns).difference(pair))
     if not rest:
@@ -121,7 +121,7 @@ def _with_a_third(problem: SlotProblem, every: SlotProblem) -> list[_Structure]:
 
 
 def _nats(problem: SlotProblem, noise: float, less: float) -> float:
-    """Return the difference in log likelihood, nats, between residual variances ``noise`` and ``less``."""
+    """Return the difference in log likelihood, nats, between the residual variances ``noise`` and ``less``."""
     return 0.5 * problem.targets.components * float(np.log(noise / less))
 
 
@@ -141,7 +141,7 @@ def _structures_of_two(problem: SlotProblem) -> list[_Structure]:
 
 
 def _likely(problem: SlotProblem, structures: Sequence[_Structure]) -> list[_Structure]:
-    """Return the structures whose log likelihood is within BEHIND nats of the best one."""
+    """Return the structures whose log likelihood is within BEHIND nats of the most likely structure."""
     least = min(structure.noise for structure in structures)
     return [one for one in structures if _nats(problem, one.noise, least) <= BEHIND]
 
@@ -174,8 +174,8 @@ def _sums(problem: SlotProblem) -> _Structure:
 
 
 def _product_and_summand(problem: SlotProblem, last: str) -> _Structure:
-    """Return sums of a formula of the input ``last`` and a product of formulas of the other inputs.
-    Each part is searched with the other part subtracted as a smooth function."""
+    """Return sums of a formula of the input ``last`` and a product of formulas of the other inputs. Each part is
+    searched with the other part subtracted as a smooth function."""
     factor_names = [name for name in problem.inputs.names if name != last]
     columns = np.array([problem.inputs[name] for name in (*factor_names, last)])
     noise, product, summand = product_and_summand(problem.targets, columns)
@@ -193,7 +193,7 @@ def _product_and_summand(problem: SlotProblem, last: str) -> _Structure:
 
 
 def _added(problem: SlotProblem, firsts: Sequence[Program], seconds: Sequence[Program]) -> list[Program]:
-    """Return the sums of each first and each second program, with the ratio of their coefficients solved."""
+    """Return the sum of every first and every second program, with the ratio of their coefficients solved."""
     found, columns = [], problem.inputs.mapping()
     for f, s in itertools.product(firsts, seconds):
         one, other = problem.targets.set_gain(np.vstack([f.evaluate(columns), s.evaluate(columns)]), 0)[1].tolist()
@@ -203,7 +203,7 @@ def _added(problem: SlotProblem, firsts: Sequence[Program], seconds: Sequence[Pr
 
 
 def _of_each(problem: SlotProblem, *targets: Targets) -> list[list[Program]]:
-    """Return formulas for each input of a problem, searched with the targets of that input."""
+    """Return formulas for each input of a problem, searched with the residual statistics (Targets) of the input."""
     inputs = zip(problem.inputs.names, problem.inputs.values, targets, strict=True)
     return [_of_column(name, column, seen, problem.parsimony) for name, column, seen in inputs]
 
@@ -211,8 +211,8 @@ def _of_each(problem: SlotProblem, *targets: Targets) -> list[list[Program]]:
 def _of_column(
     name: str, column: Array, targets: Targets, parsimony: float, most: tuple[int, int] = (STARTED_OF_SEVERAL, PIECES)
 ) -> list[Program]:
-    """Return formulas of a column (N,), the shortest descriptions.
-    most: number of founders whose constants are fitted, and of formulas."""
+    """Return formulas of one input with values `column`, those of shortest description.
+    most: number of founders (first formulas) whose constants are fitted, and number of returned formulas."""
     few, seen = binned(column, targets)
     population = Formulas(SlotProblem(Inputs((name,), few[None]), seen, parsimony=parsimony))
     population.add([parse(repr(name)), *founders(name, column, targets, most[0])])
@@ -235,7 +235,7 @@ def _of_distance(problem: SlotProblem) -> _Structure:
 
 
 def _of_any(problem: SlotProblem, joined: Program) -> _Structure:
-    """Return formulas of the value of an inner program ``joined``, such as a weighted sum."""
+    """Return formulas of the value of the program ``joined``, such as a weighted sum of inputs."""
     column, targets = joined.evaluate(problem.inputs.mapping())[0], problem.targets
 
     def programs() -> list[Program]:

@@ -21,33 +21,33 @@ from gpmodel.formula.operators import BY_NAME
 from gpmodel.formula.program import Builder, Node, Program
 
 INSIDE, OUTSIDE = (0.1, 0.9, 4), (0.02, 0.1, 0.4)
-"""Grid of c as first value, last value and number of steps; distances of poles and roots from
-the range of the input."""
+"""Grid of the position of an element in the scaled input (0 to 1): first value, last value, number of steps; distances
+of poles and roots from the range of the input."""
 STEEP, TURNS, GROWTH, WIDTHS = (2.0, 25.0, 2), (2.0, 24.0, 8), (1.5, 20.0, 2), (3.0, 8.0, 1)
-"""Grids of k for smooth steps, waves, exponentials, and bumps and resonances: first value, last
-value, number of steps."""
+"""Grids of the rate k of smooth steps, waves, exponentials, and bumps and resonances, per range of the input: first
+value, last value, number of steps."""
 ROOTS = 0.1, 1.0, 8
 """Grid of the distances of the outer roots of a cubic from its middle root: first, last, number of steps. With four
 steps a plain cubic started so far off that two hundred other shapes ranked above it."""
 EXPONENTS = (0.75, 1.25, 2.0)
-"""Exponents p of odd powers x |x|^p at the start; even powers start at p + 1."""
+"""Exponents p of the odd powers x |x|^p of the first formulas; even powers start at p + 1."""
 ALONE = 3
-"""Factor by which the grid is finer for single elements: a sine of a wrong rate is uninformative."""
+"""Factor by which the grid of constants is finer for single elements: a sine of a wrong rate is uninformative."""
 LINE = "({q} - {a})"
 """Text of the element that is the input minus a constant."""
 EDGE, BESIDE_EDGE = "step({q} - {a})", 0.05
-"""Text of the step element; least share of the poses on either side of a step."""
+"""Text of the step element; least fraction of the poses on either side of a step."""
 JOINED = 4.0
 """Least gain of a further element, nats: approximately the price of its nodes and constants."""
 APART = 1.001
-"""Ratio of two constants that start at one point of the grid; constants of different values are fitted separately."""
+"""Ratio of two constants that start at one point of the grid. Constants of different values are fitted separately."""
 BINS, CHUNK = 64, 1_000_000
-"""Number of values of a column at which elements are compared; size of an array of compositions."""
+"""Number of values of an input at which elements are compared; largest size of an array of compositions."""
 
 
 @dataclass(frozen=True)
 class Element:
-    """An element: a function of x = k (u - c) of the scaled input u.
+    """An element of formulas: a function of x = k (u - c), where u is the input scaled to [0, 1].
 
     text: formula in the unit of the input: {q} is the input, {k} and {a} are k and c, {b} is c + 1/k, {d} 1/k², {e}
     -k².
@@ -78,7 +78,7 @@ class Element:
 
     @property
     def size(self) -> int:
-        """Number of nodes that the element adds."""
+        """Number of nodes that the element adds to a formula."""
         return _template(self.text).complexity - 1
 
 
@@ -95,13 +95,13 @@ def constant(value: float) -> Program:
 
 
 def _inside(finer: int) -> list[float]:
-    """Return values c on the grid INSIDE, refined by a factor."""
+    """Return the positions of elements on the grid INSIDE, with ``finer`` times as many steps."""
     first, last, steps = INSIDE
     return list(np.linspace(first, last, steps * finer + 1).tolist())
 
 
 def _in_proportion(numbers: tuple[float, float, int], finer: int = 1) -> list[float]:
-    """Return a geometric grid from (first, last, number of steps), with the number multiplied by a factor."""
+    """Return a geometric grid from (first value, last value, number of steps), with ``finer`` times as many steps."""
     first, last, steps = numbers
     return list(np.geomspace(first, last, steps * finer + 1).tolist())
 
@@ -137,13 +137,13 @@ def _elements(finer: int = 1) -> Iterator[Element]:
 
 
 def _cubics() -> Iterator[Element]:
-    """Yield cubics by their middle root. As a product of a parabola and a line a cubic needs more constants."""
+    """Yield cubics by their middle root. A cubic as a product of a parabola and a line needs more constants."""
     for c, root in product(_inside(ALONE), _in_proportion(ROOTS)):
         yield Element("({q} - {a})*(square({q} - {a}) - {d})", lambda x: x * (x * x - 1.0), 1.0 / root, c)
 
 
 def _powers() -> Iterator[Element]:
-    """Yield powers with real exponents, odd and even about their root."""
+    """Yield powers with real exponents, odd or even about their root."""
     for c, p in product(_inside(ALONE), EXPONENTS):
         yield Element(f"({{q}} - {{a}})*power(abs({{q}} - {{a}}), {p})", partial(_odd_power, p), c=c)
         yield Element(f"power(abs({{q}} - {{a}}), {p + 1.0})", partial(_even_power, p + 1.0), c=c)
@@ -168,7 +168,7 @@ def _of_opposite(function: Callable[[Array], Array], x: Array) -> Array:
 
 
 class Elements:
-    """Elements sorted by text. every: list of all elements. first: (T,) index of the first element of each text."""
+    """Elements of formulas, sorted by text. every: all elements. first: position of the first element of each text."""
 
     def __init__(self, every: Iterable[Element]) -> None:
         numbers: dict[str, list[Element]] = {}
@@ -180,11 +180,11 @@ class Elements:
         self._constants = np.array([(element.k, element.c) for element in self.every]).reshape(-1, 2)
 
     def of_text(self, text: int) -> slice:
-        """Return the indices of the elements with text number ``text``."""
+        """Return the positions in `every` of the elements with text number ``text``."""
         return slice(self.first[text], self.first[text + 1] if text + 1 < len(self.first) else len(self.every))
 
     def on_grid(self, columns: Array) -> Array:
-        """Return the values (C, E, N) of all elements at columns (C, N), none of which is constant."""
+        """Return the values (columns, elements, poses) of all elements at columns (columns, poses); none constant."""
         u = (columns - columns.min(axis=1, keepdims=True)) / np.ptp(columns, axis=1)[:, None]
         out = np.empty((len(columns), len(self.every), columns.shape[1]))
         for text in range(len(self.texts)):
@@ -195,7 +195,7 @@ class Elements:
 
 
 def edges(column: Array) -> Elements:
-    """Return a step between any two neighbouring values of a column (N,) with enough poses on either side."""
+    """Return a step between any two neighbouring values of an input with enough poses on either side."""
     u = np.sort((column - column.min()) / np.ptp(column))
     fewest = max(1, int(np.ceil(BESIDE_EDGE * len(u))))
     low, high = u[fewest - 1 : len(u) - fewest], u[fewest : len(u) - fewest + 1]
@@ -205,7 +205,7 @@ def edges(column: Array) -> Elements:
 
 ELEMENTS, FINE = Elements(_elements()), Elements((*_elements(ALONE), *_cubics(), *_powers(), *_rectified()))
 FAR = Elements(Element("square({q} - {a})", np.square, c=c) for d in OUTSIDE for c in (-d, 1.0 + d))
-"""Squares about points outside the range, as arguments of other elements: a wave of a square is a chirp."""
+"""Squares about points outside an input's range, as arguments of other elements: a wave of a square is a chirp."""
 
 Build = Callable[[], Program]
 
@@ -220,11 +220,11 @@ class Founder:
 
 
 def founders(name: str, column: Array, targets: Targets, most: int) -> list[Program]:
-    """Return the ``most`` short forms of a column (N,) with the largest gain at the first site, before constants are
+    """Return the ``most`` short forms of one input with the largest gain at the first site, before constants are
     fitted.
 
-    Of short forms that differ in constants alone only the best is kept. Short forms are compared on at most ``BINS``
-    values. A constant column has no short forms.
+    column: values (poses,) of the input. Of short forms that differ in constants alone only the best is returned. Short
+    forms are compared on at most ``BINS`` values. A constant column has no short forms.
     """
     if not np.ptp(column):
         return []
@@ -243,8 +243,8 @@ def founders(name: str, column: Array, targets: Targets, most: int) -> list[Prog
 
 
 def binned(column: Array, targets: Targets) -> tuple[Array, Targets]:
-    """Return at most ``BINS`` values of a column (N,), and targets summed over the poses of each bin.
-    A function that is constant over each bin has the gain that it has at the poses."""
+    """Return at most ``BINS`` values of an input, and the residual statistics (Targets) summed over the poses of each
+    bin. A function that is constant over each bin has an equal gain at the bins and at the poses."""
     if len(column) <= BINS:
         return column, targets
     order = np.argsort(column, kind="stable")
@@ -258,13 +258,13 @@ def binned(column: Array, targets: Targets) -> tuple[Array, Targets]:
 
 
 def _nats(values: Array, targets: Targets) -> Array:
-    """Return the gain (...), nats, of each of the basis functions with values (..., N)."""
+    """Return the gain, nats, of each basis function. values: basis functions (..., poses)."""
     flat = values.reshape(-1, values.shape[-1])
     return fit_nats(targets.gains(flat)[:, 0], targets.components).reshape(values.shape[:-1])
 
 
 def _alone(elements: Elements, column: Array, targets: Targets, of: Callable[[Element], Program]) -> Iterator[Founder]:
-    """Yield the best element of each text."""
+    """Yield the best element of each text as a short form."""
     nats = _nats(elements.on_grid(column[None, :])[0], targets)
     for text in range(len(elements.texts)):
         numbers = elements.of_text(text)
@@ -287,7 +287,7 @@ def _products(alone: Array, targets: Targets, of: Callable[[Element], Program]) 
 def _composed(
     inner: Elements, columns: dict[str, Array], targets: Targets, of: Callable[[Element], Program]
 ) -> Iterator[Founder]:
-    """Yield the best composition of an element and an inner element, for every pair of texts."""
+    """Yield the best composition of an element and an inner element, for every pair of element texts."""
     inside = inner.on_grid(np.array(list(columns.values())))[0]
     nats = np.full((len(inside), len(ELEMENTS.every)), -np.inf)
     varies = np.flatnonzero((np.ptp(inside, axis=1) > 0) & np.array([element.text != LINE for element in inner.every]))
@@ -303,7 +303,7 @@ def _composed(
 
 
 def _of_blocks(nats: Array, first: Elements, build: Callable[[int, int], Program]) -> Iterator[Founder]:
-    """Yield the best pair of elements for every pair of texts. nats: (E, F) gains of the pairs."""
+    """Yield the best pair of elements for every pair of element texts. nats: gain of each pair of elements, nats."""
     best = np.maximum.reduceat(np.maximum.reduceat(nats, first.first, axis=0), ELEMENTS.first, axis=1)
     for one, other in zip(*np.nonzero(best > 2.0 * JOINED), strict=True):
         rows, columns = first.of_text(one), ELEMENTS.of_text(other)
@@ -320,6 +320,6 @@ def product_of(first: Program, second: Program) -> Program:
 
 
 def joined(operator: str, *programs: Program) -> Program:
-    """Return an operator applied to programs of one output each."""
+    """Return an operator applied to programs that have one output each."""
     builder = Builder()
     return builder.program([builder.apply(operator, *(builder.copy(one)[one.outputs[0]] for one in programs))])

@@ -20,7 +20,7 @@ POLISHED = 4
 
 
 class Generations:
-    """The populations of a problem under some settings, without a time limit."""
+    """Successive populations of programs for a search problem, under given settings, without a time limit."""
 
     def __init__(self, problem: Scored, settings: Settings, rng: np.random.Generator) -> None:
         self.problem, self.selection, self.budget, self.rng = problem, settings.selection, settings.budget, rng
@@ -34,8 +34,8 @@ class Generations:
         self.hopeless = np.inf
 
     def scores(self, population: Population, hopeless: float = np.inf, known: Scores | None = None) -> Scores:
-        """Return the scores of a population; scores of effective code in ``known`` are reused. hopeless: score above
-        which a program may get an infinite score."""
+        """Return the scores of a population of programs; scores of effective code in ``known`` are reused. hopeless:
+        limit of the score above which a program may get an infinite score."""
         decode = population.decoder(self.layout)
         found = Scores.empty(len(population))
         order = None if known is None else np.argsort(known.hashes)
@@ -56,12 +56,12 @@ class Generations:
         return found
 
     def start(self) -> tuple[Population, Scores]:
-        """Return a random population and its scores."""
+        """Return a random population of programs and its scores."""
         population = self.breeding.initial(self.budget.population, self.rng)
         return population, self.scores(population)
 
     def following(self, population: Population, scores: Scores) -> tuple[Population, Scores]:
-        """Breed the next population; return the population and its scores."""
+        """Breed the next population of programs; return the population and its scores."""
         count = self.budget.population
         mothers, fathers = self.selection.parents(scores, self.rng)
         children = self.breeding.offspring(population, mothers, fathers, self.rng)
@@ -87,7 +87,7 @@ class Generations:
         return found
 
     def polished(self, population: Population, scores: Scores) -> tuple[Population, Scores]:
-        """Fit the constants of the best programs not fitted before; the fitted programs replace the worst ones."""
+        """Fit the constants of the best programs not fitted before; the fitted programs replace the worst programs."""
         if not isinstance(self.problem, SlotProblem) or not self.layout.own_constants:
             return population, scores
         columns = self.problem.inputs.mapping()
@@ -113,6 +113,6 @@ class Generations:
 
 
 def distinct(hashes: NDArray[np.uint64]) -> int:
-    """Return the number of different effective codes."""
+    """Return the number of programs with different effective code, from the hashes of their code."""
     ordered = np.sort(hashes)
     return 1 + int(np.count_nonzero(ordered[1:] != ordered[:-1]))

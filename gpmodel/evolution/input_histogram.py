@@ -1,5 +1,5 @@
-"""Histogram of referenced inputs (thesis Figs 5.9, 5.12, 5.13) over many runs, compared with runs on permuted
-residuals."""
+"""Histogram of the inputs that evolved programs reference (thesis Figs 5.9, 5.12, 5.13), over many runs, compared with
+runs on permuted residuals."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -18,8 +18,8 @@ from gpmodel.formula.program import Program
 class RunRecord:
     """The best program of one evolution run.
 
-    representation: name of the representation.
-    shuffled: whether the residual was permuted.
+    representation: name of the representation of programs, `linear` or `tree`.
+    shuffled: whether the residual was permuted over the poses.
     strength: gain in nats (effect at a site) or -log(1 - gain) (compensator); larger is better.
     """
 
@@ -33,10 +33,10 @@ class RunRecord:
 class Histogram:
     """Number of runs whose best program references each input, on the residual and on permuted residuals.
 
-    counts, shuffled: representation -> number (inputs,) of runs on the residual, and on permuted residuals.
-    operators: representation -> number of runs that use each operator.
-    runs, shuffled_runs: representation -> number of runs.
-    count_p, strength_p: (inputs,) the two p-values that ``histogram`` computes.
+    counts, shuffled: {representation: number of runs per input}, on the residual and on permuted residuals.
+    operators: {representation: number of runs that use each operator}.
+    runs, shuffled_runs: {representation: number of runs}, on the residual and on permuted residuals.
+    count_p, strength_p: the two p-values of each input that ``histogram`` computes.
     significance: limit below which both p-values of a significant input are.
     """
 
@@ -52,23 +52,23 @@ class Histogram:
 
     @property
     def p_values(self) -> tuple[float, ...]:
-        """Larger of the two p-values (inputs,) of each input: programs have to use an input often, and be strong."""
+        """Larger of the two p-values of each input: programs have to use an input often, and have to be strong."""
         return tuple(map(max, self.count_p, self.strength_p))
 
     @property
     def significant(self) -> tuple[str, ...]:
-        """Inputs with a p-value below ``significance``."""
+        """Names of the inputs whose p-values are both below ``significance``."""
         return tuple(name for name, p in zip(self.inputs, self.p_values, strict=True) if p < self.significance)
 
     @property
     def referring(self) -> tuple[int, ...]:
-        """Number (inputs,) of runs, in all representations, whose best program references each input."""
+        """Number of runs, in all representations, whose best program references an input, for each input."""
         return self._summed(self.counts)
 
     @property
     def referring_by_chance(self) -> tuple[int, ...]:
-        """Number (inputs,) of runs on permuted residuals, in all representations, whose best program references each
-        input."""
+        """Number of runs on permuted residuals, in all representations, whose best program references an input, for
+        each input."""
         return self._summed(self.shuffled)
 
     def _summed(self, counts: Mapping[str, tuple[int, ...]]) -> tuple[int, ...]:
@@ -84,8 +84,8 @@ def histogram(records: Sequence[RunRecord], inputs: Sequence[str], significance:
     * strength: the probability that a run on permuted residuals, with any inputs, is as strong as the best run that
     references the input (``gpmodel.evolution.chance``). A maximum over inputs needs no further correction (Westfall,
     Young 1993).
-    Runs on one residual agree even if the residual is noise, so that counts alone would call chance an effect. Raises
-    InputError if there is no run.
+    Runs on one residual agree even if the residual is noise. Counts alone would therefore make chance significant.
+    Raises InputError if there is no run.
     """
     if not records:
         raise InputError("histogram: no run to count")
@@ -134,7 +134,7 @@ def without_runs(inputs: Sequence[str], significance: float) -> Histogram:
 
 
 def referencing(records: Sequence[RunRecord], inputs: Sequence[str]) -> tuple[int, ...]:
-    """Return the number (inputs,) of runs whose program references each input."""
+    """Return for each input the number of runs whose program references the input."""
     return tuple(sum(name in record.program.inputs for record in records) for name in inputs)
 
 
@@ -150,7 +150,7 @@ def _by_count(real: Sequence[RunRecord], null: Sequence[RunRecord], inputs: Sequ
 
 
 def _at_least(count: int, marked: int, drawn: int, total: int) -> float:
-    """Return the probability of at least ``count`` marked items among the drawn (hypergeometric tail)."""
+    """Return the probability of at least ``count`` marked items among the drawn items (hypergeometric tail)."""
     ways = sum(comb(marked, k) * comb(total - marked, drawn - k) for k in range(count, min(marked, drawn) + 1))
     return ways / comb(total, drawn)
 

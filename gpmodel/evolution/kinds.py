@@ -1,10 +1,10 @@
-"""Kinds of values and the operations allowed on each kind: strongly typed programs (Montana 1995).
+"""Kinds of physical quantities and the operations allowed on each kind: strongly typed programs (Montana 1995).
 
 Kinds of inputs: "angle", "short angle" (its range is too short for its period to matter), "time" and "row" (clocks),
-"number" (dimensionless), and any other name, which is a quantity of its own: "length", "torque", "temperature". Angles
+"number" (dimensionless), and any other name, which is a quantity by itself: "length", "torque", "temperature". Angles
 may be arguments of periodic functions and of functions of the distance from a given angle, and may be added and
-subtracted. A quantity may be added to its own kind only. Clocks may enter ramps, steps and exponential approaches. A
-threshold is a constant.
+subtracted. A quantity may be added only to a quantity of its own kind. Clocks may enter ramps, steps and exponential
+approaches. A threshold is a constant.
 """
 
 from collections.abc import Sequence
@@ -21,8 +21,8 @@ ANY, CONSTANT, NUMBER = "any", "constant", "number"
 ANGLE, SHORT, BENT, SQUARE = "angle", "short angle", "bent angle", "squared angle"
 CLOCKS = ("time", "row")
 SHORT_RANGE = np.pi / 2
-"""Range of an angle, rad, below which it is a short angle: its sine is a straight line to 10 %,
-or a parabola to 3 %."""
+"""Range of an angle, rad, below which it counts as a short angle: its sine is a straight line to 10 %, or a parabola to
+3 %."""
 
 _SATURATING = ("tanh", "atan")
 _UNARY: dict[str, dict[str, str]] = {
@@ -37,14 +37,14 @@ _UNARY: dict[str, dict[str, str]] = {
 
 
 def role(kind: str) -> str:
-    """Return the role of a kind in the rules: "clock" for every clock, "quantity" for every quantity, else the kind."""
+    """Return the name under which the rules list a kind of quantity: "clock", the kind itself, or "quantity"."""
     if kind in CLOCKS:
         return "clock"
     return kind if kind in _UNARY or kind == CONSTANT else "quantity"
 
 
 def result(operator: str, *kinds: str) -> str | None:
-    """Return the kind of an operator's result, or None if the operator may not be applied to the given kinds."""
+    """Return the kind of quantity that an operator gives, or None if it may not be applied to the given kinds."""
     if ANY in kinds:
         return ANY
     if all(kind == CONSTANT for kind in kinds):
@@ -82,33 +82,33 @@ def _of_two(operator: str, first: str, second: str) -> str | None:
 
 
 NONE = 255
-"""Number that means "no kind"."""
+"""Number that stands for "no kind of quantity"."""
 
 
 @dataclass(frozen=True)
 class Typing:
-    """Numbered kinds that can arise from the kinds of the inputs. Without ``inputs`` all operations are allowed."""
+    """Numbers of all kinds of quantities that can arise from the inputs; without ``inputs`` anything is allowed."""
 
     inputs: tuple[str, ...] = ()
 
     @cached_property
     def kinds(self) -> tuple[str, ...]:
-        """All kinds by number; constants are number 0."""
+        """Names of all kinds of quantities, by number; constants have the number 0."""
         made = (CONSTANT, NUMBER, BENT, SQUARE, *self.inputs) if self.inputs else (ANY,)
         return tuple(dict.fromkeys(made))
 
     def numbers(self, kinds: Sequence[str]) -> NDArray[np.uint8]:
-        """Return the numbers of kinds, as the kernels use them."""
+        """Return the numbers of kinds of quantities, as the compiled loops use them."""
         return np.array([self.kinds.index(kind) for kind in kinds], dtype=np.uint8)
 
     @cached_property
     def of_inputs(self) -> NDArray[np.uint8]:
-        """Number of the kind of each input; empty if the inputs have no kinds."""
+        """Number of the kind of quantity of each input; empty if the inputs have no kinds."""
         return self.numbers(self.inputs)
 
     def results(self, operator: Operator) -> NDArray[np.uint8]:
-        """Return the number of an operator's result kind, (K,) or (K, K) by the kinds of its arguments; ``NONE`` if not
-        allowed."""
+        """Return the kind number of an operator's result for every kind of its argument, or every pair of kinds of its
+        two arguments. The number is ``NONE`` if the operation is not allowed."""
         return self._results[operator.name]
 
     @cached_property
@@ -124,12 +124,11 @@ class Typing:
         return found
 
     def repairs(self, operators: Sequence[Operator]) -> NDArray[np.uint16]:
-        """Return ``256 op-code + kind`` of the operator that replaces each requested one, by the kinds of its
-        arguments.
+        """Return the operator that replaces each operator, for every pair of kinds of quantities of its arguments.
 
-        An allowed operator replaces itself. An operator that is not allowed is replaced by the next allowed one with as
-        many arguments; 0 if there is none. The table is (op-codes, first kind, second kind), second kind 0 for one
-        argument, and empty without kinds.
+        An entry is 256 * op-code + number of the result's kind. An allowed operator replaces itself. An operator that
+        is not allowed is replaced by the next allowed operator with as many arguments; 0 if there is none. Table:
+        (op-codes, kind of the first argument, kind of the second argument or 0), empty without kinds.
         """
         count = len(self.kinds) if self.inputs else 0
         table = np.zeros((max(BY_CODE) + 1, count, count), dtype=np.uint16)
@@ -144,7 +143,7 @@ class Typing:
         return table
 
     def allows(self, program: Program, names: Sequence[str]) -> bool:
-        """Return whether every node of a program is allowed, given the names of its inputs."""
+        """Return whether every operation of a program is allowed, given the names of its inputs."""
         found: list[int] = []
         for node in program.nodes:
             if node.operator == "input":

@@ -1,4 +1,4 @@
-"""Linear sequence: a fixed-length array of operators and operands on an accumulator machine.
+"""Linear sequence: a program that is a fixed-length array of operators and operands for an accumulator machine.
 
 Source: thesis section 5.2.2, Table 5.1 and Figs 5.3 to 5.5. The accumulator starts with the value of register 0. An
 operator at the very end that lacks its operand is dropped.
@@ -23,14 +23,14 @@ from gpmodel.formula.program import Builder, Program
 
 @dataclass(frozen=True)
 class Linear:
-    """Settings of programs that are sequences of ``length`` instructions (genes) on registers.
+    """Settings of programs that are sequences of ``length`` instruction bytes (genes) on registers.
 
     operators: name of a set (``gpmodel.formula.operators.SETS``), or names of operators.
     constants: fixed constants that every program may use.
     own_constants: number of further constants that each program carries.
     registers, outputs: number of registers; number of registers whose final values are basis functions.
     start_inputs: whether registers start with the inputs in turn rather than with 0.
-    direct: whether binary operators may take an element of the input array as well as a register.
+    direct: whether binary operators may take an input or constant as well as a register.
     crossover, mutation: rates per gene (Fig 5.3 of the thesis).
     Raises InputError for a value out of range.
     """
@@ -78,7 +78,7 @@ class Linear:
 
 @dataclass(frozen=True)
 class Sequences:
-    """A population of linear sequences. genes: (P, L) genes. constants: (P, own constants)."""
+    """A population of linear sequences. genes: bytes (programs, length). constants: (programs, constants) of each."""
 
     genes: NDArray[np.uint8]
     constants: Array
@@ -87,7 +87,7 @@ class Sequences:
         return len(self.genes)
 
     def take(self, rows: NDArray[np.intp]) -> "Sequences":
-        """Return the programs at some rows."""
+        """Return the programs with the given row numbers."""
         return Sequences(self.genes[rows], self.constants[rows])
 
     def join(self, other: "Sequences") -> "Sequences":
@@ -111,21 +111,21 @@ class Sequences:
         return code
 
     def program(self, row: int, layout: Layout) -> Program:
-        """Return one sequence as a program."""
+        """Return the sequence at `row` as a program."""
         return program_of(self.genes[row], self.constants[row], layout)
 
     def constants_of(self, row: int) -> Array:
-        """Return the constants that belong to one program alone."""
+        """Return the constants that the program at `row` carries."""
         return np.array(self.constants[row])
 
     def with_constants(self, row: int, values: Array) -> "Sequences":
-        """Return a population of the program at ``row`` alone, with other own constants."""
+        """Return a population of the program at ``row`` alone, with `values` as the constants that it carries."""
         return Sequences(self.genes[row : row + 1], values[None, :])
 
 
 @dataclass(frozen=True)
 class SequenceBreeding:
-    """Creation and variation of sequences (Fig 5.3).
+    """Creation and variation of linear sequences (thesis Fig 5.3).
 
     While a child is copied, each element switches to the other parent at rate ``crossover`` and is replaced by a random
     element at rate ``mutation``.
@@ -138,7 +138,7 @@ class SequenceBreeding:
     threads: int = 1
 
     def initial(self, population: int, rng: np.random.Generator) -> Sequences:
-        """Return sequences of uniform random genes with standard normal own constants."""
+        """Return sequences of uniform random bytes, which carry constants with a standard normal distribution."""
         genes = rng.integers(0, 256, (population, self.length), dtype=np.uint8)
         return Sequences(genes, rng.normal(size=(population, self.layout.own_constants)))
 
@@ -164,7 +164,7 @@ class SequenceBreeding:
 
 
 def instructions(genes: NDArray[np.uint8], layout: Layout) -> list[tuple[int, int | None]]:
-    """Return op-codes with their operand genes, as in Fig 5.4: ``[0 0 2 6 16]`` gives (0, 0), (2, 6), (16, None)."""
+    """Return op-codes with their operand bytes, as in Fig 5.4: ``[0 0 2 6 16]`` gives (0, 0), (2, 6), (16, None)."""
     found: list[tuple[int, int | None]] = []
     pending = iter(int(gene) for gene in genes)
     for gene in pending:
@@ -178,7 +178,7 @@ def instructions(genes: NDArray[np.uint8], layout: Layout) -> list[tuple[int, in
 
 def program_of(genes: NDArray[np.uint8], constants: Array, layout: Layout) -> Program:
     """Return the effective code (instructions that reach an output) of one sequence as a Program. An operator that is
-    not allowed on the kinds of its arguments is replaced or left out."""
+    not allowed for its kinds of arguments is replaced or left out."""
     builder = Builder()
 
     def row(index: int) -> int:

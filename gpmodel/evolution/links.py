@@ -1,7 +1,7 @@
 """Link functions that turn a response into a sum, whose coefficients are solved (McCullagh, Nelder 1989).
 
 A formula ``y = inverse(c1 phi1 + c2 phi2 + ...)`` is searched as ``forward(y) = c1 phi1 + c2 phi2 + ...``. Each point
-is weighted by the ratio of an error of the response to an error of the link.
+is weighted by the ratio of an error of the response to an error of the link function.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ from gpmodel.formula.operators import BY_NAME
 from gpmodel.formula.program import Builder, Program
 
 PRICE = 3.0
-"""Price of a node or a constant, nats: the log of some twenty operators and inputs."""
+"""Price of a node or a constant of a formula, nats: the logarithm of some twenty operators and inputs."""
 LARGEST_POWER = 8
 """Largest integer power that is written as a product."""
 
@@ -30,10 +30,10 @@ class Link:
     """A link function of a response.
 
     operator, inverse: name of the link function and of its inverse; "" for the identity.
-    with_inputs: every sum has the inputs under the same operator as terms: powers for the logarithm, squares for the
-    square.
-    quotient: whether terms of a denominator are offered too, multiplied by the response: y (1 - sum b (phi - mean phi))
-    = sum c phi.
+    with_inputs: True if every sum contains each input under the link function (power laws for the logarithm, squares
+    for the square).
+    quotient: True if terms phi may also enter a denominator: y (1 - sum b (phi - mean phi)) = sum c phi for the
+    response y.
     """
 
     operator: str = ""
@@ -42,26 +42,26 @@ class Link:
     quotient: bool = False
 
     def forward(self, response: Array) -> Array:
-        """Return the response (N,) under the link."""
+        """Return the value of the link function at each point of a response."""
         with np.errstate(all="ignore"):
             return BY_NAME[self.operator].function(response) if self.operator else response
 
     def applies(self, response: Array) -> bool:
-        """Return whether the response can be recovered from its value under the link."""
+        """Return whether the response can be recovered from its value under the link function."""
         there = self.forward(response)
         one_sign = bool(np.all(response > 0) or np.all(response < 0))
         return bool(np.isfinite(there).all() and np.ptp(there) > 0 and (one_sign or self.operator != "square"))
 
     def root_weights(self, response: Array) -> Array:
-        """Return the square roots (N,) of the weights, the largest 1: an error e of the link g(y) is an error e / g'(y)
-        of y."""
+        """Return the square roots of the weights of the points, the largest 1. An error e of the link function g(y) is
+        an error e / g'(y) of the response y."""
         if not self.operator:
             return np.ones_like(response)
         root = 1.0 / np.abs(BY_NAME[self.operator].derivatives(response)[0])
         return np.asarray(root / root.max())
 
     def always(self, inputs: Mapping[str, Array]) -> list[Program]:
-        """Return the terms of every sum: a constant, and with ``with_inputs`` each input under the operator."""
+        """Return the terms of every sum: a constant and, with ``with_inputs``, each input under the link function."""
         terms = [parse("1")]
         for name, column in inputs.items():
             if self.with_inputs and np.all(np.isfinite(self.forward(column))):
@@ -69,7 +69,7 @@ class Link:
         return terms
 
     def targets(self, inputs: Mapping[str, Array], response: Array) -> Targets:
-        """Return the response under the link, with the terms of every sum projected out, as a site."""
+        """Return the response under the link function as one site, with the terms of every sum projected out."""
         root = self.root_weights(response)
         table = np.stack([root * term.evaluate(inputs)[0] for term in self.always(inputs)], axis=1)
         orthonormal, triangle = np.linalg.qr(table / np.abs(table).max(axis=0))
@@ -128,18 +128,18 @@ LINKS = (
 
 
 def below_the_bar(values: Array, response: Array) -> Array:
-    """Return the columns (..., N) of terms of a denominator, centred so that the mean of the denominator is 1."""
+    """Return the columns (..., points) of terms of a denominator, centred so that the mean of the denominator is 1."""
     with np.errstate(all="ignore"):
         return np.asarray((values - values.mean(axis=-1, keepdims=True)) * response) if values.size else values
 
 
 def summed(terms: Sequence[tuple[Program, float]]) -> Program:
-    """Return the sum of programs, each times its coefficient."""
+    """Return the sum of programs, each multiplied by its coefficient."""
     return reduce(lambda one, other: joined("add", one, other), (_scaled(*term) for term in terms))
 
 
 def _solved(table: Array, there: Array, exponents: Sequence[bool]) -> dict[int, float]:
-    """Return coefficients by column of ``table`` (N, k). A coefficient is free if it gains more than its price."""
+    """Return {column of `table` (points, terms): coefficient}. A coefficient is free if it gains its price."""
     scale = np.abs(table).max(axis=0)
     free = np.flatnonzero(scale > 0).tolist()
     held: dict[int, float] = {}
@@ -172,7 +172,7 @@ def _simple(coefficient: float, exponent: bool) -> float:
 
 
 def _scaled(program: Program, coefficient: float) -> Program:
-    """Return a term times its coefficient; a program without inputs counts as 1."""
+    """Return a term multiplied by its coefficient; a program without inputs counts as 1."""
     number = exactly(coefficient)
     if not program.inputs:
         return number

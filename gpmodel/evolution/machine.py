@@ -12,19 +12,19 @@ from gpmodel.evolution.kinds import Typing
 from gpmodel.formula.operators import BY_CODE, INPUT, LOAD, STORE, Operator
 
 ACCUMULATOR = np.uint32(1 << 31)
-"""Bit of the accumulator in a set of registers."""
+"""Bit that stands for the accumulator in a bit set of registers."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """The element array of Table 5.1 (inputs, then fixed constants), and the accumulator machine.
+    """The inputs and fixed constants that programs may use (Table 5.1), and the accumulator machine that runs programs.
 
     own_constants: number of further constants of each program.
     start: initial value of each register: the name of an input, or None for 0.
     outputs: number of outputs, which are the first registers.
-    direct: whether binary operators take an element for half of the operand codes, a register for the other half.
-    kinds: kind of each input, which restricts the operations. Without kinds no operation is restricted.
-    Raises InputError if a size exceeds what a gene or an output mask can address.
+    direct: True if half of the operand codes of binary operators are inputs or constants, the other half registers.
+    kinds: kind of quantity of each input, which restricts the operations. Without kinds no operation is restricted.
+    Raises InputError if a size exceeds what an instruction byte or an output mask can address.
     """
 
     inputs: tuple[str, ...]
@@ -50,56 +50,56 @@ class Layout:
 
     @property
     def elements(self) -> int:
-        """Number of inputs, fixed and own constants."""
+        """Number of inputs, fixed constants and constants that a program carries."""
         return len(self.inputs) + len(self.constants) + self.own_constants
 
     @property
     def zero_row(self) -> int:
-        """Index of the row of zeros, after the inputs and constants."""
+        """Number of the row of zeros in the table of values, after the inputs and fixed constants."""
         return len(self.inputs) + len(self.constants)
 
     @property
     def base(self) -> int:
-        """Number of fixed rows: inputs, constants and the row of zeros."""
+        """Number of fixed rows in the table of values: inputs, fixed constants and the row of zeros."""
         return self.zero_row + 1
 
     def fixed_rows(self, values: Array) -> Array:
-        """Return the fixed rows (base, N) for input values (inputs, N)."""
+        """Return the fixed rows (rows, poses) for input values (inputs, poses)."""
         constants = np.broadcast_to(
             np.array([*self.constants, 0.0])[:, None], (len(self.constants) + 1, values.shape[1])
         )
         return np.ascontiguousarray(np.vstack([values, constants]))
 
     def element_row(self, element: int) -> int:
-        """Return the row of an element of the input array; own constants follow the fixed rows."""
+        """Return the row number of an input or constant; constants that a program carries follow the fixed rows."""
         return element if element < self.zero_row else element + 1
 
     @cached_property
     def start_rows(self) -> NDArray[np.uint16]:
-        """Rows with which the registers start."""
+        """Numbers of the rows of values with which the registers start."""
         rows = [self.zero_row if name is None else self.inputs.index(name) for name in self.start]
         return np.array(rows, dtype=np.uint16)
 
     @cached_property
     def operator_of(self) -> NDArray[np.uint8]:
-        """Op-code of each gene: a gene that is an offered op-code is that operator, other genes map to the offered ones
-        in turn."""
+        """Op-code of each instruction byte (0 to 255). A byte that is the op-code of an available operator means this
+        operator; the other bytes mean the available operators in turn."""
         offered = [INPUT, LOAD, STORE, *(operator.code for operator in self.operators)]
         table = [gene if gene in offered else offered[gene % len(offered)] for gene in range(256)]
         return np.array(table, dtype=np.uint8)
 
     @cached_property
     def begun_by(self) -> NDArray[np.uint16]:
-        """Instruction that each gene begins: 256 times its op-code, plus 255 if it takes an operand."""
+        """Table by instruction byte: 256 times its op-code, plus 255 if the op-code takes an operand."""
         alone = [code for code, operator in BY_CODE.items() if operator.arity == 1]
         takes = ~np.isin(self.operator_of, alone)
         return self.operator_of.astype(np.uint16) * np.uint16(256) + takes * np.uint16(255)
 
     def operand(self, code: int, gene: int) -> tuple[str, int]:
-        """Return the operand of an op-code: ("register", number) or ("row", number).
+        """Return the operand of an op-code that an operand byte `gene` selects: ("register" or "row", number).
 
-        ``input`` takes an element, ``load`` and ``store`` a register. A binary operator takes a register or, with
-        ``direct`` and an odd gene, an element.
+        The op-code ``input`` takes an input or constant, ``load`` and ``store`` a register. A binary operator takes a
+        register or, with ``direct`` and an odd byte, an input or constant.
         """
         registers = len(self.start)
         if code == INPUT:
@@ -111,8 +111,8 @@ class Layout:
 
     @cached_property
     def cell_of(self) -> NDArray[np.uint16]:
-        """Table of ``operand`` over ``256 op-code + gene``: the register, or the number of registers plus the row. The
-        entry is row 0 if an op-code takes no operand."""
+        """Operand of every instruction, at index 256 * op-code + operand byte: register number, or number of registers
+        + row number. The operand is row 0 for an op-code without operand."""
         registers = len(self.start)
         table = np.full((max(BY_CODE) + 1, 256), registers, dtype=np.uint16)
         for code in [INPUT, LOAD, STORE, *(code for code, operator in BY_CODE.items() if operator.arity == 2)]:
@@ -123,35 +123,35 @@ class Layout:
 
     @cached_property
     def written_of(self) -> NDArray[np.uint32]:
-        """Bit mask of the register (or accumulator) that each instruction writes. Index: ``256 op-code + gene``."""
+        """Bit mask of the register that each instruction writes, at index 256 * op-code + operand byte."""
         codes, bits = self._codes_and_bits()
         return np.where(codes == STORE, bits, ACCUMULATOR).astype(np.uint32)
 
     @cached_property
     def read_of(self) -> NDArray[np.uint32]:
-        """Bit mask of the registers that each instruction reads, at index ``256 * op_code + gene``."""
+        """Bit mask of the registers that each instruction reads, at index 256 * op-code + operand byte."""
         codes, bits = self._codes_and_bits()
         operands = np.where(codes == STORE, np.uint32(0), bits)
         return (operands | np.where(codes >= STORE, ACCUMULATOR, np.uint32(0))).astype(np.uint32)
 
     @cached_property
     def typing(self) -> Typing:
-        """Rules that state which operations are allowed on the kinds of the inputs."""
+        """Rules of the operations that are allowed on the kinds of quantities of the inputs."""
         return Typing(self.kinds)
 
     @cached_property
     def done_for(self) -> NDArray[np.uint16]:
-        """Executed operator for each requested operator, as ``256 op-code + kind``; see ``Typing.repairs``."""
+        """Operator that replaces an operator that is not allowed for its arguments; table as in ``Typing.repairs``."""
         return self.typing.repairs(self.operators)
 
     @cached_property
     def kind_of_cells(self) -> NDArray[np.uint8]:
-        """Number of the kind of every register at the start, then of every row."""
+        """Number of the kind of quantity in each register at the start, then of each row of values."""
         return np.concatenate([self.kind_of_rows[self.start_rows], self.kind_of_rows])
 
     @cached_property
     def kind_of_rows(self) -> NDArray[np.uint8]:
-        """Number of the kind of every row: inputs, then constants."""
+        """Number of the kind of quantity of each row of values: inputs, then constants."""
         rows = np.zeros(self.base + self.own_constants, dtype=np.uint8)
         rows[: len(self.kinds)] = self.typing.of_inputs
         return rows

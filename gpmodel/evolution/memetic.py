@@ -2,8 +2,8 @@
 
 An individual is an expression with one output. The coefficient of an expression is solved by projection, and its
 constants are fitted by variable projection (``constants.polish``). Offspring are compared by the net gain, nats, with
-their initial constants; the constants of the best are fitted. Selection is by description length:
-components / 2 * ln(1 - gain) + parsimony * (size + 1)
+their initial constants; the constants of the best are fitted. Selection is by description length: components / 2 * ln(1
+- gain) + parsimony * (size + 1)
 Two individuals are equal if their columns, projected out of the model and normalised, agree to four digits.
 Source: Moscato (1989), memetic algorithms; Golub and Pereyra (1973), variable projection.
 """
@@ -27,8 +27,8 @@ from gpmodel.formula.program import Builder, Node, Program, description_size
 LONGEST = 30
 """Largest number of nodes of a formula."""
 PARENTS, OFFSPRING, GENERATIONS = 6, 20, 3
-"""Number of parents, the formulas of shortest description; of offspring whose constants are fitted;
-largest number of generations."""
+"""Number of parents, the formulas of shortest description; number of offspring whose constants are fitted; largest
+number of generations."""
 SHORTENED = 2
 """Number of formulas whose shorter forms are fitted at a time."""
 FIRST_STEPS = 4
@@ -36,12 +36,12 @@ FIRST_STEPS = 4
 IMPROVED = 1.0
 """Least fall of the description length in a generation, nats, for another generation to follow."""
 DIGITS = 1e-4
-"""Difference of normalised projected columns below which two formulas are equal."""
+"""Difference of normalised projected columns below which two formulas count as equal."""
 
 
 class Formulas:
-    """Formulas with one output at the first site of a problem; each different formula is fitted once. allows: function
-    that returns whether a program is allowed as a formula."""
+    """A population of formulas with one output at the first site of a problem; each different formula is fitted once.
+    allows: function that returns whether a program is allowed as a formula."""
 
     def __init__(self, problem: SlotProblem, allows: Callable[[Program], bool] = lambda _: True) -> None:
         self.problem, self.allows = problem, allows
@@ -73,7 +73,7 @@ class Formulas:
             self.take(program)
 
     def take(self, program: Program) -> None:
-        """Add a program with its constants unchanged; of programs with equal columns the shortest is kept."""
+        """Add a program with its constants unchanged. Of programs with equal columns only the shortest stays."""
         values = program.evaluate(self.columns)
         column = self._column(values[0])
         place = self._places.setdefault(column, len(self.found))
@@ -85,7 +85,7 @@ class Formulas:
         self.found[place : place + 1] = [one]
 
     def best(self, count: int) -> list[Solution]:
-        """Return the ``count`` shortest descriptions; of formulas that differ in constants alone only the best."""
+        """Return the ``count`` shortest descriptions; of formulas that differ in constants alone, only the best one."""
         of_form: dict[tuple[Node, ...], Solution] = {}
         for one in sorted(self.found, key=lambda solution: description_length(solution, self.problem)):
             form = (node._replace(value=None) if node.operator == "constant" else node for node in one.program.nodes)
@@ -97,7 +97,7 @@ class Formulas:
         return max((-description_length(one, self.problem) for one in self.found), default=0.0)
 
     def _column(self, values: Array) -> bytes:
-        """Return the projected, normalised column of values (N,) to four digits; empty if it is zero or not finite."""
+        """Return the projected, normalised column of a formula to four digits; empty if it is zero or not finite."""
         targets = self.problem.targets
         with np.errstate(all="ignore"):
             values = values / np.abs(values).max()
@@ -165,7 +165,7 @@ class _Trial:
 def _offspring(
     population: Formulas, parents: Sequence[Program], names: Sequence[str], elements: Mapping[str, Array]
 ) -> list[Program]:
-    """Return the most promising offspring. elements: (E, N) values of the elements of each input that varies."""
+    """Return the most promising offspring. elements: {input: values (elements, poses) of the elements of the input}."""
     trials: list[_Trial] = []
     for program in parents:
         values = program.evaluate(population.columns)[0]
@@ -178,7 +178,7 @@ def _offspring(
 
 
 def _of_each_text(nats: Array, build: Callable[[int], Program]) -> Iterator[_Trial]:
-    """Yield the best element of each text, from nats (E,)."""
+    """Yield the best element of each text. nats: gain of each element, nats."""
 
     def best(text: int) -> Program:
         numbers = ELEMENTS.of_text(text)
@@ -189,7 +189,7 @@ def _of_each_text(nats: Array, build: Callable[[int], Program]) -> Iterator[_Tri
 
 
 def _composed(population: Formulas, program: Program, values: Array) -> Iterator[_Trial]:
-    """Yield elements of a formula; nothing if the range of the formula's values is too small or too large to square."""
+    """Yield elements applied to a formula; nothing if the formula's values are too small or too large to be squared."""
     problem, low, width = population.problem, float(values.min()), float(np.ptp(values))
     if not 1.0 / LARGEST < width < LARGEST:
         return
@@ -200,7 +200,7 @@ def _composed(population: Formulas, program: Program, values: Array) -> Iterator
 
 
 def _joined(population: Formulas, program: Program, values: Array, name: str, elements: Array) -> Iterator[_Trial]:
-    """Yield products and sums of a formula and the elements (E, N) of an input."""
+    """Yield products and sums of a formula and the elements of an input. elements: values (elements, poses)."""
     problem, column = population.problem, population.columns[name]
     plain, low, width = parse(repr(name)), float(column.min()), float(np.ptp(column))
     size = program.complexity + 2 + SIZES
@@ -246,7 +246,7 @@ def _tilted(population: Formulas, program: Program, names: Sequence[str]) -> Ite
 
 
 def _slope(moved: Program, columns: dict[str, Array]) -> Array | None:
-    """Return the derivative (N,) of a program by its input z, at z = 0; None if it is zero or not finite."""
+    """Return the derivative of a program by its input z, at z = 0, at each pose; None if it is zero or not finite."""
     step = 1e-6
     ends = [
         moved.evaluate(columns | {"z": np.full_like(next(iter(columns.values())), end)})[0] for end in (step, -step)
@@ -262,7 +262,7 @@ def _with_added(index: int, term: Program, builder: Builder, node: Node, copies:
 
 
 def _crossed(parents: Sequence[Program]) -> Iterator[Program]:
-    """Yield products and sums of a formula with a factor or term replaced by a factor or term of another formula."""
+    """Yield products and sums of a formula in which one factor or term is replaced by that of another formula."""
     for one, other in itertools.permutations(parents[:4], 2):
         operator, parts = _parts(one)
         for k, part in itertools.product(range(len(parts)), _parts(other)[1]):
@@ -275,7 +275,7 @@ def _crossed(parents: Sequence[Program]) -> Iterator[Program]:
 
 
 def _parts(program: Program) -> tuple[str, list[Program]]:
-    """Return the operator and the factors or terms of a program."""
+    """Return the operator of a product or sum, and its factors or terms."""
     operator = program.nodes[program.outputs[0]].operator
     if operator not in ("multiply", "add"):
         return "multiply", [program]
@@ -291,4 +291,4 @@ def _parts(program: Program) -> tuple[str, list[Program]]:
 
 
 SIZES = np.array([element.size for element in ELEMENTS.every], dtype=float)
-"""Number of nodes (E,) that each element adds to a formula."""
+"""Number of nodes that each element adds to a formula."""

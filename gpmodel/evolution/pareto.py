@@ -1,4 +1,4 @@
-"""The Pareto front of a run: the best program at every complexity."""
+"""The Pareto front of a run: the program with the largest gain at every complexity."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ class Solution:
 
     gain: share of the residual sum of squares (effect at a site) or of the norm (compensator) that the program removes.
     coefficients: factors of the program's outputs (ones for a compensator).
-    generation: generation in which a formula was bred, 0 for a founder.
+    generation: generation in which a formula was bred, 0 for a founder (first formula).
     """
 
     program: Program
@@ -37,7 +37,7 @@ class Solution:
 @dataclass(frozen=True)
 class Elite:
     """A program as a population of one.
-    gain: largest gain, reached with the outputs in bit set ``chosen`` at ``site``."""
+    gain: largest gain of the program, reached at ``site`` with the outputs in the bit set ``chosen``."""
 
     population: Population
     gain: float
@@ -46,15 +46,15 @@ class Elite:
 
 
 class Archive:
-    """Keeps the genome with the largest gain at each complexity."""
+    """Store of the program with the largest gain at each complexity."""
 
     def __init__(self) -> None:
         self.best_gain = 0.0
         self.kept: dict[int, Elite] = {}
 
     def add(self, population: Population, scores: Scores) -> set[int]:
-        """Add the programs with a larger gain than the known ones of their complexity; return the improved
-        complexities."""
+        """Add programs whose gain exceeds that of the stored program of their complexity; return the complexities of
+        the added programs."""
         largest, improved = int(scores.complexity.max(initial=0)), set()
         known = np.array([self.kept[k].gain if k in self.kept else 0.0 for k in range(largest + 1)])
         nats = gain_nats(scores.gain)
@@ -68,7 +68,7 @@ class Archive:
         return improved
 
     def front(self, problem: Problem, layout: Layout) -> tuple[Solution, ...]:
-        """Return the solutions with a larger gain than all simpler ones, simplest first."""
+        """Return the solutions with a larger gain than all simpler solutions, simplest first."""
         kept = (self.kept[size] for size in sorted(self.kept))
         found = [scored(program_at(one.population, 0, one.chosen, layout), problem, one.site) for one in kept]
         nothing = "x, y, z" if isinstance(problem, CartesianProblem) else "0"
@@ -85,8 +85,8 @@ def best_of(front: tuple[Solution, ...], problem: Problem) -> Solution:
 def pareto(
     solutions: Iterable[Solution], sizes: Callable[[Solution], tuple[int, ...]] = lambda one: (one.complexity,)
 ) -> tuple[Solution, ...]:
-    """Return the solutions with a larger gain than all simpler ones, simplest first.
-    sizes: measures of complexity; a solution is simpler if none of its measures is larger."""
+    """Return the solutions with a larger gain than all simpler solutions, simplest first.
+    sizes: measures of complexity. A solution is simpler if none of its measures is larger."""
     measured = ((sizes(one), float(gain_nats(one.gain)), one) for one in solutions)
     found: list[tuple[tuple[int, ...], float, Solution]] = []
     for size, nats, solution in sorted(measured, key=lambda one: (one[0], -one[1])):
@@ -101,15 +101,15 @@ def description_length(solution: Solution, problem: SlotProblem) -> float:
 
 
 def program_at(population: Population, row: int, chosen: int, layout: Layout) -> Program:
-    """Return one program of a population with the outputs in the bit set ``chosen``."""
+    """Return the program at `row` of a population with the outputs in the bit set ``chosen``."""
     return population.program(row, layout).select(k for k in range(layout.outputs) if chosen >> k & 1)
 
 
 def scored(program: Program, problem: Problem, site: int = 0) -> Solution:
     """Return a program as a solution of a problem at a site, with its gain and coefficients.
 
-    At a site all outputs are solved together (``Targets.set_gain``). For a compensator the norm of the distances of the
-    outputs is computed, with coefficients of one. Raises InputError if the program uses an unknown input.
+    At a site all outputs are solved together (``Targets.set_gain``). A compensator has coefficients of one, and its
+    gain follows from the distances to the measured points. Raises InputError if the program uses an unknown input.
     """
     values = program.evaluate(problem.inputs.mapping())
     if isinstance(problem, CartesianProblem):

@@ -21,8 +21,8 @@ COORDINATES = ("x", "y", "z")
 class Inputs:
     """Named columns that a program may use: values (inputs, poses), scaled to order one by the caller.
 
-    kinds: kind of quantity of each column (``gpmodel.evolution.kinds``), so that only meaningful programs are searched;
-    without kinds any program is allowed. Raises InputError if a name repeats, shapes disagree or a number is not
+    kinds: kind of quantity of each column (``gpmodel.evolution.kinds``), so that only meaningful programs are searched.
+    Without kinds any program is allowed. Raises InputError if a name repeats, shapes disagree or a number is not
     finite.
     """
 
@@ -49,11 +49,11 @@ class Inputs:
         return np.asarray(self.values[self.names.index(name)])
 
     def mapping(self) -> dict[str, Array]:
-        """Return the mapping from name to column, as ``Program.evaluate`` expects it."""
+        """Return {name: column}, as ``Program.evaluate`` expects the inputs."""
         return dict(zip(self.names, self.values, strict=True))
 
     def select(self, names: Sequence[str]) -> "Inputs":
-        """Return some of the inputs. Raises InputError for an unknown name."""
+        """Return the inputs with the given names. Raises InputError for an unknown name."""
         unknown = [name for name in names if name not in self.names]
         if unknown:
             raise InputError(f"inputs: unknown {unknown[0]!r}, available: {choices(unknown[0], self.names)}")
@@ -63,10 +63,10 @@ class Inputs:
 
 @dataclass(frozen=True)
 class CartesianProblem:
-    """A compensator as in thesis Fig 5.2: its outputs r0, r1, r2 approximate measured points (3, N).
+    """Search for a compensator as in thesis Fig 5.2: its outputs r0, r1, r2 approximate measured points (3, poses).
 
     norm: "max" (Fig 5.5) or "rms" of the distances over the poses.
-    inputs: x, y, z are the points of the model in the unit of ``measured``; the registers start with x, y, z.
+    inputs: the inputs x, y, z are the points of the model in the unit of ``measured``; the registers start with them.
     parsimony: price of a node in the unit of ``measured``.
     The gain is the share of the norm that the program removes. Raises InputError if x, y or z is missing or measured
     points are not finite.
@@ -99,7 +99,7 @@ class CartesianProblem:
         return self.norm == "max" and not self.parsimony and self.measured.shape[1] > BLOCK
 
     def initial_norm(self) -> float:
-        """Return the norm of the distances without compensation."""
+        """Return the norm of the distances of the model's points from the measured points, without compensation."""
         return self._initial
 
     @cached_property
@@ -107,21 +107,21 @@ class CartesianProblem:
         return self.norm_of(self.inputs.select(COORDINATES).values)
 
     def norm_of(self, points: Array) -> float:
-        """Return the norm of the distances d of points (3, N) from the measured points: max d, or √ mean d². The norm
-        is in the unit of ``measured``; infinite or NaN if a point is."""
+        """Return the norm (largest or RMS) of the distances of points (3, poses) from the measured points, in the unit
+        of ``measured``; infinite or NaN if a point is."""
         with np.errstate(all="ignore"):
             squares = np.square(points - self.measured).sum(axis=0)
         return float(np.sqrt(squares.max() if self.norm == "max" else squares.mean()))
 
     def shuffled(self, rng: np.random.Generator) -> "CartesianProblem":
-        """Return the problem with the errors, measured minus model, permuted over the poses."""
+        """Return the problem with the errors (measured minus model) permuted over the poses."""
         model = self.inputs.select(COORDINATES).values
         error = (self.measured - model)[:, rng.permutation(self.measured.shape[1])]
         return replace(self, measured=model + error)
 
     def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
-        """Return the scores of P decoded programs: norm plus parsimony times nodes, and gain 1 - norm / initial norm.
-        fixed: (base, N) rows of inputs and constants. Scores above ``hopeless`` may be infinite."""
+        """Return the scores of decoded programs: norm + parsimony * nodes; gain is 1 - norm / initial norm.
+        fixed: values (rows, poses) of inputs and constants. Scores above ``hopeless`` may be infinite."""
         fitness = compensator_fitness(code, fixed, self.measured, self.norm == "max", hopeless)
         whole = np.zeros(len(fitness), np.int64)
         with np.errstate(invalid="ignore"):
@@ -151,7 +151,7 @@ class SlotProblem:
         return self.targets.names
 
     def only(self, site: int, names: Sequence[str]) -> "SlotProblem":
-        """Return the problem at one site with some of the inputs."""
+        """Return the problem at one site with the inputs of the given names."""
         return SlotProblem(self.inputs.select(names), self.targets.only(site), self.parsimony)
 
     def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
@@ -159,7 +159,7 @@ class SlotProblem:
         return slot_scores(code, fixed, self.targets, self.parsimony)
 
     def set_gain(self, values: Array, site: int) -> float:
-        """Return the gain of a program's outputs (m, N) at a site, with their coefficients solved together."""
+        """Return the gain of several outputs (outputs, poses) at a site, with their coefficients solved together."""
         return self.targets.set_gain(values, site)[0]
 
     def nats(self, gain: Array | float, size: Array | float) -> Array:
@@ -180,7 +180,7 @@ class Scored(Protocol):
 
     @property
     def start(self) -> tuple[str, ...]:
-        """Inputs with which the registers of a program start."""
+        """Names of the inputs with which the registers of a program start."""
 
     @property
     def slice(self) -> int:
@@ -191,7 +191,7 @@ class Scored(Protocol):
         """True if the scoring of a program may stop at a limit."""
 
     def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
-        """Return the scores of decoded programs on rows ``fixed`` (base, N); scores above
+        """Return the scores of decoded programs. fixed: values (rows, poses) of inputs and constants. Scores above
         ``hopeless`` may be infinite."""
 
 

@@ -1,10 +1,10 @@
 """Gain of a basis function by projection: its coefficient is solved, not evolved.
 
-A basis function phi (N,) at site s adds the column ``sensitivity_s * phi`` to a weighted least-squares problem with the
-orthonormal columns Q of the model and the residual r. With
+A basis function phi (one value per pose) at site s adds the column ``sensitivity_s * phi`` to a weighted least-squares
+problem with the orthonormal columns Q of the model and the residual r. With
     D = squared sensitivity per pose,  B = sensitivity . Q,  g = sensitivity . r,  G = diag(D) - B^T B
-the column removes the share ``(phi.g)^2 / (phi^T G phi) / r.r`` of the residual sum of squares. A set Phi is solved
-together, ``(Phi g)^T (Phi G Phi^T)^-1 (Phi g) / r.r``.
+the column removes the share ``(phi.g)^2 / (phi^T G phi) / r.r`` of the residual sum of squares. A set Phi of basis
+functions is solved together, ``(Phi g)^T (Phi G Phi^T)^-1 (Phi g) / r.r``.
 """
 
 from collections.abc import Sequence
@@ -18,23 +18,23 @@ from gpmodel.errors import InputError
 from gpmodel.evolution.rows import independent, row_products, unit_rows
 
 UNIQUE_SHARE = 1e-4
-"""Least share of a column outside the model's columns for a gain above zero (default)."""
+"""Least share of a column outside the span of the model's columns, for a gain above zero (default)."""
 
 SMALLEST = 1e-150
-"""Largest magnitude below which a basis function counts as zero: its squares underflow."""
+"""Largest magnitude of a basis function below which it counts as zero: its squares underflow."""
 
 ROUNDING_SHARE = 1e-8
-"""``UNIQUE_SHARE`` of noise-free regression, where only rounding makes columns equal."""
+"""Least share of a column outside the model's columns in noise-free regression, where only rounding makes it small."""
 
 
 @dataclass(frozen=True)
 class Targets:
-    """Statistics of the residual at S sites and N poses, from which gains are computed; the model has K columns.
+    """Statistics of the residual at every site and pose, from which the gains of basis functions are computed.
 
-    weight: D (S, N), squared sensitivity of the measurements of a pose to a unit basis function at a site.
-    cross: B (S, K, N), products of the sensitivities with the columns of the model.
-    pull: g (S, N), products of the sensitivities with the residual.
-    energy: r·r, sum of squares of the residual r.
+    weight: (sites, poses), squared sensitivity of the measurements of a pose to a unit basis function at a site.
+    cross: (sites, columns, poses), products of the sensitivities with the orthonormal columns of the model.
+    pull: (sites, poses), products of the sensitivities with the residual.
+    energy: sum of squares of the residual.
     names: names of the sites.
     samples: number of measured values; 0 for one value per pose.
     Arrays are stored row by row, so that sums have equal rounding errors in every process. Raises InputError if shapes
@@ -68,7 +68,7 @@ class Targets:
 
     @property
     def sites(self) -> int:
-        """Names of the sites at which a program may act."""
+        """Number of sites at which a program may act."""
         return int(self.pull.shape[0])
 
     @cached_property
@@ -78,12 +78,12 @@ class Targets:
 
     @cached_property
     def by_column(self) -> Array:
-        """``cross`` as (K, S, N), so that sums over the columns run over all sites at once."""
+        """The array ``cross`` as (columns, sites, poses), so that sums over the columns run over all sites at once."""
         return np.ascontiguousarray(self.cross.swapaxes(0, 1))
 
     @cached_property
     def begins(self) -> IntArray:
-        """Index (K,) of the first number other than zero in each row of ``cross`` at the first site. After a QR
+        """Position of the first number other than zero in each row of ``cross`` at the first site. After a QR
         decomposition many numbers are zero."""
         return np.asarray(np.argmax(self.cross[0] != 0.0, axis=1), dtype=np.int64)
 
@@ -93,17 +93,17 @@ class Targets:
         return self.samples or self.poses
 
     def only(self, site: int) -> "Targets":
-        """Return the targets of one site."""
+        """Return the statistics of the residual at one site."""
         rows = slice(site, site + 1)
         return replace(
             self, weight=self.weight[rows], cross=self.cross[rows], pull=self.pull[rows], names=self.names[rows]
         )
 
     def gains(self, values: Array) -> Array:
-        """Return the gain (P, S) of each single basis function (P, N) at each site: the share of r.r that it removes.
+        """Return the gain (functions, sites) of each single basis function at each site.
 
-        The gain is 0 if a basis function is not finite, is zero, or lies in the span of the model's columns (unique
-        share below ``unique_share``).
+        The gain is the share of the residual sum of squares that the function removes. It is 0 if the function is not
+        finite, is zero, or is in the span of the model's columns (share outside the span below ``unique_share``).
         """
         scaled = unit_rows(values)
         pull = scaled @ self.pull.T
@@ -117,10 +117,10 @@ class Targets:
         return gain / self.energy if self.energy > 0 else np.zeros_like(gain)
 
     def set_gain(self, values: Array, site: int) -> tuple[float, Array]:
-        """Return the gain of basis functions (m, N) solved together at one site, and their coefficients (m,).
+        """Return the gain of basis functions solved together at one site, and their coefficients.
 
-        A direction gets coefficient 0 if its share outside the columns of the model and the other basis functions is
-        below ``unique_share`` (pivoted forward selection, no ridge).
+        values: basis functions (functions, poses). A function gets coefficient 0 if its share outside the columns of
+        the model and the other functions is below ``unique_share`` (pivoted forward selection, no ridge).
         """
         if len(values) == 1:
             return self._gain_of_one(values[0], site)
@@ -143,7 +143,7 @@ class Targets:
         return self.gain_of(values, coefficients, site), coefficients
 
     def _gain_of_one(self, values: Array, site: int) -> tuple[float, Array]:
-        """Return the gain of one basis function (N,) and its coefficient."""
+        """Return the gain of one basis function (poses,) and its coefficient."""
         largest = max(float(values.max()), -float(values.min()))
         if not SMALLEST < largest < np.inf or self.energy <= 0:
             return 0.0, np.zeros(1)
@@ -157,11 +157,11 @@ class Targets:
         return pull * pull / unique / self.energy, np.array([pull / unique / largest])
 
     def set_gains(self, values: Sequence[Array], site: int) -> Array:
-        """Return the gains (P,) of many sets of basis functions at one site, each set solved together.
+        """Return the gains of many sets of basis functions at one site, each set solved together.
 
-        values: m arrays (P, N), one basis function of every set each, or (1, N) if all sets share it. A set is solved
-        in the given order, not by forward selection as in ``set_gain``; the gains differ slightly if rows of a set are
-        nearly equal.
+        values: list of arrays (sets, poses), one basis function of every set each, or (1, poses) if all sets share it.
+        A set is solved in the given order, not by forward selection as in ``set_gain``. The gains of the two methods
+        differ slightly if functions of a set are nearly equal.
         """
         programs, count = max(map(len, values)), len(values)
         scaled = [unit_rows(rows) for rows in values]
@@ -201,11 +201,11 @@ class Targets:
         return float((2.0 * (shape @ self.pull[site]) - column) / self.energy)
 
     def shuffled(self, rng: np.random.Generator) -> "Targets":
-        """Return the targets with the residual permuted over the poses: the null of the search.
+        """Return the statistics of the residual permuted over the poses: the null hypothesis of the search.
 
-        White noise, projected out of the columns of the model, has a pull of covariance G at a site, not D. Each pull
-        is therefore whitened by G, permuted (all sites alike), and coloured by G again, so that it has no part in the
-        span of the columns.
+        White noise, projected out of the columns of the model, has a ``pull`` of covariance G (see module) at a site,
+        not diag(weight). The pull is therefore whitened by G, permuted alike at all sites, and coloured by G again, so
+        that it has no part in the span of the columns.
         """
         order = rng.permutation(self.poses)
         pull = np.empty_like(self.pull)
@@ -220,7 +220,7 @@ class Targets:
 
 
 def regression(response: Array, name: str = "response") -> Targets:
-    """Return plain symbolic regression of ``response`` (N,) as one site with unit sensitivity and an intercept.
+    """Return plain symbolic regression of ``response`` (points,) as one site with unit sensitivity and an intercept.
     Raises InputError if the response is not finite or constant."""
     response = np.asarray(response, dtype=float)
     if response.ndim != 1 or len(response) < 3 or not np.all(np.isfinite(response)):

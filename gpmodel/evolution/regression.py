@@ -1,8 +1,8 @@
 """Symbolic regression of any table: programs are bred under links of the response, and the best are bred further.
 
-Under every link (``gpmodel.evolution.links``) a population of linear sequences is bred, with the coefficients of four
-outputs solved together. The formulas of the best are founders of one population of formulas of the response itself
-(``gpmodel.evolution.memetic``).
+Under every link function (``gpmodel.evolution.links``) a population of linear sequences is bred, with the coefficients
+of four outputs solved together. The formulas of the best programs are founders of one population of formulas of the
+response itself (``gpmodel.evolution.memetic``).
 """
 
 import time
@@ -32,24 +32,24 @@ from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Program
 
 EXACT = 1e-20
-"""Share of the response's variance below which a residual is a rounding error, which is about 1e-28."""
+"""Share of the response's variance below which a residual is a rounding error (rounding errors: about 1e-28)."""
 PROMISING = 1.0 - 1e-7
-"""Gain above which the formula of a program is tested for exactness at once."""
+"""Gain above which the formula of a program is at once tested for exactness."""
 FINISHING, FOUNDERS = 0.15, 12
-"""Share of the time in which the best formulas are bred further; number of founders."""
+"""Share of the computing time in which the best formulas are bred further; number of formulas that are bred further."""
 PASSES = 2
 """Number of solutions of a quotient, each weighted by the denominator of the previous solution."""
 MOST_INPUTS = 2
-"""Largest number of inputs of a problem in which formulas of one term are searched at the end, under the best
-link."""
+"""Largest number of inputs of a problem in which formulas of one term are searched at the end, under the best link
+function."""
 SEQUENCES = Linear(operators="physics", constants=(1.0, 2.0, np.pi), own_constants=1, outputs=4, registers=6)
 BUDGET = Budget(population=512, restart_after=40, polish_every=0, threads=1)
-"""Budget of one population under a link."""
+"""Limits of the evolution of one population under a link function."""
 
 
 @dataclass(frozen=True)
 class Law:
-    """A formula of a response. left: share of the response's variance in the residual. nats: description length."""
+    """A formula of a response. left: residual share of the response's variance. nats: description length, nats."""
 
     program: Program
     left: float
@@ -68,11 +68,11 @@ def regression_front(
     seconds: float = 5.0,
     clock: Callable[[], float] = time.perf_counter,
 ) -> tuple[Law, ...]:
-    """Return formulas of a response (N,) that fit better than all shorter ones, the mean first.
+    """Return formulas of a response (points,) that fit better than all shorter ones; the mean of the response is first.
 
-    The search ends with the first exact formula, or after ``seconds``. Description length: N / 2 ln(residual share of
-    the variance) + PRICE (nodes + constants). Links take turns of one generation; a population without progress is
-    replaced by a random one. Raises InputError if the response is constant or not finite.
+    The search ends with the first exact formula, or after ``seconds``. Description length: points / 2 ln(residual share
+    of variance) + PRICE (nodes + constants). Link functions take turns of one generation; a population without progress
+    is replaced by a random one. Raises InputError if the response is constant or not finite.
     """
     regression(response)
     began, columns = clock(), inputs.mapping()
@@ -108,13 +108,13 @@ def _exact(laws: Iterable[Law]) -> bool:
 
 @dataclass(frozen=True)
 class QuotientProblem(SlotProblem):
-    """A response whose programs are terms of the numerator and the denominator of a quotient."""
+    """Search for a quotient: the outputs of a program are terms of its numerator and of its denominator."""
 
     response: Array = field(default_factory=lambda: np.zeros(0))
 
     def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
-        """Return description length and gain of decoded programs; each output is offered in
-        numerator and denominator."""
+        """Return description length and gain of decoded programs; each output may enter numerator and
+        denominator."""
         outputs = values(code, fixed).copy()
         under = below_the_bar(outputs, self.response)
         offered = np.concatenate([outputs, under], axis=1)
@@ -129,10 +129,10 @@ class QuotientProblem(SlotProblem):
         return scores
 
     def _share_left(self, offered: Array, chosen: Mask) -> Array:
-        """Return the share (P,) of the response's variance in the residual of quotients of chosen columns (P, 2 m, N).
+        """Return for each program the share of the response's variance in the residual of its quotient.
 
-        The error of each point is divided by the denominator found before (Sanathanan and Koerner 1963), since the
-        denominator scales the errors of the linear problem.
+        offered: terms of numerator and denominator, (programs, terms, points). chosen: terms in use. The denominator
+        scales the errors; each pass divides them by the previous denominator (Sanathanan and Koerner 1963).
         """
         programs, columns, points = offered.shape
         table = np.concatenate([np.ones((programs, 1, points)), np.where(chosen[:, :, None], offered, 0.0)], axis=1)
@@ -163,7 +163,7 @@ class QuotientProblem(SlotProblem):
 
 
 class _Island:
-    """A population under one link function, and the best program of each size so far."""
+    """A population under one link function, and the best program found for each size."""
 
     def __init__(self, inputs: Inputs, response: Array, link: Link, rng: np.random.Generator) -> None:
         self.link, self.columns, self.response = link, inputs.mapping(), response
@@ -181,13 +181,13 @@ class _Island:
         return self.idle >= BUDGET.restart_after
 
     def best(self) -> list[Population]:
-        """Return the program with the least description length."""
+        """Return the program with the least description length as a population of one; empty without a program."""
         kept = self.archive.kept
         nats = {k: float(self.problem.nats(one.gain, k + one.chosen.bit_count())) for k, one in kept.items()}
         return [kept[max(nats, key=nats.__getitem__)].population] if kept else []
 
     def step(self, guests: Iterable[Population]) -> Iterator[Program]:
-        """Breed one generation, or restart with guests from other links; return formulas that may be exact."""
+        """Breed one generation, or restart with programs of other populations; return formulas that may be exact."""
         if self.is_stuck:
             self.idle, self.record = 0, np.inf
             self.population, self.scores = self.run.start()
@@ -202,13 +202,13 @@ class _Island:
         return self._of_sizes(size for size in improved if self.archive.kept[size].gain > PROMISING)
 
     def short(self) -> Iterator[Program]:
-        """Return formulas of one term, added to the terms of every sum."""
+        """Return formulas of one term, added to the terms that every sum has."""
         if self.link.quotient:
             return self.formulas([])
         return self.formulas([one.program] for one in formulas_at(self.problem, 0, self.problem.inputs.names))
 
     def every(self) -> Iterator[Program]:
-        """Return the formulas of all programs that the island has kept."""
+        """Return the formulas of the best programs of all sizes."""
         return self._of_sizes(self.archive.kept)
 
     def _of_sizes(self, sizes: Iterable[int]) -> Iterator[Program]:
@@ -219,7 +219,7 @@ class _Island:
             yield from self.formulas([above], below)
 
     def formulas(self, sets: Iterable[list[Program]], below: list[Program] | None = None) -> Iterator[Program]:
-        """Yield the formula of each set of terms, if the set has one."""
+        """Yield the formula of each set of terms, if the coefficients of the set can be solved."""
         for terms in sets:
             formula = self.link.formula(terms, self.columns, self.response, below or [])
             if formula is not None:
@@ -238,8 +238,8 @@ def _finished(laws: Iterable[Law], inputs: Inputs, response: Array) -> Iterator[
 
 
 def _judged(programs: Iterable[Program], columns: dict[str, Array], response: Array) -> Iterator[Law]:
-    """Yield programs with finite values as formulas, times the best factor, with their
-    residual and description length."""
+    """Yield programs with finite values as formulas, times the best factor, with their residual and their description
+    length."""
     variance = float(np.sum(np.square(response - response.mean())))
     for program in programs:
         fit = program.evaluate(columns)[0]

@@ -1,4 +1,4 @@
-"""Interfaces of a representation: encoding, initialisation and variation of programs."""
+"""Interfaces of a representation of programs: encoding, initialisation and variation."""
 
 from collections.abc import Callable
 from typing import Protocol, Self, runtime_checkable
@@ -17,46 +17,46 @@ Rows = NDArray[np.intp]
 
 
 class Population(Protocol):
-    """Programs in one representation, numbered by row."""
+    """A population of programs in one representation, numbered by row."""
 
     def __len__(self) -> int: ...
 
     def take(self, rows: Rows) -> Self:
-        """Return the programs of a population at some rows."""
+        """Return the programs of a population with the given row numbers."""
 
     def join(self, other: Self) -> Self:
-        """Return these programs followed by the programs of ``other``."""
+        """Return the programs of this population followed by the programs of ``other``."""
 
     def decoder(self, layout: Layout) -> Callable[[slice], Code]:
-        """Return a function from a slice of rows to their effective code; threads call it concurrently."""
+        """Return a function from a slice of programs to their effective code; threads call it concurrently."""
 
     def program(self, row: int, layout: Layout) -> Program:
-        """Return one program with ``layout.outputs`` outputs."""
+        """Return the program at `row`, with ``layout.outputs`` outputs."""
 
     def constants_of(self, row: int) -> Array:
-        """Return the constants that belong to one program alone."""
+        """Return the constants that the program at `row` carries."""
 
     def with_constants(self, row: int, values: Array) -> Self:
-        """Return a population of the program at ``row`` alone, with other constants of its own."""
+        """Return a population of the program at ``row`` alone, with `values` as the constants that it carries."""
 
 
 class Breeding(Protocol):
-    """A representation prepared for one problem: creates and varies its programs."""
+    """A representation prepared for one problem: creates and varies programs."""
 
     @property
     def layout(self) -> Layout:
-        """Registers and instructions from which the kernels decode the programs of the representation."""
+        """Registers and instructions from which the compiled loops decode programs."""
 
     def initial(self, population: int, rng: np.random.Generator) -> Population:
-        """Return a random population."""
+        """Return a random population of programs."""
 
     def offspring(self, parents: Population, mothers: Rows, fathers: Rows, rng: np.random.Generator) -> Population:
-        """Return one child per pair of rows of ``parents``, which have the same representation."""
+        """Return one child per pair of rows of ``parents``, a population in this representation."""
 
 
 @runtime_checkable
 class Representation(Protocol):
-    """Settings of a representation, such as ``Linear`` and ``Tree``."""
+    """Settings of a representation of programs, such as ``Linear`` and ``Tree``."""
 
     @property
     def constants(self) -> tuple[float, ...]:

@@ -17,13 +17,13 @@ def unit_rows(values: Array) -> Array:
 
 
 def row_products(first: Array, second: Array) -> Array:
-    """Return the products (P,) of the rows (P, K) of two tables; one table may have a single row for all."""
+    """Return the scalar product of each row of one table with the row of another; a table may have one row for all."""
     few, many = (first, second) if len(first) == 1 else (second, first)
     return np.asarray(many @ few[0] if len(few) == 1 else np.einsum("pk,pk->p", first, second))
 
 
 def independent(gram: Array, total: Array, limit: float) -> NDArray[np.intp]:
-    """Return the indices of independent rows of a Gram matrix, by pivoted Cholesky.
+    """Return the numbers of linearly independent rows of a Gram matrix, by pivoted Cholesky decomposition.
 
     total: squared norms of the rows before any projection. A row is left out if its part orthogonal to the selected
     rows is below ``limit`` of its squared norm.

@@ -1,4 +1,4 @@
-"""Parallel runs of the search, each stored as it finishes, and as many runs on permuted residuals."""
+"""Parallel runs of the evolution, each stored as it finishes, and as many runs on permuted residuals."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -20,7 +20,7 @@ from gpmodel.formula.expression import parse
 from gpmodel.formula.program import Program
 
 Number = tuple[int, int]
-"""Number of a run: its round, or the index of its representation, and the index of the run there."""
+"""Number of a run: its round or the number of its representation, and the number of the run in the round."""
 
 
 class KeptRuns:
@@ -28,7 +28,7 @@ class KeptRuns:
     nothing."""
 
     def run(self, number: Number) -> Evolution | None:
-        """Return the run with the number, or None if the run has not finished."""
+        """Return the run with the given number, or None if the run has not finished."""
         return None
 
     def keep_run(self, number: Number, found: Evolution) -> None:
@@ -46,17 +46,17 @@ class Task:
 
 
 def run_task(task: Task) -> Evolution:
-    """Run a task; the result does not depend on the process."""
+    """Execute one run; its result does not depend on the process."""
     problem = task.problem.shuffled(task.rng) if task.shuffled else task.problem
     return evolve(problem, task.settings, task.rng)
 
 
 _loaded: set[str] = set()
-"""Representations whose compiled loops this process has loaded."""
+"""Names of the representations whose compiled loops this process has loaded."""
 
 
 def load_loops(task: Task) -> None:
-    """Load the compiled loops of a task, once per process; forked processes inherit the loaded loops. Loading takes a
+    """Load the compiled loops of a run, once per process; forked processes inherit the loaded loops. Loading takes a
     thousandth of the time of a run."""
     kind = label(task.settings.representation)
     if kind not in _loaded:
@@ -69,8 +69,8 @@ def load_loops(task: Task) -> None:
 def run_all(
     tasks: Mapping[Number, Task], workers: Workers, kept: KeptRuns, said: Callable[[int], None]
 ) -> Iterator[tuple[Number, Evolution]]:
-    """Yield every run with its number: stored runs first, then the others as they finish and are stored.
-    said: called with the number of finished runs, first at the start; an exception from it ends the search."""
+    """Yield every run with its number: stored runs first, then the other runs as they finish and are stored.
+    said: function called with the number of finished runs, first at the start; its exceptions end the search."""
     found = {number: run for number in tasks if (run := kept.run(number)) is not None}
     left = [number for number in tasks if number not in found]
     said(len(found))
@@ -85,16 +85,16 @@ def run_all(
 
 @dataclass(frozen=True)
 class Plan:
-    """Plan of runs: `runs` of each named setting, each paired with one on a permuted residual, from one seed."""
+    """Plan of runs: for each named setting `runs` runs, each with a partner on a permuted residual, from one seed."""
 
     settings: Mapping[str, Settings]
     runs: int
     seed: int
 
     def tasks(self, problem: Problem) -> dict[Number, Task]:
-        """Return the task of every run, by index of its setting and twice its own number, plus one if the residual is
-        permuted.
-        Each task has a random stream of its own, from the seed, the name and the number."""
+        """Return the task of every run. The key is the number of its setting, and twice the number of the run, plus one
+        if the residual is permuted.
+        Each task has a random stream that depends on the seed, the name of the setting and the number."""
         tasks = {}
         for place, (name, settings) in enumerate(self.settings.items()):
             for number in range(self.runs):
@@ -106,7 +106,7 @@ class Plan:
     def run(
         self, number: Number, found: Evolution, problem: Problem, heldout: Callable[[Program], float] | None
     ) -> "Run":
-        """Return the text record of a finished run. heldout: returns the gain of a program on held-out poses."""
+        """Return the text record of a finished run. heldout: function that gives a program's gain on held-out poses."""
         best, shuffled = found.best, bool(number[1] % 2)
         return Run(
             tuple(self.settings)[number[0]], number[1] // 2, shuffled, str(best.program), best.site_name, best.gain,
@@ -119,10 +119,10 @@ class Plan:
 
 @dataclass(frozen=True)
 class Run:
-    """One finished run, as text and numbers.
+    """One finished run of the evolution, as text and numbers.
 
     heldout: gain on held-out poses, None without held-out poses.
-    front: complexity, gain and text of the programs with a larger gain than all simpler ones, simplest first.
+    front: complexity, gain and text of the programs with a larger gain than all simpler programs, simplest first.
     """
 
     representation: str
@@ -140,18 +140,18 @@ class Run:
     front: tuple[tuple[Count, float, str], ...] = ()
 
     def record(self) -> RunRecord:
-        """Return the record for the histogram of referenced inputs."""
+        """Return the record of the run for the histogram of referenced inputs."""
         return RunRecord(self.representation, self.shuffled, parse(self.program), self.strength)
 
 
 def known(value: float | None) -> float | None:
-    """Return a number, or None if it is not finite."""
+    """Return a number, or None if the number is not finite."""
     return value if value is not None and np.isfinite(value) else None
 
 
 def strength_of(evolution: Evolution, problem: Problem) -> float:
-    """Return the strength of the best program, comparable between runs. The strength is the decrease of the description
-    length in nats at a site, -log(1 - gain) for a compensator."""
+    """Return the strength of a run's best program, which is comparable between runs: the decrease of the description
+    length in nats at a site, or -log(1 - gain) for a compensator."""
     best = evolution.best
     if isinstance(problem, CartesianProblem):
         return float(gain_nats(best.gain))

@@ -18,7 +18,7 @@ class Scores:
     score: value that selection minimises.
     gain: share of the residual that the program removes.
     complexity: number of nodes of the outputs in use.
-    site: index of the site.
+    site: number of the program's best site.
     chosen: bit set of the outputs in use.
     hashes: hash of the effective code.
     """
@@ -32,7 +32,7 @@ class Scores:
 
     @staticmethod
     def empty(count: int) -> "Scores":
-        """Allocate `count` scores."""
+        """Allocate the scores of `count` programs."""
         complexity, site, chosen = (np.zeros(count, np.int64) for _ in range(3))
         return Scores(np.empty(count), np.empty(count), complexity, site, chosen, np.empty(count, np.uint64))
 
@@ -41,11 +41,11 @@ class Scores:
             getattr(self, name)[part] = getattr(other, name)
 
     def take(self, rows: NDArray[np.intp]) -> "Scores":
-        """Return the scores of the programs at some rows."""
+        """Return the scores of the programs with the given row numbers."""
         return Scores(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
     def join(self, other: "Scores") -> "Scores":
-        """Return these scores followed by the scores of ``other``."""
+        """Return the scores of these programs followed by the scores of ``other``."""
         pairs = ((getattr(self, name), getattr(other, name)) for name in self.__dataclass_fields__)
         return Scores(*(np.concatenate(pair) for pair in pairs))
 
@@ -53,20 +53,19 @@ class Scores:
 def slot_scores(code: Code, fixed: Array, targets: Targets, parsimony: float) -> Scores:
     """Score every program at every site, with the best set of its outputs.
 
-    Outputs Phi (m, N) of a program (rows divided by their largest magnitude) are added at a site by forward selection,
-    with coefficients solved together (see ``gpmodel.evolution.projection``). The score is the least description length
-    of all sets and sites, in nats:
+    Outputs divided by their largest magnitude are added at a site by forward selection, with coefficients solved
+    together (see ``gpmodel.evolution.projection``). The score is the least description length of all sets, in nats:
         components / 2 * ln(1 - gain) + parsimony * (nodes of the set + number of outputs in it)
-    code: code of P programs. fixed: (base, N) rows of inputs and constants. A program without gain scores 0.
+    fixed: values (rows, poses) of inputs and constants. A program without gain scores 0.
     """
     return projected_scores(values(code, fixed), code, len(fixed), targets, parsimony)
 
 
 def projected_scores(scaled: Array, code: Code, base: int, targets: Targets, parsimony: float) -> Scores:
-    """Return scores from the values (P, k m, N) of columns, which are scaled in place.
+    """Return scores from the values (programs, columns, poses) of columns, which are scaled in place.
 
-    The columns are the m outputs, followed by columns derived from each output; a derived column counts the nodes of
-    its output. base: number of fixed rows.
+    The columns are the outputs, followed by columns derived from each output. A derived column counts the nodes of its
+    output. base: number of rows of inputs and fixed constants.
     """
     from gpmodel.evolution.kernels.selection import choose_outputs, scale_and_multiply
 
@@ -99,7 +98,7 @@ def projected_scores(scaled: Array, code: Code, base: int, targets: Targets, par
 
 
 def distinct_rows(rows: Array) -> tuple[Array, NDArray[np.intp]]:
-    """Return the different rows (U, N) of rows (R, N), and for each row (R,) the index of its copy."""
+    """Return the different rows of a table, and for each row of the table the number of its copy among them."""
     whole = rows.view(np.dtype((np.void, rows.shape[1] * rows.itemsize)))[:, 0]
     _, first, number = np.unique(whole, return_index=True, return_inverse=True)
     return rows[first], number

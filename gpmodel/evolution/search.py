@@ -22,12 +22,12 @@ from gpmodel.formula.program import Program
 class Evolution:
     """Result of an evolution run.
 
-    front: programs with a larger gain than all simpler ones, simplest first.
+    front: programs with a larger gain than all simpler programs, simplest first.
     history: one array per quantity (generation, best, median, gain, distinct, evaluations_per_second, seconds). best
     and median are the best and the median score of programs with a finite score; smaller scores are better.
     histogram: number of references to each input in the effective code of the best program; operators: number of uses
     of each operator.
-    evaluations: number of programs scored.
+    evaluations: number of scored programs.
     """
 
     front: tuple[Solution, ...]
@@ -41,7 +41,7 @@ class Evolution:
 
 
 def evolve(problem: Problem, settings: Settings, rng: np.random.Generator) -> Evolution:
-    """Search until the generations or the seconds of the budget are used up.
+    """Evolve programs until the generations or the seconds of the budget are used up.
 
     If the number of generations ends the run, the result depends on the problem, the settings and the generator only,
     not on the number of threads. Raises InputError if no program of the first population has a finite score.
@@ -102,8 +102,8 @@ def _search(problem: Problem, run: Generations, settings: Settings) -> Evolution
 
 
 def _finished(front: tuple[Solution, ...], problem: SlotProblem, layout: Layout, count: int) -> tuple[Solution, ...]:
-    """Return the front, extended by formulas that are bred at the sites of its best programs with its operators and
-    kinds."""
+    """Return the Pareto front, extended by formulas that are bred at the sites of its best programs, with their
+    operators and kinds of quantities."""
     names, typing = problem.inputs.names, Typing(problem.inputs.kinds)
     offered = {operator.name for operator in layout.operators}
 

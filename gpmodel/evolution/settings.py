@@ -1,4 +1,4 @@
-"""Settings of one run: selection of parents and survivors, and budget."""
+"""Settings of one run of evolution: selection of parents and survivors, and budget."""
 
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
@@ -16,22 +16,22 @@ Rows = NDArray[np.intp]
 
 @runtime_checkable
 class SelectionScheme(Protocol):
-    """Selection of parents and of survivors; scores are minimised."""
+    """Selection of parents and of survivors among programs; scores are minimised."""
 
     def eligible(self, population: int) -> int:
         """Return the number of best programs that can have children or survive; the other programs need no score.
         Raises InputError if the population is too small."""
 
     def parents(self, scores: Scores, rng: np.random.Generator) -> NDArray[np.intp]:
-        """Return the rows (2, population) of the mothers and fathers of the next generation."""
+        """Return the row numbers (2, population) of the mothers and fathers of the next generation."""
 
     def survivors(self, scores: Scores, population: int) -> Rows | None:
-        """Return the rows of the survivors among parents and children; None if the children replace their parents."""
+        """Return the row numbers of the survivors among parents and children; None if children replace all parents."""
 
 
 @dataclass(frozen=True)
 class Truncation:
-    """Parents are drawn from the best ``share``, and their children replace the population (thesis: 5 %)."""
+    """Parents are drawn from the best ``share`` of programs (thesis: 5 %); children replace the population."""
 
     share: float = 0.05
 
@@ -59,7 +59,7 @@ class Truncation:
 @dataclass(frozen=True)
 class Tournament:
     """Each parent is the best of ``size`` programs drawn at random; the best of parents and children survive.
-    keep_distinct: programs with a score that no better-ranked program has survive first."""
+    keep_distinct: True if programs whose score differs from that of all better programs survive first."""
 
     size: int = 4
     keep_distinct: bool = True
@@ -87,15 +87,15 @@ class Tournament:
 
 @dataclass(frozen=True)
 class Budget:
-    """Budget of one run, and its steps besides breeding.
+    """Budget of one run of evolution, and its steps in addition to breeding.
 
     population: number of programs.
     generations, seconds: limits of the run, whichever is reached first.
     target: gain of a program that ends the run.
-    polish_every: generations between fits of the own constants of the best programs (0: never).
+    polish_every: generations between fits of the constants that the best programs carry (0: never).
     restart_after: generations without progress before a new random population (0: never).
     climb: number of best programs from which formulas are bred at the end of a search at sites (0: none).
-    threads: number of threads, 0 for all cores; the result does not depend on the number.
+    threads: number of threads, 0 for all cores; the result does not depend on this number.
     Raises InputError for a value out of range.
     """
 

@@ -1,7 +1,7 @@
 """Shorter forms of a program: one node less, or a constant at a value that needs no node.
 
 Constants that need no node are 0, 1 or -1 in a sum or product, ±π/2 in a sine, ±1 added to tanh, an exponent of 2, and
-a constant equal to another one, whose terms can be merged:
+a constant equal to another constant, whose terms can be merged:
     x + 0 = x,  1 x = x,  y + (-1) x = y - x,  sin(x + π/2) = cos(x),  1 + tanh(x) = 2 logistic(2 x),  |x|^2 = x²
 The constants need not be near the listed values: each shorter form is fitted again and selected by its description
 length.
@@ -21,7 +21,7 @@ MINUS = {"add": "subtract", "subtract": "add"}
 def shorter_forms(program: Program) -> Iterator[Program]:
     """Yield programs with fewer nodes that still depend on an input.
     Every node is replaced by each of its arguments, every constant takes the value that removes it, and constants are
-    tied."""
+    set equal."""
     for index, node in enumerate(program.nodes):
         for argument in node.arguments:
             shorter = program.rebuilt(partial(_given_way, index, argument))
@@ -42,7 +42,7 @@ def _given_way(index: int, argument: int, builder: Builder, node: Node, copies: 
 
 
 def _with_other_wave(program: Program, index: int, argument: int) -> Iterator[Program]:
-    """Yield the program with a sum of a term and a constant replaced by the term, and the outer sine by a cosine."""
+    """Yield the program with sin(term + constant) replaced by cos(term), or with a cosine replaced by a sine."""
     (other,) = set(program.nodes[index].arguments) - {argument} or {argument}
     if program.nodes[other].operator != "constant":
         return

@@ -1,8 +1,8 @@
 """Smooth functions at a site, before a formula is known: of one input, or of several inputs.
 
 Functions of several inputs are products, sums, a product plus a summand, a function of a weighted sum, or of a
-distance. A function φ is a sum of ``Sines`` with the prior variance τ of highest evidence. With D, B, g of
-``projection.Targets`` at their first site, sines Φ (N, m) and noise variance σ²:
+distance. A function φ is a sum of sines Φ (poses, sines) with coefficients a of the prior variance τ of highest
+evidence; D, B, g: weight, cross and pull of ``projection.Targets`` at the first site, σ²: noise variance:
     a = (Φᵀ(D - BᵀB)Φ + σ²/τ I)⁻¹ Φᵀg,    φ = Φa
 Source: Breiman and Friedman (1985) for alternating factors; Friedman and Stuetzle (1981) for functions of weighted
 sums.
@@ -24,8 +24,8 @@ from gpmodel.evolution.variances import best
 class Sines:
     """The sine functions of one input, from which a smooth function is formed.
 
-    values: sines (N, m) times their relative prior standard deviations `spreads` (m,).
-    rates: (m,) rates of the sines, rad per unit of the input.
+    values: sines (poses, sines) times their relative prior standard deviations `spreads`.
+    rates: rate of each sine, rad per unit of the input.
     start: value of the input where all sines are 0.
     """
 
@@ -37,7 +37,7 @@ class Sines:
 
     @staticmethod
     def of(name: str, column: Array, length: float) -> "Sines":
-        """Return the sines of a column (N,). length: correlation length relative to half the range of the column."""
+        """Return the sines of an input. length: correlation length relative to half the range of the input."""
         half, reach = 0.5 * float(np.ptp(column)), max(1.5, 3.2 * length)
         omega = np.pi * np.arange(1, math.ceil(1.75 * reach / length) + 1) / (2.0 * reach)
         start = float(column.min()) - (reach - 1.0) * half
@@ -52,33 +52,33 @@ class Sines:
 
 
 LENGTH = 0.35
-"""Correlation length over half the range of an input: that of a bump of a fifth of the range."""
+"""Correlation length over half the range of an input, like that of a bump over a fifth of the range."""
 BEYOND = 100.0
 """Largest prior variance that is tried, relative to the variance at which a function equals the whole residual."""
 SETTLED = 1e-4
 """Relative change of the noise variance below which iterations end."""
 TURNS, KEPT = (3, 15), 4
-"""Number of iterations over the factors from every start, and from the best starts; number of best starts."""
+"""Number of iterations over the factors of a product from every start, and from the best starts; number of those."""
 STARTS = {1: 1, 2: 8, 3: 5, 4: 3}
-"""Number of starts of each factor but the first, its slowest sines, by the number of factors."""
+"""Number of starts of each factor but the first (its slowest sines), by the number of factors."""
 PARTS_IN_TURN = 3
 """Number of iterations over a product and a summand. A fourth changes either part by less than a tenth of the noise."""
 DIRECTIONS, MOST = {2: 13, 3: 7, 4: 4}, 2.0
-"""Number of weights from -1 to 1 that are tried for each input of a sum but one, by the number of inputs; largest
-weight."""
+"""Number of weights from -1 to 1 that are tried for each input but one in a weighted sum, by the number of inputs;
+largest weight."""
 FINE = {"xatol": 0.01, "fatol": 0.01, "maxfev": 120}
 """Tolerances of the optimisation of the weights in a weighted sum of inputs."""
 POINTS, NEAREST = (-1.2, -0.6, 0.0, 0.6, 1.2), 3
-"""Coordinates of the first points of a distance, in standard deviations of each input about its mean; number of best
-points that are refined."""
+"""Coordinates of the first trial points from which distances are measured, in standard deviations of each input about
+its mean; number of best points that are refined."""
 NEAR = ((-3.0, 3.0), (-3.0, 3.0), (-1.5, 1.5))
-"""Bounds of the point of a distance, and of the logarithm of the ratio of the inputs' scales."""
+"""Bounds of the point from which distances are measured, and of the logarithm of the ratio of the inputs' scales."""
 LEAST = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True)
 class Smooth:
-    """A smooth function at a site. coefficients: (m,) of its sines. nats: gain, nats. noise: residual variance."""
+    """A smooth function at a site. coefficients: of its sines. nats: gain, nats. noise: residual variance."""
 
     coefficients: Array
     nats: float
@@ -86,8 +86,8 @@ class Smooth:
 
 
 def smooth(targets: Targets, basis: Array, noise: float, turns: int = 1) -> Smooth:
-    """Fit the function of highest evidence in the span of a basis (N, m), given a noise variance. turns: largest number
-    of iterations, each with the residual variance of the previous one as noise variance."""
+    """Fit the function of highest evidence in the span of a basis (poses, functions), given a noise variance. turns:
+    largest number of iterations; an iteration uses the residual variance of the previous one as noise variance."""
     axes = _axes(targets, basis[None])
     for _ in range(turns):
         found = _most_likely(targets, axes, np.array([noise]))
@@ -98,20 +98,20 @@ def smooth(targets: Targets, basis: Array, noise: float, turns: int = 1) -> Smoo
 
 
 _Axes = tuple[Array, Array, Array]
-"""Eigenvalues (S, m) and eigenvectors (S, m, m) of Φᵀ(D - BᵀB)Φ of several bases, and Φᵀg (S, m) along the
-eigenvectors."""
+"""For several bases Φ: eigenvalues and eigenvectors of Φᵀ(D - BᵀB)Φ, and Φᵀg along the eigenvectors; symbols as in the
+module docstring."""
 
 
 def _axes(targets: Targets, basis: Array) -> _Axes:
-    """Diagonalise Φᵀ(D - BᵀB)Φ of bases Φ (S, N, m)."""
+    """Diagonalise the matrices Φᵀ(D - BᵀB)Φ of several bases Φ (bases, poses, functions)."""
     weighted, seen = basis * targets.weight[0][:, None], targets.cross[0] @ basis
     sizes, turn = np.linalg.eigh(np.swapaxes(basis, 1, 2) @ weighted - np.swapaxes(seen, 1, 2) @ seen)
     return np.maximum(sizes, 0.0), turn, np.matmul((targets.pull[0] @ basis)[:, None, :], turn)[:, 0]
 
 
 def _most_likely(targets: Targets, axes: _Axes, noise: Array) -> tuple[Array, Array, Array]:
-    """Fit the function of highest evidence in the span of each basis, given noise variances (S,).
-    Return coefficients (S, m), gains (S,) in nats, and residual variances (S,)."""
+    """Fit the function of highest evidence in the span of each basis, given one noise variance per basis. Return
+    coefficients (bases, functions), and the gain in nats and the residual variance of each basis."""
     sizes, turn, along = axes
     s, q = sizes / noise[:, None], along / noise[:, None]
     total = np.maximum(sizes.sum(axis=1), LEAST)
@@ -124,9 +124,9 @@ def _most_likely(targets: Targets, axes: _Axes, noise: Array) -> tuple[Array, Ar
 
 
 def factors(targets: Targets, columns: Array) -> tuple[float, Array]:
-    """Fit a product of functions of each of K columns (K, N); return its residual variance and the factors (K, N).
+    """Fit a product of one function of each column; return its residual variance and the factors (columns, poses).
 
-    Factors have mean square 1. Factors are fitted in turn, from many starts of all factors but the first.
+    Factors have mean square 1. The factors are fitted in turn, from many starts of all factors but the first.
     """
     bases = np.array([Sines.of("", column, LENGTH).values for column in columns])
     slowest = STARTS[min(len(columns), max(STARTS))]
@@ -141,8 +141,8 @@ def factors(targets: Targets, columns: Array) -> tuple[float, Array]:
 
 
 def _in_turn(targets: Targets, bases: Array, values: Array, turns: int) -> Array:
-    """Improve products (S, K, N) of functions of bases (K, N, m) in place, one factor after the other.
-    Return the residual variances (S,)."""
+    """Improve several products (products, factors, poses) of smooth functions in place, one factor after the other.
+    Return the residual variance of each product."""
     noise = np.full(len(values), targets.energy / targets.components)
     for _ in range(turns):
         before = noise
@@ -159,17 +159,17 @@ def _in_turn(targets: Targets, bases: Array, values: Array, turns: int) -> Array
 
 
 def others(values: Array, k: int) -> Array:
-    """Return the product (N,) of all factors (K, N) but factor k."""
+    """Return the product (poses,) of all factors except factor k."""
     return np.asarray(np.prod(np.delete(values, k, axis=0), axis=0))
 
 
 def through(targets: Targets, factor: Array) -> Targets:
-    """Return the targets of a function f such that factor (N,) times f explains the given targets."""
+    """Return residual statistics from which a function f is fitted so that factor * f explains the residual."""
     return replace(targets, weight=targets.weight * factor**2, cross=targets.cross * factor, pull=targets.pull * factor)
 
 
 def summands(targets: Targets, columns: Array) -> tuple[Array, Array]:
-    """Return functions (N,) of each of two columns (2, N) whose sum has the highest evidence."""
+    """Return one function of each of two columns (2, poses), such that the sum of both has the highest evidence."""
     first, second = (Sines.of("", column, LENGTH).values for column in columns)
     found = _settled(targets, np.hstack([first, second]))
     one, other = np.split(found.coefficients, [first.shape[1]])
@@ -177,10 +177,10 @@ def summands(targets: Targets, columns: Array) -> tuple[Array, Array]:
 
 
 def product_and_summand(targets: Targets, columns: Array) -> tuple[float, Array, Array]:
-    """Fit the sum of a function of the last column and a product of functions of the other columns (K, N).
+    """Fit the sum of a function of the last column and a product of functions of the other columns (columns, poses).
 
-    Each part is fitted in turn with the other part subtracted. Return the residual variance, the product (N,) and the
-    summand (N,).
+    Each part is fitted in turn with the other part subtracted. Return the residual variance, the product (poses,) and
+    the summand (poses,).
     """
     basis = Sines.of("", columns[-1], LENGTH).values
     summand = basis @ _settled(targets, basis).coefficients
@@ -194,17 +194,17 @@ def product_and_summand(targets: Targets, columns: Array) -> tuple[float, Array,
 
 
 def _settled(targets: Targets, basis: Array) -> Smooth:
-    """Fit the function of highest evidence in the span of a basis (N, m), with its own residual variance as noise."""
+    """Fit the function of highest evidence in the span of a basis, with the residual variance as its noise variance."""
     return smooth(targets, basis, targets.energy / targets.components, TURNS[1])
 
 
 def noise_left(targets: Targets, column: Array) -> float:
-    """Return the residual variance of the best smooth function of a column (N,) at a site."""
+    """Return the residual variance after the best smooth function of a column (poses,) at a site."""
     return _settled(targets, Sines.of("", column, LENGTH).values).noise
 
 
 def without(targets: Targets, values: Array) -> Targets:
-    """Return the targets with a function (N,) at their first site subtracted from the residual."""
+    """Return the residual statistics after a function (poses,) at the first site is subtracted from the residual."""
     seen = targets.cross[0] @ values
     column = targets.weight[0] * values - seen @ targets.cross[0]
     left = targets.energy - 2.0 * float(targets.pull[0] @ values) + float(column @ values)
@@ -212,8 +212,8 @@ def without(targets: Targets, values: Array) -> Targets:
 
 
 def weighted_sum(targets: Targets, columns: Array) -> Array:
-    """Return the weights (K,) of two or more columns (K, N) in the sum of which a smooth function has the largest gain.
-    Weights are scaled so that one weight times the standard deviation of its column is 1."""
+    """Return the weights of two or more columns in the weighted sum of which a smooth function has the largest gain.
+    The weights are scaled so that one weight times the standard deviation of its column is 1."""
     spread, noise = columns.std(axis=1), targets.energy / targets.components
     scaled = columns / spread[:, None]
 
@@ -236,8 +236,8 @@ def weighted_sum(targets: Targets, columns: Array) -> Array:
 
 
 def distance(targets: Targets, columns: Array) -> tuple[float, float, float]:
-    """Return (a, b, w) of the distance √((x - a)² + w² (y - b)²) of which a smooth function has the largest gain.
-    x and y are the columns (2, N)."""
+    """Return (a, b, w) of the distance √((x - a)² + w² (y - b)²) of which a smooth function has the largest gain. x and
+    y are the two columns (2, poses)."""
     middle, spread = columns.mean(axis=1), columns.std(axis=1)
     scaled, noise = (columns - middle[:, None]) / spread[:, None], targets.energy / targets.components
 

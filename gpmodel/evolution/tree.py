@@ -1,4 +1,4 @@
-"""Settings of binary trees (thesis section 5.2.2)."""
+"""Settings of programs that are binary trees (thesis section 5.2.2)."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -24,7 +24,7 @@ class Tree:
     operators, constants, own_constants: as for ``Linear``.
     style: "koza" (subtree exchange, grown subtrees, node replacement) or "thesis" (the depth-first crossover and the
     two mutations of section 5.2.2).
-    crossover: share of children by crossover; the others are mutated.
+    crossover: share of children by crossover; the other children are mutated.
     Raises InputError for a value out of range.
     """
 

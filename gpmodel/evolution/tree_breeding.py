@@ -1,9 +1,9 @@
-"""Creation and variation of trees (thesis section 5.2.2, Fig 5.6), by DEAP.
+"""Creation and variation of trees (thesis section 5.2.2, Fig 5.6), by the library DEAP.
 
 DEAP uses Python's global random generator, which other threads may use too. Every call in this module replaces the
-global generator by one seeded from the given NumPy generator. Kinds are enforced when a program is decoded, as for
-sequences: DEAP's typed sets need one kind of result for every operator and a leaf of every kind, and no leaf is a
-squared angle.
+global generator by one seeded from the given NumPy generator. Kinds of quantities are enforced when a program is
+decoded, as for sequences: DEAP's typed sets need one kind of result for every operator and a leaf of every kind, and no
+leaf is a squared angle.
 """
 
 import random
@@ -42,7 +42,7 @@ def _deap_random(rng: np.random.Generator) -> Iterator[None]:
 class TreeBreeding:
     """Creation and variation of trees.
 
-    style: style as in ``Tree``; the operators of "thesis" are completed so that every tree is valid.
+    style: style as in ``Tree``; the variation operators of "thesis" are completed so that every tree is valid.
     shallow, start_depth: depths between which trees start, by ramped half-and-half.
     depth: largest depth of a tree.
     """
@@ -90,7 +90,7 @@ class TreeBreeding:
         return toolbox
 
     def initial(self, population: int, rng: np.random.Generator) -> Trees:
-        """Return a random population."""
+        """Return a random population of trees."""
         with _deap_random(rng):
             return Trees(
                 tuple(

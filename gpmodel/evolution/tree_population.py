@@ -1,4 +1,4 @@
-"""Trees as DEAP objects with codes for the kernels; DEAP never compiles them."""
+"""Trees as DEAP objects with codes for the compiled loops; DEAP never compiles the trees."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from gpmodel.formula.program import Builder, Program
 
 
 class OperatorNode(gp.Primitive):
-    """An operator in a tree, with its op-code for the kernels."""
+    """An operator in a tree, with its op-code for the compiled loops."""
 
     __slots__ = ("code",)
 
@@ -28,7 +28,7 @@ class OperatorNode(gp.Primitive):
 
 
 class ElementNode(gp.Terminal):
-    """A leaf of a tree, with its number for the kernels."""
+    """A leaf of a tree, with its number for the compiled loops."""
 
     __slots__ = ("code",)
 
@@ -49,27 +49,27 @@ ConstantNode.code = OWN_BYTE
 class Individual:
     """Several trees that are bred together. codes: prefix codes of the trees, one byte per node.
 
-    A code is empty if its tree has not been packed yet. A packed tree is never changed; variation works on a copy.
+    The code of a tree is empty until the tree is packed. A packed tree is never changed; variation works on a copy.
     """
 
     trees: tuple[gp.PrimitiveTree, ...]
     codes: tuple[bytes, ...] = field(default=(), compare=False)
 
     def replaced(self, place: int, tree: gp.PrimitiveTree) -> "Individual":
-        """Return the individual with another tree at index ``place``; the codes of the other trees are kept."""
+        """Return the individual with `tree` in the position ``place``; the codes of the other trees are kept."""
         trees, codes = [*self.trees], [*self.codes] or [b""] * len(self.trees)
         trees[place], codes[place] = tree, b""
         return Individual(tuple(trees), tuple(codes))
 
     @property
     def constants(self) -> list[float]:
-        """Values of the own constants, in depth-first order."""
+        """Values of the constants that the individual carries, in depth-first order."""
         return [node.value for tree in self.trees for node in tree if node.code == OWN_BYTE]
 
 
 @dataclass(frozen=True)
 class Trees:
-    """A population of individuals (several trees each). forest: codes of the trees for the kernels."""
+    """A population of individuals (several trees each). forest: codes of the trees for the compiled loops."""
 
     individuals: tuple[Individual, ...]
 
@@ -78,8 +78,8 @@ class Trees:
 
     @cached_property
     def forest(self) -> Forest:
-        """Codes of all trees one after another, with the own constants of each individual numbered in turn.
-        Only new trees are packed; codes of trees from earlier populations are copied."""
+        """Codes of all trees one after another, with the constants that each individual carries numbered in turn. Only
+        new trees are packed; codes of trees from earlier populations are copied."""
         self._pack()
         parts = list(chain.from_iterable(individual.codes for individual in self.individuals))
         packed = np.frombuffer(b"".join(parts), np.uint8)
@@ -114,11 +114,11 @@ class Trees:
             one.codes = (*one.codes[:k], code, *one.codes[k + 1 :])
 
     def take(self, rows: NDArray[np.intp]) -> "Trees":
-        """Return the trees of a population at some rows."""
+        """Return the individuals with the given row numbers."""
         return Trees(tuple(self.individuals[row] for row in rows))
 
     def join(self, other: "Trees") -> "Trees":
-        """Return these trees followed by the trees of ``other``."""
+        """Return the individuals of this population followed by the individuals of ``other``."""
         return Trees(self.individuals + other.individuals)
 
     def decoder(self, layout: Layout) -> Callable[[slice], Code]:
@@ -126,15 +126,15 @@ class Trees:
         return partial(self.forest.decoded, layout)
 
     def program(self, row: int, layout: Layout) -> Program:
-        """Return one individual as a program."""
+        """Return the individual at `row` as a program."""
         return program_of(self.individuals[row], layout)
 
     def constants_of(self, row: int) -> Array:
-        """Return the own constants of one individual."""
+        """Return the constants that the individual at `row` carries."""
         return np.array(self.individuals[row].constants)
 
     def with_constants(self, row: int, values: Array) -> "Trees":
-        """Return a population of the individual at ``row`` alone, with other constants of its own."""
+        """Return a population of the individual at ``row`` alone, with `values` as the constants that it carries."""
         remaining = iter(values.tolist())
         trees = []
         for tree in self.individuals[row].trees:
@@ -149,8 +149,8 @@ class Trees:
 
 
 def program_of(individual: Individual, layout: Layout) -> Program:
-    """Return the trees of an individual as one Program with one output per tree.
-    An operator that is not allowed on the kinds of its arguments is replaced, or becomes its first argument."""
+    """Return the trees of an individual as one Program with one output per tree. An operator that is not allowed for
+    its kinds of arguments is replaced, or becomes its first argument."""
     builder = Builder()
 
     def leaf(node: gp.Terminal) -> tuple[int, int]:

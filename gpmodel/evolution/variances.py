@@ -12,7 +12,7 @@ section between the neighbours of the best point, which end within a hundredth o
 
 
 def best(s: Array, q: Array, cap: Array) -> tuple[Array, Array]:
-    """Maximise the gains (G,) of groups over prior variances up to cap² (G,); return the gains and the variances. The
+    """Maximise the gains of groups over their prior variances, each up to cap²; return the gains and the variances. The
     best point of a grid in the logarithm of the variance is refined by a golden section."""
     from gpmodel.evolution.kernels.variances import largest_gains
 

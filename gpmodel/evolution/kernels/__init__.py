@@ -5,7 +5,7 @@ from pathlib import Path
 
 
 def drop_stale_cache() -> None:
-    """Remove compiled code older than any kernel source.
+    """Remove compiled code that is older than the source of any compiled loop.
     The compiler's cache checks the file of the outermost function only, not the files of the functions it calls."""
     here = Path(__file__).parent
     newest = max(source.stat().st_mtime for source in here.glob("*.py"))

@@ -1,4 +1,4 @@
-"""Decoding and execution of slices of a population, each in one thread."""
+"""Decoding and execution of slices of a population, each slice in one thread."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ def decode_sequences(
     nodes: IntArray,
     hashes: NDArray[np.uint64],
 ) -> None:
-    """Decode sequences of genes (P, L) into effective code; see ``engine.Code`` for the arrays that are filled."""
+    """Decode sequences of bytes (programs, length) into effective code; ``engine.Code`` describes the filled arrays."""
     own = constant_bits.shape[1]
     cells = np.empty(len(start) + base + own + 1, np.uint16)
     pairs = np.empty(words.shape[1], np.uint16)
@@ -67,7 +67,7 @@ def decode_forest(
     nodes: IntArray,
     hashes: NDArray[np.uint64],
 ) -> None:
-    """Decode programs of several trees into effective code; bounds (P, roots + 1) index the flat prefix codes."""
+    """Decode programs of several trees into effective code. bounds: position of each tree in the flat prefix codes."""
     longest = words.shape[1]
     stack = np.empty(longest + 1, np.int64)
     kinds = np.empty(longest + 1, np.int64)
@@ -83,7 +83,7 @@ def decode_forest(
 
 @compiled
 def sizes_by_outputs(words: IntArray, count: IntArray, base: int, outputs: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """Return the number (P, 2^m) of nodes of each program that reach exactly the outputs in each bit set."""
+    """Return for each program the number of nodes that reach exactly the outputs of each bit set."""
     sizes = np.zeros((len(words), 1 << outputs.shape[1]), np.uint16)
     reach = np.empty(base + words.shape[1], np.uint8)
     for p in range(len(words)):
@@ -101,8 +101,8 @@ def output_values(
     rows: Array,
     values: Array,
 ) -> None:
-    """Fill the outputs ``values`` (P, outputs, N) of decoded programs. fixed: (base, N) rows of inputs and constants.
-    rows: scratch space for the registers."""
+    """Fill ``values`` (programs, outputs, poses) with the outputs of decoded programs. fixed: (rows, poses) values of
+    inputs and constants. rows: scratch space for the results of instructions."""
     base, poses = fixed.shape
     block = rows.shape[1]
     for begin in range(0, poses, block):
@@ -137,7 +137,7 @@ def _sum(row: Array, width: int) -> float:
 
 @inlined
 def squared_distance(dx: float, dy: float, dz: float) -> float:
-    """Return the square of a distance, infinite if the square is not a number."""
+    """Return the square of the distance (dx, dy, dz), infinite if the square is not a number."""
     square = dx * dx + dy * dy + dz * dz
     return square if square < np.inf else np.inf
 
@@ -155,10 +155,10 @@ def compensator_fitness(
     hopeless: float,
     fitness: Array,
 ) -> None:
-    """Fill ``fitness`` (P,) with the largest (or sum of) squared distance of three outputs from measured points (3, N).
+    """Fill ``fitness`` with the largest squared distance, or the sum, of three outputs from the measured points.
 
     A program is dropped with an infinite fitness once its value exceeds ``hopeless`` after a block of poses, or if an
-    output is not finite. The last of ``rows`` is scratch space for the squares.
+    output is not finite. The last row of ``rows`` is scratch space for the squares.
     """
     base, poses = fixed.shape
     block = rows.shape[1]

@@ -11,7 +11,7 @@ from gpmodel.evolution.kernels.compiler import compiled
 
 @compiled
 def _next(state: np.uint64) -> tuple[np.uint64, np.uint64]:
-    """Return the next state and 64 random bits of SplitMix64 (Steele, Lea, Flood 2014)."""
+    """Return the next state and 64 random bits of the generator SplitMix64 (Steele, Lea, Flood 2014)."""
     state = np.uint64(state + np.uint64(0x9E3779B97F4A7C15))
     z = state
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -26,7 +26,7 @@ def _uniform(bits: np.uint64) -> float:
 
 @compiled
 def _gap(bits: np.uint64, log_keep: float, length: int) -> int:
-    """Return the number of elements until the next event of a rate per element: geometrically distributed."""
+    """Return the number of elements until the next event at a rate per element, from the geometric distribution."""
     if log_keep == 0.0:
         return length
     gap = math.log(_uniform(bits)) / log_keep
@@ -55,8 +55,8 @@ def breed_sequences(
     """Fill the genes and constants of the children of pairs of parents; the first child has number ``begin``.
 
     At each element copying switches to the other parent at rate ``crossover``, and the element is replaced by a random
-    one at rate ``mutation``. Own constants of a child come from the parent in use at the end. At a rate of one per four
-    mutated genes, at most 0.5 per child, one constant is multiplied by exp(N(0, 0.5)) or drawn again.
+    element at rate ``mutation``. The constants of a child come from the parent in use at the end. At a rate of one per
+    four mutated elements, at most 0.5 per child, one constant is multiplied by exp(N(0, 0.5)) or drawn again.
     """
     length = genes.shape[1]
     log_cross = math.log1p(-crossover)

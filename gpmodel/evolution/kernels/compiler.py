@@ -17,10 +17,10 @@ class Compiler(Protocol):
 
 compiled: Compiler = njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})
 reduction: Compiler = njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nnan", "nsz"})
-"""Compiler for sums and maxima over rows without a NaN; the order of summation is free."""
+"""Compiler of sums and maxima over rows of numbers without a NaN; the order of summation is free."""
 
 inlined: Compiler = njit(nogil=True, error_model="numpy", fastmath={"contract"}, inline="always")
-"""Compiler for functions called once per program or number, where passing arrays takes as long as a short program."""
+"""Compiler of functions called once per program or number, where passing arrays takes as long as a short program."""
 
 of_a_number: Compiler = njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
-"""For functions of numbers: compiled once and inlined by the optimiser. `inlined` would compile each use again."""
+"""Compiler of functions of numbers, once, for the optimiser to inline. `inlined` would compile each use again."""

@@ -8,13 +8,13 @@ from gpmodel.evolution.kernels.differentiation import carry_tangents
 
 _ROUNDING = 1e-13
 TRIALS = 4
-"""Number of dampings that are tried per step, each ten times the previous one."""
+"""Number of Levenberg-Marquardt dampings that are tried per step, each ten times the previous damping."""
 
 
 @compiled
 def solve(normal: Array, sizes: Array, count: int) -> bool:
-    """Solve symmetric normal equations by Gauss-Jordan in place; return False for singular equations. The right side of
-    the equations is column ``count``. sizes: scratch space for the original diagonal."""
+    """Solve symmetric normal equations in place by Gauss-Jordan elimination; return False for singular equations. The
+    right side of the equations is column ``count``. sizes: scratch space for the original diagonal."""
     for k in range(count):
         sizes[k] = normal[k, k]
     for k in range(count):
@@ -61,7 +61,7 @@ def explained(
     row: Array, weight: Array, cross: Array, begins: IntArray, pull: Array, energy: float, unique_share: float,
     smallest: float,
 ) -> tuple[float, float]:  # fmt: skip
-    """Return the gain of one basis function (N,) and its coefficient, as ``Targets.set_gain`` does."""
+    """Return the gain of one basis function (poses,) and its coefficient, as ``Targets.set_gain`` does."""
     if not _limited(row, len(row), np.inf) or energy <= 0.0:
         return 0.0, 0.0
     largest = 0.0
@@ -93,8 +93,8 @@ def _normal_equations(
     idle: float,
     normal: Array,
 ) -> bool:
-    """Fill the normal equations (m, m + 1) of one Gauss-Newton step; return whether the equations are usable. The first
-    of the columns (m, N) is the basis function; the last column is the right side."""
+    """Fill the normal equations of one Gauss-Newton step; return whether the equations are usable. columns: the basis
+    function, then its derivatives by the constants, (columns, poses). The last column of `normal` is the right side."""
     size = len(columns)
     seen, stays = np.empty((size, len(cross))), np.zeros(size, np.bool_)
     for i in range(size):
@@ -120,9 +120,9 @@ def _normal_equations(
 
 @compiled
 def _moved(constants: Array, free: Mask, solved: Array, trial: Array) -> bool:
-    """Fill ``trial`` with the constants (C,), free constants moved by the solution; return whether the result is
-    usable. Constants have to be finite and different, since equal constants would be one node. Row 0 of the solution is
-    unused."""
+    """Fill ``trial`` with the constants, of which the free ones are moved by the solution; return whether `trial` is
+    usable. Constants have to be finite and different, since equal constants would be one node. Element 0 of the
+    solution is unused."""
     k, last = 0, solved.shape[1] - 1
     for i in range(len(constants)):
         k += free[i]
@@ -150,11 +150,11 @@ def fit_constants(
     limits: tuple[float, float, float],
     steps: int,
 ) -> float:
-    """Fit the free constants (C,) of a program in place to the largest gain of its last node; return the gain.
+    """Fit the free constants of a program in place to the largest gain of its last node; return the gain.
 
     nodes: nodes of the program, as in ``carry_tangents``.
-    weight, pull (N,), cross (K, N): statistics of one site, see ``Targets``.
-    begins: index (K,) of the first number other than zero in each row of cross.
+    weight, pull (poses,), cross (columns, poses): residual statistics of one site, see ``Targets``.
+    begins: position of the first number other than zero in each row of cross.
     limits: least magnitude of a basis function, largest magnitude of a column, and least share of a column outside the
     columns of the model.
     """

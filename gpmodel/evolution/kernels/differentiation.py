@@ -12,7 +12,7 @@ from gpmodel.formula.operators import INPUT
 
 @compiled
 def differentiated(code: int, a: float, b: float) -> tuple[float, float, float]:
-    """Return the value of an operator and its derivatives by its first and second argument. Op-codes are the codes of
+    """Return the value of an operator and its derivatives by its first and second argument. code: op-code of
     ``formula.operators``."""
     if code == 3:
         return a + b, 1.0, 1.0
@@ -78,7 +78,7 @@ def differentiated(code: int, a: float, b: float) -> tuple[float, float, float]:
 
 @compiled
 def carry_tangents(nodes: IntArray, inputs: Array, constants: Array, values: Array, tangents: Array) -> None:
-    """Fill the values (nodes, N) of a program and their derivatives (constants, nodes, N) by its constants.
+    """Fill the values (nodes, poses) of a program, and the derivatives (constants, nodes, poses) by its constants.
 
     nodes: op-code and two arguments (3, nodes), which are earlier nodes; the first argument of an input or a constant
     is its number. Derivatives are computed only for constants on which a node depends.

@@ -15,7 +15,7 @@ from gpmodel.evolution.kernels.compiler import of_a_number
 ANGLE_LIMIT = 1e5
 
 _NEAREST = 6755399441055744.0
-"""1.5 * 2^52: adding it rounds to the nearest integer, which is then in the lowest bits."""
+"""The number 1.5 * 2^52. Adding it rounds to the nearest integer, which is then in the lowest bits."""
 
 _INVERSE_PI = 1.0 / math.pi
 _PI_HIGH = 3.1415926534682512
@@ -55,7 +55,7 @@ def _number(bits: int) -> float:
 
 @of_a_number
 def _polynomial(coefficients: tuple[float, ...], x: float) -> float:
-    """Return Σ c_k x^k by Horner's rule."""
+    """Return Σ c_k x^k with coefficients c_k, by Horner's rule."""
     value = coefficients[len(coefficients) - 1]
     for k in range(len(coefficients) - 2, -1, -1):
         value = value * x + coefficients[k]

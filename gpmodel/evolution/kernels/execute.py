@@ -29,7 +29,7 @@ def _within(row: Array, limit: float, width: int) -> bool:
 
 @inlined
 def execute(words: IntArray, count: int, constants: Array, rows: Array, base: int, width: int) -> None:
-    """Fill ``rows[base + k, :width]`` with the value of instruction k of a program."""
+    """Fill row ``base + k`` of ``rows`` with the values of instruction k of a program at `width` poses."""
     for k in range(count):
         code = words[k] & 0xFFFF
         a = (words[k] >> 16) & 0xFFFF

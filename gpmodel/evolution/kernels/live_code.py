@@ -41,8 +41,8 @@ def keep_live(
 
 @inlined
 def _leaves(words: IntArray, count: int, base: int) -> int:
-    """Return the number of leaves: the fixed rows and the own constants before the first operator. Leaves come before
-    all operators."""
+    """Return the number of leaves of a program: the fixed rows and the program's constants. Leaves come before all
+    operators."""
     leaves = base
     while leaves < base + count and words[leaves - base] & ROW == CONSTANT:
         leaves += 1
@@ -59,10 +59,10 @@ def _mixed(value: np.uint64, place: int) -> np.uint64:
 def nodes_and_hash(
     words: IntArray, count: int, base: int, outputs: NDArray[np.uint16], constant_bits: NDArray[np.uint64]
 ) -> tuple[int, np.uint64]:
-    """Return the number of nodes of live code, operators plus references to leaves, and its hash.
+    """Return the number of nodes of live code (operators and references to leaves), and the hash of the code.
 
-    The hash is a sum of instructions mixed with their positions. An own constant after an operator has one reference,
-    as in trees, and counts as one node.
+    The hash is a sum of instructions mixed with their positions. A program's constant after an operator has one
+    reference, as in trees, and counts as one node.
     """
     leaves = _leaves(words, count, base)
     nodes = base - leaves
@@ -93,8 +93,8 @@ def count_by_outputs(
     sizes: NDArray[np.uint16],
     reach: NDArray[np.uint8],
 ) -> None:
-    """Count the nodes of live code (code that reaches an output) by the bit set of outputs. reach: scratch space, one
-    element per row."""
+    """Count the nodes of live code (code that reaches an output) by the bit set of outputs that they reach. reach:
+    scratch space, one element per row."""
     reach[: base + count] = 0
     leaves = _leaves(words, count, base)
     for k in range(len(outputs)):

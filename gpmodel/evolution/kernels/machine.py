@@ -1,8 +1,8 @@
-"""Decoding of genes and tree codes into straight-line code on rows of values.
+"""Decoding of instruction bytes and tree codes into straight-line code on rows of values.
 
-Rows of registers: inputs, fixed constants (the last is 0), then the result of each instruction. An instruction is one
-word, ``op-code + 2^16 first row + 2^32 second row`` (second 0 for one argument). Moves between accumulator and
-registers become renamed rows, and only instructions that reach an output are kept.
+The rows are: inputs, fixed constants (the last is 0), then the result of each instruction. An instruction is one word,
+``op-code + 2^16 first row + 2^32 second row`` (second 0 for one argument). Moves between accumulator and registers
+become renamed rows, and only instructions that reach an output are kept.
 """
 
 import numpy as np
@@ -12,22 +12,22 @@ from gpmodel.arrays import IntArray
 from gpmodel.evolution.kernels.compiler import compiled, inlined
 
 CONSTANT = 1
-"""Pseudo op-code that fills the row with the program's constant number ``first``."""
+"""Special op-code that fills a row with the program's constant number ``first``."""
 
 LAST_BINARY = 9
 """Largest op-code that takes two arguments or an operand."""
 
 ROW = 0xFFFF
-"""Bits of a word that hold a row number."""
+"""Bits of an instruction word that hold a row number."""
 
 
 @inlined
 def split_instructions(genes: NDArray[np.uint8], begun_by: NDArray[np.uint16], pairs: NDArray[np.uint16]) -> int:
-    """Split a sequence into instructions ``256 op-code + operand gene`` (0 without operand); return their number.
+    """Split a sequence of bytes into instructions 256 * op-code + operand byte (0: no operand); return their number.
 
-    ``begun_by[gene]`` is 256 times the op-code, plus 255 if it takes an operand. An element begins an instruction
-    unless it is the operand of the element before it. An op-code whose operand is beyond the end is dropped. There are
-    no branches on the op-code, which a processor could not predict.
+    ``begun_by[byte]`` is 256 times the op-code, plus 255 if it takes an operand. A byte begins an instruction unless it
+    is the operand of the byte before it. An op-code whose operand is beyond the end is dropped. There is no branch on
+    the op-code, because a processor could not predict it.
     """
     found = 0
     is_operand = 0
@@ -52,8 +52,8 @@ def allowed_instructions(
 ) -> int:
     """Replace or drop, in ``pairs``, operators that are not allowed; return the number of instructions that remain.
 
-    ``done_for[op-code, kind, kind]`` is ``256 op-code + kind`` of the replacement, 0 for none. kinds: kind of every
-    register at the start, then of every row; overwritten.
+    done_for: table of replaced operators, see ``Typing.repairs``. kinds: work array, on entry the kind of quantity in
+    each register at the start, then in each row of values; register kinds are overwritten.
     """
     accumulator = np.int64(kinds[0])
     kept = 0
@@ -81,8 +81,8 @@ def allowed_instructions(
 def reaching_instructions(
     pairs: NDArray[np.uint16], count: int, read_of: NDArray[np.uint32], written_of: NDArray[np.uint32], outputs: int
 ) -> int:
-    """Move the instructions that reach the first ``outputs`` registers to the end of ``pairs``; return their first
-    index.
+    """Move the instructions that reach the first ``outputs`` registers to the end of ``pairs``; return the position of
+    the first one.
 
     Instructions are visited backwards, with the bit set of registers that are still needed (the highest bit is the
     accumulator). Instructions after the last store to an output are skipped first.
@@ -118,8 +118,8 @@ def decode_sequence(
 ) -> int:
     """Fill the words of the instructions ``pairs[begin:end]`` of an accumulator machine; return their number.
 
-    ``cell_of[pair]`` is the cell of the operand: a register, or a cell that holds the number of a row. The last
-    ``constants`` rows are the program's own constants; those in use become the first words. cells: scratch space, with
+    ``cell_of[pair]`` is the cell of an instruction's operand: a register, or a cell that holds the number of a row. The
+    last ``constants`` rows are the program's constants; those in use become the first words. cells: scratch space, with
     the row numbers after the registers and one further cell.
     """
     count = 0
@@ -168,9 +168,9 @@ def decode_trees(
 ) -> int:
     """Fill the instructions of the trees ``codes[bounds[k]:bounds[k + 1]]`` in prefix order; return their number.
 
-    A code below 32 is an operator, below 16384 a row plus 32, otherwise an own constant plus 16384. With ``done_for``
-    (see ``allowed_instructions``) an operator that is not allowed is replaced, or becomes its first argument. stack,
-    kinds: scratch space.
+    A code below 32 is an operator, below 16384 a row plus 32, otherwise a program's constant plus 16384. With
+    ``done_for`` (see ``Typing.repairs``) an operator that is not allowed is replaced, or becomes its first argument.
+    stack, kinds: scratch space.
     """
     typed = done_for.size > 0
     count = 0

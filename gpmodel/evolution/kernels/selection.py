@@ -11,7 +11,7 @@ from gpmodel.evolution.kernels.compiler import compiled, reduction
 
 _ROUNDING = 4e-15
 _MORE = 1.0 + 1e-9
-"""Factor by which an output has to gain more than an earlier one to replace it; smaller differences are rounding."""
+"""Factor by which an output has to gain more than an earlier output to replace it; less is a rounding error."""
 
 
 @reduction
@@ -25,7 +25,7 @@ def largest_magnitude(row: Array) -> float:
 
 @compiled
 def scale_and_multiply(values: Array, usable: Mask, products: Array) -> None:
-    """Divide each row of values (P, m, N) by its largest magnitude; fill the products (P, pairs, N) of rows i <= j. A
+    """Divide each row of values (programs, rows, poses) by its largest magnitude; fill the products of pairs of rows. A
     row that is zero or not finite becomes zero and is not usable. With products of size 0 no products are computed."""
     programs, outputs, poses = values.shape
     for p in range(programs):
@@ -68,14 +68,14 @@ def choose_outputs(
     """Select the outputs of each program at each site by forward selection, and the set with the least description
     length.
 
-    products: (P, pairs, S), Phi_i Phi_j . D for i <= j.
-    seen: (U, K, S), Phi B^T of the distinct outputs; number: (P, m), index of each output among the distinct outputs.
-    pull: (P, m, S), Phi g.
-    sizes: (P, 2^roots), nodes by set of outputs; column i belongs to output i modulo the number of outputs.
+    products: (programs, pairs i <= j, sites), products of two outputs, weighted by the squared sensitivity.
+    seen: (distinct outputs, columns, sites), products of outputs with the model's columns; number: (programs, outputs).
+    pull: (programs, outputs, sites), products of the outputs with the residual.
+    sizes: nodes by set of outputs; column i belongs to output i modulo the number of outputs.
     Outputs are added in the order of their gain; the step with the least
         score = half_components * log(1 - gain) + parsimony * (size of the chosen outputs + their number)
-    is selected, the first of equal ones. 1 - gain is at least the rounding error of the least independent output, to
-    tell exact fits from nearly singular ones. A program without gain has score 0 and gain 0.
+    is selected, the first of equal steps. 1 - gain is at least the rounding error of the least independent output, to
+    distinguish exact fits from nearly singular ones. A program without gain has score 0 and gain 0.
     """
     programs, outputs, sites = pull.shape
     columns = seen.shape[1]

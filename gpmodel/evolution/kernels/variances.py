@@ -7,7 +7,7 @@ from gpmodel.evolution.kernels.compiler import compiled, inlined
 
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _LARGE = 1e100
-"""Size of a product of many factors at which its logarithm is taken: one logarithm serves several factors."""
+"""Magnitude of a product of many factors above which its logarithm is taken: one logarithm serves several factors."""
 
 
 @inlined
@@ -28,8 +28,8 @@ def _gain(log_variance: float, s: Array, q: Array) -> float:
 def largest_gains(
     s: Array, q: Array, top: Array, step: float, places: int, refinements: int, gains: Array, where: Array
 ) -> None:
-    """Fill the largest gain (G,) of groups with s and q (G, K), and the variance with the largest gain. Log variances
-    up to ``top`` (G,) are tried at ``places`` points a ``step`` apart, then refined by a golden section."""
+    """Fill ``gains`` with the largest gain of each group and ``where`` with the variance that has this gain. Log
+    variances up to ``top`` are tried at ``places`` points a ``step`` apart, then refined by a golden section."""
     for g in range(len(s)):
         own_s, own_q = s[g], q[g]
         at, most = 0, _gain(top[g] - step * (places - 1), own_s, own_q)
