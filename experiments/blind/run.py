@@ -72,8 +72,8 @@ def parse() -> tuple[argparse.Namespace, Asked]:
     given = sys.argv[1:]
     cut = given.index("--") if "--" in given else len(given)
     settings, options = parser.parse_known_args(given[:cut])
-    later = (tuple(shlex.split(text)) for text in (settings.in_order, settings.predict_in_order))
-    return settings, Asked((*options, *given[cut + 1 :]), *later, settings.oracle_only)
+    in_order, predict = (tuple(shlex.split(text)) for text in (settings.in_order, settings.predict_in_order))
+    return settings, Asked((*options, *given[cut + 1 :]), in_order, predict, settings.oracle_only)
 
 
 def main() -> None:

@@ -84,7 +84,7 @@ def arm(number: int) -> Row:
     off = observed.tip[:, :3, 3] - here.new.clean
     within = np.abs(off) <= coverage_factor(fit.freedom) * coordinate_deviations(saved, like, observed)
     return {
-        "arm": number, "case": case.name, "effect": name, **_findings(found),
+        "arm": number, "case": case.name, "effect": name, **_findings(found, name),
         "z": {"geometry": _deviations(geometry), **_placed(fit, poses, truth.placed)},
         "predicted": round(float(within.mean()), 3), "k": round(coverage_factor(fit.freedom), 3),
     }  # fmt: skip
@@ -105,13 +105,15 @@ def rig(number: int) -> Row:
             "k": round(coverage_factor(found.final.freedom), 3)}  # fmt: skip
 
 
-def _findings(found: Discovery) -> Row:
-    """Names of the findings; whether they have other causes; how many effects else may be there."""
-    sets = [one.hypothesis.causes for one in found.findings]
+def _findings(found: Discovery, true: str = "") -> Row:
+    """Names of the findings; whether they have other causes; how many effects else may be there; sizes of the credible
+    sets, and whether one of them has the true effect."""
+    sets = [one.hypothesis.causes for one in found.findings if one.hypothesis.causes is not None]
     return {
         "found": [c.name for c in found.fitted.candidates], "confirmed": found.confirmed,
-        "several": any(one is not None and (one.others or one.none) for one in sets),
-        "others": len(found.final.covariance.others),
+        "several": any(len(one.causes) > 1 or one.none > 0 for one in sets),
+        "others": len(found.final.covariance.others), "inside": any(true in one.names for one in sets),
+        "sizes": [len(one.causes) for one in sets],
     }  # fmt: skip
 
 

@@ -24,7 +24,7 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.dependence import inflation, regions
 from gpmodel.evidence.residual import Residual, residual_of
-from gpmodel.evidence.score import best_nats, deflated, scores
+from gpmodel.evidence.score import deflated, scores
 from gpmodel.evolution.chance import chance
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates
@@ -79,7 +79,8 @@ def stopped(there: Residual, pool: list[Candidate], rng: np.random.Generator) ->
     p = {}
     for name, unit in units.items():
         trials = replace(there, unit_of_pose=unit).shuffled(rng, SHUFFLES)
-        p[name] = chance(worth, best_nats(there, pool, trials)).p < limits.significance
+        null = np.array([max(score.nats for score in scores(replace(there, values=trial), pool)) for trial in trials.T])
+        p[name] = chance(worth, null).p < limits.significance
     kept = deflated(there, pool[best], tuple(inflation(there, pool[best]).values()))
     plain = p["poses"] and worth > limits.minimum_nats
     return {

@@ -15,6 +15,7 @@ import gpmodel as gp
 from experiments.blind.simulator import Array, draw_poses
 from experiments.instruments.measuring import BOARD, PIXEL, Session, frame, session
 from experiments.instruments.robots import CALLED, GEOMETRY, Robot, description, ends, machine
+from gpmodel.api.discover import DiscoveryResult
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.weigh import weighed
@@ -198,7 +199,7 @@ def tool_error(fit: Calibration, made: Session, robots: tuple[Robot, ...], q: Ar
     return float(np.sqrt(np.mean(np.sum((said @ turn - true) ** 2, axis=1))))
 
 
-def _named(found: gp.DiscoveryResult, robot: Robot) -> dict[str, Any]:
+def _named(found: DiscoveryResult, robot: Robot) -> dict[str, Any]:
     """named: the undeclared effect by its own name at its own joint. false: findings at another joint, or of an
     innocent."""
     own = [f.slot.split(".")[0] == f"J{robot.joint}" for f in found.findings]
@@ -215,7 +216,7 @@ def _left_out(loaded: Mechanism, data: gp.Dataset, kind: str) -> set[int]:
     return set(_discovered(loaded, data).fit[0].outliers.tolist())
 
 
-def _discovered(loaded: Mechanism, data: gp.Dataset) -> gp.DiscoveryResult:
+def _discovered(loaded: Mechanism, data: gp.Dataset) -> DiscoveryResult:
     return gp.discover(loaded, data, holdout=HELD, search=gp.Search(runs=0, workers=1))
 
 
