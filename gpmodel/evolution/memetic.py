@@ -29,8 +29,6 @@ LONGEST = 30
 PARENTS, OFFSPRING, GENERATIONS = 6, 20, 3
 """Number of parents, the formulas of shortest description; number of offspring whose constants are fitted; largest
 number of generations."""
-SHORTENED = 2
-"""Number of formulas whose shorter forms are fitted at a time."""
 FIRST_STEPS = 4
 """Number of steps in which constants are fitted before only the better half of the formulas is continued."""
 IMPROVED = 1.0
@@ -150,7 +148,15 @@ def shortened(population: Formulas) -> None:
     before = -np.inf
     while population.nats() > before:
         before = population.nats()
-        population.add(itertools.chain.from_iterable(shorter_forms(one.program) for one in population.best(SHORTENED)))
+        population.add(itertools.chain.from_iterable(_promising(population, one) for one in population.best(PARENTS)))
+
+
+def _promising(population: Formulas, one: Solution) -> Iterator[Program]:
+    """Yield the shorter forms of a formula that would be the best if they explained as much as the formula."""
+    for shorter in shorter_forms(one.program):
+        size = description_size(shorter) + len(one.coefficients)
+        if population.problem.nats(one.gain, size) > population.nats():
+            yield shorter
 
 
 @dataclass(frozen=True)
