@@ -110,12 +110,17 @@ def test_a_function_of_a_function_costs_two_nodes(text: str, nodes: int) -> None
     assert description_size(parse(text)) == nodes
 
 
-@pytest.mark.parametrize("seed", [1, 5])
-def test_of_equally_long_formulas_the_one_without_a_function_of_a_function_is_taken(seed: int) -> None:
+@pytest.mark.parametrize("seed", [1, 2, pytest.param(6, marks=pytest.mark.long), pytest.param(7, marks=pytest.mark.long)])
+def test_of_equally_good_formulas_the_one_without_a_function_of_a_function_is_shorter(seed: int) -> None:
     """A line times a resonance is sin(2 atan(x) - b), too, up to a constant."""
     problem = curve("(J2 - 0.25)*reciprocal(0.28 + square(J2 - 0.8))", 0.1, seed)
-    best = max(laws_of(problem, ("J2",)), key=lambda one: float(problem.nats(one.gain, one.complexity + 1)))
-    assert {*best.program.operator_counts} == {"subtract", "multiply", "reciprocal", "add", "square"}
+    found = laws_of(problem, ("J2",))
+
+    def nats(operators: set[str]) -> float:
+        those = (one for one in found if operators <= {*one.program.operator_counts})
+        return max(float(problem.nats(one.gain, one.complexity + 1)) for one in those)
+
+    assert nats({"multiply", "reciprocal", "add", "square"}) > nats({"sin", "atan"})
 
 
 @pytest.mark.long
