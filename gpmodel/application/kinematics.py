@@ -15,7 +15,7 @@ from gpmodel.mechanism.branches import branched, random_poses
 from gpmodel.mechanism.protocol import AXES, Mechanism
 from gpmodel.mechanism.source import choice_of
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, closing, observe, prepare, rows_named
-from gpmodel.model.memory import read_by
+from gpmodel.model.memory import columns_of, read_by
 from gpmodel.model.observed import Observed
 from gpmodel.model.states import States, states_of, tip_slots
 from gpmodel.numerics import se3
@@ -193,7 +193,7 @@ def matched(saved: SavedModel, dataset: Dataset) -> Dataset:
     if not dataset.payload_given:
         stated, fitted = choice_of(saved.mechanism).payload, saved.measured
         dataset = with_payload(dataset, stated)
-        inputs = [name for effect in saved.model.effects for name in effect.inputs]
+        inputs = columns_of(name for effect in saved.model.effects for name in effect.inputs)
         carried = stated is None and fitted is not None and fitted.dataset.payload_given
         if "payload" in inputs or (carried and any(name.startswith(LOADS) for name in inputs)):
             raise InputError(f"{dataset.source}: column 'payload [kg]' is missing; the model needs this column")

@@ -23,7 +23,7 @@ from gpmodel.families.catalogue import names
 from gpmodel.formula.algebra import simplify
 from gpmodel.formula.program import Program, description_size
 from gpmodel.model.effect import Effect
-from gpmodel.model.memory import read_by
+from gpmodel.model.memory import columns_of
 from gpmodel.model.sites import Site, sites_of
 from gpmodel.numerics.least_squares import outlier_limit
 from gpmodel.selection.group import is_curve
@@ -151,10 +151,10 @@ def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
     rows = np.unique(np.linspace(0, poses - 1, min(poses, search.evolved_poses)).astype(int))
     inputs, written = readable_inputs(residual.poses.states, rows)
     most = TOGETHER if curve.family else MOST_INPUTS
-    columns = len(_columns(curve.inputs))
+    columns = len(columns_of(curve.inputs))
     if len(sites) > 1 or len(curve.inputs) > most or not set(curve.inputs) <= set(inputs.names):
         return []
-    asked = [read for read in combinations(curve.inputs, columns) if len(_columns(read)) == columns]
+    asked = [read for read in combinations(curve.inputs, columns) if len(columns_of(read)) == columns]
     own = Site(next(iter(sites)))
     found = []
     for site in dict.fromkeys((own, own if curve.family in names() else _likeliest(residual, curve, own))):
@@ -179,11 +179,6 @@ def _likeliest(residual: Residual, curve: Candidate, own: Site) -> Site:
 def _at(site: Site, effect: Effect) -> Effect:
     """Return a copy of an effect that acts at another site."""
     return replace(effect, terms=site.effect("", effect.terms[0].basis, effect.unit).terms)
-
-
-def _columns(names: Iterable[str]) -> set[str]:
-    """Return the columns of the table from which inputs are computed."""
-    return {column for name in names for column in read_by(name) or (name,)}
 
 
 def _as_laws(

@@ -12,7 +12,7 @@ Sources: Visintin 1994, ch. III (play and stop; their sums are Prandtl and Ishli
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -41,6 +41,11 @@ def read_by(name: str) -> tuple[str, ...]:
     """Return the source column of a column with memory, such as J2 for `last_move_J2`. Empty for another name."""
     match = _LAST_MOVE.match(name) or _WITH_CONSTANT.match(name)
     return (match["of"],) if match else ()
+
+
+def columns_of(names: Iterable[str]) -> set[str]:
+    """Return the columns from which inputs are computed: the source of a column with memory, otherwise the input."""
+    return {column for name in names for column in read_by(name) or (name,)}
 
 
 def constant_of(name: str) -> tuple[str, str, float] | None:

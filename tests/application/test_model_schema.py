@@ -341,11 +341,12 @@ def test_basis_without_a_text_cannot_be_saved() -> None:
 def test_a_model_of_several_payloads_asks_for_the_payload() -> None:
     arm = gp.load_mechanism("irb6400r")
     made = gp.simulate(arm, poses=40, inputs={"payload [kg]": "0|60"}, effects=["joint_compliance J3=1e-7"], seed=1)
-    bare = joint_table(arm, made.table.q)
-    for effects in [], ["joint_compliance J3"]:
-        model = gp.calibrate(arm, made.table, effects=effects, holdout=0.0).model
+    bare, table = joint_table(arm, made.table.q), replace(made.table, in_order=True)
+    stop = gp.effect_at("hysteresis", "J2.moving", "Ry", gp.Expression("stop_torque_J2_40"))
+    for effects in [], ["joint_compliance J3"], [stop]:
+        model = gp.calibrate(arm, table, effects=effects, holdout=0.0).model
         if effects:
-            with pytest.raises(InputError, match="is missing; the model needs"):
+            with pytest.raises(InputError, match=r"'payload \[kg\]' is missing; the model needs"):
                 model.predict(bare)
         else:
             assert len(model.predict(bare)) == 40

@@ -110,7 +110,9 @@ def test_a_function_of_a_function_costs_two_nodes(text: str, nodes: int) -> None
     assert description_size(parse(text)) == nodes
 
 
-@pytest.mark.parametrize("seed", [1, 2, pytest.param(6, marks=pytest.mark.long), pytest.param(7, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "seed", [1, 2, pytest.param(6, marks=pytest.mark.long), pytest.param(7, marks=pytest.mark.long)]
+)
 def test_of_equally_good_formulas_the_one_without_a_function_of_a_function_is_shorter(seed: int) -> None:
     """A line times a resonance is sin(2 atan(x) - b), too, up to a constant."""
     problem = curve("(J2 - 0.25)*reciprocal(0.28 + square(J2 - 0.8))", 0.1, seed)
