@@ -26,7 +26,7 @@ _WORDS = re.compile(r"[^A-Za-z]+|(?<=[a-z])(?=[A-Z])")
 
 
 def joint_families(names: Sequence[str], mechanism: Mechanism, numeric: Sequence[int]) -> Iterator[Columns]:
-    """Yield columns of all joints in order: those with the mechanism's names, or with names that differ in a number."""
+    """Yield columns of all joints in order: columns with the joints' names, or with names that differ in a number."""
     count = len(mechanism.joints)
     bare = {i: re.sub(r"\W|_", "", names[i]).casefold() for i in numeric}
     wanted = [re.sub(r"\W|_", "", joint.name).casefold() for joint in mechanism.joints]
@@ -49,8 +49,8 @@ def joint_families(names: Sequence[str], mechanism: Mechanism, numeric: Sequence
 
 
 def lettered(names: Sequence[str], numeric: Sequence[int], letters: Sequence[str] = ("xyz",)) -> Iterator[Columns]:
-    """Yield columns whose names differ in one letter, x, y and z. Among equal names the next column to the right is
-    used."""
+    """Yield three columns whose names differ in one letter, x, y and z. If a name occurs several times, the next column
+    to the right is used."""
     for i, word in product(numeric, letters):
         for place, letter in enumerate(names[i]):
             if letter.lower() != word[0]:
@@ -66,7 +66,7 @@ def lettered(names: Sequence[str], numeric: Sequence[int], letters: Sequence[str
 
 
 def windows(numeric: Sequence[int], count: int, strides: Sequence[int] = (1,)) -> Iterator[Columns]:
-    """Yield `count` adjacent columns, or columns at a distance of `strides`."""
+    """Yield groups of `count` adjacent columns, or of columns at equal distances `strides`."""
     known = set(numeric)
     for stride, first in product(strides, numeric):
         found = tuple(first + stride * k for k in range(count))
@@ -75,7 +75,7 @@ def windows(numeric: Sequence[int], count: int, strides: Sequence[int] = (1,)) -
 
 
 def said_to_be(names: Sequence[str], columns: Columns) -> int:
-    """Return 1 if the names of the columns say measured, -1 if they say commanded, else 0."""
+    """Return 1 if the names of the columns indicate measured values, -1 if they indicate commanded values, else 0."""
     words = [word.lower() for i in columns for word in _WORDS.split(names[i]) if word]
     nominal = any(word.startswith(NOMINAL) for word in words)
     return any(word.startswith(ACTUAL) for word in words) - nominal
@@ -89,7 +89,7 @@ ROUGH, ROUNDS = 0.25, 8
 """Largest residual of a coarse fit as a share of the spread of the points, and number of iterations of the coarse fit.
 For ten poses of three arms the share was 0.004, with points of wrong rows 0.6."""
 MOST_DEGREES = 370.0
-"""Largest joint value in columns that are not identified by their names."""
+"""Largest joint value, deg, in columns that are not identified by their names."""
 Readings = Callable[[Mechanism, Array, Array], Iterator[Reading]]
 SI_UNIT = {"revolute": "rad", "prismatic": "m"}
 WRITTEN_IN = {"revolute": ("deg", "rad"), "prismatic": ("mm", "m")}
@@ -97,7 +97,7 @@ WRITTEN_IN = {"revolute": ("deg", "rad"), "prismatic": ("mm", "m")}
 
 
 class Axis(NamedTuple):
-    """Name and unit of a column, from its header. sure: the unit is in brackets or in a line of units."""
+    """Name and unit of a column, from its header. sure: True if the unit is in brackets or in a line of units."""
 
     name: str
     unit: str | None
@@ -110,9 +110,9 @@ class Fit:
 
     left: RMS residual of registration and tool, m.
     reading: text on the necessary change of the joint values, empty if no change is needed.
-    turned: (n, n + 1) factors of the joint columns and constants of the change, SI.
-    rows: (K,) compared rows.
-    q: (K, n) joint values, rad and m.
+    turned: factors of the joint columns and constants of the change, (joints, joints + 1), SI.
+    rows: numbers of the compared rows.
+    q: joint values (compared rows, joints), rad and m.
     found: the registration.
     """
 
@@ -160,7 +160,7 @@ class Assigner:
         return []
 
     def turned(self) -> list[Fit]:
-        """Return the first fit of the named columns with other joint zeros, or with several changed signs.
+        """Return the first fit of the columns with the joints' names, with other joint zeros or several changed signs.
 
         About a thousand changes of zeros and signs are tried.
         """
@@ -184,7 +184,7 @@ class Assigner:
                     break
 
     def _units(self, columns: Columns) -> Iterator[tuple[str, ...]]:
-        """Yield units of joint columns: units in the headers, then one unit for all joints of a kind."""
+        """Yield units of joint columns: units in the headers, then one unit for all joints of one kind."""
         kinds, seen = [joint.kind for joint in self.mechanism.joints], set()
         slides = WRITTEN_IN["prismatic"] if "prismatic" in kinds else ()
         for turn, slide in product((None, *WRITTEN_IN["revolute"]), (None, *slides)):
@@ -198,7 +198,7 @@ class Assigner:
                 yield units
 
     def _of(self, columns: Columns, units: tuple[str, ...], points: Columns, reread: Readings | None) -> Iterator[Fit]:
-        """Yield the fit of unchanged columns, or with each change of the joint values that `reread` yields."""
+        """Yield the fit of unchanged columns, or a fit with each change of the joint values that `reread` yields."""
         rows = self.rows[np.isfinite([self.values[i][self.rows] for i in (*columns, *points)]).all(axis=0)]
         raw = np.column_stack([self.values[i][rows] for i in points])
         rows, raw = rows[np.ptp(raw, axis=1) > 0], raw[np.ptp(raw, axis=1) > 0]
@@ -222,7 +222,7 @@ class Assigner:
                     return
 
     def _registered(self, frames: Array, raw: Array, points: Columns) -> tuple[str, float, Registered] | None:
-        """Return the unit of points (K, 3), the residual and the registration, or None if no unit gives a small
+        """Return the unit of points (rows, 3), the residual and the registration, or None if no unit gives a small
         residual."""
         if len(raw) >= ENOUGH_TO_SCREEN and not _may_fit(frames, raw):
             return None
@@ -243,7 +243,7 @@ class Assigner:
 
 
 def header_of(sheet: Sheet, column: int) -> Axis:
-    """Return name and unit of a column."""
+    """Return name and unit of a column of the sheet."""
     return Axis(*name_and_unit(sheet.names[column]))
 
 
@@ -253,7 +253,7 @@ def si_of(unit: str | None, kind: str) -> float:
 
 
 def _formulas(q: Array, meant: Array) -> Array:
-    """Return factors of the joint columns and constants (n, n + 1) that convert values `q` (K, n) to values `meant`."""
+    """Return factors and constants (joints, joints + 1) that convert joint values `q` to the joint values `meant`."""
     change = meant - q
     factors = np.round(np.linalg.lstsq(q - q.mean(axis=0), change - change.mean(axis=0))[0]).T
     zeros = (change - q @ factors.T).mean(axis=0)
@@ -261,7 +261,7 @@ def _formulas(q: Array, meant: Array) -> Array:
 
 
 def _roughly(frames: Array, p: Array) -> float:
-    """Return the median error, m, of few points (K, 3) after ROUNDS alternating fits of registration and tool point."""
+    """Return the median error, m, of points (poses, 3) after ROUNDS alternating fits of registration and tool point."""
     tool: Array = np.zeros(3)
     for _ in range(ROUNDS):
         found = Registered.of(frames, p, tool)
@@ -271,7 +271,7 @@ def _roughly(frames: Array, p: Array) -> float:
 
 
 def _may_fit(frames: Array, raw: Array) -> bool:
-    """Return True if points (K, 3) could fit in some unit of length, without the OUTLIER_SHARE of worst points."""
+    """Return True if points (poses, 3) could fit in some unit of length, without the OUTLIER_SHARE of worst points."""
     columns = np.hstack([np.ones((len(frames), 1)), frames[:, :3, 3], frames[:, :3, :3].reshape(-1, 9)])
     kept = np.arange(len(raw))
     for _ in range(3):

@@ -28,11 +28,11 @@ from gpmodel.table.units import identifier, known_unit
 APART = 2e-3
 """Least distance between the tool points of two reflectors, or of the tools of two set-ups, m."""
 COARSEST = 1e-4
-"""Largest rounding, m, that is smaller than the errors of any uncalibrated arm."""
+"""Largest rounding of positions, m, that is smaller than the errors of any uncalibrated arm."""
 MOST_LABELS = 12
 """Largest number of different values of a column that names tools or set-ups."""
 COMPUTED_TURN = 1e-5
-"""Least angle, rad, between measured and nominal orientations; a smaller angle means computed orientations."""
+"""Least angle, rad, between measured and nominal orientations. A smaller angle means computed orientations."""
 CONVENTIONS = (
     "rotation vector",
     *(f"{kind} {axes.upper()}" for kind, axes in product(("intrinsic", "fixed"), (*TAIT_BRYAN, *PROPER))),
@@ -41,7 +41,7 @@ CONVENTIONS = (
 
 @dataclass(frozen=True)
 class Guess:
-    """map: the assigned columns. lines: one text per column, with the reason. doubts: choices for the user."""
+    """Assignment of columns. map: the assigned columns. lines: text per column, with reason. doubts: for the user."""
 
     map: ColumnMap
     lines: tuple[str, ...]
@@ -49,8 +49,8 @@ class Guess:
 
 
 def guess_files(paths: Sequence[Path], mechanism: Mechanism, join: str | None) -> tuple[Sheet, Guess]:
-    """Read one file, or join two files in the first way that fits, and assign the columns. Raises InputError as
-    `guess`."""
+    """Read one file, or join two files in the first way that fits, and assign the columns. Raises InputError as `guess`
+    does."""
     sheets = sheets_of(paths)
     if len(sheets) == 1 or join:
         sheet = read_files(paths, join or "")
@@ -88,7 +88,7 @@ def _guess_as(sheet: Sheet, mechanism: Mechanism, join: str) -> Guess:
 
 
 def _by_pose(first: Sheet, second: Sheet, mechanism: Mechanism) -> Iterator[str]:
-    """Yield a join of nearest joint values and positions, registered on the first or last third of the rows."""
+    """Yield joins of each joint row with the position nearest to its pose, registered on a third of the rows."""
     for one, other in ((first, second), (second, first)):
         third = min(len(one.cells), len(other.cells)) // 3
         for part in (slice(None, third), slice(-third, None)):
@@ -179,7 +179,7 @@ def _fits(sheet: Sheet, mechanism: Mechanism, turned: bool) -> tuple[tuple[int, 
 
 
 def _nothing(sheet: Sheet, mechanism: Mechanism) -> str:
-    """Describe why no assignment fits."""
+    """Describe why no assignment of the columns fits."""
     count, names = len(mechanism.joints), ", ".join(joint.name for joint in mechanism.joints)
     numbers = sum(sheet.numbers(i) is not None for i in sheet.columns)
     if numbers < count + 3:
@@ -248,14 +248,14 @@ def _computed(sheet: Sheet, mechanism: Mechanism, fit: Fit) -> bool:
 
 
 def numbers_of(sheet: Sheet, column: int) -> Array:
-    """Return the numbers (N,) of a numeric column."""
+    """Return the numbers of a numeric column, one per row."""
     values = sheet.numbers(column)
     assert values is not None
     return np.asarray(values, dtype=np.float64)
 
 
 def _reflectors(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: dict[int, str]) -> list[Fit]:
-    """Return fits of different tool points; for equal tool points, the columns named as measured."""
+    """Return fits of different tool points; for equal tool points, the fits of columns named as measured."""
     taken: list[Fit] = []
     said = {fit.points: said_to_be(sheet.names, fit.points) for fit in fits}
     for fit in sorted(fits, key=lambda f: (-said[f.points], f.points)):
@@ -276,7 +276,7 @@ def _reflectors(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: dict[in
 
 
 def _congruent(sheet: Sheet, one: Fit, other: Fit) -> bool:
-    """Return True if two sets of points are congruent, that is one set of points in two frames."""
+    """Return True if the points of two fits are congruent: one set of points in two frames."""
     a, b = (
         np.column_stack([numbers_of(sheet, i) for i in f.points]) * si_of(f.unit, "prismatic") for f in (one, other)
     )
@@ -286,14 +286,14 @@ def _congruent(sheet: Sheet, one: Fit, other: Fit) -> bool:
 
 
 def _ref(sheet: Sheet, column: int, unit: str) -> str:
-    """Return the text for a column in a map: its name if unique, else its number."""
+    """Return the text for a column in a map: its name if the name is unique, else its number."""
     name, own, sure = header_of(sheet, column)
     plain = name.replace("_", "").replace(" ", "").isalnum() and not name[:1].isdigit() and not (sure and own != unit)
     return f"{name if plain and find(sheet, name) == column else f'c{column + 1}'} [{unit}]".replace(" []", "")
 
 
 def _joints(sheet: Sheet, mechanism: Mechanism, fit: Fit, doubts: list[str], lines: dict[int, str]) -> dict[str, str]:
-    """Return the entries of the map for the joints."""
+    """Return the entries of the column map for the joints."""
     out: dict[str, str] = {}
     turned = np.eye(len(fit.joints), len(fit.joints) + 1) if fit.turned is None else fit.turned
     if "swapped" in fit.reading:
@@ -321,7 +321,7 @@ def _joints(sheet: Sheet, mechanism: Mechanism, fit: Fit, doubts: list[str], lin
 
 
 def _point(sheet: Sheet, fit: Fit, doubts: list[str], lines: dict[int, str]) -> dict[str, str]:
-    """Return the entries of the map for one point."""
+    """Return the entries of the column map for one measured point."""
     for axis, column in zip("xyz", fit.points, strict=True):
         _, own, sure = header_of(sheet, column)
         lines[column] = f"{axis} [{fit.unit}]"
@@ -335,7 +335,7 @@ def _point(sheet: Sheet, fit: Fit, doubts: list[str], lines: dict[int, str]) -> 
 
 
 def _orientation(sheet: Sheet, mechanism: Mechanism, fit: Fit, lines: dict[int, str]) -> OrientationColumns | None:
-    """Return the columns of orientations that fit the mechanism, and the convention of the orientations, or None."""
+    """Return the columns of orientations that fit the mechanism, with their convention, or None."""
     turned = fit.found.turn @ flange(mechanism, fit.q)[:, :3, :3]
     free = [i for i in sheet.columns if i not in lines and sheet.numbers(i) is not None]
     found = []
@@ -378,7 +378,7 @@ def _conventions(
 
 
 def _inputs(sheet: Sheet, lines: dict[int, str], taken: dict[str, str]) -> dict[str, str]:
-    """Return the entries of the map for labels, times, the payload and inputs of a known unit (no length, no angle)."""
+    """Return the map entries of labels, times, payload and inputs of a known unit other than a length or an angle."""
     out: dict[str, str] = {}
     for i in sheet.columns:
         if i in lines:

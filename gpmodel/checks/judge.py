@@ -60,7 +60,7 @@ takes a second, and the relative error of its RMS is 1 / √(6 · 2000)."""
 YIELDING = ("base_compliance", "joint_compliance")
 """Families of errors of a sound robot with low stiffness."""
 LIMIT_TOLERANCE = 1e-3
-"""Distance beyond the limit of a joint, rad or m, that is explained by the play of its stop and by rounding."""
+"""Distance beyond the limit of a joint, rad or m, that the play of its stop and rounding explain."""
 MINIMUM_READINGS, UNLIKE = 12, 0.2
 """Least number of measurements for a check, and largest residual of registration and tool as a share of the spread.
 Unrelated distances, pixels or touches have a larger residual; suitable measurements have about a hundredth."""
@@ -138,7 +138,7 @@ def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
 
 
 def evenly(count: int) -> IntArray:
-    """Return the rows (K,) of `count` rows that are fitted: all, or MOST_FITTED in evenly spaced stretches."""
+    """Return the numbers of the rows that are fitted: all `count` rows, or MOST_FITTED in evenly spaced stretches."""
     if count <= MOST_FITTED:
         return np.arange(count)
     starts = np.linspace(0, count - STRETCH, MOST_FITTED // STRETCH).astype(np.int64)
@@ -153,7 +153,7 @@ def refuse(mechanism: Mechanism, poses: Poses, standard: tuple[Effect, ...] | No
 
 
 def _unsound(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
-    """Yield errors that a fit of registration and tool finds."""
+    """Yield the errors of a table that a fit of registration and tool finds."""
     yield from _unlike_readings(mechanism, poses)
     yield from computed_positions(mechanism, poses)
 

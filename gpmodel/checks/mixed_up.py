@@ -28,9 +28,9 @@ mechanism, no alternative reduces the residual as much by chance."""
 ALIKE = 1.5
 """Ratio to the smallest residual up to which an alternative interpretation is equally likely and is also named."""
 SCREENED = 200
-"""Number of interpretations whose frames are computed at once."""
+"""Number of interpretations of the columns whose frames are computed at once."""
 GOOD_SHARE = 0.05
-"""Largest residual of the correct interpretation, as a share of the spread of the points."""
+"""Largest residual of the correct interpretation of columns, as a share of the spread of the points."""
 HOPELESS_SHARE, HOPELESS_LENGTH = 0.1, 0.03
 """Residual, as a share of the spread and as a length, m, from which a table is refused if no interpretation fits. No
 working robot has errors this large."""
@@ -82,7 +82,7 @@ def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
 def _better(
     mechanism: Mechanism, q: Array, p: Array, now: float, sizes: tuple[float, float], hopeless: bool
 ) -> str | None:
-    """Return a text on the best interpretation, if it reduces the residual by FAR_BETTER, and on equally good ones.
+    """Describe the best interpretation of the columns if it reduces the residual by FAR_BETTER, and equally good ones.
 
     now: residual of the unchanged table, m.
     sizes: spread of the points and of the flange, m.
@@ -106,7 +106,7 @@ def _better(
 
 
 def _best_of(mechanism: Mechanism, readings: Iterable[Reading], limit: float) -> tuple[float, str] | None:
-    """Return the RMS residual, m, and the meaning of the first best interpretation with a residual below `limit`."""
+    """Return residual [m] and meaning of the first best interpretation of the columns with a residual below `limit`."""
     fits: list[tuple[int, float, str]] = []
     number = 0
     for scale, alike in groupby(readings, key=attrgetter("scale")):
@@ -126,14 +126,14 @@ def _best_of(mechanism: Mechanism, readings: Iterable[Reading], limit: float) ->
 
 
 def comparable_rows(data: Dataset) -> IntArray:
-    """Return rows with a complete position, of the most frequent set-up and tool."""
+    """Return the numbers of the rows with a complete position, of the most frequent set-up and tool."""
     places = [f"{s}\0{t}" for s, t in zip(data.label("setup").tolist(), data.label("tool").tolist(), strict=True)]
     usual = np.array(places) == max(set(places), key=places.count)
     return np.flatnonzero(np.isfinite(data.position).all(axis=1) & usual)
 
 
 def typical(frames: Array, position: Array) -> tuple[IntArray, Array]:
-    """Return the indices (K,) of the poses without the worst poses, and the errors (N,), m, by a fit to the K poses.
+    """Return the numbers of the poses without the worst poses, and the error of every pose, m, by a fit without them.
 
     Gross errors of single poses do not indicate exchanged columns.
     """
@@ -185,7 +185,7 @@ def _late_column(mechanism: Mechanism, q: Array, p: Array, now: float) -> str | 
 
 
 def _paired(frames: Array, p: Array, shift: int) -> tuple[Array, Array]:
-    """Return poses, and the positions `shift` rows after them."""
+    """Return the frames of poses, and the positions that are `shift` rows later in the table."""
     count = len(p) - abs(shift)
     start, after = max(-shift, 0), max(shift, 0)
     return frames[start : start + count], p[after : after + count]
@@ -258,8 +258,8 @@ def rotations_flaw(mechanism: Mechanism, data: Dataset) -> str | None:
     """Describe the disagreement of rotations with the mechanism, and the convention that fits; None without
     disagreement.
 
-    With the registration A of the positions and the rotation B of the tool in the flange, R = A R_flange B. Without
-    positions nothing is tested.
+    Model: measured rotation = A R_flange B, with the registration A of the positions and the rotation B of the tool in
+    the flange. Without positions nothing is tested.
     """
     rows = comparable_rows(data)
     rows = rows[np.isfinite(data.rotation[rows]).all(axis=1)]
@@ -288,14 +288,14 @@ def rotations_flaw(mechanism: Mechanism, data: Dataset) -> str | None:
 
 
 def miss(turned: Array, measured: Array) -> float:
-    """Return the median angle, rad, between rotations (N, 3, 3) and A R_flange (N, 3, 3) times the best constant B."""
+    """Return the median angle, rad, between measured rotations and `turned` times the best constant rotation."""
     relative = np.swapaxes(turned, 1, 2) @ measured
     tool = se3.nearest_rotation(relative.sum(axis=0))
     return float(np.median(np.linalg.norm(se3.rotation_vector(relative @ tool.T), axis=1)))
 
 
 def _conventions(vectors: Array) -> Iterator[tuple[str, Array]]:
-    """Yield the name of each possible convention, and rotation vectors (N, 3) read in the convention as (N, 3, 3)."""
+    """Yield the name of each possible convention, and rotation matrices of `vectors` read in the convention."""
     as_read = Rotation.from_rotvec(vectors)
     quaternions = as_read.as_quat()
     for factor, unit in ((1.0, ""), (np.pi / 180, " in degrees"), (180 / np.pi, " in radians")):

@@ -29,29 +29,29 @@ COARSE, FINE, FINER = 0.3, 1e-3, 0.3
 """First and last scale of the robust fit, m, and the factor between successive scales. Half or double of each value
 selects equal rows; a last scale of 0.1 mm would reject rows because of errors of the geometry."""
 STEPS = 4
-"""Number of Gauss-Newton steps at each scale; eight steps select equal rows."""
+"""Number of Gauss-Newton steps at each scale of the robust fit; eight steps select equal rows."""
 QUARTER, SPREAD = 0.25, 12.0
 """Quantile of the errors that belongs to good rows even if most rows are bad, and the multiple of the quantile that no
 good row reaches: the quarter of the lengths of 3-D normal errors is at 1.1 σ, and 13 σ never occur."""
 SMALLEST = 5e-3
-"""Least gross error, m."""
+"""Least size of a gross error of a position, m."""
 
 
 def flange(mechanism: Mechanism, q: Array, scale: float = 1.0) -> Array:
-    """Return frames (N, 4, 4) of the flange in the root at joint values (N, n). scale: factor on all lengths."""
+    """Return poses (poses, 4, 4) of the flange in the root frame at joint values q. scale: factor on all lengths."""
     transforms = np.array(mechanism.transforms(q))
     transforms[..., :3, 3] *= scale
     return np.asarray(se3.chain(transforms)[-1])
 
 
 def spread_of(points: Array) -> float:
-    """Return the RMS distance of points (N, k) from their centre."""
+    """Return the RMS distance of points (rows) from their centre."""
     return root_mean_square(np.linalg.norm(points - points.mean(axis=0), axis=1))
 
 
 @dataclass(frozen=True)
 class Registered:
-    """Registration (turn (3, 3), shift (3,)) and tool point (3,) in the flange, m."""
+    """A registration (rotation `turn`, translation `shift`, m) and a tool point in the flange, m."""
 
     turn: Array
     shift: Array
@@ -59,20 +59,20 @@ class Registered:
 
     @classmethod
     def of(cls, frames: Array, position: Array, tool: Array) -> "Registered":
-        """Return the best registration for a given tool point."""
+        """Return the best registration for a given tool point, by least squares."""
         return cls(*se3.fit_rotation(tips(frames, tool), position), tool)
 
     def points(self, frames: Array) -> Array:
-        """Return predicted positions (N, 3), m."""
+        """Return the predicted positions (poses, 3), m, in the frame of the instrument."""
         return np.asarray(tips(frames, self.tool) @ self.turn.T + self.shift)
 
     def errors(self, frames: Array, position: Array) -> Array:
-        """Return the distance (N,), m, of measured positions from the predicted ones."""
+        """Return the distance of each measured position from its predicted position, m."""
         return np.asarray(np.linalg.norm(position - self.points(frames), axis=1))
 
 
 def tips(frames: Array, tool: Array) -> Array:
-    """Return tool points (N, 3) in the root, m."""
+    """Return the tool point (poses, 3) in the root frame, m."""
     return np.asarray(frames[:, :3, 3] + frames[:, :3, :3] @ tool)
 
 
@@ -103,16 +103,16 @@ def registered(frames: Array, position: Array) -> Registered:
 
 
 def misfit(mechanism: Mechanism, q: Array, position: Array) -> float:
-    """Return the RMS residual, m, of registration and one tool point. q: (N, n). position: (N, 3)."""
+    """Return the RMS residual, m, of registration and one tool point. q: joint values. position: (poses, 3), m."""
     frames = flange(mechanism, q)
     return root_mean_square(registered(frames, position).errors(frames, position))
 
 
 def least_misfit(frames: Array, position: Array) -> Array:
-    """Return a lower bound (...), m, of the RMS residual of any registration and tool point.
+    """Return a lower bound, m, of the RMS residual of any registration and tool point.
 
-    Positions (..., N, 3) are fitted as any linear function of the positions of the flange frames (..., N, 4, 4) and of
-    all entries of their rotations, p = s + A t + B vec R.
+    Positions (..., poses, 3) are fitted as any linear function of the positions of the flange frames (..., poses, 4, 4)
+    and of all entries of their rotations.
     """
     turns = frames[..., :3, :3].reshape(*frames.shape[:-2], 9)
     columns = np.linalg.qr(np.concatenate([np.ones_like(turns[..., :1]), frames[..., :3, 3], turns], axis=-1))[0]
@@ -121,7 +121,7 @@ def least_misfit(frames: Array, position: Array) -> Array:
 
 
 def core(frames: Array, position: Array) -> tuple[Registered, Mask]:
-    """Return registration and tool point of the largest consistent part of the rows, and a mask (N,) of its rows.
+    """Return registration and tool point of the largest consistent part of the rows, and a mask of these rows.
 
     A Cauchy loss with a scale from COARSE to FINE starts from the least-squares fits to all rows, to the first and to
     the last third. Source: Blake and Zisserman (1987), graduated non-convexity.
@@ -134,12 +134,12 @@ def core(frames: Array, position: Array) -> tuple[Registered, Mask]:
 
 
 def gross(errors: Array) -> float:
-    """Return the limit of gross errors, m, computed from the smallest quarter of the errors (N,)."""
+    """Return the limit of gross position errors, m, computed from the smallest quarter of the errors."""
     return max(SMALLEST, SPREAD * float(np.quantile(errors, QUARTER)))
 
 
 def _robust(frames: Array, position: Array, part: slice) -> Registered:
-    """Fit by Gauss-Newton with weights 1 / (1 + |r|² / scale²), at one scale after the other."""
+    """Fit registration and tool by Gauss-Newton with weights 1 / (1 + |residual|² / scale²), at decreasing scales."""
     now, scale = registered(frames[part], position[part]), COARSE
     while scale > FINE:
         for _ in range(STEPS):
@@ -159,16 +159,16 @@ def _robust(frames: Array, position: Array, part: slice) -> Registered:
 
 
 RANK_POSES = 60
-"""Number of random poses to compute a rank: 180 values, several times the unknowns of a long arm."""
+"""Number of random poses to compute a rank: 180 values, several times the number of unknowns of a long arm."""
 
 
 def measured_values(data: Dataset) -> int:
-    """Count the measured values."""
+    """Count the measured values of a table."""
     return sum(int(kind.readings.sum()) for kind in observations(data))
 
 
 def unknowns(mechanism: Mechanism, data: Dataset, effects: tuple[Effect, ...]) -> int:
-    """Count the unknowns: registration, tool, anchors and constant effects.
+    """Count the unknowns of a fit: registration, tool, anchors of distances and constant effects.
 
     The number of constants is the number of combinations that well spread poses distinguish: the rank of the
     sensitivity at the nominal geometry over random poses within the limits.
@@ -195,7 +195,7 @@ ENOUGH_VALUES = 5.0
 """Sufficient number of measured values per unknown. With 5, errors at new poses are a tenth larger, √(1 + 1/5)."""
 
 NARROW = 0.3
-"""Share of a joint's range below which a note recommends a wider range."""
+"""Fraction of a joint's range below which a note recommends a wider range of its values."""
 
 
 def notes(
@@ -259,7 +259,7 @@ def not_read(mechanism: Mechanism, data: Dataset) -> Iterator[str]:
 
 
 def _loads(mechanism: Mechanism, data: Dataset) -> str:
-    """State the known masses and the payload."""
+    """State the known masses of the mechanism and the payload."""
     lightest, heaviest = float(data.payload.min()), float(data.payload.max())
     carried = f"{lightest:g} kg" if lightest == heaviest else f"{lightest:g} to {heaviest:g} kg"
     known = bool(mechanism.loads(data.q[:1], np.zeros(1)))

@@ -21,7 +21,7 @@ ENOUGH = 1.5
 
 
 def written_to_a_digit(data: Dataset) -> bool:
-    """Return True if all positions (N, 3) are rounded to a common decimal, as in files of a controller."""
+    """Return True if all positions are rounded to a common decimal, as in files of a controller."""
     return _last_digits(data)[0] > 0
 
 
@@ -49,7 +49,7 @@ def rounded(left: float, data: Dataset) -> Iterator[str]:
 
 def rounding(data: Dataset) -> float:
     """Return the largest RMS position error, m, by rounding of joint values and positions, with every joint at full
-    reach."""
+    reach of the arm."""
     step, turn = _last_digits(data)
     whole = data.position[np.isfinite(data.position).all(axis=1)]
     reach = float(np.sqrt(np.mean(np.sum((whole - whole.mean(axis=0)) ** 2, axis=1)))) if len(whole) else 0.0
@@ -57,8 +57,8 @@ def rounding(data: Dataset) -> float:
 
 
 def _last_digits(data: Dataset) -> tuple[float, float]:
-    """Return the last decimal of all positions, m, and of all joint values, rad or m. Zero if the values have no common
-    decimal."""
+    """Return the last decimal of all positions, m, and of all joint values, rad or m. The result is zero for values
+    without a common decimal."""
     return 1e-3 * _last(1e3 * data.position), float(np.radians(_last(np.degrees(data.q))))
 
 
@@ -74,7 +74,7 @@ def _last(values: Array) -> float:
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "cm": 1e-2}
 """Units of length in tables, and their size in metres."""
 OF_ANOTHER_SIZE = 5.0
-"""Largest ratio of the spread of measured points to the workspace, or its inverse."""
+"""Largest ratio of the spread of measured points to the workspace, or of the workspace to the spread."""
 QUARTERS = (0.0, 90.0, -90.0, 180.0)
 """Differences between the joint zeros of a controller and of a description, deg, in multiples of a right angle."""
 MOST_ORDERED = 6
@@ -83,10 +83,10 @@ MOST_ORDERED = 6
 
 @dataclass(frozen=True)
 class Reading:
-    """An interpretation of the columns.
+    """An interpretation of the columns of a table.
 
     meaning: text on the error of the table and its correction.
-    q, position: joint values (N, n) and positions (N, 3) of the interpretation.
+    q, position: joint values and positions of the interpretation, rad and m.
     scale: factor on the lengths of the mechanism.
     """
 
@@ -101,7 +101,7 @@ def of_joints(
 ) -> Iterator[Reading]:
     """Yield interpretations with the other angle unit, the other sign, two swapped columns, or two coupled joints.
 
-    only: (n,) bool, joints that may be changed; None for all joints.
+    only: mask of the joints that may be changed; None for all joints.
     scaled: True to include the other angle unit.
     """
     joints = mechanism.joints
@@ -131,7 +131,7 @@ def of_joints(
 
 
 def of_signs(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
-    """Yield interpretations with several opposite signs, as for a mirrored arm or another controller."""
+    """Yield interpretations with opposite signs of several joints, as for a mirrored arm or another controller."""
     names = [j.name for j in mechanism.joints]
     for size in range(2, len(names) + 1):
         for chosen in combinations(range(len(names)), size):
@@ -140,13 +140,13 @@ def of_signs(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
 
 
 def of_zeros_and_signs(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
-    """Yield the interpretations of `of_two_joints`, then the interpretations of `of_signs`."""
+    """Yield interpretations with other zeros or signs of one or two joints, then with several opposite signs."""
     yield from of_two_joints(mechanism, q, p)
     yield from of_signs(mechanism, q, p)
 
 
 def of_orders(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
-    """Yield interpretations with the columns in reverse order, rotated, or in any order for few joints."""
+    """Yield interpretations with the joint columns in reverse order, rotated, or in any order for few joints."""
     names, count = [j.name for j in mechanism.joints], len(mechanism.joints)
     first = np.arange(count)
     yield Reading("the joint columns look in reverse order", q[:, ::-1], p)
@@ -182,7 +182,7 @@ def of_two_joints(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]
 
 
 def _row(count: int, factors: dict[int, float], zero: float) -> Array:
-    """Return factors of the columns (n,), followed by a zero, deg."""
+    """Return the factors of all joint columns in a formula, followed by the joint zero, deg."""
     row = np.zeros(count + 1)
     row[list(factors)], row[-1] = list(factors.values()), zero
     return row
@@ -208,7 +208,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def of_lengths(q: Array, p: Array, spread: float, reach: float) -> Iterator[Reading]:
-    """Yield interpretations with other units of x, y and z, or of one of them, and with a mirrored frame.
+    """Yield interpretations with other units of x, y and z, or of one of these coordinates, and with a mirrored frame.
 
     spread, reach: RMS distance, m, of the points and of the flange from their centres.
     """

@@ -17,13 +17,13 @@ from gpmodel.table.dataset import TOUCHED, Dataset
 from gpmodel.wording import left_out, some
 
 JUMP_STATISTIC = 2.3
-"""Threshold of the largest standardised cumulative sum. By chance less than one of 10⁴ tables exceeds the threshold."""
+"""Threshold of the largest standardised cumulative sum of residuals; by chance one of 10⁴ tables exceeds it."""
 
 JUMP_ROWS = 20
-"""Least number of rows for a test of their order."""
+"""Least number of rows for a test of the order of the rows."""
 
 SERIAL_SIGMAS = 4.0
-"""Threshold of the correlation of neighbouring rows, in standard deviations; exceeded by one of 3·10⁴ good tables."""
+"""Threshold of the correlation of neighbouring rows, in standard deviations; one of 3·10⁴ good tables exceeds it."""
 
 
 PLACED = {"setup": "registration", "tool": "tool point"}
@@ -63,10 +63,10 @@ def _view_by_view(poses: Poses, residual: Array) -> tuple[Poses, Array]:
 
 
 def _jump(residual: Array, poses: Poses, at_tool: Array) -> str | None:
-    """Describe the largest standardised cumulative sum along the rows, or return None. Source: Ploberger and Krämer
-    (1992).
+    """Describe the largest standardised cumulative sum of residuals along the rows, or return None. Source: Ploberger
+    and Krämer (1992).
 
-    residual: (N, m). at_tool: (N, 3) residual of the positions in the axes of the tool, or (N, 0).
+    residual: (poses, components). at_tool: residual of the positions in the axes of the tool, (poses, 3) or (poses, 0).
     """
     best: tuple[float, int, float, str] | None = None
     columns = [*((values, "setup") for values in residual.T), *((values, "tool") for values in at_tool.T)]
@@ -92,7 +92,7 @@ def _jump(residual: Array, poses: Poses, at_tool: Array) -> str | None:
 def _serial(residual: Array, poses: Poses) -> str | None:
     """Describe the correlation ρ of neighbouring rows that are no repeats, or return None if it is not significant.
 
-    σ(ρ) = 1 / √pairs, Durbin-Watson 2 - 2 ρ. Source: Durbin and Watson (1950).
+    Standard error of ρ: 1 / √pairs; Durbin-Watson statistic 2 - 2 ρ. Source: Durbin and Watson (1950).
     """
     code = bundles(poses.dataset)
     apart = code[1:] != code[:-1]
@@ -138,8 +138,8 @@ FEWEST_REPEATS = 5
 
 
 def warnings_of(mechanism: Mechanism, poses: Poses, fit: Calibration) -> Iterator[str]:
-    """Yield one sentence for each warning: unused loads, joints that hardly move, repeats, outliers, rounding, order of
-    rows.
+    """Yield one sentence for each warning on a table: unused loads, joints that hardly move, repeats, outliers,
+    rounding, order of the rows.
 
     fit: fit of the standard model.
     """
@@ -229,9 +229,9 @@ def built_wrong(fit: Calibration, poses: Poses) -> Iterator[str]:
 
 
 def _least(fit: Calibration, poses: Poses) -> Array:
-    """Return the matrix (E, E) from E fitted parameters to the parameters of least norm that move all points equally.
+    """Return the matrix that maps fitted parameters to the parameters of least norm with equal effect on all points.
 
-    Points move equally if they differ by registration and tool alone. Directions in parameter space whose effect
+    Points whose difference a registration and a tool absorb count as equal. Directions in parameter space whose effect
     is more than RESOLVED times smaller than the largest effect are left at zero.
     """
     problem = problem_at(fit, poses)

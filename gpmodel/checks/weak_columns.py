@@ -24,18 +24,18 @@ from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.dataset import Dataset
 
 LIMIT = 50.0
-"""Condition limit of every fit, as for the standard model in Robertson (2003)."""
+"""Condition limit of every fit in this test, as for the standard model in Robertson (2003)."""
 PASSES = 3
-"""Number of alternating fits of angles and model. For a wrist column of other rows and a point 1.5 mm off the axis, the
-residual falls from 1.1 to 0.17 mm by the first fit, and to 0.05 mm by the third."""
+"""Number of alternating fits of joint angles and model. For a wrist column of other rows and a point 1.5 mm off the
+axis, the residual falls from 1.1 to 0.17 mm by the first fit, and to 0.05 mm by the third fit."""
 GRID = np.radians(np.arange(0.0, 360.0, 2.0))
-"""Tested angles, rad. Half the step moves the point of a wrist by less than its noise."""
+"""Tested joint angles, rad. Half the step moves the point of a wrist by less than its noise."""
 LESS, FAR_LESS = 1.5, 3.0
-"""Least factor by which free angles have to reduce the standard deviation of the residual, after each pass and at the
-end. With a correct column, free angles remove one of three coordinates, a factor of 1.2."""
+"""Least factor by which free joint angles have to reduce the standard deviation of the residual, after each fit and at
+the end. With a correct column, free angles remove one of three coordinates, a factor of 1.2."""
 FAR_OFF = np.radians(10.0)
-"""Least median difference of the free angles from the column, rad. Play and gear errors are below 1 degree, shuffled
-values near 90."""
+"""Least median difference of the free joint angles from the column, rad. Play and gear errors are below 1 degree,
+shuffled values near 90."""
 
 
 def fitted(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -> Calibration:
@@ -45,11 +45,11 @@ def fitted(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) ->
 
 def foreign_column(mechanism: Mechanism, data: Dataset, fit: Calibration, k: int) -> str | None:
     """Describe the column of revolute joint k if the positions fit far better with a free angle at each pose; else
-    None.
+    return None.
 
     The predicted point moves on a circle with the angle. The free angle minimises the distance from the measured point.
-    Angles and standard model are fitted in turn, from `fit`, the standard model of the table. σ of the residual counts
-    one unknown per pose.
+    Angles and standard model are fitted in turn, from `fit`, the standard model of the table. The standard deviation of
+    the residual counts one unknown per pose.
     """
     now, free = fit, data
     for _ in range(PASSES):
@@ -71,7 +71,7 @@ def foreign_column(mechanism: Mechanism, data: Dataset, fit: Calibration, k: int
 
 
 def _nearest(fit: Calibration, data: Dataset, k: int) -> Dataset:
-    """Return the table with the angle of joint k that minimises the distance of model point and measured point."""
+    """Return the table with the angle of joint k that minimises the distance of predicted and measured point."""
     zero, quarter, half = (_points(fit, _with(data, k, angle)) for angle in (0.0, np.pi / 2, np.pi))
     centre, cosine = (zero + half) / 2, (zero - half) / 2
     circle = (
@@ -81,7 +81,7 @@ def _nearest(fit: Calibration, data: Dataset, k: int) -> Dataset:
 
 
 def _points(fit: Calibration, data: Dataset) -> Array:
-    """Return points (N, 3), m, that the model predicts."""
+    """Return the points (poses, 3) that the model predicts, m."""
     poses = prepare(fit.model.mechanism, data)
     return np.asarray(data.position - measured_minus(observe(fit.model, poses, fit.theta, fit.placement), data)[:, :3])
 
@@ -100,8 +100,8 @@ twice the motion by the joint.
 NOT_WORSE = 1.2
 """Largest ratio of the residual of registration and tool with another interpretation to that of the unchanged table."""
 BETTER, SURE = 1.5, 25.0
-"""Least factor by which another interpretation has to reduce the residual of the standard model; and least gain in log
-likelihood, nats. The gain for a wrist with a wrong sign is twenty times larger, and no change improves a sound table.
+"""Least factor by which another interpretation of a column has to reduce the residual of the standard model; and least
+gain in log likelihood, nats. A wrong sign of a wrist gains twenty times more; no change improves a sound table.
 """
 
 
@@ -145,7 +145,7 @@ def misread(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -
 
 
 def _moved_by(mechanism: Mechanism, q: Array, found: Registered) -> Array:
-    """Return the RMS displacement (n,), m, of the point by each joint, relative to the mean joint value."""
+    """Return the RMS displacement of the point by each joint, m, relative to the mean joint value."""
     here = flange(mechanism, q)
     moved = [found.errors(here, found.points(flange(mechanism, _still(q, k)))) for k in range(q.shape[1])]
     return np.array([root_mean_square(distance) for distance in moved])
@@ -170,17 +170,17 @@ HEALTHY = ("base_compliance", "joint_compliance", "eccentricity")
 """Families that are fitted together with a scale factor, because loads and eccentric gears resemble a factor of a
 joint."""
 SMALLEST = 2e-4
-"""Least deviation of a factor from one. Smaller ones are errors of instruments (0.00001) and gears (0.0001), which
-`discover` names."""
+"""Least deviation of a scale factor from one. Smaller deviations are errors of instruments (0.00001) and gears
+(0.0001), which `discover` names."""
 IMPOSSIBLE = 2e-3
-"""Deviation of a factor from one that no machine has: aluminium grows by 0.0023 over 100 K."""
+"""Deviation of a scale factor from one that no machine has: aluminium grows by 0.0023 over 100 K."""
 CHANCE = 1e-4
-"""Probability of a factor at least so far from one in a sound table, below which the factor causes a warning."""
+"""Probability of a scale factor at least so far from one in a sound table, below which the factor causes a warning."""
 
 
 @dataclass(frozen=True)
 class Factor:
-    """A common factor of some columns.
+    """A common scale factor of some columns.
 
     columns: names of the columns, in words.
     value, stderr: the factor and its standard error.
@@ -196,7 +196,7 @@ class Factor:
 
     @property
     def size(self) -> str:
-        """Value and standard error as text."""
+        """Value and standard error of the factor as text."""
         return f"{self.value:.5f} ± {self.stderr:.5f}"
 
     @property
@@ -211,16 +211,16 @@ def scaled(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str, str]]:
     A factor of one column has to reduce the residual by BETTER. A factor of all positions need not, because longer
     links of the mechanism would fit equally well. fit: fit of the standard model.
 
-    With r (M,) the measurements minus the nominal prediction, P the columns of registration, tool and the effects of a
-    sound machine (HEALTHY), A the columns of all constants, and c the column of a factor,
+    r: measurements minus the nominal prediction. P: columns of registration, tool and the effects of a sound machine
+    (HEALTHY). A: columns of all constants. c: column of a factor f.
 
         r = P ρ + A θ + (f - 1) c + e,   θ ~ N(0, τ² I),   e ~ N(0, σ² I)
 
     Positions 1 % too large and links all described 1 % too short move the points alike. τ, the standard deviation of
     the errors of the description, determines the probability of an error of all links. f is the generalised least
-    squares estimate; (f - 1) / s has Student's t distribution with Σ τ² s_k² / (τ² s_k² + σ²) degrees of freedom, the
-    number of constants that determine
-    τ. Source: MacKay (1992), Bayesian Interpolation.
+    squares estimate; (f - 1) over its standard error has Student's t distribution with Σ τ² s_k² / (τ² s_k² + σ²)
+    degrees of freedom, the number of constants that determine τ; s_k: singular values. Source: MacKay (1992), Bayesian
+    Interpolation.
     """
     whole, *each = _factors(fit, poses.subset(np.delete(np.arange(len(poses)), fit.outliers))) or (None,)
     best = max((f for f in each if f.wrong and f.less > BETTER), key=lambda f: f.less, default=whole)
@@ -243,7 +243,7 @@ def scaled(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str, str]]:
 
 
 def _factors(fit: Calibration, poses: Poses) -> list[Factor]:
-    """Estimate the factor of all positions, then of each of x, y, z and each joint. Empty without positions."""
+    """Estimate the scale factor of all positions, then of each of x, y, z and each joint; empty without positions."""
     mechanism, problem = fit.model.mechanism, problem_at(fit, poses)
     if problem.left is not None or not np.isfinite(poses.dataset.position).any():
         return []
@@ -261,8 +261,8 @@ def _factors(fit: Calibration, poses: Poses) -> list[Factor]:
 
 
 def _effects(mechanism: Mechanism) -> Iterator[Effect]:
-    """Yield the effect of each factor (of x, y and z together, of each axis, of each joint) per unit. A joint with too
-    large values moves less than the column states."""
+    """Yield the effect of each scale factor (of x, y and z together, of each axis, of each joint) per unit. A joint
+    with too large values moves less than the column states."""
     for axes, name in (("xyz", "x, y and z look"), *((axis, f"column '{axis}' looks") for axis in "xyz")):
         terms = tuple(Term(INSTRUMENT, f"T{axis}", Expression(f"instrument_{axis}")) for axis in axes)
         yield Effect(name, terms, "1")
@@ -273,11 +273,11 @@ def _effects(mechanism: Mechanism) -> Iterator[Effect]:
 def _factor(
     name: str, constants: tuple[Array, Array], readings: Array, free: tuple[Array, Array], before: float
 ) -> Factor:
-    """Estimate one factor.
+    """Estimate one scale factor.
 
-    constants: left singular vectors (M, H) and values (H,).
-    free: columns (M, P) of the unpenalised parameters, and the column of the factor (M,) orthogonal to them.
-    before: σ without the factor, m.
+    constants: left singular vectors (measurements, values) and singular values of the columns of the constants.
+    free: columns of the unpenalised parameters, and the column of the factor, orthogonal to them.
+    before: standard deviation of the residual without the factor, m.
     """
     (u, s), (taken, column) = constants, free
     reach, sigma, _ = spread(u * s, readings, np.column_stack([taken, column]), MOST)

@@ -1,4 +1,4 @@
-"""Mechanisms of several chains, such as two arms on one torso, each with its own tip."""
+"""Mechanisms of several chains, such as two arms on one torso, each with its own measured tip."""
 
 from collections.abc import Mapping
 from typing import Protocol, runtime_checkable
@@ -17,8 +17,8 @@ FREE_TRAVEL = 0.5
 """Largest travel to each side of zero for a joint without limits, rad and m."""
 
 MOST_DRAWS = 100
-"""Largest number of random draws of joint values for each pose. The search ends if fewer than one in a hundred closes
-the loops."""
+"""Largest number of random draws of joint values for each pose. The search ends if fewer than one draw in a hundred
+closes the loops."""
 
 
 def joint_range(joint: Joint) -> tuple[float, float]:
@@ -34,8 +34,8 @@ def joint_range(joint: Joint) -> tuple[float, float]:
 
 
 def ranges(mechanism: Mechanism, measured: Array | None = None) -> tuple[Array, Array]:
-    """Return the limits (n,), (n,) of the joints, rad and m; of a joint without limits the range of measured values
-    (N, n)."""
+    """Return lower and upper limits of the joints, rad and m. For a joint without limits, they are the range of its
+    measured values."""
     lower, upper = np.array([joint_range(j) for j in mechanism.joints]).T
     if measured is None or not len(measured):
         return lower, upper
@@ -44,15 +44,15 @@ def ranges(mechanism: Mechanism, measured: Array | None = None) -> tuple[Array, 
 
 
 def random_poses(mechanism: Mechanism, count: int, rng: np.random.Generator, measured: Array | None = None) -> Array:
-    """Return random joint values (count, n), uniform within the limits, rad and m, at which closed loops close.
+    """Return random joint values (count, joints), rad and m, uniform within the limits, at which closed loops close.
 
-    measured: values (N, n) whose range replaces limits that a joint does not have.
+    measured: joint values (poses, joints) whose range replaces limits that a joint does not have.
     """
     return drawn_between(mechanism, *ranges(mechanism, measured), count, rng)
 
 
 def drawn_between(mechanism: Mechanism, lower: Array, upper: Array, count: int, rng: np.random.Generator) -> Array:
-    """Return random joint values (count, n), uniform between two (n,), at which closed loops close.
+    """Return random joint values (count, joints), uniform between `lower` and `upper`, at which closed loops close.
 
     Raises InputError if hardly any draw closes the loops.
     """
@@ -68,7 +68,7 @@ def drawn_between(mechanism: Mechanism, lower: Array, upper: Array, count: int, 
 
 
 def links(mechanism: Mechanism) -> dict[str, Array]:
-    """Return the vector (3,), m, from the previous slot to each slot, in its own frame: the length that grows with
+    """Return {slot: vector (3,) [m] from the previous slot, in the frame of the slot}: lengths that grow with
     temperature.
 
     A Levered mechanism states these vectors itself, such as a joint whose lever a first fit determines.
@@ -80,12 +80,12 @@ def links(mechanism: Mechanism) -> dict[str, Array]:
 
 
 TIP_TOLERANCE = 1e-7
-"""Largest distance between the tips of two descriptions of one machine, m: rounding."""
+"""Largest distance between the tips of two descriptions of one machine, m: a rounding error."""
 
 
 def probe(mechanism: Mechanism) -> Array:
-    """Return one oblique trial pose (1, n); for closed loops that do not close there, a pose near the middle of the
-    limits."""
+    """Return one trial pose (1, joints) with all joints off zero; if closed loops do not close at this pose, a pose
+    near the middle of the limits."""
     count = np.arange(1.0, len(mechanism.joints) + 1.0)
     q, loops = 0.1 * count[None], closed(mechanism)
     if loops is not None and not loops.closes(q)[0]:
@@ -95,12 +95,12 @@ def probe(mechanism: Mechanism) -> Array:
 
 
 def tip_at_probe(mechanism: Mechanism) -> Array:
-    """Return the tip (3,), m, at the probe pose: a fingerprint of the nominal geometry up to the measured frame."""
+    """Return the tip (3,), m, at one trial pose: a fingerprint of the nominal geometry up to the measured frame."""
     return np.asarray(chain(mechanism.transforms(probe(mechanism)))[-1][0, :3, 3])
 
 
 def same_machine(tip: ArrayLike, other: ArrayLike) -> bool:
-    """Return whether two tip positions at the probe pose belong to one machine."""
+    """Return whether two tip positions at one trial pose belong to one machine."""
     return bool(np.allclose(tip, other, atol=TIP_TOLERANCE, rtol=0))
 
 
@@ -108,37 +108,37 @@ def same_machine(tip: ArrayLike, other: ArrayLike) -> bool:
 class Branched(Protocol):
     """A mechanism of several chains. `slots` lists the slots of all chains one after the other.
 
-    `transforms` gives each slot in the frame of the previous slot of that list. An error moves only later slots of its
-    chain.
+    `transforms` gives each slot in the frame of the previous slot of the list `slots`. An error moves only later slots
+    of its chain.
     """
 
     @property
     def slots(self) -> tuple[str, ...]:
-        """See Mechanism."""
+        """Names of the slots (frames at which errors act) of all chains."""
 
     @property
     def parents(self) -> tuple[int, ...]:
-        """Index of the previous slot of each slot on its own chain; -1 for the first slot, which all chains share."""
+        """Position in `slots` of the previous slot of each slot on its chain; -1 for the first slot of all chains."""
 
     @property
     def tips(self) -> Mapping[str, str]:
-        """Slot that carries each measured link. The first link is the default of a row that names none."""
+        """{measured link: slot that carries the link}. The first link is the default of a row that names none."""
 
     def alone(self, tip: str) -> Mechanism:
-        """Return the chain that ends at a measured link as a mechanism. The slots of the chain keep their names; the
-        last becomes `tool`."""
+        """Return the chain that ends at the measured link `tip` as a mechanism. The slots of the chain keep their
+        names, except the last slot, which becomes `tool`."""
 
 
 def branched(mechanism: Mechanism) -> Branched | None:
-    """Return the mechanism, or the one inside a loaded mechanism, if it has several chains, else None."""
+    """Return the mechanism, or the mechanism inside a loaded mechanism, if it has several chains, else None."""
     bare = bare_of(mechanism)
     return bare if isinstance(bare, Branched) else None
 
 
 def stands(tree: Branched) -> list[int]:
-    """Return indices of slots at which a further arm is mounted on a slot that carries another arm.
+    """Return the positions in `slots` at which a further arm is mounted on a slot that carries another arm.
 
-    The first arm at each place is not listed, nor are tips, whose place is that of the tool.
+    The first arm at each slot is not listed, nor are measured tips, whose slot is the tool.
     """
     tips = [*tree.tips.values()]
     found = [i for i, parent in enumerate(tree.parents) if parent >= 0 and parent in tree.parents[:i]]
@@ -146,8 +146,8 @@ def stands(tree: Branched) -> list[int]:
 
 
 def lineage(mechanism: Mechanism) -> Mask:
-    """Return whether an error at one slot moves the frame of another (S, S): the slot itself or a later one of its
-    chain."""
+    """Return a mask (slots, slots): True if an error at one slot moves the frame of the other, a later slot of its
+    chain or the slot itself."""
     tree, count = branched(mechanism), len(mechanism.slots)
     if tree is None:
         return np.triu(np.ones((count, count), dtype=bool))
@@ -159,9 +159,9 @@ def lineage(mechanism: Mechanism) -> Mask:
 
 
 def assembled(tree: Branched, transforms: Array, errors: Mapping[int, Array]) -> Array:
-    """Return frames (S, N, 4, 4) in the root, m, each after its own error (N, 4, 4), by the index of its slot.
+    """Return the poses (slots, poses, 4, 4) of all slots in the root frame, m, each after its own error.
 
-    transforms: (S, N, 4, 4) from each slot to the next in the list.
+    transforms: nominal, from each slot to the next slot in the list. errors: {slot number: transforms (poses, 4, 4)}.
     """
     nominal = se3.chain(transforms)
     out = np.empty_like(nominal)
@@ -177,15 +177,15 @@ WORLD = ("world", "base")
 
 @runtime_checkable
 class Linked(Protocol):
-    """A mechanism whose links have names of their own."""
+    """A mechanism whose links have names."""
 
     @property
     def link_slots(self) -> Mapping[str, str]:
-        """Slot to whose frame each link is fixed; an empty text for a stationary link."""
+        """{link: slot to whose frame the link is fixed}, an empty text for a stationary link."""
 
 
 def carrier_slot(mechanism: Mechanism, link: str, where: str) -> int:
-    """Return the index of the frame of the chain (slot) that carries a link, -1 for a stationary link.
+    """Return the position in `slots` of the frame of the chain that carries a link, -1 for a stationary link.
 
     link: "world", "tool", the name of a joint for the part beyond it, or the name of a link or an arm. With closed
     loops only "world", "base" and "tool" are known. where: location of the name in the message. Raises InputError for

@@ -13,7 +13,7 @@ GRAVITY = 9.81
 loads and compliances are correct to 0.3 %."""
 
 SI = {"length": "m", "angle": "rad", "mass": "kg", "acceleration": "m/s**2", "pixels": "px"}
-"""Unit of each dimension."""
+"""SI unit of each dimension."""
 
 LARGEST = {"length": 1e3, "angle": 1e3, "mass": 5e4, "acceleration": 1e2, "pixels": 1e5}
 """Largest accepted lengths, angles, masses, accelerations and pixels, SI. A larger value has a wrong unit."""
@@ -61,9 +61,9 @@ class Joint:
 class Mechanism(Protocol):
     """A chain of nominal frames.
 
-    The measured point is  T_register · T_0 E_0 · T_1(q) E_1 · ... · T_S(q) E_S · T_tool  with the error twists E_s =
-    exp(twist) in the frame of slot s. Joint j has a slot on each side of its motion, `NAME.fixed` and `NAME.moving`;
-    the first slot is `base`, the last is `tool` (the flange).
+    Measured point: T_register · T_0 E_0 · T_1(q) E_1 · ... · T_S(q) E_S · T_tool, with nominal transforms T_s and error
+    twists E_s = exp(twist) in the frame of slot s. Joint j has a slot on each side of its motion, `NAME.fixed` and
+    `NAME.moving`; the first slot is `base`, the last slot is `tool` (the flange).
     """
 
     @property
@@ -79,13 +79,13 @@ class Mechanism(Protocol):
         """Names of the frames at which error twists act, from the base to the tool."""
 
     def transforms(self, q: Array) -> Array:
-        """Return the nominal transforms (S, N, 4, 4) of each slot in the frame of the previous slot, m.
+        """Return the nominal transforms (slots, poses, 4, 4), m, of each slot in the frame of the previous slot.
 
-        The first is in the root frame of the mechanism. q: (N, n), rad and m, in the coordinates of the table.
+        The first is in the root frame of the mechanism. q: joint values (poses, joints) of the table, rad and m.
         """
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
-        """Return the gravity loads on the mechanism at rest, by name, each (N,): the load itself, not its reaction.
+        """Return the gravity loads on the mechanism at rest, by name, one value per pose: loads, not reactions.
 
         torque_J2 (Nm; N for a prismatic joint): generalised force on the coordinate J2 of the table, minus the
         derivative of the potential energy. The torque is positive where gravity increases the coordinate. If J2 is
@@ -93,10 +93,10 @@ class Mechanism(Protocol):
         times torque.
 
         force_J2_x .. moment_J2_z (N, Nm): wrench of the weight of everything beyond J2 at the origin of J2.moving, in
-        its axes. force_base_x .. moment_base_z: that of the whole mechanism, in the frame of the base.
+        its axes. force_base_x .. moment_base_z: wrench of the weight of the whole mechanism, in the frame of the base.
 
-        Names contain the names of the joints. payload: (N,) kg at the tool. Empty if no masses are known and payload is
-        zero.
+        Names contain the names of the joints. payload: mass at the tool at each pose, kg. The result is empty if no
+        masses are known and the payload is zero.
         """
 
 
@@ -105,35 +105,35 @@ class ClosedLoops(Protocol):
     """A mechanism whose legs meet in one platform. An error in a leg moves the tool as far as the other legs allow.
 
     `slots` and `transforms` are as for a chain; the effect of an error twist is different. The geometric constants of a
-    chain do not fit such a mechanism, so that it states its own constants.
+    chain do not fit a mechanism with closed loops, which therefore states its own constants.
     """
 
     @property
     def constants(self) -> tuple[tuple[str, str], ...]:
-        """Slot and axis of every constant of the complete geometry."""
+        """Slot and axis of every geometric constant of the complete geometry."""
 
     def assembled(self, q: Array, twists: Mapping[int, Array]) -> Array:
-        """Return frames (S, N, 4, 4) of the slots in the root, m, each after its error twist, with all loops closed.
+        """Return poses (slots, poses, 4, 4) in the root frame, m, each after its error twist, with all loops closed.
 
-        q: (N, n) table coordinates. twists: (N, 6), m and rad, by the index of the slot. Raises InputError if the loops
-        do not close.
+        q: joint values (poses, joints). twists: {position of a slot: error twists (poses, 6), m and rad}. Raises
+        InputError if the loops do not close.
         """
 
     def closes(self, q: Array, twists: Mapping[int, Array] | None = None) -> Mask:
-        """Return whether the loops close (N,), with the error twists of `assembled` or nominally.
+        """Return for each pose whether the loops close, with the error twists of `assembled` or nominally.
 
-        q: (N, n) table coordinates.
+        q: joint values (poses, joints) of the table.
         """
 
     def carried(self, frames: Array, slot: int) -> Array:
-        """Return the twist of the slot `tool` per unit twist at another slot, (N, 6, 6), by implicit differentiation.
+        """Return the twist (poses, 6, 6) of the slot `tool` per unit twist at another slot, by implicit derivatives.
 
-        frames: (S, N, 4, 4) of the closed mechanism in any common frame. Each twist is in the frame of its own slot.
+        frames: poses (slots, poses, 4, 4) of all slots in any common frame. Twists are in the frames of their slots.
         """
 
 
 def closed(mechanism: Mechanism) -> ClosedLoops | None:
-    """Return the mechanism, or the one inside a loaded mechanism, if it has closed loops, else None."""
+    """Return the mechanism, or the mechanism inside a loaded mechanism, if it has closed loops, else None."""
     bare = bare_of(mechanism)
     return bare if isinstance(bare, ClosedLoops) else None
 
@@ -151,30 +151,30 @@ def places(mechanism: Mechanism) -> tuple[str, ...]:
 class Weighed(Protocol):
     """A mechanism that states the weight of each part separately.
 
-    Static gravity loads are linear in the masses and first moments of mass (kg·m), so that these can be unknowns.
+    Static gravity loads are linear in masses and first moments of mass (kg·m), which can therefore be unknowns.
     """
 
     def unit_loads(self, q: Array) -> dict[str, Array]:
-        """Return parts of the static loads by name, each (N,), without parts that are zero everywhere.
+        """Return parts of the static loads by name, one value per pose, without parts that are zero everywhere.
 
         torque_J2_of_J4_x: torque about the coordinate J2 of a first moment of mass of 1 kg·m along x of J4.moving,
-        carried by the link beyond J4. moment_base_x_of_J4_x: its moment about the base. The gravity torque about a
-        revolute joint of any arm is a combination of these. torque_J2_of_J4: torque of the nominal weight of the link
-        beyond J4. Source: Khalil and Dombre 2002, ch. 9.
+        carried by the link beyond J4. moment_base_x_of_J4_x: moment of this first moment about the base. The gravity
+        torque about a revolute joint is a combination of such parts. torque_J2_of_J4: torque of the nominal weight of
+        the link beyond J4. Source: Khalil and Dombre 2002, ch. 9.
         """
 
 
 @runtime_checkable
 class Wrapping(Protocol):
-    """A mechanism that contains another one and the choice from which it was loaded."""
+    """A mechanism that contains another mechanism and the name and options from which it was loaded."""
 
     @property
     def bare(self) -> Mechanism:
-        """The mechanism inside."""
+        """The contained mechanism."""
 
 
 def followers(mechanism: Mechanism) -> dict[str, str]:
-    """Return the leading joint of each joint that moves with one other joint alone, such as a mimic joint."""
+    """Return {joint: leading joint} of the joints that move with one other joint alone, such as mimic joints."""
     own = {joint.name for joint in mechanism.joints}
     drives = {slot.removesuffix(".moving"): joint.name for joint in mechanism.joints for slot, _, _ in joint.drive}
     return {name: leader for name, leader in drives.items() if name not in own}
@@ -196,11 +196,11 @@ def bare_of(mechanism: Mechanism) -> Mechanism:
 
 @runtime_checkable
 class Levered(Protocol):
-    """A mechanism that states which lengths grow with temperature."""
+    """A mechanism that states which of its lengths grow with temperature."""
 
     @property
     def levers(self) -> dict[str, Array]:
-        """Vector (3,), m, from the previous slot to each slot, in the frame of that slot."""
+        """{slot: vector (3,) [m] from the previous slot, in the frame of the slot}."""
 
 
 @runtime_checkable
@@ -217,7 +217,7 @@ class Massive(Protocol):
 
     @property
     def bodies(self) -> Mapping[str, tuple[float, Array]]:
-        """Mass, kg, and its centre (3,), m, in the frame of each slot. Slots without mass are missing."""
+        """{slot: mass [kg] and centre of mass (3,) [m] in the frame of the slot}, without slots that have no mass."""
 
     @property
     def gravity(self) -> Array:
@@ -234,19 +234,19 @@ class Collides(Protocol):
 
     @property
     def has_shape(self) -> bool:
-        """Whether the shape is known. Without a shape, no collision and no blocked line of sight is reported."""
+        """Whether the shape of the parts is known. An unknown shape never collides and never blocks a line of sight."""
 
     def collides(self, q: Array) -> Mask:
-        """Return whether the mechanism collides with itself (N,) at q (N, n), rad and m."""
+        """Return for each row of joint values q (rad and m) whether the mechanism collides with itself."""
 
     def hides(self, q: Array, points: Array, instrument: Array) -> Mask:
-        """Return whether a part blocks the line (N,) from each of `points` (N, 3) to the instrument (3,), m, in the
-        root frame."""
+        """Return for each pose whether a part blocks the line from a point of `points` (poses, 3) to the instrument
+        (3,), in the root frame, m."""
 
 
 @runtime_checkable
 class ExportsUrdf(Protocol):
-    """A mechanism that can be written as URDF, with constant errors in it."""
+    """A mechanism that can be written as URDF, including constant errors of its geometry."""
 
     def write_urdf(self, path: Path, twists: Mapping[str, Array] | None = None) -> str:
         """Write the chain with a constant error twist (6,), m and rad, at some slots, and return the measured link.
@@ -256,7 +256,7 @@ class ExportsUrdf(Protocol):
 
 
 Shift = tuple[tuple[str, str, float], ...]
-"""(slot, axis, weight) of each twist that shifts the centre of a ball by one metre."""
+"""(slot, axis, weight) of each twist that together shift the centre of a ball by one metre."""
 
 
 @dataclass(frozen=True)
@@ -264,10 +264,10 @@ class Ball:
     """A ball in its socket.
 
     name: empty if the mechanism has only one ball.
-    angles: columns of States, rad: rotations of the ball in its socket about the x axis of the socket, then its own y,
-    then z.
+    angles: columns of States, rad: rotations of the ball in its socket about the x axis of the socket, then about the y
+    axis of the ball, then about its z axis.
     shifts: shifts of its centre, by direction in words. The last entry is the direction along its lever or leg.
-    axial: column of the load on it along its leg, N, positive for a pull; empty if there is none.
+    axial: column of the load on it along its leg, N, positive for a pull; empty without a load.
     """
 
     name: str
@@ -277,7 +277,7 @@ class Ball:
 
     @property
     def along(self) -> tuple[str, Shift]:
-        """The direction of its lever or leg in words, and the shift along it."""
+        """The direction of the ball's lever or leg in words, and the shift along this direction."""
         return list(self.shifts.items())[-1]
 
     @property
@@ -292,14 +292,14 @@ class BallJointed(Protocol):
 
     @property
     def balls(self) -> tuple[Ball, ...]:
-        """The balls, from the base on."""
+        """The balls of the mechanism, in order from the base."""
 
     def turned(self, q: Array) -> dict[str, Array]:
-        """Return angles (N,), rad, of the balls that are no joint coordinates, at nominal geometry. q: (N, n)."""
+        """Return {angle: values, rad} of ball angles that are no joint coordinates, at joint values q."""
 
 
 def ball_jointed(mechanism: Mechanism) -> BallJointed | None:
-    """Return the mechanism, or the one inside a loaded mechanism, if it has ball joints, else None."""
+    """Return the mechanism, or the mechanism inside a loaded mechanism, if it has ball joints, else None."""
     bare = bare_of(mechanism)
     return bare if isinstance(bare, BallJointed) else None
 

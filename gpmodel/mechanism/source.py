@@ -28,7 +28,7 @@ def load_mechanism(name: str, *, frame: str | None = None, payload_com: Sequence
     payload_com=None) -> Mechanism | None. A function `mechanism_names` of its module may list its names for messages.
 
     frame: measured link (default: the last link).
-    payload_com: (3,) m, centre of mass of the payload in the measured frame.
+    payload_com: centre of mass (3,) of the payload in the measured frame, m.
     Raises InputError if no provider knows the name.
     """
     known: list[str] = []
@@ -54,8 +54,8 @@ RESERVED = ("x", "y", "z", "rx", "ry", "rz", "row", "payload", "group", "repeat"
 """Names of columns and inputs that no joint can have."""
 FILES = (".urdf", ".toml")
 LARGEST_FILE = 16 << 20
-"""Largest size of the description of a mechanism, bytes. The largest of example-robot-data, a humanoid with its hands,
-has 0.3 MB."""
+"""Largest size of the description of a mechanism, bytes. The largest description of example-robot-data, a humanoid with
+hands, has 0.3 MB."""
 LONGEST_JOINT = 200
 """Largest number of characters in the name of a joint, in a description and in a saved model."""
 
@@ -65,9 +65,9 @@ class MechanismChoice:
     """Name or file of a mechanism, and its options.
 
     frame: measured link.
-    payload: kg or None.
-    payload_com: centre of mass of the payload (3,), m, or None.
-    description: text of the file, if it is known. `name` is then only a name, and no file is opened.
+    payload: payload mass, kg, or None.
+    payload_com: centre of mass (3,) of the payload in the measured frame, m, or None.
+    description: text of the file, if known. `name` is then only a name, and no file is opened.
     """
 
     name: str
@@ -81,7 +81,7 @@ class MechanismChoice:
             checked_mass(self.payload, "", "payload")
 
     def load(self) -> "LoadedMechanism":
-        """Load the mechanism. Raises InputError if it is unknown or its file invalid."""
+        """Load the mechanism. Raises InputError if it is unknown or its file is invalid."""
         name, choice = self.name, self
         if self.description:
             name = str(_unpacked(self.name, self.description))
@@ -106,7 +106,7 @@ class MechanismChoice:
 
 @cache
 def _unpacked(name: str, description: str) -> Path:
-    """Write a description to a temporary file, kept until this process ends, and return its path.
+    """Write a description to a temporary file, kept until this process ends, and return the path of the file.
 
     A mechanism may have to write its description.
     """
@@ -129,7 +129,7 @@ def _text(path: Path) -> str:
 
 @dataclass(frozen=True, repr=False)
 class LoadedMechanism:
-    """A mechanism with the choice from which it was loaded and its payload.
+    """A mechanism with the name and options from which it was loaded, and its payload.
 
     choice: name and options, from which a saved model loads the mechanism again.
     bare: the mechanism from the provider.
@@ -158,12 +158,12 @@ class LoadedMechanism:
         return self.bare.loads(q, payload)
 
     def unit_loads(self, q: Array) -> dict[str, Array]:
-        """Return the unit loads of Weighed.unit_loads; empty if the mechanism has none."""
+        """Return the loads by unit first moments and masses of links, as Weighed.unit_loads; empty without them."""
         return self.bare.unit_loads(q) if isinstance(self.bare, Weighed) else {}
 
     @property
     def levers(self) -> dict[str, Array]:
-        """Vectors of the links of the inner mechanism; see gpmodel.mechanism.branches.links."""
+        """Vectors of the links of the contained mechanism; see gpmodel.mechanism.branches.links."""
         return links(self.bare)
 
     def reaching(self, point: Iterable[float]) -> "LoadedMechanism":
@@ -181,5 +181,5 @@ class LoadedMechanism:
 
 
 def choice_of(mechanism: Mechanism) -> MechanismChoice:
-    """Return the choice from which `mechanism` can be loaded again; only its name if it was built in Python."""
+    """Return the name and options from which `mechanism` can be loaded again; its name if it was built in Python."""
     return mechanism.choice if isinstance(mechanism, LoadedMechanism) else MechanismChoice(mechanism.name)

@@ -17,15 +17,15 @@ KINDS = ("cameras", "board", "surfaces")
 """Kinds of objects that a file may describe."""
 
 SOLVED = {"focal": (0, 1), "centre": (2, 3), "distortion": (4, 5, 6, 7), "distortion k3": (8,)}
-"""Indices of the lens parameters that each word of the entry `solve` selects."""
+"""Positions in the list of lens parameters that each word of the entry `solve` selects."""
 
 MOST_BENT = 1e4
-"""Largest distortion coefficient of a lens; k3 of a narrow lens may be some hundreds."""
+"""Largest distortion coefficient of a lens; the coefficient k3 of a narrow lens may be some hundreds."""
 MOST_MARKERS = 1000
 """Largest number of markers along a side of a board."""
 
 Slot = Callable[[str, str], int]
-"""Function of the name of a link, and of its location in a file, to the index of the slot (frame) that carries it."""
+"""Function of a link's name and its location in a file; returns the number of the slot that carries the link."""
 
 
 def cameras_of(content: object, slot: Slot) -> tuple[Camera, ...]:
@@ -55,7 +55,7 @@ def cameras_of(content: object, slot: Slot) -> tuple[Camera, ...]:
 
 
 def boards_of(content: object, slot: Slot) -> tuple[tuple[Board, Mapping[str, Array]], ...]:
-    """Read [board.NAME] and return each board with the corner (3,), m, of each marker.
+    """Read [board.NAME]; return each board with {marker: corner (3,), m}.
 
     A board has a link, and either columns, rows and pitch_mm (markers 0, 1, ... row by row), or [board.NAME.points_mm]
     with a position [x, y, z] of each marker.
@@ -109,7 +109,7 @@ def features_of(content: object) -> tuple[tuple[Feature, ...], tuple[Feature, ..
 
 
 def _direction(table: TomlTable, key: str) -> Array:
-    """Read a vector (3,) and return it with length one."""
+    """Read a direction vector (3,) and scale it to length one."""
     vector = table.needed(key, 3)
     length = np.linalg.norm(vector)
     if not 0.0 < length < np.inf:
@@ -118,7 +118,7 @@ def _direction(table: TomlTable, key: str) -> Array:
 
 
 def _not_negative(table: TomlTable, key: str, default: float) -> float:
-    """Read a length, m. Raises InputError if it is negative."""
+    """Read a length, m. Raises InputError if the length is negative."""
     value = float(table.quantity(key, "length", default))
     if value < 0.0:
         raise InputError(f"{table.where}: {key} is {1e3 * value:g} mm, expected zero or more")

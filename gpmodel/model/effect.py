@@ -23,7 +23,7 @@ def made_of(parts: object, kind: type) -> bool:
 
 @dataclass(frozen=True)
 class Term:
-    """Term of an effect: `weight · basis` along one axis of one frame of the chain."""
+    """Term of an effect: weight times basis function, along one axis of one frame of the chain."""
 
     slot: str
     axis: str
@@ -41,7 +41,7 @@ class Term:
 class TakenUp:
     """A twist (6,), m and rad, of one set-up's registration in the instrument's frame, or of one tool in its own frame.
 
-    of: REGISTRATION or TOOL.
+    of: column with the label, REGISTRATION or TOOL.
     label: name of the set-up or the tool.
     """
 
@@ -52,7 +52,7 @@ class TakenUp:
 
 @dataclass(frozen=True)
 class Effect:
-    """A small twist per unit of one coefficient θ: Σ weight φ(s) e_axis over its terms.
+    """A small twist at frames of the chain, per unit of one coefficient θ: sum over terms of weight · φ(state) · axis.
 
     unit: unit of the coefficient θ.
     family: family of the catalogue, empty for an effect without a family.
@@ -94,7 +94,7 @@ class Effect:
         return not self.inputs
 
     def twist(self, states: States, slot: str) -> Array:
-        """Return the twist (N, 6) at `slot` per unit of the coefficient, m and rad, in the frame of the slot."""
+        """Return the twist (poses, 6) at `slot` per unit of the coefficient, m and rad, in the frame of the slot."""
         out = np.zeros((len(states), 6))
         for term in self.terms:
             if term.slot == slot:
@@ -110,11 +110,11 @@ def axis_unit(axis: str) -> str:
 def effect_at(
     name: str, slot: str, axis: str, basis: Basis = ONE, unit: str = "", family: str = "", prior: float = math.inf
 ) -> Effect:
-    """Return an effect with one slot (frame), one axis and one basis function. θ φ(s) e_axis is its twist at the slot.
+    """Return an effect with one slot (frame), one axis and one basis function φ: the twist θ φ(state) along the axis.
 
     slot: "J4.moving", "J4.fixed", "base", "tool", or "instrument".
     axis: "Tx" to "Tz", m, or "Rx" to "Rz", rad, of the frame of the slot.
-    basis: φ, an Expression or any object with `inputs`, `str()` and a call that returns (N,).
+    basis: φ, an Expression or any object with `inputs`, `str()` and a call that returns a value per pose.
     unit: unit of the coefficient θ; the unit of the axis if empty.
     family, prior: family and prior standard deviation, as in Effect.
     Raises InputError for an unknown axis.
@@ -125,6 +125,6 @@ def effect_at(
 def drive_effect(
     name: str, joint: Joint, basis: Basis, unit: str = "", family: str = "", prior: float = math.inf
 ) -> Effect:
-    """Return an error of the coordinate of a joint, which acts at each frame of the joint's drive."""
+    """Return an error of a joint's coordinate as an effect, which acts at each frame of the joint's drive."""
     terms = tuple(Term(slot, axis, basis, weight) for slot, axis, weight in joint.drive)
     return Effect(name, terms, unit or ("rad" if joint.kind == "revolute" else "m"), family, prior)

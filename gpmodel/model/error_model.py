@@ -22,9 +22,9 @@ from gpmodel.table.dataset import Dataset
 class Placement:
     """Registrations and tools from a fit, by the labels of the table.
 
-    registration: transform (4, 4) of the mechanism's root in the frame of the instrument, by set-up.
-    tool: transform (4, 4) of the measured frame in the flange, by tool. Without rotations only its point is determined.
-    anchors: unknowns (k,) of observations, by key. For a distance: the anchor (3,) in the root frame, m.
+    registration: {set-up: pose (4, 4) of the mechanism's root in the frame of the instrument, m}.
+    tool: {tool: pose (4, 4) of the measured frame in the flange, m}. Without rotations only its point is determined.
+    anchors: {key: unknowns of observations}. For a distance: the anchor (3,) in the root frame, m.
     """
 
     registration: Mapping[str, Array]
@@ -32,15 +32,15 @@ class Placement:
     anchors: Mapping[str, Array]
 
     def roots(self, data: Dataset) -> Array:
-        """Return the registration (N, 4, 4) of every row: the root frame in the frame of the instrument."""
+        """Return for every row the pose (4, 4) of the root frame in the frame of the instrument, m."""
         return np.stack([self.registration[setup] for setup in data.label("setup").tolist()])
 
 
 @dataclass(frozen=True)
 class Poses:
-    """A dataset prepared for one mechanism: nominal transforms (S, N, 4, 4) between frames, states, and tip frames.
+    """A dataset prepared for one mechanism: nominal transforms between frames, states, and tip frames of every pose.
 
-    tip_slot: (N,) index of the frame that carries the measured tip of each row.
+    tip_slot: number of the slot (frame of the chain) that carries the measured tip, for each row.
     """
 
     dataset: Dataset
@@ -52,7 +52,7 @@ class Poses:
         return len(self.dataset)
 
     def subset(self, rows: IntArray) -> "Poses":
-        """Return the poses of some rows."""
+        """Return the poses with the given row numbers."""
         return Poses(self.dataset.subset(rows), self.transforms[:, rows], self.states.subset(rows), self.tip_slot[rows])
 
 
@@ -68,7 +68,7 @@ def prepare(mechanism: Mechanism, dataset: Dataset, same: States | None = None) 
 
 @contextmanager
 def rows_named(dataset: Dataset) -> Iterator[None]:
-    """Add the file and the row to an OpenLoopsError."""
+    """Add the file and the row to the message of an OpenLoopsError."""
     try:
         yield
     except OpenLoopsError as error:
@@ -80,8 +80,8 @@ def rows_named(dataset: Dataset) -> Iterator[None]:
 class ErrorModel:
     """T = E · T_register · Π_i T_i(q) exp(Σ_k θ_k φ_k e_k) · T_tool, with one coefficient θ_k for each effect.
 
-    E is the twist of the effects at the slot `instrument`. Basis functions of effects at the slot `instrument` may
-    depend on the point in the frame of the instrument.
+    φ_k, e_k: basis function and axis of effect k. E: twist of the effects at the slot `instrument`, whose basis
+    functions may depend on the point in the frame of the instrument.
 
     noise: standard deviation of one measured coordinate, m, if known beforehand. With noise = None the noise is
     estimated from the residual.
@@ -102,7 +102,7 @@ class ErrorModel:
                     )
 
     def twists(self, poses: Poses, theta: Array) -> dict[int, Array]:
-        """Return the error twists (N, 6), m and rad, by index of their slot. Slots without error are missing."""
+        """Return {slot number: error twist (poses, 6), m and rad}, without slots that have no error."""
         out: dict[int, Array] = {}
         terms = ((t, v * t.weight) for e, v in zip(self.effects, theta, strict=True) if v != 0.0 for t in e.terms)
         for term, size in terms:
@@ -112,14 +112,14 @@ class ErrorModel:
         return {at: twist.T for at, twist in out.items()}
 
     def of_the_mechanism(self, theta: Array) -> tuple["ErrorModel", Array]:
-        """Return the model and its coefficients without effects of the instrument."""
+        """Return the model and its coefficients without the effects of the instrument."""
         own = [i for i, effect in enumerate(self.effects) if not effect.of_the_instrument]
         return ErrorModel(self.mechanism, tuple(self.effects[i] for i in own)), theta[own]
 
     def instrument_twist(self, poses: Poses, theta: Array, points: Array) -> Array | None:
-        """Return the twist (N, 6), m and rad, of the measured `points` (N, 3), m, in the frame of the instrument.
+        """Return the twist (poses, 6), m and rad, of measured `points` (poses, 3), m, in the frame of the instrument.
 
-        The result is None if there is no effect of the instrument.
+        The result is None if the model has no effect of the instrument.
         """
         acting = [(e, v) for e, v in zip(self.effects, theta, strict=True) if v != 0.0 and INSTRUMENT in e.slots]
         if not acting:
@@ -129,8 +129,8 @@ class ErrorModel:
         return np.asarray(whole - self.taken_up(poses, theta, REGISTRATION))
 
     def taken_up(self, poses: Poses, theta: Array, of: str) -> Array:
-        """Return the twist (N, 6), m and rad, of the registration or the tool that is subtracted from the effects at
-        each pose."""
+        """Return the twist (poses, 6), m and rad, of registration or tool that is subtracted from the effects at each
+        pose."""
         out = np.zeros((len(poses), 6))
         for effect, value in zip(self.effects, theta, strict=True):
             for rigid in effect.taken_up:
@@ -139,11 +139,11 @@ class ErrorModel:
         return out
 
     def frames(self, poses: Poses, theta: Array) -> Array:
-        """Return the frames (S, N, 4, 4) of the chain in the root, m, each frame after its error twist."""
+        """Return the poses (slots, poses, 4, 4) of all slots in the root frame, m, each after its error twist."""
         return self.frames_after(poses, self.twists(poses, theta))
 
     def frames_after(self, poses: Poses, twists: Mapping[int, Array]) -> Array:
-        """Return the frames (S, N, 4, 4) after known error twists (N, 6), keyed by the index of their slot."""
+        """Return the poses (slots, poses, 4, 4) of all slots after known `twists` {slot number: (poses, 6)}."""
         if loops := closed(self.mechanism):
             with rows_named(poses.dataset):
                 return loops.assembled(poses.dataset.q, twists)
@@ -156,10 +156,10 @@ class ErrorModel:
 
 
 def closing(model: ErrorModel, data: Dataset, theta: Array) -> IntArray:
-    """Return the rows (K,) at which the loops of a mechanism close, nominally and with its errors. A chain has no
-    loops.
+    """Return the numbers of the rows at which the loops of a mechanism close, nominally and with its errors. A chain
+    has no loops.
 
-    theta: (E,) values of model.effects, SI. Effects with memory change when rows are removed, so that the test is
+    theta: values of model.effects, SI units. Effects with memory change when rows are removed, so that the test is
     repeated on the remaining rows.
     """
     rows, loops = np.arange(len(data)), closed(model.mechanism)
@@ -175,10 +175,10 @@ def closing(model: ErrorModel, data: Dataset, theta: Array) -> IntArray:
 
 
 def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement) -> Observed:
-    """Predict the measurements at `poses`, T_register · Π T_i exp(Σ_k θ_k φ_k e_k) · T_tool, with the frames of all
-    slots.
+    """Predict the measurements at `poses`, with the frames of all slots: T_register · Π T_i exp(Σ_k θ_k φ_k e_k) ·
+    T_tool.
 
-    theta: (E,) values of model.effects, SI.
+    theta: values θ_k of model.effects, SI units.
     placement: a registration for every set-up of the poses and a point for every tool. KeyError if a registration or
     point is missing.
     """
@@ -215,7 +215,7 @@ def _completed(known: Own, kinds: tuple[Observation, ...], tips: Tips) -> Own:
 
 
 def measured_minus(observed: Observed, dataset: Dataset) -> Array:
-    """Return measured minus predicted (N, m): m, rad (rotation vector of R_meas R_predᵀ), then units of other kinds.
+    """Return measured minus predicted values (poses, components), m, rad (rotation vectors), then other units.
 
     Unmeasured components are NaN.
     """
@@ -223,12 +223,12 @@ def measured_minus(observed: Observed, dataset: Dataset) -> Array:
 
 
 def pose_error(observed: Observed, dataset: Dataset) -> Array:
-    """Return the length (N,) of measured minus predicted of each pose over all components but rotations, m."""
+    """Return the length of measured minus predicted of each pose, m, over all components except rotations."""
     lengths = (measured_minus(observed, dataset) * observed.scales(1.0))[:, ~observed.turns]
     return np.asarray(np.sqrt(np.nansum(lengths**2, axis=1)))
 
 
 def turn_error(observed: Observed, dataset: Dataset) -> Array:
-    """Return the angle (N,), rad, between the measured and predicted orientation of each pose; NaN if unmeasured."""
+    """Return the angle, rad, between the measured and predicted orientation of each pose; NaN if unmeasured."""
     vectors = measured_minus(observed, dataset)[:, observed.turns]
     return np.linalg.norm(vectors, axis=1) if observed.turns.any() else np.full(len(dataset), np.nan)

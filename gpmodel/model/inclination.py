@@ -1,7 +1,7 @@
 """An inclinometer on a link: the inclination of two of its axes to the horizontal.
 
-measured = asin(s · up), s = F_link M e_x and F_link M e_y, with M the mounting (a rotation) and up the vertical in the
-root frame, whose tilt is unknown. A rotation about the vertical does not change any measurement.
+measured = asin(s · up), s = F_link M e_x and F_link M e_y: rotation F_link of the link, mounting M (a rotation), axes
+e_x, e_y. The vertical `up` in the root frame has an unknown tilt. A rotation about it does not change a measurement.
 """
 
 from collections.abc import Mapping
@@ -26,9 +26,9 @@ STEEPEST = np.radians(89.9)
 class Inclination:
     """Measurements of inclinometers on links.
 
-    values: (N, 2) measured inclinations, rad.
-    links: name, and index of the slot, of each link with an inclinometer.
-    link: (N,) index into `links`, -1 for no measurement.
+    values: measured inclinations (poses, 2), rad.
+    links: name, and number of the slot, of each link with an inclinometer.
+    link: position in `links` of the link at each pose, -1 for no measurement.
     metres: length that one radian counts as, m.
     """
 
@@ -54,7 +54,7 @@ class Inclination:
 
     @property
     def readings(self) -> Mask:
-        """Whether each component was measured (N, 2)."""
+        """Whether each of the two inclinations was measured, (poses, 2)."""
         return np.isfinite(self.values)
 
     def subset(self, rows: IntArray) -> "Inclination":
@@ -69,7 +69,7 @@ class Inclination:
         return np.zeros((len(self.values), 2, 6))
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
-        """Return the derivative of an inclination by a rotation ω of each link: d(s·up) = (s × up)·ω."""
+        """Return the derivative of an inclination by a rotation ω of a link: (s × up)·ω with the inclined axis s."""
         axes, out = self._axes(tips, own), {}
         change = np.cross(axes, own[VERTICAL]) * self._steep(axes, own)
         for i, (_, slot) in enumerate(self.links):
@@ -108,7 +108,7 @@ class Inclination:
         return out
 
     def _axes(self, tips: Tips, own: Own) -> Array:
-        """Return the axes x and y of the sensors in the root (N, 2, 3)."""
+        """Return the axes x and y of the sensors in the root frame, (poses, 2, 3)."""
         out = np.zeros((len(self.values), 2, 3))
         for i, (name, slot) in enumerate(self.links):
             turn = tips.slots[slot, :, :3, :3] @ _turn(own[f"inclinometer {name}"])
@@ -116,7 +116,7 @@ class Inclination:
         return out
 
     def _steep(self, axes: Array, own: Own) -> Array:
-        """Return the derivative d asin(s·up) / d (s·up) (N, 2, 1)."""
+        """Return the derivative (poses, 2, 1) of each inclination by its sine."""
         rise = axes @ own[VERTICAL]
         return np.asarray(1.0 / np.sqrt(np.maximum(1.0 - rise**2, np.cos(STEEPEST) ** 2)))[:, :, None]
 

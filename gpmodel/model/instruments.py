@@ -26,7 +26,7 @@ SAME_VIEW = 1e-6
 """Largest difference of joint values within one camera view, rad or m: rounding of written digits."""
 
 METRES_A_PIXEL, METRES_A_RADIAN = 1e-3, 1.0
-"""Metres per pixel and per radian before the measurements are weighted: a pixel at a metre, a lever of a metre."""
+"""Metres that a pixel and a radian count as before weighting: a pixel at a metre's distance, a lever of a metre."""
 
 
 def with_observations(
@@ -152,7 +152,7 @@ def _pixels(dataset: Dataset, mechanism: Mechanism) -> Iterator[Pixels]:
 
 
 def _spelled(board: str, markers: Mapping[str, Array]) -> Iterator[tuple[str, Array]]:
-    """Yield each marker by its name, and by the name of the board followed by its name."""
+    """Yield each marker by its name, and by the name of the board followed by the name of the marker."""
     for name, at in markers.items():
         yield name, at
         yield f"{board}/{name}", at
@@ -188,7 +188,7 @@ def _inclinations(dataset: Dataset, mechanism: Mechanism) -> Iterator[Inclinatio
 
 
 def _codes(dataset: Dataset, column: str) -> tuple[list[str], IntArray]:
-    """Return the distinct labels without the empty label, and the index of each row's label, -1 for an empty label."""
+    """Return the distinct labels of a column except the empty label, and the number of each row's label, or -1."""
     names, codes = dataset.codes(column)
     kept = {name: i for i, name in enumerate(name for name in names if name)}
     return list(kept), np.array([kept.get(name, -1) for name in names], dtype=np.int64)[codes]

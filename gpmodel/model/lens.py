@@ -16,8 +16,8 @@ UNDISTORTING = 20
 
 
 def pixels(points: Array, lens: Array) -> Array:
-    """Return u, v (N, 2), px, of points (N, 3) in the frame of the camera, m, z forward. lens: (N, 9) lens parameters
-    in the order of NAMES."""
+    """Return pixels u, v (points, 2) of points (points, 3) in the frame of the camera, m, z forward. lens: nine
+    parameters per point in the order of NAMES."""
     fx, fy, cx, cy = lens.T[:4]
     x, y = _distorted(points[:, 0] / points[:, 2], points[:, 1] / points[:, 2], lens)
     return np.column_stack([fx * x + cx, fy * y + cy])
@@ -31,7 +31,7 @@ def _distorted(x: Array, y: Array, lens: Array) -> tuple[Array, Array]:
 
 
 def by_point(points: Array, lens: Array) -> Array:
-    """Return the derivatives (N, 2, 3) of the pixels by the coordinates of the points, px/m."""
+    """Return the derivatives (points, 2, 3) of the pixels by the coordinates of the points, px/m."""
     x, y, z = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2], points[:, 2]
     fx, fy, _, _, k1, k2, p1, p2, k3 = lens.T
     r2 = x * x + y * y
@@ -46,7 +46,7 @@ def by_point(points: Array, lens: Array) -> Array:
 
 
 def by_lens(points: Array, lens: Array) -> Array:
-    """Return the derivatives (N, 2, 9) of the pixels by the parameters of the lens."""
+    """Return the derivatives (points, 2, 9) of the pixels by the parameters of the lens."""
     x, y = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
     fx, fy = lens.T[:2]
     r2 = x * x + y * y
@@ -61,7 +61,7 @@ def by_lens(points: Array, lens: Array) -> Array:
 
 
 def directions(seen: Array, lens: Array) -> Array:
-    """Return x, y (N, 2) without distortion from pixels (N, 2), by fixed-point iterations. lens: (9,)."""
+    """Return directions X/Z, Y/Z without distortion from pixels (points, 2), by fixed-point iterations. lens: (9,)."""
     wide = np.broadcast_to(lens, (len(seen), 9))
     target = (seen - lens[2:4]) / lens[:2]
     out = target.copy()

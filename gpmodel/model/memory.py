@@ -24,8 +24,8 @@ from gpmodel.table.dataset import Dataset
 from gpmodel.table.units import TEMPERATURES, is_time
 
 OFTEN = 0.05
-"""Least share of rows close to the previous row from which a joint counts as standing still. Of random poses in a joint
-range of 0.2 rad, one in two hundred is within SAME_JOINT of the previous pose."""
+"""Least fraction of rows close to the previous row from which a joint counts as standing still. Of random poses in a
+joint range of 0.2 rad, one in two hundred is within SAME_JOINT of the previous pose."""
 _LAST_MOVE = re.compile(r"last_move_(?P<of>\w+)$")
 _WITH_CONSTANT = re.compile(r"(?P<what>play|stop|lag)_(?P<of>\w+)_(?P<size>\d+(?:p\d+)?)$")
 FEWEST_ROWS = 10
@@ -38,7 +38,7 @@ def word(value: float, digits: int = 4) -> str:
 
 
 def read_by(name: str) -> tuple[str, ...]:
-    """Return the source column of a column with memory, such as J2 for `last_move_J2`. Empty for another name."""
+    """Return the source columns of a column with memory, such as J2 for `last_move_J2`; empty for another column."""
     match = _LAST_MOVE.match(name) or _WITH_CONSTANT.match(name)
     return (match["of"],) if match else ()
 
@@ -59,7 +59,7 @@ def constant_of(name: str) -> tuple[str, str, float] | None:
 
 @dataclass(frozen=True, eq=False)
 class Past:
-    """The columns (N,) of a whole table in the order of measurement, and the columns with memory that follow from them.
+    """The columns of a whole table in the order of measurement, and the columns with memory that follow from them.
 
     clock: name of the column of times, or `row`. A column with memory is computed once, on first use.
     """
@@ -70,7 +70,7 @@ class Past:
     _known: dict[str, Array] = field(default_factory=dict)
 
     def column(self, name: str) -> Array | None:
-        """Return a column with memory (N,), or None for any other name."""
+        """Return the column with memory of the given name, or None for any other name."""
         if name not in self._known:
             sources = read_by(name)
             if not sources or sources[0] not in self.columns:
@@ -98,10 +98,10 @@ class Past:
 
 
 def jitter(values: Array) -> float:
-    """Return the threshold (rad or m) below which a change of joint values (N,) counts as standstill.
+    """Return the threshold (rad or m) up to which a change of joint values between rows counts as standstill.
 
-    The limit is SAME_JOINT if more than the share OFTEN of the rows differs from the previous row by less, as for a
-    joint that stands still while it is measured. The limit is ROUNDING if the values are commands.
+    The threshold is SAME_JOINT if more than the share OFTEN of the rows differs from the previous row by less, as for a
+    joint that stands still while it is measured. The threshold is ROUNDING if the values are commands.
     """
     steps = np.abs(np.diff(values))
     held = np.sum((steps > ROUNDING) & (steps <= SAME_JOINT))
@@ -109,8 +109,8 @@ def jitter(values: Array) -> float:
 
 
 def last_move(values: Array, rows: Array, still: float) -> Array:
-    """Return the sign (N,) of the last move of more than `still`; 0 before the first move and after a gap in the row
-    numbers."""
+    """Return at each row the sign of the last move of more than `still`; 0 before the first move and after a gap in the
+    row numbers."""
     out = np.zeros(len(values))
     side, at = 0.0, values[0] if len(values) else 0.0
     for k in range(1, len(values)):
@@ -123,7 +123,7 @@ def last_move(values: Array, rows: Array, still: float) -> Array:
 
 
 def play(values: Array, half_width: float) -> Array:
-    """Return the play operator (N,): the output follows the input at a distance of at most `half_width`."""
+    """Return the play operator at each row: the output follows the input at a distance of at most `half_width`."""
     out = np.array(values, dtype=float)
     for k, value in enumerate(values[1:].tolist(), 1):
         out[k] = max(value - half_width, min(value + half_width, out[k - 1]))
@@ -131,7 +131,7 @@ def play(values: Array, half_width: float) -> Array:
 
 
 def lag(values: Array, time: Array, constant: float) -> Array:
-    """Return the lagged column y (N,) with tau dy/dt = x - y, y_0 = x_0, at the rows; x is linear between the rows."""
+    """Return the lagged column y with tau dy/dt = x - y, y_0 = x_0, at the rows; the input x is linear between rows."""
     out = np.array(values, dtype=float)
     step = np.diff(time) / constant
     decay = np.exp(-step)
@@ -145,7 +145,7 @@ def lag(values: Array, time: Array, constant: float) -> Array:
 def clock_of(dataset: Dataset) -> str | None:
     """Return the column that orders the rows: a column of times that never falls, or `row` if the table states it.
 
-    None if the order of measurement is unknown. Raises InputError if the table states the order and a time falls.
+    The result is None if the order is unknown. Raises InputError if the table states an order and a time falls.
     """
     times = [name for name, unit in dataset.extra_units.items() if is_time(unit)]
     for name in times:

@@ -14,11 +14,11 @@ from gpmodel.table.dataset import Dataset
 
 @dataclass(frozen=True)
 class Tips:
-    """Predicted poses of the measured tip (N, 4, 4), m.
+    """Predicted poses (poses, 4, 4) of the measured tip, m.
 
     root: poses in the root frame of the mechanism.
     instrument: poses in the frame of the instrument.
-    slots: (S, N, 4, 4), frames of the chain in the root frame.
+    slots: frames of the chain in the root frame, (slots, poses, 4, 4).
     """
 
     root: Array
@@ -27,16 +27,16 @@ class Tips:
 
     @property
     def turn(self) -> Array:
-        """Rotations (N, 3, 3) from the axes of the root frame to the axes of the instrument frame."""
+        """Rotations (poses, 3, 3) from the axes of the root frame to the axes of the instrument frame."""
         return self.instrument[:, :3, :3] @ np.swapaxes(self.root[:, :3, :3], 1, 2)
 
 
 Own = Mapping[str, Array]
-"""Unknowns of the observations by key: positions of anchors, surfaces, cameras."""
+"""{key: unknowns of an observation}, such as positions of anchors, surfaces and cameras."""
 
 
 class Observation(Protocol):
-    """Measurements of one kind: m components at each of N poses, NaN if unmeasured, and their derivatives."""
+    """Measurements of one kind, (poses, components), NaN if unmeasured, and their derivatives."""
 
     @property
     def name(self) -> str:
@@ -48,7 +48,7 @@ class Observation(Protocol):
 
     @property
     def metres(self) -> float | None:
-        """Metres that one unit of the measurement counts as. None for a rotation, whose weight the fit estimates."""
+        """Length in metres that one unit of the measurement counts as; None for a rotation, whose weight is fitted."""
 
     @property
     def components(self) -> int:
@@ -64,7 +64,7 @@ class Observation(Protocol):
 
     @property
     def own(self) -> Mapping[str, tuple[str, ...]]:
-        """Names of the numbers of each unknown, by key, in the order of the columns of `by_own`."""
+        """{key of an unknown: names of its numbers}, in the order of the columns of `by_own`."""
 
     @property
     def kept(self) -> tuple[str, ...]:
@@ -72,40 +72,40 @@ class Observation(Protocol):
 
     @property
     def readings(self) -> Mask:
-        """Whether each component was measured (N, m)."""
+        """Whether each component was measured, (poses, components)."""
 
     def subset(self, rows: IntArray) -> "Observation":
-        """Return the measurements at some poses."""
+        """Return the measurements at the poses with the given row numbers."""
 
     def residual(self, tips: Tips, own: Own) -> Array:
-        """Return measured minus predicted (N, m), NaN if unmeasured."""
+        """Return measured minus predicted values (poses, components), NaN if unmeasured."""
 
     def by_tip(self, tips: Tips, own: Own) -> Array:
-        """Return the derivative (N, m, 6) of the prediction by the motion of the tip, in the axes of the instrument.
+        """Return derivatives (poses, components, 6) of the prediction by the motion of the tip in instrument axes.
 
         The motion of the tip is the shift of its point, m, and a rotation about the point, rad.
         """
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
-        """Return the derivative by a motion of the frame of each slot, by slot index, in the axes of the root."""
+        """Return {slot number: derivative by a motion of the frame of the slot}, in the axes of the root."""
 
     def by_own(self, tips: Tips, own: Own) -> Array:
-        """Return the derivative (N, m, k) of the prediction by a step of the unknowns of the observation."""
+        """Return derivatives (poses, components, unknowns) of the prediction by the observation's unknowns."""
 
     def moved(self, key: str, value: Array, step: Array) -> Array:
-        """Return the value of the unknown `key` after a step (k,)."""
+        """Return the value of the unknown `key` after a step."""
 
     def start(self, tips: Tips) -> Own:
-        """Return initial values of the unknowns. InputError if the measurements do not determine them."""
+        """Return initial values of the unknowns. Raises InputError if the measurements do not determine them."""
 
 
 class AtTheTip:
-    """Base of observations that depend on the frame of the tip alone."""
+    """Base class of observations that depend on the frame of the tip alone."""
 
     kept: ClassVar[tuple[str, ...]] = ()
 
     def by_slots(self, tips: Tips, own: Own) -> Mapping[int, Array]:
-        """Return no derivatives: the frame of no slot but the tip changes the measurement."""
+        """Return no derivatives: of all frames, only the frame of the tip changes the measurement."""
         return {}
 
     def moved(self, key: str, value: Array, step: Array) -> Array:
@@ -114,14 +114,14 @@ class AtTheTip:
 
 
 class NothingOwn(AtTheTip):
-    """Base of observations of the tip without unknowns other than registration and tool."""
+    """Base class of observations of the tip without unknowns other than registration and tool."""
 
     own: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     values: Array
 
     @property
     def readings(self) -> Mask:
-        """Whether each component was measured (N, 3)."""
+        """Whether each of the three components was measured, (poses, 3)."""
         return np.isfinite(self.values)
 
     @property
@@ -140,7 +140,7 @@ class NothingOwn(AtTheTip):
 
 @dataclass(frozen=True)
 class Point(NothingOwn):
-    """Position of the tip in the frame of the instrument: values (N, 3), m."""
+    """Position of the tip in the frame of the instrument: values (poses, 3), m."""
 
     values: Array
     name: str = field(default="position", init=False)
@@ -161,9 +161,9 @@ class Point(NothingOwn):
 
 @dataclass(frozen=True)
 class Orientation(NothingOwn):
-    """Orientation of the tip in the frame of the instrument: rotation vectors (N, 3), rad.
+    """Orientation of the tip in the frame of the instrument: rotation vectors (poses, 3), rad.
 
-    The residual of an orientation is the rotation vector of R_measured R_predictedᵀ.
+    The residual of an orientation is the rotation vector of R_measured R_predictedᵀ, with rotation matrices R.
     """
 
     values: Array
@@ -194,7 +194,7 @@ class Orientation(NothingOwn):
 
 @dataclass(frozen=True)
 class Distance(AtTheTip):
-    """Distance of the tip from an anchor fixed to the mechanism's root: values (N,), m.
+    """Distance of the tip from an anchor fixed to the mechanism's root: one value per pose, m.
 
     The unknown of a distance is the position (3,) of the anchor in the root frame, m.
     """
@@ -214,14 +214,14 @@ class Distance(AtTheTip):
 
     @property
     def readings(self) -> Mask:
-        """Whether each distance was measured (N, 1)."""
+        """Whether each distance was measured, (poses, 1)."""
         return np.isfinite(self.values)[:, None]
 
     def subset(self, rows: IntArray) -> "Distance":
         return Distance(self.name, self.values[rows])
 
     def predict(self, tips: Tips, own: Own) -> Array:
-        """Return the predicted distance (N, 1), m."""
+        """Return the predicted distances (poses, 1), m."""
         return np.asarray(np.linalg.norm(tips.root[:, :3, 3] - own[self.name], axis=1)[:, None])
 
     def residual(self, tips: Tips, own: Own) -> Array:
@@ -235,7 +235,7 @@ class Distance(AtTheTip):
         return ((own[self.name] - tips.root[:, :3, 3]) / self.predict(tips, own))[:, None, :]
 
     def start(self, tips: Tips) -> Own:
-        """Return the anchor a by trilateration from tip positions p, linear in a and |a|²: d² = |p|² - 2 p·a + |a|²."""
+        """Return the anchor a by trilateration from tips p and distances d, linear in a and |a|²: d² = |p - a|²."""
         seen = np.isfinite(self.values)
         if seen.sum() < 4:
             raise InputError(f"column '{self.name}': {int(seen.sum())} distances; its anchor needs at least 4")

@@ -16,13 +16,13 @@ class Observed:
     """Predicted measurements and their derivatives.
 
     tips: predicted poses of the tip.
-    frames: (S + 1, N, 4, 4) frames of the chain, then of the instrument, in the instrument's frame, with their errors.
-    twists: error twist (N, 6), m and rad, of each frame; twists[S] of the instrument, twists[S + 1] of the tool.
+    frames: poses (slots + 1, poses, 4, 4) of the slots, then of the instrument, in the instrument's frame, with errors.
+    twists: {slot number: error twist (poses, 6), m and rad}; the last numbers are instrument and tool.
     kinds: kinds of measurements, such as positions or pixels.
-    own: unknowns (k,) that belong to a kind of measurement, by its key.
+    own: {key: unknowns that belong to a kind of measurement}.
     carried: derivative of the tool's twist by the twist of a slot, for closed loops; None for a chain.
-    lineage: (S, S) true if a twist at one frame moves the other frame.
-    tip_slot: (N,) index of the frame that carries the tip.
+    lineage: mask (slots, slots), True if a twist at one frame moves the other frame.
+    tip_slot: number of the slot that carries the tip, for each pose.
     """
 
     tips: Tips
@@ -37,32 +37,32 @@ class Observed:
 
     @property
     def tip(self) -> Array:
-        """Predicted poses of the tip (N, 4, 4) in the frame of the instrument."""
+        """Predicted poses (poses, 4, 4) of the tip in the frame of the instrument."""
         return self.tips.instrument
 
     @property
     def components(self) -> int:
-        """Number of components of a pose: 3 of position, 3 of rotation, then the components of other observations."""
+        """Number of components of a measured pose: 3 of position, 3 of rotation, then those of other observations."""
         return sum(kind.components for kind in self.kinds)
 
     @property
     def distances(self) -> Array:
-        """Predicted distances (N, D), m."""
+        """Predicted distances (poses, distances), m."""
         found = [kind.predict(self.tips, self.own) for kind in self.kinds if isinstance(kind, Distance)]
         return np.hstack(found) if found else np.zeros((len(self.tip), 0))
 
     @property
     def turns(self) -> Mask:
-        """Whether each component (m,) is rotational, so that the fit estimates its weight."""
+        """Whether each component is a rotation, whose weight the fit estimates."""
         return np.repeat([kind.metres is None for kind in self.kinds], [kind.components for kind in self.kinds])
 
     def scales(self, rotation_weight: float) -> Array:
-        """Return the metres (m,) that one unit of each component counts as."""
+        """Return for each component the length in metres that one unit of the component counts as."""
         each = [rotation_weight if kind.metres is None else kind.metres for kind in self.kinds]
         return np.repeat(each, [kind.components for kind in self.kinds])
 
     def rows(self, kind: Observation) -> slice:
-        """Return the slice of the components of an observation."""
+        """Return the slice of the components that belong to an observation."""
         first = 0
         for other in self.kinds:
             if other.name == kind.name:
@@ -71,13 +71,13 @@ class Observed:
         raise KeyError(kind.name)
 
     def sensitivity(self, slot: int) -> Array:
-        """Return the derivative (N, m, 6) of the m components by an error twist at a slot, at its present twist. The
-        result is cached.
+        """Return derivatives (poses, components, 6) of the measurements by an error twist ξ at a slot, at its present
+        value.
 
-        slot: index of the frame. The index after that of the instrument is the tool. The frame of a slot is the frame
-        after its twist ξ, so that exp(ξ + dξ) = exp(ξ) exp(J_r(ξ) dξ) contains the right Jacobian. A translation e
-        moves the point by R e, a rotation e by (R e) × (p_tip - p_slot); the rotation turns the tip by R e. With closed
-        loops, the twist at the slot is first converted to a twist of the tool slot, the last before the instrument.
+        slot: number of the frame; the number after that of the instrument is the tool. exp(ξ + dξ) = exp(ξ) exp(J_r dξ)
+        contains the right Jacobian J_r(ξ). With the rotation R of the frame after ξ, a translation e moves the point by
+        R e. A rotation e moves the point by (R e) × (p_tip - p_slot) and turns the tip by R e. With closed loops, the
+        twist is first converted to a twist of the tool slot, the last slot before the instrument.
         """
         if slot not in self._known:
             self._known[slot] = self._sensitivity(slot)
@@ -107,7 +107,7 @@ class Observed:
 
     @cached_property
     def _by_slots(self) -> list[tuple[slice, int, Array]]:
-        """Components that depend on the frame of a slot, the slot, and the derivative (N, m, 6) in the instrument's
+        """Components that depend on the frame of a slot, the slot, and derivatives (poses, components, 6) in instrument
         axes."""
         axes = np.zeros((len(self.tip), 6, 6))
         axes[:, :3, :3] = axes[:, 3:, 3:] = np.swapaxes(self.tips.turn, 1, 2)
@@ -118,24 +118,24 @@ class Observed:
         ]
 
     def tool_sensitivity(self) -> Array:
-        """Return the derivative (N, m, 6) of the components by a twist of the tool frame."""
+        """Return derivatives (poses, components, 6) of the measurements by a twist of the tool frame."""
         turn = self.tip[:, :3, :3]
         return self._moved(_motion(turn, np.zeros_like(turn), turn))
 
     def registration_sensitivity(self, centre: Array) -> Array:
-        """Return the derivative (N, m, 6) by a twist of the registration about `centre`, in the instrument's axes."""
+        """Return derivatives (poses, components, 6) by a twist of the registration about `centre`, instrument axes."""
         eye = np.broadcast_to(np.eye(3), (len(self.tip), 3, 3))
         return self._moved(_motion(eye, -se3.hat(self.tip[:, :3, 3] - centre), eye), absolute=True)
 
     def own_sensitivity(self, kind: Observation) -> Array:
-        """Return the derivative (N, m, k) of the components by a step of the unknowns of an observation."""
+        """Return derivatives (poses, components, unknowns) by a step of the unknowns of an observation."""
         out = np.zeros((len(self.tip), self.components, sum(len(names) for names in kind.own.values())))
         out[:, self.rows(kind)] = kind.by_own(self.tips, self.own)
         return out
 
     def _moved(self, motion: Array, absolute: bool = False) -> Array:
-        """Return the derivative (N, m, 6) of the components by a motion of the tip. absolute: whether to include only
-        measurements in the instrument's frame."""
+        """Return derivatives (poses, components, 6) of the measurements by a motion of the tip. absolute: True to
+        include only measurements in the instrument's frame."""
         parts = [kind.by_tip(self.tips, self.own) @ motion for kind in self.kinds]
         if absolute:
             parts = [p if kind.absolute else np.zeros_like(p) for p, kind in zip(parts, self.kinds, strict=True)]
@@ -143,14 +143,14 @@ class Observed:
 
 
 def _by_twist(at: Array, frame: Array) -> Array:
-    """Return the motion (N, 6, 6) of frames (N, 4, 4), origin (m) and rotation (rad), by unit twists in other frames
+    """Return the motion (poses, 6, 6) of `frame`, origin (m) and rotation (rad), by unit twists in the other frame
     `at`."""
     turn = at[:, :3, :3]
     return _motion(turn, -se3.hat(frame[:, :3, 3] - at[:, :3, 3]) @ turn, turn)
 
 
 def _motion(moves: Array, swings: Array, turns: Array) -> Array:
-    """Return the motion (N, 6, 6) of the tip: its point by translations and rotations, its axes by rotations."""
+    """Return the motion (poses, 6, 6) of the tip: its point by translations and rotations, its axes by rotations."""
     out = np.zeros((len(moves), 6, 6))
     out[:, :3, :3], out[:, :3, 3:], out[:, 3:, 3:] = moves, swings, turns
     return out

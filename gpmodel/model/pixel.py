@@ -1,7 +1,7 @@
 """Corners of a board in the image of a camera. Camera and board are each fixed to the world or carried by a link.
 
-X = (F_c C)⁻¹ F_b B x: a corner x (3,) of the board, its pose B in its carrier F_b, the camera's pose C in its carrier
-F_c; pixels by gpmodel.model.lens. B, C and the unknown parameters of the lens are estimated.
+X = (F_c C)⁻¹ F_b B x: corner x of the board, pose B of the board in its carrier F_b, pose C of the camera in its
+carrier F_c. gpmodel.model.lens converts X to pixels. B, C and the unknown parameters of the lens are estimated.
 """
 
 from collections.abc import Iterator, Mapping
@@ -22,17 +22,17 @@ REWEIGHTED = 10
 """Number of fits of a homography, of the pose of a body, or of a hand-eye transform; each fit reduces the weights of
 outliers of the previous fit."""
 IN_TURN = 20
-"""Gauss-Newton steps for the pose of a body between two weightings."""
+"""Number of Gauss-Newton steps for the pose of a body between two weightings."""
 TURNING = 1e-3
 """Smallest ratio of the second smallest to the largest singular value of a hand-eye problem. With a smaller ratio all
 views rotate about one axis."""
 FEWEST_VIEWS = 3
-"""Least number of camera views: their two rotations about two axes determine a hand-eye transform."""
+"""Least number of camera views of a board: two rotations about two axes determine a hand-eye transform."""
 
 
 def homography(flat: Array, seen: Array) -> Array:
-    """Return H (3, 3) with [x, y, 1] ~ H [X, Y, 1], of flat (C, 2), m, and seen (C, 2), robust to wrong corners.
-    Source: Zhang (2000)."""
+    """Return the homography (3, 3) from points `flat` (corners, 2) of a board, m, to image points `seen` (corners, 2).
+    The fit is robust to wrong corners. Source: Zhang (2000)."""
     ones = np.ones(len(flat))
     (board, a), (image, b) = _normalised(flat), _normalised(seen)
     source, weight = np.column_stack([board, ones]), ones.copy()
@@ -49,14 +49,14 @@ def homography(flat: Array, seen: Array) -> Array:
 
 
 def _normalised(points: Array) -> tuple[Array, Array]:
-    """Return points (C, 2) with mean zero and standard deviation one, and the map (3, 3) that scales the points."""
+    """Return points (points, 2) scaled to mean zero and standard deviation one, and the 3 x 3 matrix of the scaling."""
     middle, size = points.mean(axis=0), points.std() or 1.0
     scale = np.array([[1 / size, 0, -middle[0] / size], [0, 1 / size, -middle[1] / size], [0, 0, 1.0]])
     return (points - middle) / size, scale
 
 
 def lens_from(homographies: list[Array]) -> Array:
-    """Return fx, fy, cx, cy (4,), px, from homographies of the board to pixels, without skew. Source: Zhang (2000)."""
+    """Return fx, fy, cx, cy of a lens, px, from homographies of a board, without skew. Source: Zhang (2000)."""
 
     def row(h: Array, i: int, j: int) -> Array:
         a, b = h[:, i], h[:, j]
@@ -73,7 +73,7 @@ def lens_from(homographies: list[Array]) -> Array:
 
 
 def flattened(board: Array) -> tuple[Array, Array]:
-    """Return a frame (4, 4) in which the points (P, 3) of a board are in z = 0, and their distances (P,) from that
+    """Return a frame (4, 4) in which the points of a board are in the plane z = 0, and their distances from that
     plane."""
     middle = board.mean(axis=0)
     axes = np.linalg.svd(board - middle, full_matrices=False)[2]
@@ -82,7 +82,7 @@ def flattened(board: Array) -> tuple[Array, Array]:
 
 
 def view_pose(board: Array, seen: Array, plane: Array | None) -> Array:
-    """Return the board in the frame of the camera (4, 4), from its corners (C, 3), m, and their directions (C, 2).
+    """Return the pose (4, 4) of a board in the camera frame, from its corners (corners, 3), m, and their directions.
 
     plane: frame of the plane of a flat board, as `flattened`; None for a body.
     """
@@ -99,8 +99,8 @@ def view_pose(board: Array, seen: Array, plane: Array | None) -> Array:
 def _body_pose(body: Array, seen: Array) -> Array:
     """Estimate the pose (4, 4) of a body whose points are not in one plane, in the frame of the camera.
 
-    The estimate starts from weak perspective, then alternates: t fits the lines of sight given R, R fits the nearest
-    points on them. Each step reduces the weights of outliers. Source: Lu, Hager and Mjolsness (2000).
+    The start is weak perspective. The translation then fits the lines of sight given the rotation; the rotation fits
+    the nearest points on the lines. Each step reduces the weights of outliers. Source: Lu, Hager and Mjolsness (2000).
     """
     sight = np.column_stack([seen, np.ones(len(seen))])
     onto = sight[:, :, None] * sight[:, None, :] / np.sum(sight**2, axis=1)[:, None, None]
@@ -125,9 +125,9 @@ def _body_pose(body: Array, seen: Array) -> Array:
 
 
 def hand_eye(moved: Array, seen: Array) -> tuple[Array, Array]:
-    """Return B and C (4, 4) with A B = C T. InputError if the views do not determine B and C. Source: Shah (2013).
-
-    moved: A (V, 4, 4), board's carrier in camera's carrier. seen: T (V, 4, 4), the board in the camera frame.
+    """Return poses B of a board and C of a camera in their carriers, with A B = C T for all views. Source: Shah (2013).
+    moved: A (views, 4, 4), board's carrier in the camera's carrier. seen: T (views, 4, 4), board in the camera.
+    Raises InputError if the views do not determine B and C.
     """
     if len(moved) < FEWEST_VIEWS:
         raise InputError(f"{len(moved)} poses; expected at least {FEWEST_VIEWS}")
@@ -153,17 +153,17 @@ def hand_eye(moved: Array, seen: Array) -> tuple[Array, Array]:
 
 
 def middle_of(frames: Array) -> Array:
-    """Return a mean frame (4, 4) of frames (V, 4, 4): the median of the positions, the mean of the rotations."""
+    """Return a mean frame (4, 4) of several frames: the median of the positions, the mean of the rotations."""
     return se3.frame(se3.nearest_rotation(frames[:, :3, :3].mean(axis=0)), np.median(frames[:, :3, 3], axis=0))
 
 
 def _trusted(off: Array) -> Array:
-    """Return weights (C,) for distances `off`, small for distances far beyond the median."""
+    """Return weights for distances `off`, small for distances far beyond the median."""
     return np.asarray(1.0 / (1.0 + (off / (3.0 * np.median(off) + 1e-12)) ** 2))
 
 
 WORLD = -1
-"""Slot index of a camera or board that does not move."""
+"""Slot number of a camera or board that does not move."""
 
 
 FEWEST_CORNERS, FEWEST_MARKERS = 4, 6
@@ -175,7 +175,7 @@ FLAT = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Mounted:
-    """A camera or a board: its name, and the index of the slot that carries it, or WORLD."""
+    """A camera or a board: its name, and the number of the slot (frame) that carries it, or WORLD."""
 
     name: str
     slot: int
@@ -183,7 +183,7 @@ class Mounted:
 
 @dataclass(frozen=True, eq=False)
 class Camera(Mounted):
-    """A camera. lens: (9,) parameters as lens.NAMES, zero if unknown. solved: indices of estimated ones."""
+    """A camera. lens: nine parameters as lens.NAMES, zero if unknown. solved: positions of the estimated parameters."""
 
     lens: Array
     solved: tuple[int, ...]
@@ -191,22 +191,22 @@ class Camera(Mounted):
 
 @dataclass(frozen=True, eq=False)
 class Board(Mounted):
-    """A board or a body. corners: (P, 3) positions of corners or markers, m. A view may contain only some corners."""
+    """A board or a body. corners: positions (corners, 3) of corners or markers, m. A view may contain only some."""
 
     corners: Array
 
     @cached_property
     def flat(self) -> bool:
-        """Whether the corners are in one plane."""
+        """Whether the corners of the board are in one plane."""
         off = flattened(self.corners)[1].max()
         return bool(off <= FLAT * np.ptp(self.corners, axis=0).max())
 
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """Measured pixels of corners. camera, board: (N,) index, -1 for no measurement.
+    """Measured pixels of corners. camera, board: number of camera and board of each row, -1 for no measurement.
 
-    values: (N, 2) u v, px. corner: (N, 3) on its board, m. view: (N,) code of pose. metres: size of one pixel, m.
+    values: (rows, 2), px. corner: point on its board, m. view: number of the view. metres: size of one pixel, m.
     """
 
     values: Array
@@ -225,7 +225,7 @@ class Pixels:
 
     @cached_property
     def own(self) -> Mapping[str, tuple[str, ...]]:
-        """Unknowns: poses of cameras and boards, and parameters of the lenses."""
+        """Unknowns of the pixels: poses of cameras and boards, and parameters of the lenses."""
         out: dict[str, tuple[str, ...]] = {f"camera {c.name}": AXES for c in self.cameras}
         out |= {f"board {b.name}": AXES for b in self.boards}
         return out | {f"lens {c.name}": tuple(lens.NAMES[k] for k in c.solved) for c in self.cameras if c.solved}
@@ -239,7 +239,7 @@ class Pixels:
 
     @property
     def readings(self) -> Mask:
-        """Whether each component was measured (N, 2)."""
+        """Whether each of the two pixel coordinates was measured, (rows, 2)."""
         return np.isfinite(self.values)
 
     def subset(self, rows: IntArray) -> "Pixels":
@@ -330,7 +330,7 @@ class Pixels:
         return [view for view in views if len(view) >= max(FEWEST_CORNERS, min(needed, most))]
 
     def _lens(self, i: int, camera: Camera) -> Array:
-        """Return the lens (9,), with unknown parameters from Zhang's homographies."""
+        """Return the nine lens parameters of a camera, with unknown parameters from Zhang's homographies."""
         out = camera.lens.copy()
         if missing := [k for k in camera.solved if k < 4 and out[k] == 0.0]:
             found = [*self._homographies(i)]
@@ -351,8 +351,8 @@ class Pixels:
                     yield homography(flat, self.values[rows])
 
     def _posed(self, tips: Tips, pair: tuple[int, int], known: Array) -> tuple[Array, Array]:
-        """Return for each view of a pair the board's carrier in that of the camera, and the board in the camera (V, 4,
-        4)."""
+        """Return for each view of a camera and a board two poses (views, 4, 4): the board's carrier in the camera's
+        carrier, and the board in the camera."""
         camera, board = self.cameras[pair[0]], self.boards[pair[1]]
         plane = flattened(board.corners)[0] if board.flat else None
         moved, seen = [], []
@@ -376,8 +376,8 @@ class Pixels:
 
 @dataclass(frozen=True)
 class _View:
-    """camera, board: (N, 4, 4) poses in the root. world, points: (N, 3) corner in the root and in the camera, m. lens:
-    (N, 9)."""
+    """Poses of `camera` and `board` in the root frame, (rows, 4, 4); corner in the root frame (`world`) and in the
+    camera frame (`points`), (rows, 3), m; lens parameters (rows, 9)."""
 
     camera: Array
     board: Array
@@ -387,7 +387,7 @@ class _View:
 
 
 def _placed(tips: Tips, parts: list[tuple[int, Array]], which: IntArray) -> Array:
-    """Return the pose in the root (N, 4, 4) of the camera or board of each row. which: (N,) index in `parts`."""
+    """Return the pose (4, 4) in the root frame of the camera or board of each row. which: its position in `parts`."""
     out = np.broadcast_to(np.eye(4), (len(which), 4, 4)).copy()
     for i, (slot, value) in enumerate(parts):
         rows = which == i

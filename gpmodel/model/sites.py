@@ -144,8 +144,8 @@ def geometric_effects(mechanism: Mechanism) -> tuple[Effect, ...]:
     """Return the complete geometry, with redundant constants: six twists on the moving side of every joint, then of
     every link that follows other joints, such as the wrist of a palletiser.
 
-    With closed loops, the mechanism states its constants. With several arms, each arm but the first has six more twists
-    at its mounting.
+    With closed loops, the mechanism states its constants. With several arms, each arm except the first has six more
+    twists at its mounting.
     """
     loops, tree = closed(mechanism), branched(mechanism)
     stand = [mechanism.slots[i] for i in stands(tree)] if tree else []
@@ -179,7 +179,7 @@ def standard_effects(mechanism: Mechanism, patterns: Sequence[str] = ("*",)) -> 
 
 
 def _aliases(name: str, mechanism: Mechanism) -> tuple[str, ...]:
-    """Return the name, and the name with J1..Jn for its joint. A link of closed loops may belong to no joint."""
+    """Return the name of a constant, also with J1..Jn for its joint. Links of closed loops may belong to no joint."""
     place, axis = name.rsplit(" ", 1)
     names = [joint.name for joint in mechanism.joints]
     at = (i for i, n in enumerate(names) if place == n or place.startswith(f"{n}."))

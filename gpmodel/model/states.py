@@ -1,4 +1,4 @@
-"""States: named columns with units, one value a pose, that a basis function may use."""
+"""States: named columns with units, one value per pose, that a basis function may use."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -24,7 +24,7 @@ UNITS = {"range": "m", "azimuth": "rad", "elevation": "rad", "x": "m", "y": "m",
 
 
 def seen_columns(points: Array) -> dict[str, Array]:
-    """Return columns (N,) of points (N, 3), m: instrument_range, _azimuth, _elevation, _x, _y, _z."""
+    """Return the columns instrument_range, _azimuth, _elevation, _x, _y, _z of points (poses, 3), m."""
     x, y, z = points.T
     flat = np.hypot(x, y)
     values = (np.hypot(flat, z), np.arctan2(y, x), np.arctan2(z, flat), x, y, z)
@@ -33,7 +33,7 @@ def seen_columns(points: Array) -> dict[str, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """The measured points (N, 3) of a whole table in the frame of its instrument, m; NaN if unmeasured.
+    """The measured points (poses, 3) of a whole table in the frame of its instrument, m; NaN if unmeasured.
 
     specification: accuracy of the instrument, None if unknown.
     """
@@ -49,11 +49,11 @@ class Seen:
         return seen_columns(np.where(whole[:, None], self.points, middle))
 
     def column(self, name: str) -> Array | None:
-        """Return the column (N,) named `name`, or None."""
+        """Return the column of the instrument named `name`, or None."""
         return self.columns.get(name) if name.startswith(PREFIX) else None
 
     def unit(self, name: str) -> str:
-        """Return the unit of a column, m or rad."""
+        """Return the unit of a column of the instrument, m or rad."""
         return UNITS[name.removeprefix(PREFIX)]
 
 
@@ -61,7 +61,7 @@ class Seen:
 class Derived:
     """Columns that one function computes for a whole table, on first use.
 
-    made: function that returns the columns (N,) by name.
+    made: function that returns the columns by name.
     known: function that returns whether a name may be a derived column.
     unit: function from a name to its unit. All three functions are pickled for worker processes and must therefore
     belong to a module.
@@ -77,7 +77,7 @@ class Derived:
         return self.made()
 
     def column(self, name: str) -> Array | None:
-        """Return the column (N,) named `name`, or None."""
+        """Return the derived column named `name`, or None."""
         return self.columns.get(name) if self.known(name) else None
 
 
@@ -126,7 +126,7 @@ def measured_torques(mechanism: Mechanism, dataset: Dataset) -> dict[str, str]:
 
 
 def measured_torque(dataset: Dataset, column: str) -> Array:
-    """Return the column (N,) in N·m or N, with the sign of the table: a drive at rest exerts minus the gravity load."""
+    """Return the column in N·m or N, with the sign of the table: a drive at rest exerts minus the gravity load."""
     return dataset.extras[column] * (torque_factor(dataset.extra_units[column]) or 1.0)
 
 
@@ -164,7 +164,7 @@ PAYLOAD_SHARE = "payload_"
 
 @dataclass(frozen=True)
 class States:
-    """Columns (N,) of the poses by name, and their units.
+    """Columns of the poses by name, one value per pose, and their units.
 
     Listed in `columns`: joint names (rad or m), x y z (nominal tip in the mechanism's root frame, m), the loads of the
     mechanism (Nm, N), payload (kg, if the table has it), payload_torque_J2 (torque of the payload alone, if it varies),
@@ -174,7 +174,7 @@ class States:
     frame of the instrument (`seen`), angles of ball joints (`turned`), torques of a constant payload (`carried`).
 
     past: the whole table, if its rows are in the order of measurement.
-    rows: (N,) rows of the whole table, so that a subset remembers poses outside the subset.
+    rows: row numbers in the whole table, so that a subset remembers poses outside the subset.
     loads: columns that are loads of the mechanism, computed or measured.
     """
 
@@ -190,7 +190,7 @@ class States:
     _known: dict[str, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def value(self, basis: Basis) -> Array:
-        """Return the values (N,) of a basis function, cached, since a fit needs hundreds of them at every step.
+        """Return the values of a basis function at the poses, cached, since a fit needs the values at every step.
 
         Raises InputError if a basis function that is no Expression returns another shape.
         """
@@ -232,24 +232,24 @@ class States:
         return next(d.unit(name) for d in derived if d and d.column(name) is not None)
 
     def unit_of_constant(self, what: str, of: str) -> str:
-        """Return the unit of the constant of a column with memory: the clock's unit for a lag, else that of column
-        `of`."""
+        """Return the unit of the constant of a column with memory: for a lag the unit of the clock, else the unit of
+        the source column `of`."""
         if what != "lag" or self.past is None:
             return self.unit(of)
         return "rows" if self.past.clock == "row" else self.units[self.past.clock]
 
     def subset(self, rows: IntArray | Mask) -> "States":
-        """Return the columns at some poses. Columns with memory still follow the whole table."""
+        """Return the states at some poses. Columns with memory still depend on the whole table."""
         taken = np.arange(len(self))[rows] if self.rows is None else self.rows[rows]
         columns = MappingProxyType({k: v[rows] for k, v in self.columns.items()})
         return replace(self, columns=columns, rows=taken)
 
     def seen_at(self, points: Array) -> "States":
-        """Return the states with the columns of the instrument computed from points (N, 3) in its frame, m."""
+        """Return the states with the columns of the instrument computed from points (poses, 3) in its frame, m."""
         return replace(self, columns=MappingProxyType({**self.columns, **seen_columns(points)}))
 
     def between(self, count: int = 2000) -> "Between":
-        """Return columns (count,) at random points on straight lines between pairs of poses."""
+        """Return `count` values of each column at random points on straight lines between pairs of poses."""
         rng = np.random.default_rng(0)
         first, second = rng.integers(0, len(self), (2, count))
         return Between(self, first, second, rng.random(count))
@@ -257,7 +257,7 @@ class States:
 
 @dataclass(frozen=True)
 class Between:
-    """Columns (C,) interpolated between the poses `first` (C,) and the poses `second` (C,), at the fraction `part`."""
+    """Columns interpolated between the poses `first` and the poses `second`, at the fraction `part` of the way."""
 
     states: States
     first: IntArray
@@ -278,7 +278,7 @@ def load_unit(name: str) -> str:
 
 
 def tip_slots(mechanism: Mechanism, dataset: Dataset) -> IntArray:
-    """Return the index (N,) of the frame that carries the measured tip of each row: for several chains by label `tip`.
+    """Return the number of the slot that carries the measured tip of each row; for several chains by the label `tip`.
 
     Raises InputError for an unknown tip.
     """

@@ -23,10 +23,10 @@ class Surface:
     """A kind of touched surface.
 
     needs: number of touches that determine the surface.
-    axes: observable twists of the surface's frame, as indices.
-    gap: function of points (N, 3) in the surface's frame to gaps (N, c), m; for a sphere the distance to its centre.
-    slope: function of points to the derivatives (N, c, 3) of the gaps.
-    place: function of touches (N, 3) in the root and the radius, NaN if unknown, to its frame (4, 4) and radius.
+    axes: numbers of the observable twists of the surface's frame.
+    gap: function from points (points, 3) in the surface's frame to gaps, m; for a sphere the distance to its centre.
+    slope: function from points to the derivatives (points, gaps, 3) of the gaps.
+    place: function from touches (touches, 3) in the root and the radius, NaN if unknown, to frame (4, 4) and radius.
     """
 
     needs: int
@@ -60,7 +60,7 @@ def _place_line(points: Array, radius: float) -> tuple[Array, float]:
 
 
 def _place_sphere(points: Array, radius: float) -> tuple[Array, float]:
-    """Solve |p|² = 2 p·c + (r² - |c|²) for the centre c, and for the radius r if it is unknown."""
+    """Fit a sphere: |p|² = 2 p·c + (r² - |c|²) for touches p, centre c, and radius r if it is unknown."""
     middle = points.mean(axis=0)
     p = points - middle
     _, spread, _ = np.linalg.svd(p, full_matrices=False)

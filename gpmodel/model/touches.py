@@ -1,11 +1,11 @@
 """Touches of objects at unknown positions by the tool point: surfaces, a shared point, the two ends of a bar.
 
-A body has one unknown pose S in the root frame. A feature is a surface F fixed to a body. With the tool point p and y =
-(S F)⁻¹ p in the frame of the feature, the measurement is a gap g(y) of zero.
+A body has one unknown pose S in the root frame. A feature is a surface with pose F in a body. With the tool point p and
+y = (S F)⁻¹ p in the frame of the feature, the measurement is a gap g(y) of zero.
 
-A bar of length L has the pose nearest to the touches p of its ends: on the line of the touches, with coinciding
-middles. The gap of each end of a bar is (|p2 - p1| - L) / 2 along the bar. Of the unknowns of a bar, only its position
-along the line of the touches enters the linear problem.
+A bar of length L is touched at both ends, p1 and p2. The bar is taken to lie on the line through the touches, with
+coinciding middles. The gap at each end is (|p2 - p1| - L) / 2 along the bar. Only the position of a bar along this line
+is an unknown of the linear problem.
 """
 
 from collections.abc import Mapping
@@ -41,7 +41,7 @@ class Feature:
 
     @property
     def shape(self) -> Surface:
-        """Kind of the feature's surface."""
+        """Kind of the touched surface."""
         return SURFACES[self.surface]
 
 
@@ -50,7 +50,7 @@ class Artefact:
     """A rigid body with one unknown pose.
 
     name: key of the body's unknowns.
-    axes: observable twists of the body's frame, as indices.
+    axes: numbers of the observable twists of the body's frame.
     features: surfaces of the body.
     """
 
@@ -76,7 +76,7 @@ class Artefact:
 
 @dataclass(frozen=True, eq=False)
 class Touches(AtTheTip):
-    """Gaps of the tool point, measured as zero, m. body, feature: (N,) index of the touched object, -1 for none."""
+    """Gaps of the tool point, measured as zero, m. body, feature: numbers of the touched object, -1 for none."""
 
     name: str
     bodies: tuple[Artefact, ...]
@@ -100,7 +100,7 @@ class Touches(AtTheTip):
 
     @cached_property
     def readings(self) -> Mask:
-        """Whether each component was measured (N, m)."""
+        """Whether each gap component was measured, (rows, components)."""
         out = np.zeros((len(self.body), self.components), dtype=bool)
         for shape, rows in self._rows:
             out[rows, : shape.slope(np.ones((1, 3))).shape[1]] = True
@@ -108,7 +108,7 @@ class Touches(AtTheTip):
 
     @cached_property
     def _rows(self) -> list[tuple[Surface, IntArray]]:
-        """Rows of the table that touched each kind of surface."""
+        """Numbers of the rows of the table that touched each kind of surface."""
         kinds = np.array(["" if b < 0 else self.bodies[b].features[f].surface for b, f in self._each])
         return [(SURFACES[kind], np.flatnonzero(kinds == kind)) for kind in sorted({*kinds.tolist()} - {""})]
 
@@ -117,7 +117,7 @@ class Touches(AtTheTip):
         return list(zip(self.body.tolist(), self.feature.tolist(), strict=True))
 
     def subset(self, rows: IntArray) -> "Touches":
-        """Return the touches of some rows, without bars of which only one end is in these rows."""
+        """Return the touches of some rows, without bars of which only one end was touched in these rows."""
         body = self.body[rows]
         ends = np.bincount(body[body >= 0], minlength=len(self.bodies))
         half = [i for i, b in enumerate(self.bodies) if b.is_bar and ends[i] == 1]
@@ -164,8 +164,8 @@ class Touches(AtTheTip):
         return out
 
     def moved(self, key: str, value: Array, step: Array) -> Array:
-        """Return the pose after a twist of its axes, and the sum of radius and step. A bar is unchanged, because its
-        pose follows its touches."""
+        """Return the pose of a body after a twist of its axes, and the sum of radius and step. A bar is unchanged,
+        because its pose follows from its touches."""
         body = self._by_name[key]
         if body.is_bar:
             return value
@@ -178,7 +178,7 @@ class Touches(AtTheTip):
         return {body.name: body for body in self.bodies}
 
     def start(self, tips: Tips) -> Own:
-        """Return initial poses: in closed form, or for several features by least squares from 24 orientations."""
+        """Return initial poses of the bodies: in closed form, or for several features by least squares."""
         points = tips.root[:, :3, 3]
         return {body.name: self._placed(i, body, points) for i, body in enumerate(self.bodies)}
 
@@ -215,8 +215,8 @@ class Touches(AtTheTip):
 
     @cached_property
     def _features(self) -> tuple[IntArray, Array, Array]:
-        """Index (N,) of each row's feature among the features of all bodies; feature frames in their bodies, and known
-        radii."""
+        """Number of each row's feature among the features of all bodies; poses of the features in their bodies, and
+        known radii."""
         flat = [f for body in self.bodies for f in body.features]
         first = np.cumsum([0, *(len(body.features) for body in self.bodies)])[:-1]
         at = np.where(self.body >= 0, first[self.body] + self.feature, 0)
@@ -225,7 +225,7 @@ class Touches(AtTheTip):
 
     @cached_property
     def _bars(self) -> tuple[IntArray, IntArray, Array]:
-        """Indices of bars (B,), the rows (B, 2) of their ends, and half of their lengths (B,)."""
+        """Numbers of the bars, the rows (bars, 2) of their ends, and half of their lengths, m."""
         bars = np.array([i for i, body in enumerate(self.bodies) if body.is_bar], dtype=np.int64)
         rows = np.full((len(self.bodies), 2), -1)
         touched = np.flatnonzero(self.body >= 0)
@@ -233,7 +233,7 @@ class Touches(AtTheTip):
         return bars, rows[bars], np.array([0.5 * self.bodies[i].features[1].frame[2, 3] for i in bars])
 
     def _poses(self, points: Array, own: Own) -> Array:
-        """Return poses (B, 4, 4) of the bodies. A bar is on the line of its touches (N, 3), with equal middles."""
+        """Return the poses (bodies, 4, 4) of the bodies. A bar is on the line of its touches, with equal middles."""
         numbers = np.array([own[body.name][:6] for body in self.bodies])
         poses = se3.exp(np.concatenate([np.zeros((len(numbers), 3)), numbers[:, 3:]], axis=1))
         poses[:, :3, 3] = numbers[:, :3]
@@ -248,8 +248,8 @@ class Touches(AtTheTip):
 
 @dataclass(frozen=True)
 class _Gaps:
-    """Geometry of the touch of each row. frames: (N, 4, 4) features in the root; within: (N, 4, 4) features in their
-    bodies. in_body, points: (N, 3) tool point in the body and in the feature, m. radius: (N,) radius, m."""
+    """Geometry of each touch. frames, within: pose of the feature in the root and in its body. in_body, points: tool
+    point (3,) in the body and in the feature, m. radius: radius, m."""
 
     frames: Array
     within: Array
@@ -263,7 +263,7 @@ def _into(frames: Array, points: Array) -> Array:
 
 
 def _laid(body: Artefact, feature: IntArray, points: Array) -> Array:
-    """Return the six pose parameters of a bar, with its middle between the two touches."""
+    """Return the six pose parameters of a bar whose middle is between the two touches."""
     first, second = (points[feature == k].mean(axis=0) if (feature == k).any() else points[0] for k in (0, 1))
     along, length = second - first, body.features[1].frame[2, 3]
     along = along / np.linalg.norm(along) if np.any(along) else np.array([0.0, 0.0, 1.0])

@@ -1,8 +1,8 @@
 """Optimal experimental designs: selection of measurement poses from a pool of candidates.
 
-A pose adds JᵀJ to the information M of the unknowns. J (3, K) are the derivatives of its coordinates by the unknowns,
-over the standard deviation of a coordinate. M⁻¹ is the covariance of the unknowns. Sources: Fedorov (1972); Pukelsheim
-(1993); Atkinson and Fedorov (1975).
+A pose adds JᵀJ to the information M of the unknowns. J has the derivatives of the pose's three coordinates by the
+unknowns, over the standard deviation of a coordinate. M⁻¹ is the covariance of the unknowns. Sources: Fedorov (1972);
+Pukelsheim (1993); Atkinson and Fedorov (1975).
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ from gpmodel.numerics.interval import COVERAGE
 from gpmodel.numerics.se3 import chain
 
 MARGIN = 0.02
-"""Share of a joint's range that random poses avoid near the joint limits, half at each limit."""
+"""Fraction of a joint's range that random poses avoid near the joint limits, half at each limit."""
 
 ATTEMPTS = 50
 """Number of random poses drawn for each wanted pose, before an error reports that too few poses are possible."""
@@ -45,11 +45,11 @@ class Sight:
 class Reach:
     """Constraints that every pose has to meet.
 
-    box: (2, 3), m, lowest and highest tool point in the root frame.
+    box: lowest and highest tool point in the root frame, (2, 3), m.
     tool: tool point (3,) in the measured frame, m.
     sight: line of sight to the instrument; None for no constraint.
     collisions: True to exclude poses in which the arm collides with itself, if the shape of the arm is known.
-    measured: joint values (N, n); their range limits the joints that have no joint limits.
+    measured: joint values (poses, joints); their range limits the joints that have no joint limits.
     """
 
     box: Array = field(default_factory=lambda: np.array([[-np.inf] * 3, [np.inf] * 3]))
@@ -59,7 +59,7 @@ class Reach:
     measured: Array | None = None
 
     def failures(self, mechanism: Mechanism, q: Array) -> dict[str, Mask]:
-        """Return the violated constraints of poses q (N, n): the name of each constraint and a mask (N,)."""
+        """Return {constraint: mask of the poses that violate the constraint} for poses q (poses, joints)."""
         frames = chain(mechanism.transforms(q))[-1]
         points = frames[:, :3, :3] @ self.tool + frames[:, :3, 3]
         found: dict[str, Mask] = {"outside the box": ((points < self.box[0]) | (points > self.box[1])).any(axis=1)}
@@ -87,7 +87,7 @@ def knows_its_shape(mechanism: Mechanism) -> bool:
 def candidates(
     mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Reach | None = None, least: int | None = None
 ) -> Array:
-    """Draw at most `count` random joint values (P, n) inside the joint limits that meet all constraints.
+    """Draw at most `count` random rows of joint values inside the joint limits that meet all constraints.
 
     Raises InputError with the constraint that excludes most poses if fewer than `least` are found, by default `count`.
     """
@@ -124,53 +124,53 @@ TRIED = 10
 """Number of poses tried in an exchange: the poses with the largest gain when added to the design."""
 
 ENOUGH = 1e-6
-"""Least improvement of the logarithm of the criterion by an exchange."""
+"""Least improvement of the logarithm of the design criterion by an exchange of two poses."""
 
 DETERMINED = 1e-12
-"""Least eigenvalue of the information M, scaled to a unit diagonal, at which all unknowns are determined. The prior of
-the geometry has the weight of a millionth of a measurement."""
+"""Least eigenvalue of the information matrix, scaled to a unit diagonal, at which all unknowns are determined. The
+prior of the geometry has the weight of a millionth of a measurement."""
 
 LITTLE = 1e-6
-"""Information added to every unknown so that the matrix M is regular: a millionth of the information of one pose."""
+"""Information added to every unknown so that the information matrix is regular: a millionth of that of one pose."""
 
 SHORTLIST = 60
-"""Number of candidate poses for which the smallest eigenvalue is computed exactly: the poses with most information on
-its eigenvector."""
+"""Number of candidate poses for which the smallest eigenvalue of the information matrix is computed exactly: the poses
+with most information on its eigenvector."""
 
 
 class Goal(Protocol):
     """Criterion of an experimental design; smaller is better."""
 
     def value(self, information: Array) -> float:
-        """Return the logarithm of the criterion for the information M (K, K)."""
+        """Return the logarithm of the criterion for an information matrix of the unknowns."""
 
     def change(self, information: Array, columns: Array, sign: float) -> Array:
-        """Return the gain (N,) of adding (sign 1) or removing (sign -1) each of N poses with columns (N, 3, K)."""
+        """Return the gain of adding (sign 1) or removing (sign -1) each pose. columns: (poses, 3, unknowns)."""
 
 
 @dataclass(frozen=True)
 class Determinant:
-    """D-optimality: minimise the volume of the confidence region of the unknowns, -log det M."""
+    """D-optimality: minimise the volume of the confidence region of the unknowns, -log det of their information."""
 
     def value(self, information: Array) -> float:
-        """Return -log det M."""
+        """Return -log of the determinant of the information matrix."""
         return -float(np.linalg.slogdet(information)[1])
 
     def change(self, information: Array, columns: Array, sign: float) -> Array:
-        """Return log det (I ± J M⁻¹ Jᵀ) of each pose."""
+        """Return log det (I ± J M⁻¹ Jᵀ) of each pose: information M of the design, derivatives J of the pose."""
         return np.asarray(np.linalg.slogdet(_inner(linalg.inv(information), columns, sign))[1])
 
 
 @dataclass(frozen=True)
 class Smallest:
-    """E-optimality: minimise the variance of the least determined combination of unknowns, -log λ_min of M."""
+    """E-optimality: minimise the variance of the least determined combination of unknowns."""
 
     def value(self, information: Array) -> float:
-        """Return -log of the smallest eigenvalue of M."""
+        """Return -log of the smallest eigenvalue of the information matrix."""
         return -float(np.log(max(np.linalg.eigvalsh(information)[0], 1e-300)))
 
     def change(self, information: Array, columns: Array, sign: float) -> Array:
-        """Return the change of log λ_min, exact for the SHORTLIST poses and -inf for the other poses."""
+        """Return the change of the log smallest eigenvalue, exact for SHORTLIST poses and -inf for other poses."""
         values, vectors = np.linalg.eigh(information)
         told = np.sum((columns @ vectors[:, 0]) ** 2, axis=1)
         near = np.argsort(-sign * told)[:SHORTLIST]
@@ -182,16 +182,16 @@ class Smallest:
 
 @dataclass(frozen=True)
 class Variance:
-    """I-, c- and L-optimality: minimise the variance trace(L M⁻¹) of a predicted quantity. weight: L (K, K)."""
+    """I-, c- and L-optimality: minimise the variance trace(weight M⁻¹) of a prediction; M: information matrix."""
 
     weight: Array
 
     def value(self, information: Array) -> float:
-        """Return log trace(L M⁻¹)."""
+        """Return log trace(weight M⁻¹) for the information matrix M."""
         return float(np.log(np.trace(linalg.solve(information, self.weight, assume_a="pos"))))
 
     def change(self, information: Array, columns: Array, sign: float) -> Array:
-        """Return -log of the ratio of trace(L M⁻¹) after and before each pose is added or removed."""
+        """Return -log of the ratio of the predicted variance after and before each pose is added or removed."""
         inverse = linalg.inv(information)
         through = columns @ inverse
         inner = _inner(inverse, columns, sign)
@@ -206,11 +206,11 @@ def _inner(inverse: Array, columns: Array, sign: float) -> Array:
 
 
 def choose(columns: Array, known: Array, count: int, goal: Goal) -> IntArray:
-    """Select `count` poses that minimise a criterion; return their indices, the most informative first.
+    """Select `count` poses that minimise a criterion; return their numbers in the pool, the most informative first.
 
     Poses are added greedily, then exchanged until no exchange improves the criterion, then sorted by greedy gain.
-    columns: derivatives (P, 3, K) of the poses of the pool, scaled to the order of 1.
-    known: (K, K), information M of the existing measurements.
+    columns: derivatives (poses, 3, unknowns) of the poses of the pool, scaled to the order of 1.
+    known: information matrix of the existing measurements.
     """
     known = known + LITTLE * np.eye(len(known))
     chosen, information = _greedy(columns, known, count, np.arange(len(columns)), goal)
@@ -226,7 +226,7 @@ def choose(columns: Array, known: Array, count: int, goal: Goal) -> IntArray:
 
 
 def _swap(columns: Array, chosen: IntArray, information: Array, goal: Goal) -> tuple[int, int] | None:
-    """Return a pose to add and the index in `chosen` of the pose to remove, or None if no exchange improves the
+    """Return a pose to add and the position in `chosen` of the pose to remove, or None if no exchange improves the
     criterion."""
     gains = goal.change(information, columns, 1.0)
     gains[chosen] = -np.inf
@@ -239,7 +239,7 @@ def _swap(columns: Array, chosen: IntArray, information: Array, goal: Goal) -> t
 
 
 def _greedy(columns: Array, known: Array, count: int, among: IntArray, goal: Goal) -> tuple[IntArray, Array]:
-    """Select poses one at a time, each with the largest gain among the indices `among`; return also the final M."""
+    """Select poses of `among` one by one, each with the largest gain; return also the information of the design."""
     information, left, chosen = known.copy(), list(among.tolist()), []
     for _ in range(count):
         at = left.pop(int(np.argmax(goal.change(information, columns[left], 1.0))))
@@ -252,8 +252,8 @@ def _greedy(columns: Array, known: Array, count: int, among: IntArray, goal: Goa
 class Question:
     """An experimental-design problem: selection of poses from a pool.
 
-    columns: derivatives (P, 3, K) of the coordinates by the unknowns, over the standard deviation of a coordinate.
-    known: information (K, K) of the existing measurements.
+    columns: derivatives (poses, 3, unknowns) of the coordinates, over the standard deviation of a coordinate.
+    known: information matrix (unknowns, unknowns) of the existing measurements.
     goal: criterion to minimise.
     """
 
@@ -283,7 +283,7 @@ def in_units_of(deviation: float, question: Question) -> Question:
 
 
 def choose_for_all(questions: Sequence[Question], count: int) -> IntArray:
-    """Select `count` poses for several design problems; return their indices.
+    """Select `count` poses for several design problems; return the numbers of the poses in the pool.
 
     Each selected pose is the most informative pose for the problem with the worst criterion so far. A single problem is
     solved by `choose`.
@@ -303,7 +303,7 @@ def choose_for_all(questions: Sequence[Question], count: int) -> IntArray:
 
 
 def deviations(questions: Sequence[Question], order: IntArray) -> Array:
-    """Return the largest √ trace(L M⁻¹) of all problems, (n + 1,), after 0, 1, ... n of the poses `order`.
+    """Return the largest predicted standard deviation of all problems after 0, 1, 2, ... of the poses `order`.
 
     The value is NaN if an unknown is not determined.
     """
@@ -311,14 +311,13 @@ def deviations(questions: Sequence[Question], order: IntArray) -> Array:
 
 
 def decided_after(question: Question, order: IntArray, odds: float) -> int | None:
-    """Return the number of poses of `order` (n,) after which the true one of two causes has the probability COVERAGE.
+    """Return the number of poses of `order` after which the true one of two causes has the probability COVERAGE.
 
-    The result holds with probability COVERAGE, whichever cause is true. The result is None if the n poses do not
-    suffice.
+    The result holds with probability COVERAGE, whichever cause is true. The result is None if the poses do not suffice.
     odds: present ratio of the probabilities of the two causes.
-    The inverse s of the predicted standard deviation is the distance of the causes in standard errors. Poses add ln
-    odds ~ N(d²/2, d²) for the true cause, d² = s² - s₀², to -|ln odds| at worst: d²/2 - z d ≥ ln (COVERAGE / (1 -
-    COVERAGE)) + |ln odds|, z the quantile of COVERAGE.
+    The inverse s of the predicted standard deviation is the distance of the causes in standard errors, s₀ at present.
+    Poses add ln odds ~ N(d²/2, d²) for the true cause, d² = s² - s₀², to -|ln odds| at worst. Condition: d²/2 - z d ≥
+    ln (COVERAGE / (1 - COVERAGE)) + |ln odds|, with z the quantile of COVERAGE.
     """
     apart = np.nan_to_num(deviations((question,), order) ** -2.0)
     z, lacking = float(ndtri(COVERAGE)), np.log(COVERAGE / (1.0 - COVERAGE)) + abs(np.log(odds))
@@ -347,12 +346,12 @@ class Asked:
     """A purpose for which poses are selected, and the curve of precision over the number of poses.
 
     said: description of the purpose.
-    choose: design problems that select the poses; if empty, poses are spread evenly, away from poses `taken` (M, n).
+    choose: design problems that select the poses; if empty, poses are spread evenly, away from the poses `taken`.
     measure: design problems; the curve plots the largest standard deviation of these problems.
     label: label of the curve.
     factor: factor from a standard deviation to the unit of the label.
     inverse: True if the curve plots the inverse standard deviation, so that larger is better.
-    pairs: for two causes by name, the design problem that separates them and the ratio of their probabilities.
+    pairs: {name of two causes: design problem that separates the causes, ratio of their probabilities}.
     """
 
     said: str
@@ -365,6 +364,6 @@ class Asked:
     pairs: Mapping[str, tuple[Question, float]] = field(default_factory=dict)
 
     def said_of(self, deviation: Array) -> Array:
-        """Convert standard deviations (n,) of the printed curve to its unit, or to their inverse."""
+        """Convert standard deviations to the unit of the curve of precision, or to their inverse."""
         with np.errstate(divide="ignore"):
             return np.asarray(1.0 / deviation if self.inverse else self.factor * deviation)

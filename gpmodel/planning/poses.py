@@ -19,18 +19,18 @@ from gpmodel.planning.design import LITTLE, Determinant, Goal, Question, Reach, 
 from gpmodel.table.dataset import Dataset, unmeasured
 
 STEPS = 300
-"""Largest number of multiplicative steps of the optimal weights."""
+"""Largest number of multiplicative steps in the computation of the optimal weights of poses."""
 
 CLOSE = 0.01
-"""Largest relative gap between the lower bound and the best variance: half a per cent of the standard deviation."""
+"""Largest relative gap between lower bound and best variance of a design: half a per cent of the standard deviation."""
 
 
 def least_deviation(questions: Sequence[Question], count: int) -> float:
-    """Return a lower bound of the largest standard deviation of the problems, over all choices of `count` poses.
+    """Return a lower bound of the largest standard deviation of the design problems, over all choices of `count` poses.
 
-    The bound holds even if a pose is measured twice. Raises TypeError if a criterion is not a Variance.
-    A selection of n poses is a measure of mass n over the pool. The variance is convex in the information M, so that
-    the tangent at any measure is a lower bound for every selection; at the best measure the bound is nearly reached.
+    The bound holds even if a pose is measured twice. Raises TypeError if a criterion is not a Variance. A selection of
+    n poses is a measure of mass n over the pool. The variance is convex in the information matrix, so that the tangent
+    at any measure is a lower bound for every selection; at the best measure the bound is nearly reached.
     Sources: Kiefer and Wolfowitz (1960); the multiplicative steps, Silvey, Titterington and Torsney (1978), Yu (2010).
     """
     return max(_least(question, count) for question in questions)
@@ -62,7 +62,7 @@ wanted pose fit."""
 
 
 def coordinates(mechanism: Mechanism, q: Array) -> Array:
-    """Return coordinates (N, n + 3) that measure the distance between poses.
+    """Return coordinates (poses, joints + 3) that measure the distance between poses.
 
     The coordinates are joint values relative to the joint ranges, and tip positions relative to their largest spread.
     """
@@ -72,25 +72,25 @@ def coordinates(mechanism: Mechanism, q: Array) -> Array:
 
 
 def pool_of(mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Reach | None = None) -> Array:
-    """Draw the joint values (P, n) of a pool from which `count` poses are selected.
-    Raises InputError as `candidates`."""
+    """Draw a pool of random joint values (poses, joints), from which `count` poses are selected.
+    Raises InputError as `candidates` does."""
     return candidates(mechanism, max(min(POOL * count, LARGEST_POOL), 2 * count, SMALLEST_POOL), rng, reach, count)
 
 
 def spread_poses(mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Reach | None = None) -> Array:
-    """Select joint values (count, n) that differ as much as possible from one another: the equal distribution
+    """Select joint values (count, joints) that differ as much as possible from one another: the equal distribution
     criterion.
 
     From a pool of random poses, each further pose is the pose farthest from the selected poses, in joint values and tip
-    position together. The smallest distance between two poses is within a factor 2 of the largest possible. Source:
-    Robertson (2003), 3.3.3; Gonzalez (1985).
+    position together. The smallest distance between two poses is within a factor 2 of the largest possible distance.
+    Source: Robertson (2003), 3.3.3; Gonzalez (1985).
     """
     pool = candidates(mechanism, max(POOL * count, 400), rng, reach, count)
     return pool[spread_among(mechanism, pool, count)]
 
 
 def spread_among(mechanism: Mechanism, pool: Array, count: int, taken: Array | None = None) -> IntArray:
-    """Return the indices (count,) of poses of a pool (P, n) far from one another and from poses `taken` (M, n).
+    """Return the numbers of `count` poses of a pool (poses, joints) far from one another and from the poses `taken`.
 
     If `taken` is empty, the first selected pose is the pose nearest to the mean of the pool.
     """
@@ -111,19 +111,19 @@ def spread_among(mechanism: Mechanism, pool: Array, count: int, taken: Array | N
 
 
 def spacing(mechanism: Mechanism, q: Array) -> float:
-    """Return the smallest distance between two poses, in the coordinates of `coordinates`; infinite for one pose."""
+    """Return the smallest distance between two poses, in relative joint values and tip positions; or infinity."""
     where = coordinates(mechanism, q)
     return float(cKDTree(where).query(where, k=2)[0][:, 1].min())
 
 
 def _at_points(mechanism: Mechanism, q: Array) -> Dataset:
-    """Return a data set of poses (N, n) whose measured positions are all zero."""
+    """Return a data set of poses q (poses, joints) whose measured positions are all zero."""
     return replace(unmeasured([j.name for j in mechanism.joints], q), position=np.zeros((len(q), 3)))
 
 
 def geometric_columns(mechanism: Mechanism, q: Array) -> Array:
-    """Return derivatives (N, 3, K) of the tip position by registration, tool point and identifiable geometric
-    constants.
+    """Return derivatives (poses, 3, unknowns) of the tip position by registration, tool point and identifiable
+    geometric constants.
 
     The derivatives are taken at the nominal geometry, with a tool point off the last axis, and scaled to unit RMS.
     """
@@ -136,14 +136,14 @@ def geometric_columns(mechanism: Mechanism, q: Array) -> Array:
 
 
 def _by_pose(pose_of_row: IntArray, columns: Array) -> Array:
-    """Reshape columns (M, K) of positions into blocks (N, 3, K), one per pose."""
+    """Reshape columns (coordinates, unknowns) of positions into blocks (poses, 3, unknowns), one per pose."""
     blocks = np.zeros((pose_of_row.max() + 1, 3, columns.shape[1]))
     blocks[pose_of_row, np.arange(len(columns)) - np.searchsorted(pose_of_row, pose_of_row)] = columns
     return blocks
 
 
 def over_the_pool(columns: Array) -> Array:
-    """Return the weight L (K, K) of the mean variance of the point over the poses of a pool with columns (P, 3, K)."""
+    """Return the matrix L for which trace(L covariance) is the mean variance of the point over the poses of a pool."""
     return np.asarray(np.einsum("pij,pik->jk", columns, columns)) / len(columns)
 
 
@@ -152,13 +152,13 @@ GOALS: dict[str, Callable[[Array], Goal]] = {
     "e-optimal": lambda columns: Smallest(),
     "i-optimal": lambda columns: Variance(over_the_pool(columns)),
 }
-"""The criterion of a design by name, given the columns (P, 3, K) of a pool."""
+"""{name: function that returns the criterion of a design}, given the columns (poses, 3, unknowns) of a pool."""
 
 
 def geometric_question(mechanism: Mechanism, pool: Array, noise: float) -> Question:
     """Return the I-optimal design problem of the tool position, m, over a pool, with unknown geometric constants.
 
-    pool: joint values (P, n).
+    pool: joint values (poses, joints).
     noise: standard deviation of one coordinate, m.
     """
     columns = geometric_columns(mechanism, pool)
@@ -167,7 +167,7 @@ def geometric_question(mechanism: Mechanism, pool: Array, noise: float) -> Quest
 
 
 def typed_question(prior: ErrorModel, pool: Array) -> Question:
-    """Return the I-optimal design problem of the tool position, m, over a pool (P, n), for a machine of a known type.
+    """Return the I-optimal design problem of the tool position, m, over a pool, for a machine of a known type.
 
     Registration and tool are unknown. Effects that depend on inputs other than the pose are omitted.
     prior: effects with their standard deviation between machines of the type, and the noise.

@@ -28,26 +28,26 @@ INSTRUMENTS = ("tracker", "camera", "hand camera", "planes", "spheres", "points"
 NOISE = {"camera": ("pixels", "0.1 px"), "hand camera": ("pixels", "0.1 px"), "inclinometer": ("angle", "0.002 deg")}
 """Dimension and usual standard deviation of the noise of some instruments. The default is the noise of a tracker."""
 POOL = 60
-"""Random poses drawn for each simulated pose. The camera can see the board in one of ten random poses."""
+"""Number of random poses drawn for each simulated pose. The camera can see the board in one of ten random poses."""
 FOCAL, IMAGE, BOARD, PITCH = 2400.0, (2448.0, 2048.0), (5, 4), 0.02
-"""A camera of 5 megapixels and a board: focal length and image size, px; columns and rows of corners; distance between
-corners, m."""
+"""A simulated camera of 5 megapixels and a board: focal length and image size, px; columns and rows of corners;
+distance between corners, m."""
 TILTED = np.cos(np.radians(55.0))
 """Cosine of the largest tilt of a board at which its corners are located well."""
 BAR, BALL, TOUCHES = 0.3, 0.025, 4
-"""Length of a bar and radius of a sphere, m; number of touches of a shared point."""
+"""Length of a simulated bar and radius of a simulated sphere, m; number of touches of a shared point."""
 NEARBY = 30
 """Number of random poses from which one of the poses nearest to a target is selected."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Poses and targets of a simulated measurement. With A arms, pose k belongs to arm k modulo A.
+    """Poses and targets of a simulated measurement. With several arms, the poses belong to the arms in turn.
 
-    q: joint values (N, n) of the starting poses.
-    labels: name (N,) of the touched object, per label column.
-    spare: joint values (P, n) of further starting poses; points: tool points (A, P, 3) of `spare` for every arm, m.
-    aims: function from tool points (N, 3) to the points to be touched, m, in the root frame.
+    q: joint values (poses, joints) of the starting poses.
+    labels: {label column: name of the touched object at each pose}.
+    spare: joint values of further starting poses; points: tool points (arms, poses, 3) of `spare` for every arm, m.
+    aims: function from tool points (poses, 3) to the points to be touched, m, in the root frame.
     described: description of cameras and boards, as in their TOML files.
     own: true poses of cameras and boards by name, six numbers each, m and rad.
     """
@@ -65,7 +65,7 @@ class Scene:
 def scene_of(
     instrument: str, mechanism: Mechanism, pool: Array, count: int, tool_point: Array, rng: np.random.Generator
 ) -> Scene:
-    """Select `count` poses of a pool (P, n) that an instrument can measure, and the targets of the poses.
+    """Select `count` poses of a pool (poses, joints) that an instrument can measure, and the targets of the poses.
     Raises InputError if too few poses can be measured."""
     slots, tree = se3.chain(mechanism.transforms(pool)), branched(mechanism)
     if tree is not None:
@@ -82,7 +82,7 @@ def scene_of(
 
 
 def _touched(instrument: str, pool: Array, points: Array, count: int, rng: np.random.Generator) -> Scene:
-    """Place surfaces, shared points or bars near the middle of the tool points (P, 3), m."""
+    """Place surfaces, shared points or bars near the middle of the tool points (poses, 3), m."""
     near = np.argsort(np.linalg.norm(points - np.median(points, axis=0), axis=1))[: POOL // 4 * count]
     chosen = rng.choice(near, count, replace=False)
     q, there, own = pool[chosen], points[chosen], np.arange(count)
@@ -121,7 +121,7 @@ def _touched(instrument: str, pool: Array, points: Array, count: int, rng: np.ra
 
 
 def _two_armed(instrument: str, pool: Array, points: Array, count: int, rng: np.random.Generator) -> Scene:
-    """Place shared points that every arm touches in turn, near tool points (A, P, 3), m."""
+    """Place shared points that every arm touches in turn, near tool points (arms, poses, 3), m."""
     if instrument != "points":
         raise InputError(f"{instrument} is of one arm; expected tracker or points of several", "instrument")
     own, known = np.arange(count), [cKDTree(arm) for arm in points]
@@ -163,7 +163,7 @@ def _seen_scene(outside: bool, pool: Array, frames: Array, count: int, rng: np.r
 
 
 def _inside(seen: Array) -> Mask:
-    """Return True for boards (P, 4, 4) in the camera frame whose corners are all in the image."""
+    """Return for boards (poses, 4, 4) in the camera frame whether all corners are in the image."""
     grid = PITCH * np.array([[i, j, 0.0] for j in range(BOARD[1]) for i in range(BOARD[0])])
     points = np.einsum("pij,cj->pci", seen[:, :3, :3], grid) + seen[:, None, :3, 3]
     ahead = points[:, :, 2] > 0.1
@@ -223,7 +223,7 @@ def _mounted(scene: Scene, rng: np.random.Generator) -> dict[str, Array]:
 
 
 def _reached(scene: Scene, real: Real, empty: Dataset, noise: float, rng: np.random.Generator) -> Array:
-    """Return joint values (N, n) at which the true tool point is on its target, up to the noise of a contact."""
+    """Return joint values (poses, joints) at which the true tool point is on its target, up to contact noise."""
     assert scene.aims is not None
     mechanism, q = real.model.mechanism, scene.q.copy()
     limits = np.array([(j.lower, j.upper) for j in mechanism.joints]).T
@@ -256,16 +256,16 @@ def _reached(scene: Scene, real: Real, empty: Dataset, noise: float, rng: np.ran
 INSTRUMENT_DISTANCE = 3.0
 TOOL_OFFSET = 0.15
 LEVER = 1.0
-"""Standard deviation of each coordinate of the instrument's position, m; distance of the tool point from the flange, m;
-metres of geometric error that weigh as much as a radian."""
+"""Length in metres that is the standard deviation of each coordinate of the simulated instrument's position, the
+distance of the tool point from the flange, and the geometric error that weighs as much as a radian."""
 FARTHEST = 1.0
 """Largest motion of a frame by simulated errors, m or rad."""
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """A simulated table and its true errors. theta: (E,) values of model.effects in SI units. noise: standard deviation
-    of one measured value, as in `simulate`."""
+    """A simulated table and its true errors. theta: values of the effects of `model`, SI units. noise: standard
+    deviation of one measured value, as in `simulate`."""
 
     dataset: Dataset
     model: ErrorModel
@@ -311,14 +311,14 @@ def simulate(
     scene: Scene | None = None,
     drawn: bool = False,
 ) -> Simulation:
-    """Simulate measurements of `mechanism` at q (N, n), with a random instrument position and tool point.
+    """Simulate measurements of `mechanism` at joint values q (poses, joints), with a random instrument and tool point.
 
     effects: texts as `planted` parses them.
     noise: standard deviation of each of x, y, z, m, or of one value in the unit of the instrument of `scene`.
     geometry_sigma: standard deviation of every geometric constant, m, and rad at a lever of 1 m.
-    payload: mass at the tool (N,), kg.
-    inputs: further columns (N,) in `input_units`.
-    tool_point: (3,) in the flange frame, m; random if None.
+    payload: mass at the tool at each pose, kg.
+    inputs: further columns of the table in `input_units`.
+    tool_point: position (3,) in the flange frame, m; random if None.
     scene: instrument that does not measure points; None for a tracker.
     drawn: True if q is random; poses at which loops do not close with the errors are replaced by random poses.
     Raises InputError for an effect that cannot be parsed or is not finite, or for poses at which loops do not close.
