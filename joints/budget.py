@@ -47,7 +47,8 @@ def realigned(q: Array, parameters: Array, tooling_ball: Array, held: Array, rea
         E = ½ (X(q, ε) - p)ᵀ K (X(q, ε) - p)
     With K scaled to a largest eigenvalue of 1, Gauss-Newton steps over the angles that are not at a bound minimise 2 E
     + (IDLE |tooling_ball|)² |change of the angles|². With a large `reach` only the change of the ball's distance from
-    the joint's centre remains. Raises InputError for a negative reach or stiffness.
+    the joint's centre remains; with stiffness along one line, as of a link, the part of this change along the line.
+    Raises InputError for a negative reach or stiffness.
     """
     limit = float(not_negative("range of realignment", reach, "rad"))
     sizes, axes = np.linalg.eigh(stiffness)
@@ -165,8 +166,7 @@ class Budget:
     joints: Drawn
 
     def realigned(self, reach: float, every: int = 1) -> "Budget":
-        """Return the budget of joints with a held ball whose angles realign by up to `reach`, rad.
-        every: use only every n-th random draw."""
+        """Return the budget of every n-th draw, with a held ball and angles that realign by up to `reach`, rad."""
         fewer = replace(self.joints, parameters=self.joints.parameters[:, ::every])
         return replace(self, distances=fewer.distances(reach), joints=fewer)
 

@@ -139,7 +139,7 @@ def stiffness_constant_flow(geometry: FilmGeometry, load: ArrayLike, gap: ArrayL
 
 
 def feed_factor(geometry: FilmGeometry, resistance: ArrayLike, flow_slope: ArrayLike) -> Array:
-    """Return the ratio of stiffness at constant inlet pressure to stiffness at constant flow, below 1."""
+    """Return the ratio of stiffness at constant inlet pressure to stiffness at constant flow, at most 1."""
     return 1 / (1 - geometry.orifices * np.asarray(resistance, np.float64) * np.asarray(flow_slope, np.float64))
 
 

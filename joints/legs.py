@@ -22,7 +22,8 @@ from gpmodel.numerics import se3
 from joints.settings import Settings, laid_over, read_toml
 
 STEPS = 50
-"""Largest number of Newton steps for the platform's pose. Each step doubles the number of correct digits."""
+"""Largest number of Newton steps for the platform's pose. Each step doubles the number of digits.
+A machine that needs more steps does not close."""
 
 PROGRESS, STALLED = 0.9, 6
 """Newton's method ends without success after 6 steps (STALLED) in which the largest gap of a link does not fall by a

@@ -26,7 +26,7 @@ class Orifice(Protocol):
         """Return the inlet pressure [Pa] that drives `flow` through the orifice."""
 
     def flow_slope(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
-        """Return the derivative of the flow by the socket pressure [m^3/(s Pa)] at constant inlet pressure."""
+        """Return d(flow)/d(socket pressure) [m^3/(s Pa)] at constant inlet pressure; at most 0."""
 
 
 @dataclass(frozen=True)

@@ -239,9 +239,9 @@ def _lateral(geometry: FilmGeometry, lift: float, socket: float, flow_slope: flo
 
 
 NODES = 120
-"""Number of nodes of the polar angle, in equal steps inside and outside the ring of orifices: three digits."""
+"""Number of nodes of the polar angle, in equal steps in and outside the ring of orifices: eigenvalues to 3 digits."""
 STEEPEST = 50.0
-"""Largest logarithm of the ratio of amplitudes after and before one cycle of a vibration."""
+"""Limit of the logarithm of a vibration's amplitude ratio over a cycle; beyond it, it dies out or is unbounded."""
 POCKETS = np.geomspace(0.01, 100.0, 25)
 """Volumes of the air pockets behind the orifices, relative to the volume of the gap, searched for pneumatic hammer."""
 
@@ -360,8 +360,8 @@ def linearised_film(
 
 
 def squeeze_number(geometry: FilmGeometry, displacement: ArrayLike, frequency: ArrayLike) -> Array:
-    """Return the squeeze number 12 mu omega (r alpha)^2 / (p_a h^2), with the gap h at the edge of the socket. If it is
-    well below 1, air escapes from the film; if it is well above 1, the air acts as a spring."""
+    """Return the squeeze number 12 mu omega (r alpha)^2 / (p_a h^2), with the gap h at the edge of the socket. Air
+    escapes from the film if the number is well below 1, and acts as a spring if it is well above 1."""
     gap = film_gap(geometry, displacement, geometry.socket_angle)
     omega = 2 * np.pi * not_negative("frequency", frequency, "Hz")
     length = geometry.ball_radius * geometry.socket_angle

@@ -31,7 +31,7 @@ def irb6400r(name: str = "irb6400r") -> SerialChain:
 
     At zero joint values all frames are parallel to the root frame; the joint axes are Z Y Y X Y X. The value J3 is the
     angle of the upper arm to the ground, kept by the parallel bar: motion of link 3 = J3 - J2.
-    The masses of this arm are not published. The masses used are those of an arm of equal size (FANUC R-2000iC), and
+    The masses of an IRB 6400R are not public. The masses used are those of an arm of equal size (FANUC R-2000iC), and
     each centre of mass is midway between the origins of two successive joints (for the last, joint and flange).
     """
     size = DIMENSIONS[name]

@@ -41,7 +41,7 @@ CONVENTIONS = (
 
 @dataclass(frozen=True)
 class Guess:
-    """Assignment of columns. map: the assigned columns. lines: text per column, with reason. doubts: for the user."""
+    """Assignment of columns. map: the assigned columns. lines: text per column. doubts: questions to the user."""
 
     map: ColumnMap
     lines: tuple[str, ...]

@@ -121,7 +121,7 @@ POOR_TURN = 1e-2
 calibrated machine."""
 
 HOTTEST = 150.0
-"""Largest plausible temperature, degC. A workshop in kelvin has 290 to 310."""
+"""Largest plausible temperature, degC. The temperature of a workshop in kelvin is 290 to 310."""
 
 BUILT_WRONG = 1e-2
 """Deviation, m or rad, from which the description is wrong: links are machined and joint zeros set more accurately."""

@@ -208,8 +208,8 @@ class Factor:
 def scaled(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str, str]]:
     """Yield severity, text and reason of unfitness for a wrong scale factor of positions or joint values.
 
-    A factor of one column has to reduce the residual by BETTER. A factor of all positions need not, because longer
-    links of the mechanism would fit equally well. fit: fit of the standard model.
+    A factor of one column has to reduce the residual by BETTER. BETTER is not required of a factor of all
+    positions, because longer links of the mechanism would fit equally well. fit: fit of the standard model.
 
     r: measurements minus the nominal prediction. P: columns of registration, tool and the effects of a sound machine
     (HEALTHY). A: columns of all constants. c: column of a factor f.

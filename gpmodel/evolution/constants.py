@@ -46,7 +46,7 @@ def polish(
 
 
 def _nodes(program: Program, names: Sequence[str]) -> IntArray:
-    """Return a program for the kernels: three rows, the op-code and two arguments of each node. names: names of the
+    """Return a program as three rows: the op-code and the two arguments of each node. names: names of the
     inputs, in the order of their numbers."""
     from gpmodel.evolution.kernels.machine import CONSTANT
 

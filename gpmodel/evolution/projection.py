@@ -102,8 +102,8 @@ class Targets:
     def gains(self, values: Array) -> Array:
         """Return the gain (functions, sites) of each single basis function at each site.
 
-        The gain is the share of the residual sum of squares that the function removes. It is 0 if the function is not
-        finite, is zero, or is in the span of the model's columns (share outside the span below ``unique_share``).
+        The gain is the removed share of the residual sum of squares. The gain is 0 if the function is not finite,
+        is zero, or is in the span of the model's columns (share outside the span below ``unique_share``).
         """
         scaled = unit_rows(values)
         pull = scaled @ self.pull.T

@@ -62,7 +62,7 @@ TURNS, KEPT = (3, 15), 4
 STARTS = {1: 1, 2: 8, 3: 5, 4: 3}
 """Number of starts of each factor but the first (its slowest sines), by the number of factors."""
 PARTS_IN_TURN = 3
-"""Number of iterations over a product and a summand. A fourth changes either part by less than a tenth of the noise."""
+"""Number of iterations over a product and a summand. A fourth changes a part by less than a tenth of the noise."""
 DIRECTIONS, MOST = {2: 13, 3: 7, 4: 4}, 2.0
 """Number of weights from -1 to 1 that are tried for each input but one in a weighted sum, by the number of inputs;
 largest weight."""
@@ -78,7 +78,7 @@ LEAST = float(np.finfo(float).tiny)
 
 @dataclass(frozen=True)
 class Smooth:
-    """A smooth function at a site. coefficients: of its sines. nats: gain, nats. noise: residual variance."""
+    """A smooth function at a site. coefficients: factors of its sines. nats: gain, nats. noise: residual variance."""
 
     coefficients: Array
     nats: float

@@ -81,7 +81,7 @@ class Mechanism(Protocol):
     def transforms(self, q: Array) -> Array:
         """Return the nominal transforms (slots, poses, 4, 4), m, of each slot in the frame of the previous slot.
 
-        The first is in the root frame of the mechanism. q: joint values (poses, joints) of the table, rad and m.
+        The first transform is in the root frame. q: joint values (poses, joints) of the table, rad and m.
         """
 
     def loads(self, q: Array, payload: Array) -> dict[str, Array]:
@@ -266,8 +266,8 @@ class Ball:
     name: empty if the mechanism has only one ball.
     angles: columns of States, rad: rotations of the ball in its socket about the x axis of the socket, then about the y
     axis of the ball, then about its z axis.
-    shifts: shifts of its centre, by direction in words. The last entry is the direction along its lever or leg.
-    axial: column of the load on it along its leg, N, positive for a pull; empty without a load.
+    shifts: {direction in words: shift of the ball's centre}. The last direction is along its lever or leg.
+    axial: column of the load on the ball along its leg, N, positive for a pull; empty without a load.
     """
 
     name: str

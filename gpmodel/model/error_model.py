@@ -223,7 +223,7 @@ def measured_minus(observed: Observed, dataset: Dataset) -> Array:
 
 
 def pose_error(observed: Observed, dataset: Dataset) -> Array:
-    """Return the length of measured minus predicted of each pose, m, over all components except rotations."""
+    """Return the length of the error (measured minus predicted) of each pose, m, without rotations."""
     lengths = (measured_minus(observed, dataset) * observed.scales(1.0))[:, ~observed.turns]
     return np.asarray(np.sqrt(np.nansum(lengths**2, axis=1)))
 

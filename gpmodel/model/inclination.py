@@ -1,7 +1,7 @@
 """An inclinometer on a link: the inclination of two of its axes to the horizontal.
 
 measured = asin(s · up), s = F_link M e_x and F_link M e_y: rotation F_link of the link, mounting M (a rotation), axes
-e_x, e_y. The vertical `up` in the root frame has an unknown tilt. A rotation about it does not change a measurement.
+e_x, e_y. The vertical `up` in the root frame has an unknown tilt. A rotation about the vertical changes nothing.
 """
 
 from collections.abc import Mapping

@@ -61,7 +61,7 @@ def by_lens(points: Array, lens: Array) -> Array:
 
 
 def directions(seen: Array, lens: Array) -> Array:
-    """Return directions X/Z, Y/Z without distortion from pixels (points, 2), by fixed-point iterations. lens: (9,)."""
+    """Return directions X/Z, Y/Z without distortion from pixels (points, 2), by fixed-point iterations."""
     wide = np.broadcast_to(lens, (len(seen), 9))
     target = (seen - lens[2:4]) / lens[:2]
     out = target.copy()

@@ -1,7 +1,7 @@
 """Corners of a board in the image of a camera. Camera and board are each fixed to the world or carried by a link.
 
-X = (F_c C)⁻¹ F_b B x: corner x of the board, pose B of the board in its carrier F_b, pose C of the camera in its
-carrier F_c. gpmodel.model.lens converts X to pixels. B, C and the unknown parameters of the lens are estimated.
+X = (F_c C)⁻¹ F_b B x: corner x of the board, pose B of the board in the frame F_b of its link, pose C of the camera in
+the frame F_c of its link. gpmodel.model.lens converts X to pixels. B, C and unknown lens parameters are estimated.
 """
 
 from collections.abc import Iterator, Mapping
@@ -191,7 +191,7 @@ class Camera(Mounted):
 
 @dataclass(frozen=True, eq=False)
 class Board(Mounted):
-    """A board or a body. corners: positions (corners, 3) of corners or markers, m. A view may contain only some."""
+    """A board or a body. corners: positions (corners, 3) of corners or markers, m. A view may show some of them."""
 
     corners: Array
 
@@ -387,7 +387,7 @@ class _View:
 
 
 def _placed(tips: Tips, parts: list[tuple[int, Array]], which: IntArray) -> Array:
-    """Return the pose (4, 4) in the root frame of the camera or board of each row. which: its position in `parts`."""
+    """Return the pose (4, 4) in the root frame of the camera or board of each row. which: its number in `parts`."""
     out = np.broadcast_to(np.eye(4), (len(which), 4, 4)).copy()
     for i, (slot, value) in enumerate(parts):
         rows = which == i

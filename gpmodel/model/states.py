@@ -43,7 +43,7 @@ class Seen:
 
     @cached_property
     def columns(self) -> dict[str, Array]:
-        """Columns of `seen_columns`. A point with unmeasured coordinates is replaced by the median point."""
+        """Columns of the instrument by name. A point with unmeasured coordinates is replaced by the median point."""
         whole: Mask = np.asarray(np.isfinite(self.points).all(axis=1))
         middle = np.median(self.points[whole], axis=0) if whole.any() else np.zeros(3)
         return seen_columns(np.where(whole[:, None], self.points, middle))
@@ -126,7 +126,7 @@ def measured_torques(mechanism: Mechanism, dataset: Dataset) -> dict[str, str]:
 
 
 def measured_torque(dataset: Dataset, column: str) -> Array:
-    """Return the column in N·m or N, with the sign of the table: a drive at rest exerts minus the gravity load."""
+    """Return measured torques, N·m or N, with the sign of the table: a drive at rest exerts minus the gravity load."""
     return dataset.extras[column] * (torque_factor(dataset.extra_units[column]) or 1.0)
 
 

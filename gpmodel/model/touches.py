@@ -3,8 +3,8 @@
 A body has one unknown pose S in the root frame. A feature is a surface with pose F in a body. With the tool point p and
 y = (S F)⁻¹ p in the frame of the feature, the measurement is a gap g(y) of zero.
 
-A bar of length L is touched at both ends, p1 and p2. The bar is taken to lie on the line through the touches, with
-coinciding middles. The gap at each end is (|p2 - p1| - L) / 2 along the bar. Only the position of a bar along this line
+A bar of length L is touched at both ends, p1 and p2. The bar is taken to lie on the line through the touches, centred
+on their middle. The gap at each end is (|p2 - p1| - L) / 2 along the bar. Only the position of a bar along this line
 is an unknown of the linear problem.
 """
 
@@ -233,7 +233,7 @@ class Touches(AtTheTip):
         return bars, rows[bars], np.array([0.5 * self.bodies[i].features[1].frame[2, 3] for i in bars])
 
     def _poses(self, points: Array, own: Own) -> Array:
-        """Return the poses (bodies, 4, 4) of the bodies. A bar is on the line of its touches, with equal middles."""
+        """Return the poses (bodies, 4, 4) of the bodies. A bar is on the line of its touches, in their middle."""
         numbers = np.array([own[body.name][:6] for body in self.bodies])
         poses = se3.exp(np.concatenate([np.zeros((len(numbers), 3)), numbers[:, 3:]], axis=1))
         poses[:, :3, 3] = numbers[:, :3]

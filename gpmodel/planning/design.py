@@ -131,7 +131,7 @@ DETERMINED = 1e-12
 prior of the geometry has the weight of a millionth of a measurement."""
 
 LITTLE = 1e-6
-"""Information added to every unknown so that the information matrix is regular: a millionth of that of one pose."""
+"""Information added to every unknown so that the information matrix is regular: a millionth of one pose."""
 
 SHORTLIST = 60
 """Number of candidate poses for which the smallest eigenvalue of the information matrix is computed exactly: the poses
@@ -239,7 +239,7 @@ def _swap(columns: Array, chosen: IntArray, information: Array, goal: Goal) -> t
 
 
 def _greedy(columns: Array, known: Array, count: int, among: IntArray, goal: Goal) -> tuple[IntArray, Array]:
-    """Select poses of `among` one by one, each with the largest gain; return also the information of the design."""
+    """Select poses of `among` one by one, each with the largest gain; return also the information matrix."""
     information, left, chosen = known.copy(), list(among.tolist()), []
     for _ in range(count):
         at = left.pop(int(np.argmax(goal.change(information, columns[left], 1.0))))

@@ -172,7 +172,7 @@ def _inside(seen: Array) -> Mask:
 
 
 CLOSE, STEPS, REDRAWN = 1e-9, 25, 12
-"""Largest distance of a simulated touch from its surface, m; steps from one starting pose; number of starting poses."""
+"""Largest distance of a simulated touch from its surface, m; steps from a starting pose; number of starting poses."""
 
 
 @dataclass(frozen=True)
@@ -311,7 +311,7 @@ def simulate(
     scene: Scene | None = None,
     drawn: bool = False,
 ) -> Simulation:
-    """Simulate measurements of `mechanism` at joint values q (poses, joints), with a random instrument and tool point.
+    """Simulate measurements of `mechanism` at joint values q (poses, joints), with an instrument at a random place.
 
     effects: texts as `planted` parses them.
     noise: standard deviation of each of x, y, z, m, or of one value in the unit of the instrument of `scene`.

@@ -168,8 +168,8 @@ def decode_trees(
 ) -> int:
     """Fill the instructions of the trees ``codes[bounds[k]:bounds[k + 1]]`` in prefix order; return their number.
 
-    A code below 32 is an operator, below 16384 a row plus 32, otherwise a program's constant plus 16384. With
-    ``done_for`` (see ``Typing.repairs``) an operator that is not allowed is replaced, or becomes its first argument.
+    A code below 32 is an operator, below 16384 a row plus 32, otherwise a program's constant plus 16384. An
+    operator that ``done_for`` (see ``Typing.repairs``) does not allow is replaced by another or by its argument.
     stack, kinds: scratch space.
     """
     typed = done_for.size > 0
