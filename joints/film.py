@@ -87,7 +87,7 @@ def film_gap(geometry: FilmGeometry, displacement: ArrayLike, angle: ArrayLike) 
 
 
 def gap_along(geometry: FilmGeometry, lift: Array, cosine: Array) -> Array:
-    """Return the gap [m] as `film_gap` does, from the cosine of the polar angle, without a check."""
+    """Return the gap [m] at the displacement `lift` and the cosine of a polar angle, without a check."""
     return geometry.clearance + (lift - geometry.clearance) * cosine
 
 

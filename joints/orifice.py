@@ -75,7 +75,7 @@ class NozzleOrifice:
         positive("air temperature", self.temperature, "K")
 
     def flow(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
-        """Return the flow [m^3/s] by the equation in the docstring of the class."""
+        """Return the flow [m^3/s] of the nozzle at inlet and socket pressures [Pa]."""
         _drop(inlet, socket)
         upstream = np.asarray(inlet, float) + ATMOSPHERE
         ratio = (np.asarray(socket, float) + ATMOSPHERE) / upstream

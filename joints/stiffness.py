@@ -54,7 +54,7 @@ def film_force(geometry: FilmGeometry, orifice: Orifice, inlet: float, displacem
 class RegimeCurve:
     """The four regimes of Fig 4.15 as one continuous curve of the tension F [N] against the displacement x [m].
 
-    Contact below `contact_end`, transition to `transition_end`, film to `film_end`, where F has its maximum
+    Regimes: contact to `contact_end`, transition to `transition_end`, film to `film_end`, where F has its maximum
     `peak_force`. Beyond `film_end` the magnets pull with F = peak_force (stand_off / (stand_off + x - film_end))^2.
     """
 

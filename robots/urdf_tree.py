@@ -30,7 +30,7 @@ class _Plain(ET.TreeBuilder):
     """XML builder that refuses a document type, which could define entities of unlimited size."""
 
     def doctype(self, name: str, public: str | None, system: str | None) -> None:
-        """Refuse a document type by a ValueError."""
+        """Raise ValueError for an XML document type."""
         raise ValueError(f"document type {name!r}; expected elements only")
 
 

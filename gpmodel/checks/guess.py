@@ -74,7 +74,7 @@ def guess_files(paths: Sequence[Path], mechanism: Mechanism, join: str | None) -
 
 
 def _guess_as(sheet: Sheet, mechanism: Mechanism, join: str) -> Guess:
-    """Assign columns, if necessary with changed joint zeros and signs. Raises the error of the unchanged columns."""
+    """Assign columns, if necessary with changed joint zeros and signs. Raises the InputError of unchanged columns."""
     try:
         found = guess(sheet, mechanism)
     except InputError:
@@ -150,7 +150,7 @@ def guess(sheet: Sheet, mechanism: Mechanism, turned: bool = False) -> Guess:
 
 
 def _fits(sheet: Sheet, mechanism: Mechanism, turned: bool) -> tuple[tuple[int, tuple[str, ...]] | None, list[Fit]]:
-    """Return assignments that fit all rows; else assignments that fit for each value of a column, and the column."""
+    """Return assignments that fit all rows; else assignments for each value of a label column, and the column."""
     if fits := Assigner(sheet, mechanism).fits():
         return None, fits
     if turned:
@@ -198,7 +198,7 @@ def _nothing(sheet: Sheet, mechanism: Mechanism) -> str:
 
 
 def _one_set_of_joints(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: dict[int, str]) -> list[Fit]:
-    """Return the fits of one set of joint values; if names tell measured from commanded values, the measured set."""
+    """Return the fits of one set of joint columns: the measured set, if names tell measured from commanded."""
     best = min(fits, key=lambda fit: fit.left)
     fits = [fit for fit in fits if fit.left < max(FAR_BETTER * best.left, APART)]
     sets = list(dict.fromkeys(fit.joints for fit in fits))
@@ -216,7 +216,7 @@ def _one_set_of_joints(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: 
 
 
 def _measured(sheet: Sheet, mechanism: Mechanism, fits: list[Fit], lines: dict[int, str]) -> list[Fit]:
-    """Return the fits of points not computed from the joint values. Raises InputError if all points were computed."""
+    """Return the fits whose points are not computed from joint values. Raises InputError if all are computed."""
     left = []
     for fit in fits:
         if _computed(sheet, mechanism, fit):
@@ -255,7 +255,7 @@ def numbers_of(sheet: Sheet, column: int) -> Array:
 
 
 def _reflectors(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: dict[int, str]) -> list[Fit]:
-    """Return fits of different tool points; for equal tool points, the fits of columns named as measured."""
+    """Return one fit for each tool point; of fits with equal tool points, that of columns named as measured."""
     taken: list[Fit] = []
     said = {fit.points: said_to_be(sheet.names, fit.points) for fit in fits}
     for fit in sorted(fits, key=lambda f: (-said[f.points], f.points)):

@@ -49,8 +49,8 @@ BINS, CHUNK = 64, 1_000_000
 class Element:
     """An element of formulas: a function of x = k (u - c), where u is the input scaled to [0, 1].
 
-    text: formula in the unit of the input: {q} is the input, {k} and {a} are k and c, {b} is c + 1/k, {d} 1/k², {e}
-    -k².
+    text: shape of the element, a formula in the unit of the input: {q} is the input, {k} and {a} are k and c, {b} is
+    c + 1/k, {d} is 1/k², {e} is -k².
     """
 
     text: str
@@ -168,7 +168,7 @@ def _of_opposite(function: Callable[[Array], Array], x: Array) -> Array:
 
 
 class Elements:
-    """Elements of formulas, sorted by text. every: all elements. first: position of the first element of each text."""
+    """Elements sorted by shape (text). every: all elements. first: position of the first element of each shape."""
 
     def __init__(self, every: Iterable[Element]) -> None:
         numbers: dict[str, list[Element]] = {}
@@ -180,7 +180,7 @@ class Elements:
         self._constants = np.array([(element.k, element.c) for element in self.every]).reshape(-1, 2)
 
     def of_text(self, text: int) -> slice:
-        """Return the positions in `every` of the elements with text number ``text``."""
+        """Return the positions in `every` of the elements with shape number ``text``."""
         return slice(self.first[text], self.first[text + 1] if text + 1 < len(self.first) else len(self.every))
 
     def on_grid(self, columns: Array) -> Array:
@@ -264,7 +264,7 @@ def _nats(values: Array, targets: Targets) -> Array:
 
 
 def _alone(elements: Elements, column: Array, targets: Targets, of: Callable[[Element], Program]) -> Iterator[Founder]:
-    """Yield the best element of each text as a short form."""
+    """Yield for each shape of element the element with the best constants, as a short form."""
     nats = _nats(elements.on_grid(column[None, :])[0], targets)
     for text in range(len(elements.texts)):
         numbers = elements.of_text(text)
@@ -273,7 +273,7 @@ def _alone(elements: Elements, column: Array, targets: Targets, of: Callable[[El
 
 
 def _products(alone: Array, targets: Targets, of: Callable[[Element], Program]) -> Iterator[Founder]:
-    """Yield the best product of two elements for every pair of element texts."""
+    """Yield the product of two elements with the best constants, for every pair of shapes."""
     nats = np.full((len(alone), len(alone)), -np.inf)
     for one in range(len(alone)):
         nats[one, one:] = _nats(alone[one] * alone[one:], targets)
@@ -287,7 +287,7 @@ def _products(alone: Array, targets: Targets, of: Callable[[Element], Program]) 
 def _composed(
     inner: Elements, columns: dict[str, Array], targets: Targets, of: Callable[[Element], Program]
 ) -> Iterator[Founder]:
-    """Yield the best composition of an element and an inner element, for every pair of element texts."""
+    """Yield the composition of two elements with the best constants, for every pair of shapes."""
     inside = inner.on_grid(np.array(list(columns.values())))[0]
     nats = np.full((len(inside), len(ELEMENTS.every)), -np.inf)
     varies = np.flatnonzero((np.ptp(inside, axis=1) > 0) & np.array([element.text != LINE for element in inner.every]))
@@ -303,7 +303,7 @@ def _composed(
 
 
 def _of_blocks(nats: Array, first: Elements, build: Callable[[int, int], Program]) -> Iterator[Founder]:
-    """Yield the best pair of elements for every pair of element texts. nats: gain of each pair of elements, nats."""
+    """Yield the pair of elements with the best constants, for every pair of shapes. nats: gain of each pair, nats."""
     best = np.maximum.reduceat(np.maximum.reduceat(nats, first.first, axis=0), ELEMENTS.first, axis=1)
     for one, other in zip(*np.nonzero(best > 2.0 * JOINED), strict=True):
         rows, columns = first.of_text(one), ELEMENTS.of_text(other)

@@ -64,7 +64,7 @@ class Linear:
         )  # fmt: skip
 
     def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> "SequenceBreeding":
-        """Return the breeding of sequences over given inputs. start: inputs with which the registers start."""
+        """Return the object that creates and varies sequences. start: inputs with which the registers start."""
         first: list[str | None] = [*start]
         if not first and self.start_inputs:
             first = [inputs.names[k % len(inputs.names)] for k in range(self.registers)]

@@ -184,7 +184,7 @@ def _offspring(
 
 
 def _of_each_text(nats: Array, build: Callable[[int], Program]) -> Iterator[_Trial]:
-    """Yield the best element of each text. nats: gain of each element, nats."""
+    """Yield for each shape of element the best constants. nats: gain of each element, nats."""
 
     def best(text: int) -> Program:
         numbers = ELEMENTS.of_text(text)

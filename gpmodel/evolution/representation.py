@@ -63,7 +63,7 @@ class Representation(Protocol):
         """Constants that every program may use and that are never fitted."""
 
     def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> Breeding:
-        """Prepare the breeding over given inputs. start: inputs with which outputs start (x, y, z of a compensator)."""
+        """Return the object that creates and varies programs. start: first values of outputs (compensator: x, y, z)."""
 
 
 def label(representation: Representation) -> str:

@@ -161,7 +161,7 @@ def lineage(mechanism: Mechanism) -> Mask:
 def assembled(tree: Branched, transforms: Array, errors: Mapping[int, Array]) -> Array:
     """Return the poses (slots, poses, 4, 4) of all slots in the root frame, m, each after its own error.
 
-    transforms: nominal, from each slot to the next slot in the list. errors: {slot number: transforms (poses, 4, 4)}.
+    transforms: nominal transforms between successive slots. errors: {slot number: transforms (poses, 4, 4)}.
     """
     nominal = se3.chain(transforms)
     out = np.empty_like(nominal)

@@ -99,7 +99,7 @@ def view_pose(board: Array, seen: Array, plane: Array | None) -> Array:
 def _body_pose(body: Array, seen: Array) -> Array:
     """Estimate the pose (4, 4) of a body whose points are not in one plane, in the frame of the camera.
 
-    The start is weak perspective. The translation then fits the lines of sight given the rotation; the rotation fits
+    The start assumes weak perspective. The translation fits the lines of sight given the rotation; the rotation fits
     the nearest points on the lines. Each step reduces the weights of outliers. Source: Lu, Hager and Mjolsness (2000).
     """
     sight = np.column_stack([seen, np.ones(len(seen))])

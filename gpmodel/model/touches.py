@@ -76,7 +76,7 @@ class Artefact:
 
 @dataclass(frozen=True, eq=False)
 class Touches(AtTheTip):
-    """Gaps of the tool point, measured as zero, m. body, feature: numbers of the touched object, -1 for none."""
+    """Gaps of tool point and touched surface, measured as zero, m. body, feature: numbers of the surface, or -1."""
 
     name: str
     bodies: tuple[Artefact, ...]

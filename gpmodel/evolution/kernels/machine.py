@@ -82,7 +82,7 @@ def reaching_instructions(
     pairs: NDArray[np.uint16], count: int, read_of: NDArray[np.uint32], written_of: NDArray[np.uint32], outputs: int
 ) -> int:
     """Move the instructions that reach the first ``outputs`` registers to the end of ``pairs``; return the position of
-    the first one.
+    the first.
 
     Instructions are visited backwards, with the bit set of registers that are still needed (the highest bit is the
     accumulator). Instructions after the last store to an output are skipped first.
