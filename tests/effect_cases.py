@@ -117,7 +117,7 @@ def random_placement(dataset: Dataset, rng: np.random.Generator, anchors: Sequen
     """Instruments metres away, tools centimetres off the flange."""
     at = {s: se3.exp(np.append(rng.normal(0, 2, 3), rng.uniform(-1.5, 1.5, 3))) for s in dataset.codes("setup")[0]}
     tool = {t: se3.exp(np.append(rng.uniform(0.05, 0.15, 3), np.zeros(3))) for t in dataset.codes("tool")[0]}
-    return Placement(at, tool, {a: rng.uniform(-3.0, 3.0, 3) for a in anchors})
+    return Placement(at, tool, {a: np.append(rng.uniform(-3.0, 3.0, 3), rng.normal(0.0, 0.05)) for a in anchors})
 
 
 @dataclass(frozen=True)

@@ -217,6 +217,13 @@ def needed(model: ErrorModel, dataset: Dataset) -> set[str]:
     return direct | remembered | torques | ({clock} if clock else set())
 
 
+def _unknowns(key: str, values: Sequence[float]) -> Array:
+    """Return the unknowns of an observation; an earlier version saved no zero of a distance."""
+    if key.startswith("distance_") and len(values) not in (3, 4):
+        raise InputError(f"anchors_m: {key} has {len(values)} numbers; expected x, y, z and the zero")
+    return np.array((*values, 0.0) if key.startswith("distance_") and len(values) == 3 else values)
+
+
 def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
     """Return the content of model.json with its checksum. more: additional JSON content, ignored on reading.
 
@@ -338,7 +345,7 @@ def _read(part: ModelPart, given: Mechanism | None) -> SavedModel:
         placement=Placement(
             {k: np.array(v) for k, v in part.registration.items()},
             {k: np.array(v) for k, v in part.tool.items()},
-            {k: np.array(v) for k, v in part.anchors_m.items()},
+            {k: _unknowns(k, v) for k, v in part.anchors_m.items()},
         ),
         rotation_weight=part.lever_m,
         sigma=part.sigma_m,

@@ -116,8 +116,8 @@ def _predicted(saved: SavedModel, given: Poses, solved: bool) -> dict[str, Array
     for name, anchor in saved.placement.anchors.items():
         if not name.startswith("distance_"):
             continue
-        there = register[:, :3, :3] @ anchor + register[:, :3, 3]
-        columns[f"{name} [mm]"] = 1e3 * np.linalg.norm(tip[:, :3, 3] - there, axis=1)
+        there = register[:, :3, :3] @ anchor[:3] + register[:, :3, 3]
+        columns[f"{name} [mm]"] = 1e3 * (np.linalg.norm(tip[:, :3, 3] - there, axis=1) + anchor[3])
     if solved:
         for i in free_joints(saved.mechanism):
             joint = saved.mechanism.joints[i]

@@ -28,7 +28,7 @@ def linearised_at_nominal(mechanism: Mechanism, effects: tuple[Effect, ...], dat
 
     Only the kind of a measurement (finite or NaN) matters. The anchor of each distance is two metres away.
     """
-    anchors = {name: np.array([2.0, 0.3 + i, 0.1]) for i, name in enumerate(data.distances)}
+    anchors = {name: np.array([2.0, 0.3 + i, 0.1, 0.0]) for i, name in enumerate(data.distances)}
     model, placement = ErrorModel(mechanism, effects), Placement({"": np.eye(4)}, {"": se3.shift(TOOL_POINT)}, anchors)
     use = np.ones(len(data), dtype=bool)
     return linearise(model, prepare(mechanism, data), np.zeros(len(effects)), placement, ROTATION_WEIGHT, use)

@@ -194,9 +194,11 @@ class Orientation(NothingOwn):
 
 @dataclass(frozen=True)
 class Distance(AtTheTip):
-    """Distance of the tip from an anchor fixed to the mechanism's root: one value per pose, m.
+    """Distance of the tip from an anchor fixed to the mechanism's root, plus a zero: one value per pose, m.
 
-    The unknown of a distance is the position (3,) of the anchor in the root frame, m.
+    d = |p - a| + z: the unknowns of a distance are the position a (3,) of the anchor in the root frame and the zero z
+    of the instrument, m. Source: Driels and Swayze (1994), "Automated partial pose measurement system for manipulator
+    calibration experiments", IEEE Trans. Robotics and Automation 10.
     """
 
     name: str
@@ -209,8 +211,8 @@ class Distance(AtTheTip):
 
     @property
     def own(self) -> Mapping[str, tuple[str, ...]]:
-        """The unknown of a distance: its anchor."""
-        return {self.name: ("anchor x", "anchor y", "anchor z")}
+        """The unknowns of a distance: its anchor and its zero."""
+        return {self.name: ("anchor x", "anchor y", "anchor z", "zero")}
 
     @property
     def readings(self) -> Mask:
@@ -222,26 +224,30 @@ class Distance(AtTheTip):
 
     def predict(self, tips: Tips, own: Own) -> Array:
         """Return the predicted distances (poses, 1), m."""
-        return np.asarray(np.linalg.norm(tips.root[:, :3, 3] - own[self.name], axis=1)[:, None])
+        *anchor, zero = own[self.name]
+        return np.asarray(np.linalg.norm(tips.root[:, :3, 3] - anchor, axis=1)[:, None] + zero)
 
     def residual(self, tips: Tips, own: Own) -> Array:
         return self.values[:, None] - self.predict(tips, own)
 
     def by_tip(self, tips: Tips, own: Own) -> Array:
-        along = -self.by_own(tips, own) @ np.swapaxes(tips.turn, 1, 2)
+        along = -self.by_own(tips, own)[:, :, :3] @ np.swapaxes(tips.turn, 1, 2)
         return np.concatenate([along, np.zeros_like(along)], axis=2)
 
     def by_own(self, tips: Tips, own: Own) -> Array:
-        return ((own[self.name] - tips.root[:, :3, 3]) / self.predict(tips, own))[:, None, :]
+        away = own[self.name][:3] - tips.root[:, :3, 3]
+        along = away / np.linalg.norm(away, axis=1, keepdims=True)
+        return np.hstack([along, np.ones((len(away), 1))])[:, None, :]
 
     def start(self, tips: Tips) -> Own:
-        """Return the anchor a by trilateration from tips p and distances d, linear in a and |a|²: d² = |p - a|²."""
+        """Return anchor a and zero z by trilateration from tip positions p, linear in a, z and |a|² - z²:
+        d² = |p|² - 2 p·a + 2 d z + |a|² - z²."""
         seen = np.isfinite(self.values)
-        if seen.sum() < 4:
-            raise InputError(f"column '{self.name}': {int(seen.sum())} distances; its anchor needs at least 4")
-        points = tips.root[seen, :3, 3]
-        system = np.column_stack([-2 * points, np.ones(len(points))])
-        return {self.name: np.linalg.lstsq(system, self.values[seen] ** 2 - np.sum(points**2, axis=1))[0][:3]}
+        if seen.sum() < 5:
+            raise InputError(f"column '{self.name}': {int(seen.sum())} distances; anchor and zero need at least 5")
+        points, lengths = tips.root[seen, :3, 3], self.values[seen]
+        system = np.column_stack([-2 * points, 2 * lengths, np.ones(len(points))])
+        return {self.name: np.linalg.lstsq(system, lengths**2 - np.sum(points**2, axis=1))[0][:4]}
 
 
 def observations(dataset: Dataset) -> tuple[Observation, ...]:

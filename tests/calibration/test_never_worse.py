@@ -323,7 +323,7 @@ def test_too_few_poses_name_the_setup(name: str) -> None:
 def test_too_few_distances_name_the_column() -> None:
     truth = measure("ur5", (), (), 4, count=20, see=("position", "distance"))
     few = {k: np.where(np.arange(20) < 3, v, np.nan) for k, v in truth.poses.dataset.distances.items()}
-    with pytest.raises(InputError, match="column 'distance_0': 3 distances; its anchor needs at least 4"):
+    with pytest.raises(InputError, match="column 'distance_0': 3 distances; anchor and zero need at least 5"):
         next(start_placements(prepare(truth.model.mechanism, replace(truth.poses.dataset, distances=few))))
 
 

@@ -212,7 +212,7 @@ def test_check_prints_what_it_found(tmp_path: object) -> None:
 
 def test_distances_that_fit_pass() -> None:
     mechanism, made = robot(60)
-    placement = replace(made.placement, anchors={"distance_A": np.array([2.0, 1.0, 0.3])})
+    placement = replace(made.placement, anchors={"distance_A": np.array([2.0, 1.0, 0.3, -0.02])})
     named = replace(made.dataset, distances={"distance_A": np.zeros(60)})
     length = observe(made.model, prepare(mechanism, named), made.theta, placement).distances[:, 0]
     noisy = length + np.random.default_rng(0).normal(0.0, 3e-5, 60)
