@@ -1,1 +1,1 @@
-"""The discovery loop: from a residual to named and tested effects."""
+"""Run the discovery loop: from the residual of a calibration to named and tested effects."""

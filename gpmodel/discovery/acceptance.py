@@ -19,9 +19,9 @@ from gpmodel.selection.causes import CredibleSet
 class Hypothesis:
     """A candidate effect with its score, p-value, verdict and credible set, all from training poses.
 
-    chance: p-value of the candidate's score on permuted residuals. cv_rms, cv_before: cross-validated 3-D RMS error
-    with the candidate and without, m. causes: possible causes of the candidate, None for a rejected candidate. rivals:
-    names of alternative causes, each with the cross-validated 3-D RMS error, m, of the model with that cause.
+    chance: p-value of the candidate's gain against permuted residuals. cv_rms, cv_before: cross-validated 3-D RMS
+    error, m, with the candidate and without. causes: possible causes, None for a rejected candidate. rivals: names of
+    alternative causes, each with the cross-validated 3-D RMS error, m, of the model with that cause.
     """
 
     candidate: Candidate
@@ -35,12 +35,12 @@ class Hypothesis:
 
     @property
     def accepted(self) -> bool:
-        """True if the candidate passed every test."""
+        """True if the candidate effect passed every test."""
         return self.verdict.accepted
 
     @property
     def why(self) -> str:
-        """Reason for the verdict on the candidate, in words."""
+        """Reason for the verdict on the candidate effect, in words."""
         chance = wording.chance(self.chance.p, self.chance.shuffles, self.chance.of)
         return self.verdict.why or f"removes {100 * self.score.gain:.0f} % of the residual energy, p {chance}"
 
@@ -76,11 +76,11 @@ Judge = Callable[[Calibration, Mapping[str, Candidate]], dict[str, Hypothesis]]
 def eliminate(
     offered: Mapping[str, Candidate], calibration: Calibration, judge: Judge, fit: Fit
 ) -> tuple[dict[str, Hypothesis], Calibration]:
-    """Eliminate candidates that fail a test given all others; each pass removes the weaker half of these candidates.
+    """Delete candidates that fail a test given all others; each pass deletes the weaker half of the failing candidates.
 
     judge: function that tests candidates given all others of a calibration. fit: function that calibrates with
-    candidates, starting from an earlier fit. Returns the last verdict on each candidate, and the calibration with the
-    accepted candidates. The accepted candidates are tested again at the end.
+    candidates, starting from an earlier fit. Returns the last test result of each candidate, and the calibration with
+    the accepted candidates. The accepted candidates are tested again at the end.
     """
     inside, judged = dict(offered), dict[str, Hypothesis]()
     asked: Mapping[str, Candidate] = inside

@@ -1,4 +1,4 @@
-"""Select effects jointly among the catalogue, evolved programs, smooth terms, sinusoids, and formulas."""
+"""Select effects jointly from the catalogue, evolved programs, smooth terms, sinusoids, and formulas."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -29,13 +29,13 @@ from gpmodel.table.bundles import JUDGED
 
 @dataclass(frozen=True)
 class Problem:
-    """Inputs of a selection of effect groups.
+    """Inputs of a selection of groups of effects.
 
     standard: calibration of the standard model.
     fit: function that calibrates the training poses with candidates, starting from an earlier fit.
     offers: candidates of the catalogue, and the user's families and candidates.
-    input_prices: price of each input, nats, from the histograms of inputs in evolved programs.
-    late: function that returns whether the time limit is reached.
+    input_prices: price of each input variable, nats, from the histograms of inputs in evolved programs.
+    late: function that returns whether the time limit of the search is reached.
     """
 
     standard: Calibration
@@ -49,7 +49,7 @@ class Problem:
 
     @cached_property
     def smooth_sites(self) -> tuple[tuple[Site, ...], tuple[str, ...]]:
-        """Sites and inputs of smooth terms at the training poses."""
+        """Sites (frame and axis) and input variables of the smooth terms that may be proposed at the training poses."""
         states = self.train.states
         inputs = readable_inputs(states, np.arange(len(states)))[0].names
         return tuple(moving_sites(self.standard.model.mechanism, self.train.dataset)), tuple(inputs)
@@ -59,7 +59,7 @@ class Problem:
         return residual_of(calibration, self.train, self.criteria, JUDGED)
 
     def fitted(self, chosen: Selection) -> "FittedSelection":
-        """Convert a selection to candidates and fit the candidates together."""
+        """Convert the groups of a selection to candidate effects, and fit all these candidates together."""
         candidates = {kept.group.name: as_candidate(kept, self.train) for kept in chosen.kept}
         found = tuple(candidates.values())
         return FittedSelection(chosen, candidates, self.residual(self.fit(found, self.standard)))
@@ -67,7 +67,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class FittedSelection:
-    """A selection, its groups as candidates by name, and the residual of the fit with all candidates."""
+    """A selection, its groups as candidate effects by name, and the residual of the fit with all these candidates."""
 
     chosen: Selection
     candidates: dict[str, Candidate]
@@ -76,7 +76,7 @@ class FittedSelection:
 
 @dataclass
 class Proposals:
-    """Propose formulas for the smooth terms of a selection, once for each, and refitted constants of its candidates.
+    """Propose formulas for the smooth terms of a selection, once for each term, and candidates with refitted constants.
 
     fresh: names of programs evolved in the current round. laws: every proposed formula, by the name of its candidate.
     """
@@ -88,7 +88,7 @@ class Proposals:
     last: FittedSelection | None = None
 
     def __call__(self, chosen: Selection) -> tuple[Sequence[Group], frozenset[str]]:
-        """Return new groups for the residual of a selection, and names of smooth terms with a formula among them."""
+        """Return groups proposed for the residual of a selection, and names of smooth terms with a proposed formula."""
         self.last = fitted = self.problem.fitted(chosen)
         shapes = chosen.offered.screening.shapes
         kept = list(zip(fitted.candidates.values(), chosen.kept, strict=True))
@@ -103,10 +103,10 @@ class Proposals:
 
 
 def choose(problem: Problem, evolved: Sequence[Candidate], fresh: frozenset[str]) -> tuple[FittedSelection, Proposals]:
-    """Select among all candidate groups, except groups at joints that do not move, and fit the selection.
+    """Select among all candidate groups of effects, except at joints that do not move, and fit the selection.
 
-    The terms of an evolved program become separate candidates if one of the terms has a name. fresh: names of programs
-    evolved in the current round.
+    The terms of an evolved program become separate candidates if one of the terms has a name. evolved: evolved programs
+    of all rounds. fresh: names of programs evolved in the current round.
     """
     mechanism, states = problem.standard.model.mechanism, problem.train.states
     still = still_joints(mechanism, problem.train.dataset)
@@ -130,10 +130,10 @@ def choose(problem: Problem, evolved: Sequence[Candidate], fresh: frozenset[str]
 
 
 def as_candidate(kept: Kept, poses: Poses) -> Candidate:
-    """Convert a selected group to a candidate.
+    """Convert a selected group of effects to a candidate for the fit to the training poses.
 
-    A smooth term keeps its learned priors. A group of at most two coefficients gets flat priors, unless the user has
-    specified priors.
+    A smooth term keeps the prior variance that the selection has estimated. A group of at most two coefficients gets
+    flat priors, unless the user has specified priors.
     """
     group = kept.group
     plain = len(group.effects) <= PLAIN and not group.believed

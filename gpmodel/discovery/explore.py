@@ -29,9 +29,9 @@ from gpmodel.selection.programs import as_candidate, parts, without_poles
 
 @dataclass(frozen=True)
 class RoundContext:
-    """Context of a round of the search: its number, its messages, and the storage of finished runs.
+    """Context of a round of the search: its number, its messages, and the storage of finished runs of evolution.
 
-    late: function that returns whether the time limit is reached.
+    late: function that returns whether the time limit of the search is reached.
     opening: whether the round is the first one of a search with a catalogue, and evolves with a small budget.
     pooled: whether earlier rounds ran with an equal budget on permuted residuals.
     """
@@ -45,12 +45,12 @@ class RoundContext:
 
 
 class OutOfTime(Exception):
-    """Raised if the time limit is reached before all runs are done."""
+    """Raised if the time limit of the search is reached before all runs of evolution are done."""
 
 
 @dataclass(frozen=True)
 class Exploration:
-    """Result of evolution on one residual: candidates, null distribution of their gains, and histogram of inputs."""
+    """Evolved candidates of one residual, null distribution of their gains (nats), and histogram of their inputs."""
 
     candidates: tuple[Candidate, ...]
     null_nats: Array
@@ -60,12 +60,12 @@ class Exploration:
 def explore(
     residual: Residual, sites: tuple[Site, ...], search: Search, rng: np.random.Generator, context: RoundContext
 ) -> Exploration:
-    """Evolve programs over all sites at once, `runs` times for each representation, then on permuted residuals.
+    """Evolve programs at all sites at once, `runs` times for each representation, then on permuted residuals.
 
-    After the first round the permuted runs are omitted if no program has the least gain of a finding. Half as many
-    permuted runs are enough if their maxima are pooled with earlier maxima, but no fewer than a p-value needs. Above
-    `evolved_poses` poses evolution uses a sample of the poses, and half of the sample if the model has hundreds of
-    columns; programs are scored on all poses. Without runs the histogram is empty. Raises OutOfTime at the time limit.
+    After the first round the permuted runs are omitted if no program reaches the least gain of a finding. Half as many
+    permuted runs are enough if their largest gains are pooled with earlier ones, but no fewer than a p-value needs. Of
+    more than `evolved_poses` poses evolution uses a sample, and half of it if the model has hundreds of columns;
+    programs are scored on all poses. Without runs the histogram is empty. Raises OutOfTime at the time limit.
     """
     n = len(residual.poses)
     count = search.evolved_poses if residual.span.size < MANY_COLUMNS else search.evolved_poses // 2
@@ -104,13 +104,13 @@ def explore(
 def posed(
     residual: Residual, sites: tuple[Site, ...], search: Search, rows: IntArray
 ) -> tuple[SlotProblem, Mapping[str, str]]:
-    """Return the problem of evolution on some poses at all sites, and the names of its inputs in the table."""
+    """Return the problem of evolution at some poses and all sites, and its inputs in terms of the table's columns."""
     inputs, names = readable_inputs(residual.poses.states, rows)
     return SlotProblem(inputs, targets(residual, sites, rows), parsimony=search.nats_per_node), names
 
 
 def run(tasks: Mapping[int, Task], search: Search, context: RoundContext) -> list[Evolution]:
-    """Run evolution tasks by number. Each result is stored and reported when ready; stored results are used again."""
+    """Run numbered evolution tasks. Each result is stored and reported when ready; stored results are used again."""
 
     def said(done: int) -> None:
         if 0 < done < len(tasks) and context.late():
@@ -126,10 +126,10 @@ def candidates_of(
     residual: Residual, sites: tuple[Site, ...], search: Search, question: tuple[SlotProblem, Mapping[str, str]],
     runs: Sequence[Evolution],
 ) -> tuple[Candidate, ...]:  # fmt: skip
-    """Return the programs of the runs as candidates at their sites, each once, without programs that have a pole.
+    """Return each distinct program of the runs as a candidate effect at its site, without programs that have a pole.
 
     The constants of each part of a program are refitted, since one output alone often explains the effect of two
-    outputs. question: the problem of the runs, and the names of its inputs.
+    outputs. question: the problem that was evolved, and its inputs in terms of the table's columns.
     """
     states, between = residual.poses.states, residual.poses.states.between()
     problem, names = question
@@ -151,6 +151,6 @@ def candidates_of(
 
 
 def _most_saved(residual: Residual, search: Search, run: Evolution, sites: int) -> float:
-    """Return the largest gain in description length of any program of a run, nats."""
+    """Return the largest gain in description length, nats, of any program of an evolution run. sites: their number."""
     nats = [saved(residual, c.gain, len(c.program.outputs), search.cost(c.complexity, sites)) for c in run.front]
     return float(max(nats, default=-np.inf))

@@ -1,4 +1,4 @@
-"""Final fit of the found model to all poses, including the constants inside formulas."""
+"""Fit the found model to all poses, including the constants inside formulas."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -18,17 +18,17 @@ from gpmodel.families.outline import PRINTED, Outline, in_words, outline_of
 from gpmodel.table.bundles import JUDGED
 
 STEPS = 6
-"""Largest number of Gauss-Newton steps in the constants inside formulas."""
+"""Largest number of Gauss-Newton steps for the constants inside formulas."""
 
 SETTLED = 0.02
-"""Step of every constant, in standard errors, below which the iteration ends."""
+"""Largest step of any constant inside a formula, in standard errors, at which the Gauss-Newton iteration ends."""
 
 
 def final_fit(state: State, fit: Calibration) -> FinalFit:
-    """Fit all findings to all poses, including the constants inside the findings' basis functions.
+    """Fit all findings to all poses, including the constants inside their basis functions.
 
-    Changes of the constants are unknowns of the fit, so that every standard error includes their uncertainty.
-    Source: Seber and Wild (1989), 2.1.
+    The changes of the constants are unknowns of the fit, so that every standard error includes the uncertainty of the
+    constants. Source: Seber and Wild (1989), 2.1.
     """
 
     def to_all(found: Sequence[Candidate], start: Calibration) -> Calibration:
@@ -56,8 +56,8 @@ def _settled(
     """Fit the constants inside candidates to all poses by Gauss-Newton steps; return the candidates, changes and fit.
 
     Each step adds the fitted changes to the constants. After convergence the changes are zero, with standard errors.
-    Constants that do not converge keep their values, without standard errors. theta: (E,) values of the candidates'
-    effects in `fit`.
+    Constants that do not converge keep their first values, without standard errors. theta: coefficients of each
+    candidate's effects in `fit`.
     """
     moving, here = tuple(found), fit
     for _ in range(STEPS):
@@ -77,13 +77,13 @@ def _settled(
 
 
 def _known(changes: Sequence[InnerChange], fit: Calibration) -> dict[Constant, float]:
-    """Return the constants inside candidates plus the changes that a fit estimates."""
+    """Return the constants inside candidates plus their changes as estimated by a fit."""
     steps = fit.values_of([change.effect for change in changes])
     return {c.constant: c.constant.value + step for c, step in zip(changes, steps, strict=True)}
 
 
 def _beside_events(state: State) -> Mask:
-    """Return whether each pose (N,) is near an event: a good pose on the wrong side has a large residual."""
+    """Return whether each pose is near an event in time, where a good pose on the wrong side has a large residual."""
     rows = state.poses.states["row"]
     inner = [c.inner for c in state.found if c.inner]
     events = [c.value for own in inner for c in own.constants if c.whole]
@@ -91,7 +91,7 @@ def _beside_events(state: State) -> Mask:
 
 
 def _located(candidate: Candidate, left: Callable[[], Residual]) -> Candidate:
-    """Add the 95 % confidence interval of the row of an event to a candidate. left: function that returns residuals."""
+    """Add the 95 % confidence interval of the row of a candidate's event. left: function that returns the residual."""
     inner = candidate.inner
     if inner is None or not any(c.whole for c in inner.constants):
         return candidate
@@ -101,7 +101,7 @@ def _located(candidate: Candidate, left: Callable[[], Residual]) -> Candidate:
 
 
 def _events(candidate: Candidate) -> Iterator[FittedConstant]:
-    """Yield the row of a candidate's event, if any, with the confidence interval of the row."""
+    """Yield the table row at which a candidate's event occurs, if any, with the confidence interval of the row."""
     for constant in candidate.inner.constants if candidate.inner else ():
         if constant.rows:
             yield FittedConstant(constant.name, constant.unit, constant.value, None, *constant.rows)
@@ -112,7 +112,7 @@ def constants_in_words(
 ) -> Iterator[FittedConstant]:
     """Yield the constants inside a candidate with their standard errors; for a bump or step its position and width.
 
-    fit: fit to all poses, with the changes of the constants among its unknowns. units: unit of each input.
+    fit: fit to all poses, with the changes of the constants among its unknowns. units: unit of each input variable.
     """
     at = [e.name for e in fit.model.effects]
     own = [at.index(change.effect.name) for change in changes]
@@ -134,7 +134,7 @@ def constants_in_words(
 
 
 def _slope(candidate: Candidate, constant: Constant) -> tuple[float, float]:
-    """Return the derivatives of the position and of the width of a bump or step by a constant."""
+    """Return the derivatives of the position and of the width of a bump or step by a constant inside its formula."""
     beside = [outline_of(moved(candidate, {constant: constant.value * (1.0 + s)})) for s in (-STEP, STEP)]
     below, above = (o or Outline("", "", math.nan, math.nan) for o in beside)
     step = 2.0 * STEP * constant.value

@@ -1,8 +1,8 @@
-"""Run the whole discovery on all poses, and measure its errors by repeating it without each fold.
+"""Run the whole discovery on all poses, and measure its errors by repeating the discovery without each fold.
 
-With few poses, a fixed held-out share costs more than it proves. Every pose is held out once: the findings come from
-all poses, and the errors from repetitions of the discovery without each fold. Source: Stone (1974), cross-validatory
-choice and assessment of statistical predictions.
+With few poses, a fixed held-out share costs more than it proves. Therefore each pose is held out once: the findings
+come from all poses, and the errors from repetitions of the discovery without each fold. Source: Stone (1974),
+cross-validatory choice and assessment of statistical predictions.
 """
 
 import time
@@ -25,13 +25,13 @@ from gpmodel.progress import Teller, silent
 from gpmodel.table.bundles import JUDGED, bundles, folds
 
 Loop = Callable[[Poses, IntArray, IntArray], Discovery]
-"""The whole loop with its settings, as a function of poses, training rows and held-out rows."""
+"""The whole discovery loop with its settings, as a function of poses, training rows and held-out rows."""
 
 
 def discover_by_folds(
     whole: Loop, repeats: Sequence[Loop], poses: Poses, count: int, criteria: Criteria, workers: Forks
 ) -> Discovery:
-    """Run the whole loop on all poses, then repeat it without each of `count` folds of whole blocks.
+    """Run the whole discovery loop on all poses, then repeat the loop without each of `count` folds of whole blocks.
 
     The errors of each step are the errors of held-out poses, predicted by the repetition without these poses; a
     repetition with fewer steps uses its last model. repeats: ways to repeat the loop, the quickest first; without
@@ -62,7 +62,7 @@ def discover_by_folds(
 
 
 def _repeated(found: Discovery, choices: Sequence[Discovery], criteria: Criteria) -> Discovery:
-    """Return a discovery on all poses with the errors of its repetitions, and whether they confirm its findings."""
+    """Return a discovery on all poses with the errors of its repetitions, and whether these errors confirm findings."""
     steps = tuple(
         replace(step, heldout_error=_errors(found.poses, choices, number)) for number, step in enumerate(found.steps)
     )
@@ -75,7 +75,7 @@ def _repeated(found: Discovery, choices: Sequence[Discovery], criteria: Criteria
 
 
 def _errors(poses: Poses, parts: Sequence[Discovery], number: int) -> Array:
-    """Return the error (N,) of each pose by step `number` of the repetition without the pose; NaN if none."""
+    """Return the error of each pose by model step `number` of the repetition without the pose, m; NaN if unknown."""
     out = np.full(len(poses), np.nan)
     for part in parts:
         held = np.isin(poses.dataset.row, part.poses.dataset.row[part.heldout])

@@ -23,18 +23,18 @@ from gpmodel.selection.sparse_bayes import reestimate
 
 @dataclass(frozen=True)
 class Judged:
-    """hypotheses: every selected group with its tests, by decreasing gain. calibration: fit of the accepted groups."""
+    """Tested groups of effects by decreasing gain (`hypotheses`), and the fit of the accepted groups."""
 
     hypotheses: tuple[Hypothesis, ...]
     calibration: Calibration
 
 
 def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_alone: bool = False) -> Judged:
-    """Test every selected group given all others, eliminate groups that fail, and find credible sets of the others.
+    """Test every selected group given all others, delete groups that fail, and find credible sets of the other groups.
 
-    Fine curves get as many harmonics as their evidence supports, and constants inside them are refitted. evolved_null:
-    (S,) largest gain of any program on permuted residuals. An evolved term has to exceed the null of evolution and that
-    of the selection: two searches selected the term. errors_alone: omit the credible sets, which change no error.
+    Fine curves of a drive get as many harmonics as their evidence supports, and constants inside candidates are
+    refitted. evolved_null: largest gain of any program on each permuted residual. An evolved term has to exceed the
+    null of evolution and of selection, because both searches selected it. errors_alone: omit the credible sets.
     """
     if not last.candidates:
         return Judged((), last.left.calibration)
@@ -79,7 +79,7 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_a
 
 
 def _judged(residual: Residual, candidate: Candidate, kept: Kept, nulls: tuple[Array, Array]) -> Hypothesis:
-    """Test a selected group. residual: of the model without it. nulls: permutation nulls of selection and evolution."""
+    """Test a selected group of effects. residual: without the group. nulls: nulls of selection and of evolution."""
     before = cross_validated(residual.at_own_noise(), ())
     nats = kept.gain - candidate.cost + kept.shared
     score = replace(scores(residual, [candidate])[0], nats=nats)

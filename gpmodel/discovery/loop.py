@@ -59,10 +59,10 @@ def discover(
 
     At the end the held-out poses decide whether the model with the findings or the standard model is shipped.
 
-    train, heldout: rows of `poses`; heldout may be empty. candidates: effects that may be missing.
+    train, heldout: row numbers of `poses`; heldout may be empty. candidates: effects that may be missing.
     standard: effects of the standard model; None for the complete geometry.
     known: effects in the model from the start. noise: σ that weights finite priors, m; None for the σ of the residual.
-    condition_limit: limit of the standard model; None for a cross-validated limit.
+    condition_limit: largest condition number of the standard model; None for a cross-validated limit.
     errors_alone: compute only the errors of each step, without a fit to all poses and without simplified formulas.
     progress: called with one line on the current task. kept: finished runs of an interrupted search. Raises InputError
     for different candidates of one name, or if no held-out pose has a known set-up and tool.
@@ -100,7 +100,7 @@ def discover(
 
 
 def _searched(state: State, standard_fit: Calibration) -> tuple[Callable[[], Calibration], str]:
-    """Run the rounds on the sample; return a function that fits the findings to all training rows, and why it ended."""
+    """Run the search on the sample; return a function that fits the findings to all training rows, and the reason."""
     sampled = len(state.sample) < len(state.train)
     start = state.fit_sample(state.model(()), standard_fit) if sampled else standard_fit
     calibration, stopped = _run_rounds(state, start)
@@ -110,7 +110,7 @@ def _searched(state: State, standard_fit: Calibration) -> tuple[Callable[[], Cal
 
 
 def _run_rounds(state: State, standard_fit: Calibration) -> tuple[Calibration, str]:
-    """Run rounds until one changes nothing or a limit of the search is reached; return the fit, and the reason.
+    """Run rounds of the search until a round changes nothing or a limit is reached; return the fit and the reason.
 
     If the time limit is reached in the first round, the first round is repeated without evolution.
     """
@@ -134,7 +134,7 @@ _Last = tuple[FinalFit, Calibration, Confirmation | None]
 
 
 def _unfinished(state: State, standard_fit: Calibration, calibration: Calibration) -> _Last:
-    """Return the findings with their values in the fit to the training poses."""
+    """Return the findings with their values in the fit to the training poses, without a fit to all poses."""
     return FinalFit(calibration, state.found, ((),) * len(state.found)), calibration, None
 
 
@@ -167,7 +167,7 @@ def _ladder(state: State, base: Calibration, standard_fit: Calibration, rungs: S
 def one_round(state: State, standard_fit: Calibration, calibration: Calibration) -> Calibration:
     """Evolve programs for the residual of a calibration, select all effects again with them, and test the selection.
 
-    Returns the calibration with the findings, and stores the findings in the state.
+    The round returns the calibration with the findings, and stores the findings in `state`.
     """
     number = len(state.rounds) + 1
     poses = state.poses.subset(state.sample)
@@ -211,7 +211,7 @@ def _taken(state: State, accepted: Sequence[Hypothesis], number: int) -> tuple[s
 
 
 def _earlier_nulls(state: State) -> list[np.ndarray]:
-    """Return the permutation nulls of earlier rounds with the full budget, i.e. without opening rounds."""
+    """Return the largest gains, nats, on permuted residuals of earlier rounds with the full budget of evolution."""
     return [r.exploration.null_nats for r in state.rounds[bool(state.offers) :]]
 
 
@@ -225,7 +225,7 @@ def _explored(state: State, residual: Residual, number: int) -> Exploration:
 
 
 def _promising(state: State, residual: Residual, exploration: Exploration) -> tuple[Candidate, ...]:
-    """Return new programs with a gain in description length, the best first, at most `considered` programs."""
+    """Return new programs with a gain in description length, the best first, at most `Search.considered` programs."""
     known = {c.name for c in (*state.known_effects, *state.found, *state.evolved)}
     pool = [c for c in exploration.candidates if c.name not in known]
     ranked = sorted(zip(pool, scores(residual, pool), strict=True), key=lambda one: -one[1].nats)

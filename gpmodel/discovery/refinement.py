@@ -1,7 +1,7 @@
 """Fit the constants inside basis functions: by variable projection, then as unknowns of the final fit.
 
-Variable projection: for given constants the linear coefficients are solved and the other effects are projected out, so
-that the residual is a function of the constants alone. Source: Golub and Pereyra (1973).
+In variable projection the linear coefficients are solved for given constants, and the other effects are projected out.
+Thus the residual is a function of the constants alone. Source: Golub and Pereyra (1973).
 """
 
 import math
@@ -26,7 +26,7 @@ from gpmodel.model.states import States
 from gpmodel.numerics import rank as ident
 
 LOOKS = 2
-"""Number of passes over the constants; the second pass removes the dependence on the other candidates' constants."""
+"""Number of passes over the constants of all candidates; the second pass allows for changes in the first pass."""
 
 EVALUATIONS = 80
 """Largest number of residual evaluations per constant of a candidate; the simplex method needs half as many."""
@@ -35,11 +35,11 @@ SETTLED = 1e-4
 """Difference of the sum of squares between corners of a simplex at which the fit ends, in variances of the noise."""
 
 ROUNDING = 0.005
-"""Largest loss of log evidence by rounding a constant to fewer digits, nats: a tenth of its standard error."""
+"""Largest loss of log evidence, nats, by rounding a constant to fewer digits: a tenth of its standard error."""
 
 ROW_LOSS = -np.log1p(-np.sqrt(0.95))
-"""Loss that bounds the 95 % confidence interval of the row of an event, nats: half of the quantile -2 ln(1 - √0.95) of
-the likelihood ratio of a threshold. Source: Hansen (2000), Econometrica 68(3), theorem 2."""
+"""Loss of log likelihood, nats, at the ends of the 95 % confidence interval of an event's row: half of the quantile
+-2 ln(1 - √0.95) of the likelihood ratio of a threshold. Source: Hansen (2000), Econometrica 68(3), theorem 2."""
 
 WINDOW = 12
 """Number of rows on either side of an event that are tested first, in addition to those up to the next offered row."""
@@ -47,14 +47,14 @@ WINDOW = 12
 
 @dataclass(frozen=True)
 class Profile:
-    """Log likelihood (T,), nats, of an event after each of some rows (T,), with the event's other constants fixed."""
+    """Log likelihood of an event, nats, if it occurs after each of some rows; its other constants are fixed."""
 
     rows: Array
     nats: Array
 
     @property
     def best(self) -> int:
-        """The most likely row of the event."""
+        """The most likely row after which the event occurs."""
         return int(self.rows[np.argmax(self.nats)])
 
     @property
@@ -67,7 +67,7 @@ class Profile:
 def detailed(left: Residual, found: Mapping[str, Candidate]) -> dict[str, Candidate]:
     """Double the harmonics of fine curves among the findings if more harmonics lower the description length.
 
-    A drive has spectral lines up to twice its reduction ratio; half as many harmonics detect the curve of a drive in an
+    The error curve of a drive has lines up to twice its reduction ratio; half of the harmonics detect the curve in an
     eighth of the time. left: residual of a model with all findings.
     """
     out = dict(found)
@@ -105,7 +105,7 @@ def refined_fit(
 def refined_at_one_site(residual: Residual, candidates: Mapping[str, Candidate]) -> Iterator[Candidate]:
     """Yield each candidate with refitted constants, as a replacement of all candidates with constants at its site.
 
-    If a constant lies between two candidates' values, both may be selected. residual: residual of the whole model.
+    If a true constant lies between the constants of two candidates, both may be selected. residual: of the whole model.
     """
     movable = [c for c in candidates.values() if _movable(c)]
     for candidate in movable:
@@ -114,15 +114,15 @@ def refined_at_one_site(residual: Residual, candidates: Mapping[str, Candidate])
 
 
 def _acts(candidate: Candidate) -> frozenset[tuple[str, str]]:
-    """Return the frames and axes at which a candidate acts."""
+    """Return the frames and axes of the twists by which a candidate's effects act."""
     return frozenset((term.slot, term.axis) for effect in candidate.effects for term in effect.terms)
 
 
 def refined(residual: Residual, candidate: Candidate) -> Candidate:
     """Fit the constants inside a candidate to the residual of a model without the candidate.
 
-    If each effect has its own constant, effects with a gain below the price of coefficient and constant are deleted.
-    """
+    If each effect of the candidate has its own constant, an effect is deleted if its gain is below the price of one
+    coefficient and one constant."""
     if candidate.inner is None:
         return candidate
     inner = _settled(residual, candidate.inner)
@@ -196,16 +196,16 @@ def _nats(residual: Residual, effects: Sequence[Effect]) -> float:
 
 
 def _left(residual: Residual, effects: Sequence[Effect]) -> float:
-    """Compute the sum of squares of the residual after effects are projected out."""
+    """Compute the sum of squares of the residual after effects are projected out, m²."""
     span = ident.orthonormal(residual.projected(effects)[0])
     return residual.energy - float(np.sum((span.T @ residual.values) ** 2))
 
 
 STEP = 1e-3
-"""Step of the central difference in a constant, relative to the constant."""
+"""Step for the central difference by a constant inside a formula, relative to the constant."""
 
 OWN = 0.05
-"""Least unique share of the column of a constant's change; the column of a scale equals that of the coefficient."""
+"""Least unique share of the derivative by a constant in a formula; a scale only rescales the coefficient."""
 
 MOST = 0.3
 """Prior standard deviation of a constant's change: 30 % RMS of the formula; larger changes are not linear."""
@@ -216,7 +216,7 @@ HARMONICS = 12
 
 @dataclass(frozen=True)
 class InnerChange:
-    """A constant inside a formula, and the effect of a unit change of the constant."""
+    """A constant inside a formula, and the effect whose coefficient is the change of the constant."""
 
     constant: Constant
     effect: Effect
@@ -224,7 +224,7 @@ class InnerChange:
 
 @dataclass(frozen=True)
 class _Moved:
-    """A constant inside a candidate, and its basis functions (E, terms) half a step below and above the value."""
+    """A constant inside a candidate, and all its basis functions half a step below and above the constant's value."""
 
     constant: Constant
     below: tuple[tuple[str, ...], ...]
@@ -232,16 +232,16 @@ class _Moved:
 
     @property
     def step(self) -> float:
-        """Difference of the constant between the values below and above."""
+        """Difference of the constant between `above` and `below`."""
         return STEP * abs(self.constant.value)
 
 
 def inner_changes(candidate: Candidate, theta: Sequence[float], states: States) -> tuple[InnerChange, ...]:
-    """Return the change of each constant inside a formula as an effect θ ∂φ/∂c, whose coefficient is the change.
+    """Return the change of each constant c inside a formula as an effect θ ∂φ/∂c, whose coefficient is the change.
 
-    With these effects ∂φ/∂c in the model all standard errors are those of nonlinear least squares, and each constant
-    has a standard error. A constant has no effect if the coefficient or the geometry can replace the constant. theta:
-    fitted values of the candidate's effects. Source: Seber and Wild (1989), 2.1.
+    With these effects in the model all standard errors are those of nonlinear least squares, and each constant has a
+    standard error. A constant has no effect if the coefficient or the geometry can replace the constant. theta: fitted
+    coefficient θ of each basis function φ of the candidate. Source: Seber and Wild (1989), 2.1.
     """
     law = _shape(candidate.effects, theta, states)
     taken = [np.ones(len(states)), *(_shape([e], [1.0], states) for e in candidate.effects)]
@@ -263,7 +263,7 @@ def inner_changes(candidate: Candidate, theta: Sequence[float], states: States) 
 def moved(candidate: Candidate, values: Mapping[Constant, float]) -> Candidate:
     """Replace the values of some constants inside a candidate; an unnamed candidate is renamed after its formula.
 
-    Constants of a template (a lag, a width, a rate) keep their sign: a step lowers a constant by at most half its size.
+    Constants such as a lag, a width or a rate keep their sign: a step lowers a constant by at most half its size.
     """
     if not values:
         return candidate
@@ -281,7 +281,7 @@ def moved(candidate: Candidate, values: Mapping[Constant, float]) -> Candidate:
 
 
 def _same_sign(value: float, constant: Constant) -> float:
-    """Limit the change of a constant to half of its size toward zero."""
+    """Limit the change of a constant toward zero to half of its size."""
     sign = math.copysign(1.0, constant.value)
     return sign * max(sign * value, 0.5 * sign * constant.value)
 
@@ -293,7 +293,7 @@ def _rounded(value: float) -> float:
 def _moved(candidate: Candidate) -> Iterator[_Moved]:
     """Yield each distinct constant inside a candidate; a constant of several effects is changed in each effect.
 
-    A whole number of ripples per turn, or of millimetres in a lead, is exact.
+    A whole number of ripples per turn, or of millimetres in a lead, is exact and therefore omitted.
     """
     inner, refit = candidate.inner, bool((known := family(candidate.family)) and known.refit_constants)
     if candidate.has_priors:
@@ -316,13 +316,13 @@ def _moved(candidate: Candidate) -> Iterator[_Moved]:
 
 
 def _beside(value: float) -> tuple[float, float]:
-    """Return the values half a step below and above a constant."""
+    """Return the values half a step below and half a step above a constant."""
     step = STEP * abs(value)
     return value - step / 2, value + step / 2
 
 
 def _with(texts: tuple[tuple[str, ...], ...], new: Mapping[float, float]) -> tuple[tuple[str, ...], ...]:
-    """Replace the texts of constants in all basis functions."""
+    """Replace constants in the texts of all basis functions. new: new value of each constant, by its old value."""
     programs = [[Expression(text).program for text in own] for own in texts]
     return tuple(
         tuple(p.with_constants([new.get(c, c) for c in p.constants]).written_out() for p in own) for own in programs
@@ -334,7 +334,7 @@ def _texts(effects: Sequence[Effect]) -> tuple[tuple[str, ...], ...]:
 
 
 def _change(candidate: Candidate, theta: Sequence[float], moved: _Moved) -> Effect:
-    """Return θ (φ above - φ below) / step as one effect at the sites of a candidate."""
+    """Return the derivative of a candidate by one constant, θ (φ above - φ below) / step, as an effect at its sites."""
     terms = []
     for effect, value, below, above in zip(candidate.effects, theta, moved.below, moved.above, strict=True):
         for term, low, high in zip(effect.terms, below, above, strict=True):
@@ -346,6 +346,6 @@ def _change(candidate: Candidate, theta: Sequence[float], moved: _Moved) -> Effe
 
 
 def _shape(effects: Sequence[Effect], theta: Sequence[float], states: States) -> Array:
-    """Compute Σ θ φ (N,) over effects, each with its first term."""
+    """Compute at each pose the sum over effects of coefficient times first basis function."""
     pairs = zip(effects, theta, strict=True)
     return np.asarray(np.sum([value * e.terms[0].weight * e.terms[0].basis(states) for e, value in pairs], axis=0))

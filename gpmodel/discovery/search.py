@@ -13,8 +13,8 @@ from gpmodel.executor import Forks, Workers
 class Search:
     """Settings of the effort of a discovery.
 
-    runs: evolution runs of each representation in a round, and at most as many on permuted residuals, at least three in
-    the first round.
+    runs: evolution runs of each representation in a round; permuted residuals get at most as many runs, but at least
+    three in the first round.
     strategies: representations that are evolved. Trees take twice the time of sequences and found nothing more on the
         shipped table and ten planted shapes.
     selection: scheme that selects parents and survivors of evolution.
@@ -22,10 +22,10 @@ class Search:
     max_effects: number of findings after which no new round begins.
     workers: number of parallel runs; the number of workers changes no result.
     population, generations: number of programs and of generations of one run.
-    opening_population, opening_generations: upper limits in the first round with named effects, which only finds
-    inputs.
+    opening_population, opening_generations: upper limits of `population` and `generations` in the first round, which
+    only finds inputs if the catalogue is searched.
     climb: number of best programs of a run from which formulas are bred at its end.
-    nats_per_node: price of a node, nats: the log of about seven inputs and operators.
+    nats_per_node: price of a node of a formula, nats: the log of about seven inputs and operators.
     evolved_poses: largest number of poses for evolution, sampled again in every round.
     scored_poses: number of poses on which effects are selected, drawn evenly along the rows, if there are half as many
         again. With 500 poses an effect of a fifth of the noise is detected. Coefficients are fitted to all poses.
@@ -61,11 +61,11 @@ class Search:
         return self.executor if isinstance(self.executor, Forks) else Forks(self.workers)
 
     def cost(self, nodes: int, places: int) -> float:
-        """Return the description length of a program, nats: length of its nodes, and of its site among `places`."""
+        """Return the description length of a program, nats: price of its nodes plus log of the number of sites."""
         return self.nats_per_node * nodes + math.log(places)
 
     def budget(self, opening: bool) -> Budget:
-        """Return the budget of one run, which is small in an opening round with named effects."""
+        """Return numbers of programs and generations of one evolution run, small in an opening round."""
         population, generations = self.population, self.generations
         if opening:
             population = min(population, self.opening_population)

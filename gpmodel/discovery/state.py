@@ -31,7 +31,7 @@ from gpmodel.table.bundles import JUDGED, copies, sharing
 
 @dataclass(frozen=True)
 class Finding:
-    """An accepted hypothesis and the number of the round that found it."""
+    """An accepted hypothesis (candidate effect that passed all tests) and the number of the round that found it."""
 
     hypothesis: Hypothesis
     round: int
@@ -59,7 +59,7 @@ class Round:
 
     @property
     def stands_out(self) -> bool:
-        """True if any candidate or input exceeds the permutation null, regardless of the other tests."""
+        """True if any candidate or input of the round exceeds the permutation null, regardless of the other tests."""
         return bool(self.exploration.histogram.significant) or any(h.verdict.passed("chance") for h in self.hypotheses)
 
 
@@ -80,7 +80,7 @@ class Discovery:
     fitted: all findings, fitted to all poses.
     confirmation: test of the findings on held-out poses; None without findings.
     final: model to ship: the model of `fitted` if it is confirmed, else the standard model fitted to all poses.
-    parts: the loop repeated without each fold; empty if a fixed set of poses is held out.
+    parts: results of the loop repeated without each fold; empty if a fixed set of poses is held out.
     alone: for a further machine of a type, the fit to its poses without the prior of the type.
     """
 
@@ -102,11 +102,11 @@ class Discovery:
 
     @property
     def folds(self) -> int:
-        """Number of folds that are held out in turn; 0 for one fixed held-out set."""
+        """Number of folds of poses that are held out in turn; 0 for one fixed held-out set."""
         return len(self.parts)
 
     def step(self, number: int) -> Step:
-        """Return a step of the model by number; the last step for larger numbers."""
+        """Return the model step of a given number, or the last step for larger numbers."""
         return self.steps[min(number, len(self.steps) - 1)]
 
     @property
@@ -125,7 +125,7 @@ Division = tuple[Poses, IntArray, IntArray]
 
 
 def usable_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> Division:
-    """Return the rows that a search may use. Raises InputError if no held-out pose has a known set-up and tool."""
+    """Return poses and rows for a search. Raises InputError if no held-out pose has a known set-up and tool."""
     poses, train, heldout = drop_duplicate_rows(poses, train, heldout, say)
     if not len(heldout):
         return poses, train, heldout
@@ -143,7 +143,7 @@ def usable_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -
 
 
 def drop_duplicate_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> Division:
-    """Drop rows that copy another row: a copy would count twice."""
+    """Drop table rows that copy another row, since a copy would count twice."""
     copied = copies(poses.dataset)
     if not copied.any():
         return poses, train, heldout
@@ -152,10 +152,10 @@ def drop_duplicate_rows(poses: Poses, train: IntArray, heldout: IntArray, say: T
 
 
 def evenly(poses: Poses, rows: IntArray, size: int) -> IntArray:
-    """Sample about `size` of rows (R,): a random pose of each stretch of rows, with its repeats.
+    """Sample about `size` of some rows: a random pose of each stretch of rows, with its repeats.
 
-    All rows are returned if a sample would omit a third or less. A sample of every k-th pose of a grid could have a
-    single value of a joint.
+    All rows are returned if a sample would omit a third or less. The pose is random because every k-th pose of a grid
+    could have a single value of a joint.
     """
     if 2 * len(rows) <= 3 * size:
         return rows
@@ -167,7 +167,7 @@ def evenly(poses: Poses, rows: IntArray, size: int) -> IntArray:
 
 
 def _only(poses: Poses, train: IntArray, heldout: IntArray) -> Division:
-    """Keep the poses of some rows, and renumber the rows."""
+    """Keep the poses of the training and test rows, and renumber these rows."""
     kept = np.sort(np.concatenate([train, heldout]))
     return poses.subset(kept), np.searchsorted(kept, train), np.searchsorted(kept, heldout)
 
@@ -176,8 +176,8 @@ def _only(poses: Poses, train: IntArray, heldout: IntArray) -> Division:
 class State:
     """State of the discovery loop: findings, rounds, and steps of the model.
 
-    standard: model without the known effects and the findings. seed: seed of evolution. ends: end of the search time,
-    on the clock of time.monotonic. errors_alone: compute errors only, see `loop.discover`.
+    standard: effects of the model without known effects and findings. seed: seed of evolution. ends: end of the search
+    time, on the clock of time.monotonic. errors_alone: compute errors only, see `loop.discover`.
     """
 
     mechanism: Mechanism
@@ -216,15 +216,15 @@ class State:
 
     @property
     def late(self) -> bool:
-        """True once the time limit of the search is reached."""
+        """True if the time limit of the search is reached."""
         return time.monotonic() > self.ends
 
     @property
     def repeating(self) -> bool:
-        """Whether the loop has converged: the last round added and removed nothing.
+        """True if the loop has converged: the last round added and removed nothing.
 
-        An exception is an opening round whose small search exceeds the null without a finding; a full search may find
-        one.
+        An exception is a first round with a small search that exceeds the null without a finding; a full search may
+        find an effect in this case.
         """
         last = self.rounds[-1] if self.rounds else None
         if last is None or last.dropped or any(f.round == last.number for f in self.findings):
@@ -232,20 +232,20 @@ class State:
         return not (self.opening(last.number) and self.search.runs and last.stands_out)
 
     def opening(self, number: int) -> bool:
-        """Return whether a round is the first one and has a small search in addition to the catalogue."""
+        """Return whether a round is the first one of a search with a catalogue, and has a small search."""
         return bool(self.offers) and number == 1
 
     def model(self, found: Sequence[Candidate], further: tuple[Effect, ...] = ()) -> ErrorModel:
-        """Return the standard model with the known effects, the findings, and further effects."""
+        """Return the standard model with the known effects, the findings `found`, and further effects."""
         effects = [e for c in (*self.known_effects, *found) for e in c.effects]
         return replace(self.standard, effects=(*self.standard.effects, *effects, *further))
 
     def fit(self, model: ErrorModel, start: Calibration | None = None) -> Calibration:
-        """Fit a model to the training poses, starting from `start`, and determine the outliers of the fit."""
+        """Fit a model to the training poses, starting from the fit `start`, and determine the outliers of the fit."""
         return self._fit(model, self.train, start)
 
     def fit_sample(self, model: ErrorModel, start: Calibration | None = None) -> Calibration:
-        """Fit a model to the sample of poses on which effects are selected."""
+        """Fit a model to the sample of training poses on which effects are selected."""
         return self._fit(model, self.sample, start)
 
     def _fit(self, model: ErrorModel, rows: IntArray, start: Calibration | None) -> Calibration:
@@ -254,7 +254,7 @@ class State:
         return calibrate(model, self.poses.subset(rows), condition_limit=limit, start=again, seed=JUDGED)
 
     def to_all(self, model: ErrorModel, start: Calibration) -> Calibration:
-        """Fit a model to all poses, with the condition limit of the training poses."""
+        """Fit a model to all poses, starting from a fit, with the condition limit found on the training poses."""
         return calibrate(model, self.poses, condition_limit=start.condition_limit, start=start, seed=JUDGED)
 
     def standard_to_all(self) -> Calibration:

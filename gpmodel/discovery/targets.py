@@ -1,4 +1,4 @@
-"""Sufficient statistics of a residual at every site, and the inputs that a formula may use."""
+"""Compute sufficient statistics of a residual at every site, and the inputs that a formula may use."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -22,8 +22,8 @@ from gpmodel.table.units import is_time
 def targets(residual: Residual, sites: Sequence[Site], rows: IntArray) -> Targets:
     """Compute the sufficient statistics of the residual at each site for some poses.
 
-    With x = r φ the column of a basis function φ at a site, r (M,) the sensitivity of the rows: weights Σ r² of xᵀx,
-    products Bᵀr with the basis B of the model's columns, and Σ r y of xᵀy, each summed over the rows of a pose.
+    A basis function φ at a site has the column r φ, with r the sensitivity of the rows. Summed over each pose's rows:
+    r² (weight of φ²), r times the basis of the model's columns, and r times the residual. rows: pose numbers.
     """
     columns = _columns(residual, sites)
     weight = _by_pose(residual, columns**2, rows)
@@ -39,7 +39,7 @@ def targets(residual: Residual, sites: Sequence[Site], rows: IntArray) -> Target
 
 
 def aimed(blank: Targets, residual: Residual, sites: Sequence[Site], rows: IntArray, values: Array) -> Targets:
-    """Return the targets of evolution for other residual values (M + B,)."""
+    """Return `blank` with the products of other residual values at each site, as targets of evolution."""
     pull = _by_pose(residual, _columns(residual, sites) * values[: residual.measured, None], rows)
     return replace(blank, pull=pull, energy=float(values @ values) * len(rows) / len(residual.poses))
 
@@ -49,7 +49,7 @@ def _columns(residual: Residual, sites: Sequence[Site]) -> Array:
 
 
 def _by_pose(residual: Residual, values: Array, rows: IntArray) -> Array:
-    """Sum the values (M, C) over the rows of each of some poses, (C, len(rows))."""
+    """Sum values over the rows of each of some poses; return one line per column of `values`. rows: pose numbers."""
     out = np.zeros((len(residual.poses), values.shape[1]))
     present, first = np.unique(residual.problem.pose_of_row, return_index=True)
     out[present] = np.add.reduceat(values, first, axis=0)
@@ -57,26 +57,26 @@ def _by_pose(residual: Residual, values: Array, rows: IntArray) -> Array:
 
 
 def _compact(cross: Array) -> Array:
-    """Compress `cross` (K, N), i.e. Bᵀr by pose, to min(K, N) rows of equal products."""
+    """Compress products of the model's basis with the poses (`cross`) to fewer rows of equal inner products."""
     few = len(cross) <= cross.shape[1]
     return cross if few else linalg.qr(cross, mode="r", check_finite=False)[0][: cross.shape[1]]
 
 
 KINDS = {"m": "length", "Nm": "torque", "N": "force", "degC": "temperature", "K": "temperature", "s": "time"}
-"""Kind of quantity of a table column by its unit. A column with another unit is of a kind named after its unit."""
+"""Physical quantity of a table column by its unit. A column with another unit is compared only with its own unit."""
 
 ALIKE = 1e-4
-"""Largest unexplained share of variance between two proportional columns: a hundredth of the spread, as large as the
-weight of a wrist in the load of a carriage."""
+"""Largest unexplained share of variance between two proportional columns: a hundredth of the spread. The weight of a
+wrist in the load of a carriage is as large."""
 
 
 def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str, str]]:
     """Return the columns that a formula may use, scaled to order one, and each in terms of the table's columns.
 
-    Not used are constant columns, negligible loads, joint reactions other than torques (torques and base moments span
-    them), and loads in proportion to a length or the payload, as on linear axes. Of several proportional lengths only
-    the first is used: the travel of a joint rather than the height of the tool. The row number is excluded if a clock
-    rises with it, since another table has other rows.
+    Columns that are not used: constant columns, negligible loads, joint reactions other than torques (torques and base
+    moments span the reactions), and loads in proportion to a length or the payload, as on linear axes. Of several
+    proportional lengths only the first is used: the travel of a joint rather than the height of the tool. The row
+    number is excluded if a clock rises with the row, since another table has other rows.
     """
     names, values, written = [], [], {}
     clocks = [column for name, column in states.columns.items() if is_time(states.units[name])]
@@ -111,19 +111,19 @@ def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str
 
 
 def _in_step(row: Array, clock: Array) -> bool:
-    """Return whether a clock (N,) rises or stays equal along the rows (N,), and rises at least once."""
+    """Return whether the values of a clock never fall along the rows, and rise at least once."""
     along = clock[np.argsort(row, kind="stable")]
     return bool(np.all(np.diff(along) >= 0) and along[0] < along[-1])
 
 
 def in_proportion(first: Array, second: Array) -> bool:
-    """Return whether two columns (N,) are equal up to offset, scale, and ``ALIKE`` of their variance."""
+    """Return whether two columns are equal up to offset, scale, and a share ``ALIKE`` of their variance."""
     first, second = (column - column.mean() for column in (first, second))
     return bool((first @ second) ** 2 > (1.0 - ALIKE) * (first @ first) * (second @ second) > 0)
 
 
 def kind_of(name: str, states: States) -> str:
-    """Return the kind of quantity of a column. A column with memory of an angle is a travel without a period."""
+    """Return the physical quantity of a column. A column with memory of an angle is a travel without a period."""
     unit = states.units[name]
     if name == "row":
         return "row"

@@ -1,4 +1,4 @@
-"""The acceptance rule: the limits of all tests of a candidate effect, and the verdict from these tests."""
+"""The limits of all tests of a candidate effect, and the verdict from these tests."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,26 +12,26 @@ class Criteria:
     """Limits that a candidate effect has to pass to become a finding, and settings of the tests.
 
     Tests of one candidate:
-        significance: largest p-value of a candidate against permuted residuals.
+        significance: largest p-value of a candidate effect against permuted residuals.
         minimum_nats: least gain in description length of any candidate, nats. The gain on pure noise reaches 4.2 nats;
             5 nats are a Bayes factor of 150, "very strong" (Kass and Raftery 1995).
         minimum_cv_t: least cross-validated gain of a named effect over random folds, in standard errors of its mean.
             With 0, evidence and permutation null decide, and predictions must not become worse. With 1.5 the model of
             90 poses of a measured cobot lost a third of its effects; its error rose by a fifth (CONTRIBUTING).
         apart_cv_t: least cross-validated gain over stretches of ordered rows, and over machines, in standard errors.
-            Half of 3: an effect of t standard errors lowers the squared error by t² σ², noise changes it by 2 t σ².
-        clear_cv_t: least cross-validated gain of an unnamed expression over no effect, a named effect and a part of the
-            expression, in standard errors: two-sided 5 %, as some of many expressions gain by chance.
+            1.5 = 3 / 2: an effect of t standard errors lowers the squared error by t² σ², noise changes it by 2 t σ².
+        clear_cv_t: least cross-validated gain of an unnamed formula over no effect, over a named effect and over a part
+            of the formula, in standard errors: two-sided 5 %, as some of many formulas gain by chance.
         minimum_share: least share of an effect's motion that the other effects of the model do not explain. With a
             smaller share, a relative model error of 0.01 decides the coefficient.
-        scored_share: least unique share of a column that is scored; below it the coefficient is rounding error.
-        largest_between: largest ratio of a basis function between the poses to its size at them; above it a pole.
-    Naming:
-        head_start: gain by which an unnamed expression has to exceed a named effect, nats; it states no cause.
+        scored_share: least unique share of a column that is scored; with less, its coefficient is rounding error.
+        largest_between: largest ratio of a basis function between poses to its size at the poses; more is a pole.
+    Limits for naming:
+        head_start: gain, nats, by which an unnamed formula, which states no cause, has to exceed a named effect.
         naming_margin: price of an unnamed smooth term for which formulas are offered, nats.
-        tie: difference in gain within which the shortest of equivalent expressions is used, nats.
-    Selection of groups:
-        one_pose_share: largest share of a group's gain from a single pose; above it the group fits an outlier.
+        tie: difference in gain within which the shortest of equivalent formulas is used, nats.
+    Selection of groups of effects:
+        one_pose_share: largest share of a group's gain from a single pose; with more, the group fits an outlier.
     Poses:
         fewest_bundles: least number of blocks of poses for a permutation test; fewer blocks have too few orders for a
             p-value, and then only repeats of a pose are permuted together.
@@ -67,13 +67,13 @@ class Criteria:
     input_significance: float = 0.05
 
     def rests_on_one_pose(self, gained: Array) -> bool:
-        """Return whether most of a gain is from one pose: a group fitted to an outlier. gained: (N,) of each pose."""
+        """Return whether most of a gain is from one pose: a group fitted to an outlier. gained: gain at each pose."""
         return float(gained.max()) > self.one_pose_share * float(gained.sum())
 
 
 @dataclass(frozen=True)
 class Test:
-    """Test of one candidate: the measured value, its limit, and whether the candidate passed."""
+    """A test of one candidate effect: measured value, limit, and whether the candidate passed."""
 
     __test__ = False
     name: str
@@ -102,14 +102,14 @@ class Verdict:
 
     @property
     def accepted(self) -> bool:
-        """True if the candidate passed every test."""
+        """True if the candidate effect passed every test."""
         return all(test.passed for test in self.tests)
 
     @property
     def why(self) -> str:
-        """Failed tests of the candidate in words; empty if all were passed."""
+        """Failed tests of the candidate effect in words; empty if the candidate passed all tests."""
         return "; ".join(_WORDS[test.name](test) for test in self.tests if not test.passed)
 
     def passed(self, name: str) -> bool:
-        """Return whether the candidate passed the test `name`, or the test did not apply."""
+        """Return whether the candidate effect passed the test `name`, or the test did not apply."""
         return all(test.passed for test in self.tests if test.name == name)

@@ -1,4 +1,4 @@
-"""Compare the predictions of two models, by cross-validation or on held-out poses that selected no effect."""
+"""Compare the predictions of two models, by cross-validation or on poses that were not used for the search."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,8 +18,8 @@ from gpmodel.numerics.rank import NEGLIGIBLE
 
 @dataclass(frozen=True)
 class Predicted:
-    """Predictions of the held-out poses of each fold. rms: 3-D RMS error, m. per_unit: (U,) squared errors of each
-    block, m². coefficients: (folds, E) effects."""
+    """Predictions of the held-out poses of each fold. rms: 3-D RMS error, m. per_unit: sum of squared errors of each
+    block of poses, m². coefficients: coefficients of the effects fitted without each fold, in SI units."""
 
     rms: float
     per_unit: Array
@@ -27,11 +27,11 @@ class Predicted:
 
 
 def cross_validated(residual: Residual, effects: Sequence[Effect]) -> Predicted:
-    """Compute the prediction errors of the model with some effects in every fold, from one factorisation.
+    """Compute the cross-validated errors of the model with some effects, with one factorisation for all folds.
 
-    X (M + B, E) are the columns of the effects and r the residual, after projection; x, r_f their rows in a fold. A = I
-    - H for these rows, H the hat matrix. The columns without the fold have the products XᵀX - xᵀA⁻¹x and Xᵀr -
-    xᵀA⁻¹r_f; their coefficients β leave the error A⁻¹ (r_f - x β). Source: Cook and Weisberg (1982), 2.2.
+    X: columns of the effects; r: residual; both after projection; x and r_f: their rows in a fold. A = I - H, with H
+    the hat matrix of these rows. Without the fold, the products XᵀX and Xᵀr become XᵀX - xᵀA⁻¹x and Xᵀr - xᵀA⁻¹r_f.
+    Their coefficients β leave the error A⁻¹ (r_f - x β) in the fold. Source: Cook and Weisberg (1982), 2.2.
     """
     scale = np.linalg.norm(residual.columns(effects), axis=0)
     scale = np.where(scale > 0, scale, 1.0)
@@ -53,23 +53,23 @@ def cross_validated(residual: Residual, effects: Sequence[Effect]) -> Predicted:
 
 
 def paired_t(gain: Array) -> float:
-    """Return the mean of a gain (N,) divided by its standard error; 0 if all values are equal."""
+    """Return the mean of a gain divided by its standard error; 0 if all values of the gain are equal."""
     spread = float(np.std(gain, ddof=1)) / np.sqrt(len(gain))
     return float(gain.mean()) / spread if spread > 0 else 0.0
 
 
 def gained(before: Predicted, after: Predicted, sigmas: float) -> float:
-    """Return the paired t of the gain of prediction `after` over `before`, over independent units of poses.
+    """Return the paired t of the gain of prediction `after` over `before`, over independent blocks of poses.
 
-    Errors of both predictions are limited to median + sigmas · 1.4826 MAD of the errors of `before`. Without this
-    limit, one pose that a curve misses by far would decide.
+    The errors of both predictions are limited to median + sigmas · 1.4826 MAD of the errors of `before`. Without a
+    limit, one pose that a smooth function misses by far would decide the test.
     """
     limit = outlier_limit(np.sqrt(before.per_unit), sigmas) ** 2
     return paired_t(np.minimum(before.per_unit, limit) - np.minimum(after.per_unit, limit))
 
 
 def better_by(residual: Residual, effects: Sequence[Effect], others: Sequence[Effect] = ()) -> float:
-    """Return the paired t of the cross-validated gain of `effects` over `others`, over independent units of poses."""
+    """Return the paired t of the cross-validated gain of `effects` over `others`, over independent blocks of poses."""
     before, after = cross_validated(residual, others), cross_validated(residual, effects)
     return gained(before, after, residual.criteria.outlier_sigmas)
 
@@ -78,9 +78,9 @@ def better_by(residual: Residual, effects: Sequence[Effect], others: Sequence[Ef
 class Confirmation:
     """Paired test of two models on held-out poses.
 
-    t: mean gain in squared error of the second model over `units` independent units of poses, in standard errors.
+    t: mean gain in squared error of the second model over `units` independent blocks of poses, in standard errors.
     p_value: one-sided probability of a gain as large between equally good models.
-    passed: whether the p-value is below the limit `confirmation` of the criteria.
+    passed: whether the p-value is below the limit `confirmation` of `Criteria`.
     """
 
     t: float
@@ -91,16 +91,16 @@ class Confirmation:
 
 
 def confirmation(standard: Calibration, found: Calibration, heldout: Poses, criteria: Criteria) -> Confirmation:
-    """Test whether the found model predicts held-out poses better than the standard model."""
+    """Test whether the found model predicts held-out poses better than the standard model does."""
     unit = independent_units(heldout.dataset, criteria)
     return paired(errors_on(standard, heldout), errors_on(found, heldout), unit, criteria)
 
 
 def paired(before: Array, after: Array, units: IntArray, criteria: Criteria) -> Confirmation:
-    """Test whether the second of two models has smaller 3-D errors (N,) on poses that selected neither model.
+    """Test whether the second of two models has smaller 3-D errors on poses that selected neither model.
 
-    units: (N,) code of the poses that count as one observation. Unknown errors are NaN. Both models' errors are
-    winsorised at median + 6 · 1.4826 MAD of the first model's errors. With a single unit p = 1.
+    before, after: errors of each pose by the two models, m, NaN if unknown; winsorised at median + 6 · 1.4826 MAD of
+    the first model's errors. units: number of the block of each pose. With a single block p = 1.
     """
     known = np.isfinite(before) & np.isfinite(after)
     errors = before[known], after[known]

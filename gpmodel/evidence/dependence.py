@@ -1,4 +1,4 @@
-"""Cluster-robust variance inflation by dependent poses: repeats, stretches of rows, regions of space."""
+"""Estimate how dependent poses inflate a coefficient's variance: repeats, stretches of rows, regions of space."""
 
 from collections.abc import Iterator
 
@@ -16,12 +16,12 @@ from gpmodel.table.units import clock_names
 def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
     """Return the variance inflation (at least 1) of a candidate's coefficient by dependent repeats, rows and regions.
 
-    With s the product of the candidate's contribution and the remaining residual, summed over each pose, the inflation
+    s is the sum, over the rows of a pose, of the candidate's contribution times the remaining residual. The inflation
     is Σ_blocks (Σ s)² / Σ s², the ratio of cluster-robust to plain variance (Liang and Zeger 1986). The inflation is
     divided by its expectation for independent noise (`_when_independent`), and set to 1 unless it exceeds 1 by two
-    standard deviations √(2/blocks), as one candidate in thirty does without dependence. Unless a candidate depends on
-    time, its inflation is therefore shrunk to the mean of the model's columns (`_among`). A permutation of blocks
-    corrects less: a drift within a block remains in any order of the blocks.
+    standard deviations √(2/blocks), as one candidate in thirty does without dependence. The inflation of a candidate
+    that does not depend on time is therefore shrunk to the mean of the model's columns (`_among`). A permutation of
+    blocks corrects less: a drift within a block remains in any order of the blocks.
     """
     explained = contribution(residual, candidate)
     left = residual.values - explained * (explained @ residual.values / max(float(explained @ explained), 1e-300))
@@ -46,23 +46,23 @@ def reads_a_clock(candidate: Candidate, states: States) -> bool:
 
 
 def _ratios(scores: Array, block: IntArray) -> Array:
-    """Return the variance inflation Σ_blocks (Σ s)² / Σ s² (K,) of scores s (N, K) of the poses."""
+    """Return Σ_blocks (Σ s)² / Σ s² for scores s of the poses (one column an effect). block: block of each pose."""
     together = np.zeros((int(block.max()) + 1, scores.shape[1]))
     np.add.at(together, block, scores)
     return np.asarray(np.sum(together**2, axis=0) / np.maximum(np.sum(scores**2, axis=0), 1e-300))
 
 
 def _if_above(ratio: float, count: int) -> float:
-    """Return a variance inflation over `count` blocks, or 1 if the inflation is below 1 + 2 √(2/count)."""
+    """Return a variance inflation over `count` blocks of poses, or 1 if the inflation is below 1 + 2 √(2/count)."""
     return ratio if ratio > 1.0 + 2.0 * np.sqrt(2.0 / count) else 1.0
 
 
 def _among(residual: Residual, ratio: float, block: IntArray) -> float:
     """Shrink a variance inflation toward the mean inflation of the model's columns, by the share of chance in it.
 
-    m + (ratio - m) τ² / (τ² + c), τ² = max(0, v - c), with m and v the mean and variance of the inflation of the
-    columns, and c = 2 m²/blocks the variance of each inflation under independence. Without dependence all inflations
-    are equal; with a drift of the instrument a slowly varying column has a larger one. Source: Efron and Morris (1973).
+    The result is m + (ratio - m) τ² / (τ² + c), τ² = max(0, v - c). m and v: mean and variance of the inflation of the
+    columns. c = 2 m²/blocks: variance of an inflation under independence. Without dependence all inflations are equal;
+    with an instrument's drift a slowly varying column has a larger inflation. Source: Efron and Morris (1973).
     """
     columns = residual.system[: residual.measured]
     scores = np.zeros((len(residual.poses), columns.shape[1]))
@@ -77,9 +77,9 @@ def _among(residual: Residual, ratio: float, block: IntArray) -> float:
 def _when_independent(explained: Array, placed: Array, pose: IntArray, block: IntArray) -> float:
     """Return the expected variance inflation for independent noise, if several poses place one body, such as a bar.
 
-    The fit of the body removes the part of the residual e along U: Σ_blocks (|e|² - |Uᵀe|²) over its sum over poses.
-    The two ends of a bar have equal residuals, half of its length error: an inflation of two. explained: (M,) the
-    residual e. placed: (M, k) rows of U times e. pose: (M,) pose of each row. block: (N,) block of each pose.
+    The fit of the body removes a part of the residual e: Σ_blocks (|e|² - |Uᵀe|²) over its sum over poses, U a basis of
+    the body's columns. The two ends of a bar have equal residuals, half of its length error: an inflation of two.
+    explained: residual e of each row. placed: rows of U times e. pose, block: pose of a row, block of a pose.
     """
     whole = float(explained @ explained)
     taken = []
@@ -91,15 +91,15 @@ def _when_independent(explained: Array, placed: Array, pose: IntArray, block: In
 
 
 def order_matters(residual: Residual, candidate: Candidate) -> bool:
-    """Return whether dependence between rows would bias cross-validation with random folds.
+    """Return whether dependence between rows would bias a cross-validation with random folds.
 
-    The rows are in the order of measurement, or the candidate depends on the row.
+    Dependence matters if the rows are in the order of measurement, or if the candidate depends on the row number.
     """
     return residual.poses.states.past is not None or "row" in candidate.inputs
 
 
 def _partitions(residual: Residual) -> Iterator[tuple[str, IntArray]]:
-    """Yield the block (N,) of each pose for each kind of dependence: repeats, rows, space."""
+    """Yield the block of each pose for each kind of dependence: repeats, stretches of rows, regions of space."""
     count, poses = residual.criteria.blocks, len(residual.poses)
     if residual.unit_of_pose.max() + 1 < poses:
         yield "repeats", residual.unit_of_pose
@@ -109,7 +109,7 @@ def _partitions(residual: Residual) -> Iterator[tuple[str, IntArray]]:
 
 
 def regions(points: Array, count: int) -> IntArray:
-    """Return the region (N,) of each point (N, 3). The largest region is halved again and again at its median."""
+    """Return the region number of each point. The largest region is halved again and again at its median."""
     region = np.zeros(len(points), dtype=np.int64)
     for new in range(1, count):
         own = np.flatnonzero(region == np.argmax(np.bincount(region)))

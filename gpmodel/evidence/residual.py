@@ -1,4 +1,4 @@
-"""Form the residual of a calibration, project the columns of effects like the residual, and permute blocks of poses."""
+"""Form the residual of a calibration, project effects' columns like the residual, and permute blocks of poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,10 +22,10 @@ from gpmodel.table.dataset import Dataset
 
 
 def independent_units(dataset: Dataset, criteria: Criteria) -> IntArray:
-    """Return the code (N,) of the poses that count as one observation, in order of first appearance.
+    """Return the number of the block of each pose; a block counts as one observation. Blocks are in order of rows.
 
-    Groups and repeats of the table count as one observation. If groups and repeats are too few for a permutation test,
-    only measurements at one pose count as one observation.
+    Poses with one value of `group` or `repeat` in the table form a block. If these blocks are too few for a permutation
+    test, only rows that measure one pose form a block.
     """
     codes = bundles(dataset)
     if codes.max(initial=-1) + 1 < criteria.fewest_bundles:
@@ -35,7 +35,7 @@ def independent_units(dataset: Dataset, criteria: Criteria) -> IntArray:
 
 
 def exchangeable(dataset: Dataset, criteria: Criteria) -> IntArray:
-    """Return the code (N,) of the poses that are permuted as one block.
+    """Return the number of the block of each pose; a permutation moves the poses of a block together.
 
     Blocks are groups and repeats of the table. For single poses in the order of measurement, blocks are stretches of
     rows, which keep the dependence between neighbouring rows. Source: Künsch (1989), blocks.
@@ -48,10 +48,10 @@ def exchangeable(dataset: Dataset, criteria: Criteria) -> IntArray:
 
 
 def reordered(problem: Linearised, values: Array, unit: IntArray, rng: np.random.Generator, count: int) -> Array:
-    """Permute the values (M,) of a problem over blocks of poses, `count` times: (M, count).
+    """Permute the values of measured rows over blocks of poses, `count` times; return one column a permutation.
 
-    unit: (N,) block number of each pose. Poses keep their order within a block. The value of a measured component is
-    zero if the pose permuted into its place did not measure it.
+    unit: block number of each pose. Poses keep their order within a block. The value of a measured component is zero
+    if the pose permuted into its place did not measure the component.
     """
     present = problem.weights > 0
     blocks = np.zeros(present.shape)
@@ -73,15 +73,15 @@ STEPS, SETTLED = 30, 1.01
 class Residual:
     """Training residual of a calibration with the columns of its model projected out.
 
-    The B effects with priors add rows θ σ / prior = 0 below the M measured rows.
-    system: (M + B, K) columns of the model, of unit length.
-    target: (M + B,) right side of the linear system.
+    Each effect θ with a prior adds a row θ σ / prior = 0 below the measured rows; σ is the noise.
+    system: columns of the model, scaled to unit length, on measured rows and prior rows.
+    target: right side of the linear system, m.
     span: orthonormal basis of the columns of the model.
-    values: (M + B,) residual, m.
+    values: residual on measured rows and prior rows, m.
     names: effects of the columns after the columns of registration and tool.
-    fold_of_row: (M,) fold of each row in the cross-validation.
-    unit_of_pose: (N,) block of poses that counts as one observation.
-    gram: (K, K) inner products of the columns; empty if no effect has a prior.
+    fold_of_row: fold of each measured row in the cross-validation.
+    unit_of_pose: number of the block of each pose; a block counts as one observation.
+    gram: inner products of the columns; empty if no effect has a prior.
     sizing: number of prior rows on lengths and tool point, the only rows that fix the overall scale.
     noise: standard deviation σ that weights the priors, m.
     """
@@ -103,37 +103,37 @@ class Residual:
 
     @property
     def measured(self) -> int:
-        """Number M of measured rows."""
+        """Number of measured rows: measured components of all poses."""
         return len(self.fold_of_row)
 
     @property
     def energy(self) -> float:
-        """Sum of squares r·r of the weighted residual."""
+        """Sum of squares of the weighted residual, m²."""
         return float(self.values @ self.values)
 
     @property
     def freedom(self) -> int:
-        """Degrees of freedom of the residual: number of values minus number of fitted columns, at least 1."""
+        """Degrees of freedom of the residual: number of rows minus number of fitted columns, at least 1."""
         return max(len(self.values) - self.span.size - max(self.sizing - 1, 0), 1)
 
     @property
     def sigma(self) -> float:
-        """Standard deviation σ of one weighted component of the residual, m."""
+        """Standard deviation of one weighted component of the residual, m."""
         return float(np.sqrt(self.energy / self.freedom))
 
     @cached_property
     def rms(self) -> float:
-        """3-D RMS of the residual, m."""
+        """RMS over the poses of the 3-D length of the residual, m."""
         return float(np.linalg.norm(self.values[: self.measured]) / np.sqrt(len(np.unique(self.problem.pose_of_row))))
 
     def columns(self, effects: Sequence[Effect]) -> Array:
-        """Return the weighted columns (M, E) of any effects at the poses of the residual."""
+        """Return the derivatives of measured rows by the coefficients of any effects, weighted like the residual."""
         return self.problem.effect_rows(effects, self.calibration.model)
 
     def projected(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
-        """Return columns (M + B, E) of effects with the model projected out, and the remaining share (E,) of each.
+        """Return the columns of effects with the model projected out, and the share of each column that remains.
 
-        The share of a column that overflows is zero.
+        The share of a column with too large values (overflow) is zero.
         """
         asked = tuple(effects)
         found = self._projected.get(asked)
@@ -145,7 +145,7 @@ class Residual:
 
     @cached_property
     def _projected(self) -> dict[tuple[Effect, ...], tuple[Array, Array]]:
-        """Cache of the last projection, which all tests of one candidate use."""
+        """Cache of the last projected columns, which all tests of one candidate effect use."""
         return {}
 
     def _without_enabled(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
@@ -161,7 +161,7 @@ class Residual:
         return left, np.linalg.norm(left, axis=0)
 
     def without(self, effects: Sequence[Effect]) -> "Residual":
-        """Return the residual of the model without some of its effects."""
+        """Return the residual of the calibration's model without some of its effects."""
         given = [e.name for e in effects]
         kept = self.problem.free(~np.isin(self.names, given))
         believed = np.any(self.system[self.measured :] != 0, axis=0)
@@ -180,23 +180,23 @@ class Residual:
         )  # fmt: skip
 
     def shuffled(self, rng: np.random.Generator, count: int) -> Array:
-        """Permute the residual over blocks of poses and project it again, (M + B, count): the permutation null."""
+        """Return the residual permuted over blocks of poses and projected again: one column a permutation."""
         out = np.repeat(self.values[:, None], count, axis=1)
         out[: self.measured] = reordered(self.problem, self.values[: self.measured], self.unit_of_pose, rng, count)
         return self.span.remove(out)
 
     @cached_property
     def placed_by_units(self) -> Array:
-        """Basis (M, k) of the registration columns that one block of poses alone determines, such as those of a bar."""
+        """Basis of the registration columns that one block of poses alone determines, such as those of a bar."""
         columns = self.system[: self.measured]
         alone = of_one_fold(columns, self.unit_of_pose[self.problem.pose_of_row])
         return ident.orthonormal(columns[:, alone])
 
     def at_own_noise(self) -> "Residual":
-        """Weight the priors by the residual's σ, with σ² = r·r / freedom, by iteration.
+        """Weight the priors of the effects by the residual's standard deviation σ, by iteration: σ² = r·r / freedom.
 
-        Without a large effect the residual exceeds the noise of the full model. With the noise of the full model, other
-        effects would exceed their priors to explain the residual, and a small effect would replace the large one.
+        Without a large effect the residual r exceeds the noise of the full model. With the noise of the full model,
+        other effects would exceed their priors to explain r, and a small effect would replace the large one.
         """
         found = self
         for _ in range(STEPS):
@@ -206,7 +206,7 @@ class Residual:
         return found
 
     def _weighed_for(self, sigma: float) -> "Residual":
-        """Weight the prior rows for another noise σ, m."""
+        """Weight the priors of the effects for another standard deviation `sigma` of the noise, m."""
         weight, rows = sigma / self.noise, slice(self.measured, None)
         system, target = self.system.copy(), self.target.copy()
         system[rows], target[rows] = weight * system[rows], weight * target[rows]
@@ -218,7 +218,7 @@ class Residual:
 
     @cached_property
     def in_stretches(self) -> "Residual":
-        """Replace the random folds by an equal number of stretches of rows; neighbouring rows are in one fold."""
+        """Residual with stretches of rows in the place of random folds, so that neighbouring rows are in one fold."""
         first = np.full(self.unit_of_pose.max() + 1, np.inf)
         np.minimum.at(first, self.unit_of_pose, self.poses.states["row"])
         stretch = stretches(first, self.criteria.folds)[self.unit_of_pose]
@@ -226,7 +226,7 @@ class Residual:
 
     @cached_property
     def omitted(self) -> tuple[Omitted, ...]:
-        """Rows of each fold, and the linear system without the rows of the fold."""
+        """Rows of each fold of the cross-validation, and the linear system without the rows of the fold."""
         folds = (np.flatnonzero(self.fold_of_row == fold) for fold in np.unique(self.fold_of_row))
         return tuple(Omitted.of(rows, self.span.basis) for rows in folds)
 
@@ -236,7 +236,7 @@ def residual_of(
 ) -> Residual:
     """Form the residual of a calibration at poses; outliers are winsorised, not dropped.
 
-    trusted: (N,) poses that are not winsorised. seed: seed of the random folds.
+    trusted: mask of the poses that are not winsorised. seed: seed of the random folds of cross-validation.
     """
     problem = problem_at(calibration, poses)
     shrink = winsorising(problem, len(poses), criteria.outlier_sigmas)
@@ -255,10 +255,10 @@ def residual_of(
 
 
 def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tuple[Array, Array, tuple[str, ...], int]:
-    """Return columns and right side (M + B) of the model, names of its effects, and number of prior rows on lengths.
+    """Return columns and right side of the model, names of its effects, and number of prior rows on lengths.
 
-    Prior rows on lengths and tool fix a scale that no measurement fixes: with gaps of zero, a machine that shrinks to a
-    point would have no residual.
+    Prior rows on lengths and tool fix a scale that no measurement fixes: if all measured gaps are zero, a machine that
+    shrinks to a point would have no residual.
     """
     shortened = problem.residual * shrink[problem.pose_of_row]
     model, theta, kept = calibration.model, calibration.theta, calibration.kept
@@ -275,11 +275,11 @@ def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tup
 
 
 def winsorising(problem: Linearised, poses: int, sigmas: float) -> Array:
-    """Return factors (N,) that limit the residual of each pose to median + sigmas · 1.4826 MAD of all lengths."""
+    """Return factors that limit each pose's residual to median + sigmas · 1.4826 MAD of the lengths of all poses."""
     length = np.sqrt(squares(problem, problem.residual, poses))
     return np.minimum(1.0, outlier_limit(length, sigmas) / np.maximum(length, 1e-12))
 
 
 def squares(problem: Linearised, values: Array, poses: int) -> Array:
-    """Return the sum of squares (N,) of the values (M,) of each pose; 0 for a pose without values."""
+    """Return the sum of squares of the values of each pose's measured rows; 0 for a pose without measured rows."""
     return np.asarray(np.bincount(problem.pose_of_row, values**2, poses), dtype=float)

@@ -1,4 +1,4 @@
-"""Score candidates by their gain in description length, and groups by their marginal likelihood."""
+"""Score candidate effects by their gain in description length, and groups of effects by their log evidence."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,9 +13,9 @@ from gpmodel.families.candidate import Candidate
 from gpmodel.numerics import rank as ident
 
 CHUNK = 256
-"""Number of candidates projected at once; half or double changes memory and no result."""
+"""Number of candidate effects projected at once; half or double changes memory and no result."""
 NOISE_STEPS = 5
-"""Number of iterations that estimate the noise under a prior; the third changes no printed digit."""
+"""Number of iterations that estimate the noise under a prior; the third iteration changes no printed digit."""
 
 
 @dataclass(frozen=True)
@@ -35,13 +35,13 @@ class Score:
 def saved(residual: Residual, gain: float | Array, unknowns: int, cost: float, inflation: float = 1.0) -> float | Array:
     """Compute the gain in description length, nats: dof/2 · (-ln(1 - gain)) / inflation - unknowns/2 · ln M - cost.
 
-    Source: Rissanen (1978).
+    dof: degrees of freedom of the residual. M: number of measured rows. Source: Rissanen (1978).
     """
     return fit_nats(gain, residual.freedom) / inflation - 0.5 * unknowns * float(np.log(residual.measured)) - cost
 
 
 def scores(residual: Residual, pool: Sequence[Candidate]) -> tuple[Score, ...]:
-    """Score every candidate of a list. A candidate has no gain if the model explains its columns."""
+    """Score every candidate effect of a list. A candidate whose columns the model explains has no gain."""
     out: list[Score] = []
     for part in (pool[start : start + CHUNK] for start in range(0, len(pool), CHUNK)):
         left, shares = residual.projected([e for c in part for e in c.effects])
@@ -56,7 +56,7 @@ def scores(residual: Residual, pool: Sequence[Candidate]) -> tuple[Score, ...]:
 
 
 def deflated(residual: Residual, candidate: Candidate, inflations: Sequence[float]) -> list[float]:
-    """Compute the gains of a candidate, nats, for inflated noise variances."""
+    """Compute the gain of a candidate effect, nats, for each of some inflation factors of the noise variance."""
     if not inflations:
         return []
     span, _ = residual.projected(candidate.effects)
@@ -64,7 +64,7 @@ def deflated(residual: Residual, candidate: Candidate, inflations: Sequence[floa
 
 
 def contribution(residual: Residual, candidate: Candidate) -> Array:
-    """Compute the posterior mean of a candidate's contribution to the residual (M + B,)."""
+    """Compute the posterior mean of a candidate effect's contribution to each row of the residual, m."""
     span, _ = residual.projected(candidate.effects)
     if not candidate.has_priors:
         return np.asarray(span @ np.linalg.lstsq(span, residual.values, rcond=None)[0])
@@ -77,9 +77,9 @@ def contribution(residual: Residual, candidate: Candidate) -> Array:
 def own_share(residual: Residual, candidate: Candidate) -> float:
     """Compute the share |C⊥ w| / |C w| of a candidate's motion that the other effects of the model do not explain.
 
-    C (M, E): columns of the candidate; for an instrument error without the part of registration and tool. C⊥: part of C
-    that the model does not explain. w: smallest coefficients, in units of their priors if any, that give the
-    candidate's contribution to the residual.
+    C: columns of the candidate; for an instrument error without the part of registration and tool. C⊥: part of C that
+    the model does not explain. w: smallest coefficients, in units of their priors if any, that give the candidate's
+    contribution to the residual.
     """
     columns, size = residual.columns(candidate.effects), np.ones(len(candidate.effects))
     if candidate.has_priors:
@@ -108,7 +108,7 @@ def _gain(residual: Residual, candidate: Candidate, span: Array, inflation: floa
 
 
 def directions(residual: Residual, candidate: Candidate, span: Array) -> tuple[Array, Array]:
-    """Decompose the columns of a candidate times their priors as U s Vᵀ: U (M + B, E) and s (E,)."""
+    """Return U and the diagonal s of the singular value decomposition of a candidate's columns times their priors."""
     norms = np.linalg.norm(residual.columns(candidate.effects), axis=0)
     prior = np.array([e.prior for e in candidate.effects])
     weighted = span * norms * prior
@@ -118,10 +118,10 @@ def directions(residual: Residual, candidate: Candidate, span: Array) -> tuple[A
 
 
 def _noise(residual: Residual, s: Array, parts: Array) -> float:
-    """Estimate the noise variance under the priors of a candidate by the marginal likelihood.
+    """Estimate the noise variance by the marginal likelihood, for a candidate whose coefficients have priors.
 
-    With f = s² / (s² + σ²):  E = r·r - Σ f (u·r)²,  nats = dof/2 ln(r·r / E) - ½ Σ ln(1 + s²/σ²) - cost.
-    parts: (E,) squares of u·r. Source: MacKay (1992), evidence.
+    r: residual. u, s: singular vectors and values of the candidate's columns times priors. With f = s² / (s² + σ²), the
+    remaining sum of squares is r·r - Σ f (u·r)². parts: squares of u·r. Source: MacKay (1992), evidence.
     """
     sigma2 = residual.energy / residual.freedom
     for _ in range(NOISE_STEPS):
@@ -130,21 +130,21 @@ def _noise(residual: Residual, s: Array, parts: Array) -> float:
 
 
 def fitted(variance: Array, s: Array, q: Array) -> Array:
-    """Compute Σ_i a q_i² / (1 + a s_i) (G,), the decrease of yᵀC⁻¹y by G groups at their prior variances a (G,)."""
+    """Compute Σ_i a q_i² / (1 + a s_i), by which a group of prior variance a, eigenvalues s, reduces the misfit."""
     return np.asarray(np.sum(variance[:, None] * q**2 / (1.0 + variance[:, None] * np.maximum(s, 0.0)), axis=1))
 
 
 def with_own_noise(gains: Array, fit: Array, mismatch: float) -> Array:
-    """Correct the gains (G,) of groups for the noise, which is estimated again with each group.
+    """Correct the gains of groups of effects, nats, for the noise, which is estimated again with each group.
 
-    Q (G,) is the decrease of E = yᵀC⁻¹y by a group. With variances in proportion to the noise: gain - Q/2 - E/2 ln(1 -
-    Q/E). With few poses the noise without the group is too large, and an uncorrected gain too small.
+    fit: decrease Q of the misfit E = yᵀC⁻¹y by each group. With prior variances in proportion to the noise, the gain is
+    gain - Q/2 - E/2 ln(1 - Q/E). With few poses the noise without the group is too large, and the first gain too small.
     """
     return gains - 0.5 * fit - 0.5 * mismatch * np.log1p(-np.minimum(fit / mismatch, 1.0 - 1e-12))
 
 
 def rotated(inner: Array, rhs: Array) -> tuple[Array, Array]:
-    """Compute the eigenvalues s (G, K) of S (G, K, K) = V s Vᵀ and the products q = Vᵀ rhs (G, K)."""
+    """Compute the eigenvalues of each group's symmetric matrix, and the products of its eigenvectors with `rhs`."""
     if inner.shape[-1] == 1:
         return inner[:, :, 0], rhs
     s, turn = np.linalg.eigh(inner)

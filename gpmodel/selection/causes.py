@@ -26,16 +26,16 @@ from gpmodel.selection.smooth_terms import nats_without_a_name
 from gpmodel.selection.sparse_bayes import prune, reestimate
 
 NEAR, MOST, ALIKE = 9.0, 40, 1e-3
-"""Candidates within NEAR nats of the best are re-estimated, at most MOST; others have a probability below 0.0001.
-ALIKE: relative difference of contributions up to which measurements at these poses cannot separate candidates."""
+"""A candidate within NEAR nats of the best one is re-estimated, at most MOST candidates; others have a probability
+below 0.0001. ALIKE: relative difference of motion up to which the measured poses cannot separate two candidates."""
 
 
 @dataclass(frozen=True)
 class Cause:
-    """A possible cause of a finding: indistinguishable groups, and their probability.
+    """A possible cause of a finding: groups of effects that the data cannot distinguish, and their probability.
 
-    own: whether the selected group is among the indistinguishable groups (it is then the first). amount: coefficients
-    of the selected effects if this cause is true, relative to the selected values; 0 for effects outside the cause.
+    own: whether the selected group is among the groups of the cause (it is then the first). amount: motion by the
+    selected effects if the cause is true, as a multiple of the fitted motion; 0 for effects outside the cause.
     """
 
     groups: tuple[Group, ...]
@@ -46,19 +46,19 @@ class Cause:
 
 @dataclass(frozen=True)
 class CredibleSet:
-    """Possible causes of a finding, the most probable first. none: probability of an unnamed cause, 0 to 1."""
+    """Possible causes of a finding, the most probable first. none: probability (0 to 1) that the cause has no name."""
 
     causes: tuple[Cause, ...]
     none: float
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all possible causes in the set."""
+        """Names of all possible causes in the credible set of a finding."""
         return tuple(group.name for cause in self.causes for group in cause.groups)
 
 
 def credible_set(model: Active, g: int, sites: Sequence[Site] = (), inputs: Sequence[str] = ()) -> CredibleSet:
-    """Compute the probabilities of all candidates, smooth terms included, in the place of a selected group."""
+    """Compute the probability of each candidate effect to be the true cause of a finding; index g of its group."""
     near, groups = dict(_near(model, g)), model.pool.groups
     unnamed = _smooth_terms(model, g, sites, inputs) if _named(groups[g]) else np.zeros(0)
     total = float(logsumexp([*(trial.objective for trial in near.values()), *unnamed]))
@@ -83,23 +83,23 @@ def _kind(group: Group) -> str:
 
 
 def _amount(model: Active, g: int, trial: Active, h: int) -> float:
-    """Return the motion by a group's terms if h replaces the group, projected on the group's motion in the model."""
+    """Return the motion by a group's effects if group h replaces group g, as a multiple of the motion in the model."""
     own, other = _motion(model, g), _motion(trial, h)
     square = sum(value**2 for value in own.values())
     return sum(value * other[term] for term, value in own.items() if term in other) / square if square else 0.0
 
 
 def _motion(model: Active, g: int) -> dict[tuple[str, str, str], float]:
-    """Return coefficient times weight of each term of a selected group, by slot, axis and basis function."""
+    """Return the fitted coefficient times weight of each term of a group, by slot (frame), axis and basis function."""
     values = zip(model.chosen[g].tolist(), (model.scale * model.mean)[model.blocks[g]].tolist(), strict=True)
     terms = ((value, term) for k, value in values for term in model.pool.groups[g].effects[k].terms)
     return {(t.slot, t.axis, str(t.basis)): value * t.weight for value, t in terms}
 
 
 def _near(model: Active, g: int) -> Iterable[tuple[int, Active]]:
-    """Yield each candidate that could replace a group, the group itself included, and the model with the candidate.
+    """Yield each group that could replace group g, as its index and the model with the replacement; first g itself.
 
-    Smooth terms of other groups keep their prior variances.
+    The smooth terms of other groups keep their prior variances during the replacement.
     """
     yield g, model
     model, own = beside_curves(model, [g], model.pools), model.pool.groups[g].effects
@@ -118,7 +118,7 @@ def _near(model: Active, g: int) -> Iterable[tuple[int, Active]]:
 
 
 def _smooth_terms(model: Active, g: int, sites: Sequence[Site], inputs: Sequence[str]) -> Array:
-    """Return the objective (K,), nats, of the model with each smooth term in the place of a group."""
+    """Return the objective L, nats, of the model with each smooth term in the place of group g, one value a term."""
     slots = {slot for e in model.pool.groups[g].effects for slot in e.slots}
     there = [site for site in sites if not slots.isdisjoint(slot for slot, _, _ in site.terms)]
     if not there or not inputs:
@@ -128,9 +128,9 @@ def _smooth_terms(model: Active, g: int, sites: Sequence[Site], inputs: Sequence
 
 
 def _lines(model: Active, g: int, chance: dict[int, float]) -> list[tuple[float, tuple[int, ...]]]:
-    """Merge groups of one kind, and groups with equal contributions given the model without g.
+    """Merge groups of one kind, and groups that move the measured points equally, to one cause each.
 
-    Return for each cause its probability and one group of each kind: the selected group g, or the most probable one.
+    Return the probability of each cause and one group of each kind in the cause, by index. chance: of each group.
     """
     fewer, groups, lines = model.without(g), model.pool.groups, list[tuple[dict[str, int], Array, list[float]]]()
     for h in sorted(chance, key=lambda h: (h != g, -round(chance[h], 6), groups[h].name)):
@@ -146,7 +146,7 @@ def _lines(model: Active, g: int, chance: dict[int, float]) -> list[tuple[float,
 
 
 def _contribution(fewer: Active, h: int) -> Array:
-    """Return the least-squares contribution (M,) of a group to the residual of a model."""
+    """Return the least-squares contribution of group h to the residual of a model, one value per measured row."""
     columns = fewer.pool.columns(h)
     columns = columns - fewer.spanned @ (fewer.spanned.T @ columns)
     return np.asarray(columns @ np.linalg.lstsq(columns, fewer.left, rcond=None)[0])

@@ -1,4 +1,4 @@
-"""A group of columns that enter the model together under one prior variance; and the price of a group, nats."""
+"""Groups of effects that enter a model together under one prior variance, and the price of a group, nats."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,7 +16,7 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.states import States
 
 CAP = 5e-3
-"""Largest prior standard deviation √a, rad or m: an undeclared effect of a working machine moves its site by less."""
+"""Largest prior standard deviation of a motion, rad or m: an undeclared effect of a working machine is smaller."""
 DECLARED_CAP = 0.3
 """Largest prior standard deviation √a of an effect that is known to exist, in the unit of the effect."""
 FEW = 2
@@ -26,7 +26,7 @@ FLAT = 1e-6
 
 
 class Shapes:
-    """Values (N,) of basis functions at fixed poses; each function is computed once."""
+    """Values of basis functions at fixed poses, one value a pose; each function is computed once."""
 
     def __init__(self, states: States) -> None:
         self.states = states
@@ -52,13 +52,13 @@ class Shapes:
 
 @dataclass(frozen=True)
 class Group(Candidate):
-    """A candidate with coefficients u_k ~ N(0, a spread_k²), with one prior variance a for all coefficients.
+    """Effects that enter a model together. Their coefficients u_k ~ N(0, a spread_k²) share one prior variance a.
 
-    spreads: (E,) standard deviations of the coefficients for a = 1, scaled so that Σ spread_k² var(φ_k) = 1. √a is then
-    the RMS motion of the group's site, rad or m. where: slot (frame of the chain) and axis of the site. cap: largest
-    √a; for specified priors the specified value. always_included: exempt from deletion. parts: groups of one kind at
-    several sites that form the group, empty for a plain group. inner: constants inside basis functions; None also if an
-    effect is deleted.
+    spreads: standard deviation of the coefficient of each effect for a = 1, scaled so that Σ spread_k² var(φ_k) = 1
+    for basis functions φ_k. √a is then the RMS motion of the group's site, rad or m. where: slot (frame of the chain)
+    and axis of the site. cap: largest √a; for specified priors the specified value. always_included: exempt from
+    deletion. parts: groups of one kind at several sites that form the group, empty for a plain group. inner: constants
+    inside basis functions; None also if an effect is deleted.
     """
 
     spreads: tuple[float, ...] = ()
@@ -68,7 +68,7 @@ class Group(Candidate):
     parts: tuple["Group", ...] = ()
 
     def with_prior(self, variance: float) -> tuple[Effect, ...]:
-        """Return the group's effects with prior standard deviations √a spread_k, a = `variance`."""
+        """Return the group's effects with their prior standard deviations for the prior variance `variance`."""
         root = math.sqrt(variance)
         return tuple(replace(e, prior=root * s) for e, s in zip(self.effects, self.spreads, strict=True))
 
@@ -80,7 +80,7 @@ def is_curve(candidate: Candidate) -> bool:
 
 
 def spread_of(effect: Effect, shapes: Shapes) -> float:
-    """Return the standard deviation over the poses of a unit effect's motion; 0 if constant, NaN if it overflows."""
+    """Return the standard deviation over the poses of an effect with coefficient 1; 0 if constant, NaN if infinite."""
     total, size = 0.0, 0.0
     for term in effect.terms:
         variance, square = shapes.moments(term.basis)
@@ -90,9 +90,9 @@ def spread_of(effect: Effect, shapes: Shapes) -> float:
 
 
 def group_of(candidate: Candidate, shapes: Shapes) -> Group | None:
-    """Return a candidate as a group. Finite priors give the ratios of the effects; other effects contribute equally.
+    """Return a candidate as a group of effects that share one prior variance; None if no effect varies over the poses.
 
-    Effects that do not vary over the poses are omitted; the result is None if no effect varies.
+    Finite priors give the ratios of the effects; effects without a prior contribute equally. Constant ones are omitted.
     """
     sizes = [spread_of(e, shapes) for e in candidate.effects]
     alive = [(e, s) for e, s in zip(candidate.effects, sizes, strict=True) if np.isfinite(s) and s > 0]
@@ -108,10 +108,10 @@ def group_of(candidate: Candidate, shapes: Shapes) -> Group | None:
 
 
 def geometry_groups(effects: Iterable[Effect]) -> tuple[Group, ...]:
-    """Group constant errors as lengths, angles, and errors with priors, whose ratios are kept; others are single.
+    """Group the effects of constant geometric errors: all lengths, all angles, all with priors; others are single.
 
-    The groups are always included, with prior variances limited to errors of a machine description. Without the limit a
-    wrist 29 cm away, along a direction that the poses hardly determine, would fit like two curves.
+    These groups of geometric errors are always in the model, with prior variances limited to the errors of a machine
+    description. Without the limit, a fitted wrist 29 cm off would imitate the error of two smooth functions.
     """
     kinds: dict[str, list[Effect]] = {"geometry, lengths": [], "geometry, angles": [], "geometry, with priors": []}
     for e in effects:
@@ -128,7 +128,7 @@ def geometry_groups(effects: Iterable[Effect]) -> tuple[Group, ...]:
 
 
 def joined(name: str, parts: Sequence[Group], cost: float) -> Group:
-    """Return groups of one kind at several sites as one group under one variance."""
+    """Return groups of one kind of effect at several sites as one group with one prior variance. cost: price, nats."""
     share = 1.0 / math.sqrt(len(parts))
     effects = tuple(e for p in parts for e in p.effects)
     spreads = tuple(share * s for p in parts for s in p.spreads)
@@ -141,11 +141,11 @@ READABLE = 12
 
 @dataclass(frozen=True)
 class Price:
-    """Prices of groups, nats: the gain in log evidence that a group needs.
+    """Prices of groups of effects, nats: the gain in log evidence that a group needs to enter the model.
 
-    limits: minimum_nats for any group, head_start for an unnamed group, naming_margin for a curve or a long formula.
-    of_input: price of each input, from the inputs of evolved programs; an input without a price is free. with_formulas:
-    names of smooth terms for which formulas are offered.
+    limits: limits in nats; minimum_nats for any group, head_start for a group without a physical name, naming_margin
+    for a smooth term or a long formula. of_input: price of each input variable, nats, from the inputs of evolved
+    programs; other inputs are free. with_formulas: names of smooth terms for which formulas are offered.
     """
 
     limits: Criteria = field(default_factory=Criteria)
@@ -153,16 +153,16 @@ class Price:
     with_formulas: frozenset[str] = frozenset()
 
     def to_describe(self, group: Group) -> float:
-        """Return the log of the number of alternatives, plus the price of a group without a name, nats."""
+        """Return the log of the number of alternatives to a group, plus the price of an unnamed group, nats."""
         return group.cost + self.limits.head_start * (not group.family)
 
     def to_enter(self, group: Group) -> float:
-        """Return the gain, nats, that a group needs to enter the model: minimum, price of description and of inputs."""
+        """Return the gain, nats, that a group needs to enter: minimum, price of its description and of its inputs."""
         read = [self.of_input.get(name, 0.0) for name in group.inputs]
         return self.limits.minimum_nats + self.to_describe(group) + (float(np.mean(read)) if read else 0.0)
 
     def to_read(self, group: Group) -> float:
-        """Return the price, nats, of a smooth term with offered formulas or a long formula: each is hard to read."""
+        """Return the extra price, nats, of a group that is hard to read: long formula, or smooth term with formulas."""
         names = {group.name, *(part.name for part in group.parts)}
         curve = is_curve(group) and len(group.effects) > FEW and not names.isdisjoint(self.with_formulas)
         basis = group.place.basis

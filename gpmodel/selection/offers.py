@@ -1,4 +1,4 @@
-"""Form the candidate groups: each candidate of the catalogue, and a joint group of each kind at several joints."""
+"""Form the candidate groups of effects: each effect of the catalogue, and a joint group of one kind at many joints."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence, Set
@@ -19,13 +19,13 @@ Builder = Callable[[Mechanism, Shapes], Iterator[Group | None]]
 LARGEST_BLOCK = 130
 """Largest number of effects of one kind in a joint group at all sites: a larger group is slow and never selected."""
 SMALLEST_BLOCK = 3
-"""Least number of sites of a joint group."""
+"""Least number of sites (frame and axis) at which the effects of a joint group act."""
 BLOCK_COST = 1.0
-"""Price of a joint group in addition to the price of one part, nats; small, because there are few kinds of effects."""
+"""Price of a joint group above the price of one of its parts, nats; small, because there are few kinds of effects."""
 
 
 def of_offers(offers: Iterable[Offer]) -> Builder:
-    """Return a builder of groups from families, candidates and effects."""
+    """Return a function that builds groups of effects for a mechanism from families, candidates and effects."""
 
     def build(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
         for offer in offers:
@@ -35,9 +35,9 @@ def of_offers(offers: Iterable[Offer]) -> Builder:
 
 
 def of_evolved(candidates: Sequence[Candidate], cost: Callable[[int], float]) -> Builder:
-    """Return a builder of groups from evolved candidates, one group for each set of inputs that terms share.
+    """Return a function that builds groups from evolved candidates, one group for each set of inputs that terms share.
 
-    The parts of a group are the single terms. cost: function that converts a number of nodes to a price, nats.
+    The parts of a group are its single terms. cost: function from the number of nodes of a formula to its price, nats.
     """
 
     def build(mechanism: Mechanism, shapes: Shapes) -> Iterator[Group | None]:
@@ -51,11 +51,11 @@ def of_evolved(candidates: Sequence[Candidate], cost: Callable[[int], float]) ->
 
 @dataclass(frozen=True)
 class Offering:
-    """Candidate groups that a selection may use.
+    """Candidate groups of effects that a selection may use.
 
-    single: builders of the groups that are candidates from the start.
-    sites, inputs: sites and inputs of proposed smooth terms of one or two inputs.
-    grids: frequency grids of proposed sinusoids.
+    single: functions that build the groups that are candidates from the start.
+    sites, inputs: sites (frame and axis) and input variables of the smooth terms that may be proposed.
+    grids: frequency grids of the sinusoids that may be proposed.
     wanted: function that returns whether a group may be a candidate.
     """
 
@@ -67,9 +67,9 @@ class Offering:
 
 
 def singles(offering: Offering, mechanism: Mechanism, shapes: Shapes) -> list[Group]:
-    """Return the single groups that vary over the measured poses, without groups of equal columns.
+    """Return the candidate groups that vary over the measured poses, without groups of equal columns.
 
-    Terms of one evolved program become separate candidates if one of the terms is also a candidate with a name.
+    The terms of an evolved program become separate candidates if one of the terms is also a candidate with a name.
     """
     built = chain.from_iterable(builder(mechanism, shapes) for builder in offering.single)
     found = without_copies(group for group in built if group is not None and offering.wanted(group))
@@ -78,7 +78,7 @@ def singles(offering: Offering, mechanism: Mechanism, shapes: Shapes) -> list[Gr
 
 
 def without_copies(groups: Iterable[Group]) -> list[Group]:
-    """Return groups without copies: the first of all groups with equal columns."""
+    """Return the first of all groups that have equal effects, spreads and largest variances; omit the copies."""
     found: dict[object, Group] = {}
     for group in groups:
         found.setdefault((tuple(e.terms for e in group.effects), group.spreads, group.cap), group)
@@ -86,7 +86,7 @@ def without_copies(groups: Iterable[Group]) -> list[Group]:
 
 
 def _apart(group: Group, named: Set[tuple[Term, ...]]) -> tuple[Group, ...]:
-    """Return a group, or only its terms that no named group contains. named: terms of the named groups."""
+    """Return a group, or only its terms that no named group contains. named: terms of the named groups, by effect."""
     left = tuple(part for part in group.parts if part.effects[0].terms not in named)
     return left if len(left) < len(group.parts) else (replace(group, parts=()),)
 

@@ -1,4 +1,4 @@
-"""Form the whitened linear problem, and the inner products of the columns of all candidate groups."""
+"""Form the whitened linear problem, and the inner products of the columns of all candidate groups of effects."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -19,9 +19,9 @@ Site = tuple[str, str]
 
 
 class Rows:
-    """M weighted rows: sensitivity (M,) to a unit twist at each site, whitened, registration and tool projected out.
+    """Measured rows of the linear problem, whitened, with the columns of registration and tool projected out.
 
-    A column x is a sensitivity r times a basis function φ of the pose, so that Xᵀv = Φᵀ (sums of r ∘ v over each pose).
+    An effect's column is its rows' sensitivity to a unit twist at its site, times its basis function of the pose.
     """
 
     def __init__(
@@ -42,11 +42,11 @@ class Rows:
         return len(self.pose_of_row) - int(self.placement.shape[1])
 
     def clean(self, whitened: Array) -> Array:
-        """Project registration and tool out of whitened rows."""
+        """Project registration and tool out of whitened values, one value per measured row."""
         return whitened - self.placement @ (self.placement.T @ whitened)
 
     def sensitivity(self, site: Site) -> Array:
-        """Return the rows (M,) of a unit twist along one axis of one frame of the chain."""
+        """Return the change of each measured row by a unit twist along one axis of one frame of the chain."""
         slot, axis = site
         if slot not in self._sensitivity:
             blocks = self.problem.observed.sensitivity(places(self.mechanism).index(slot))
@@ -54,7 +54,7 @@ class Rows:
         return self._sensitivity[slot][:, AXES.index(axis)]
 
     def columns(self, effects: Sequence[Effect]) -> Array:
-        """Return the columns (M, E) of unit coefficients, weighted like the residual, unwhitened, unprojected."""
+        """Return the derivative of each row by each effect's coefficient, weighted like the residual, unwhitened."""
         out = np.zeros((len(self.pose_of_row), len(effects)))
         for k, effect in enumerate(effects):
             for term in effect.terms:
@@ -63,19 +63,19 @@ class Rows:
         return out
 
     def apart(self, values: Array) -> Array:
-        """Arrange values (M, K) by pose (P, m, K), with zeros for unmeasured components."""
+        """Arrange values of rows by pose and measured component, with zeros for components that were not measured."""
         measured = self.problem.weights[self.present] > 0
         out = np.zeros((*measured.shape, values.shape[1]))
         out[measured] = values
         return out
 
     def totals(self, values: Array) -> Array:
-        """Sum values (M, K) over the rows of each pose (P, K)."""
+        """Sum the values of measured rows over the rows of each pose."""
         return np.add.reduceat(values, self._first, axis=0)
 
 
 class Atoms:
-    """Inner products of vectors with all columns at once, by the distinct pairs of site and basis function."""
+    """Inner products of vectors with the columns of all effects, from the distinct pairs of site and basis function."""
 
     def __init__(self, rows: Rows, effects: Sequence[Effect]) -> None:
         self.rows = rows
@@ -102,18 +102,18 @@ class Atoms:
         self.weights = sparse.csr_matrix((weight, (at, of)), shape=(len(effects), count))
 
     def cross(self, values: Array) -> Array:
-        """Return the inner products (E, K) of all E columns with whitened values (M, K) without the registration."""
+        """Return the inner products of all effects' columns with whitened values of the rows, registration excluded."""
         by_pose = self.reach @ self.rows.apart(self.rows.whitening.whiten(values))
         return np.asarray(self.weights @ np.vstack([phi @ by_pose[:, s] for s, phi in enumerate(self.shapes)]))
 
 
 CHUNK = 400
-"""Number of groups whose inner products are formed at once; half or double changes only memory, a few megabytes."""
+"""Number of groups whose inner products are formed at once. Half or double changes only memory, a few megabytes."""
 
 
 @dataclass(frozen=True)
 class SizeClass:
-    """Groups of K effects each: ids (G,), effect indices (G, K), spreads (G, K), XᵀX (G, K, K) and Xᵀy (G, K)."""
+    """Groups with equally many effects. ids, index: group and effect numbers. inner, rhs: XᵀX and Xᵀy of columns X."""
 
     ids: IntArray
     index: IntArray
@@ -122,18 +122,18 @@ class SizeClass:
     rhs: Array
 
     def part(self, at: IntArray) -> "SizeClass":
-        """Return the size class reduced to some of its groups."""
+        """Return a size class (groups with equally many effects) reduced to some of its groups. at: their positions."""
         return SizeClass(self.ids[at], self.index[at], self.spreads[at], self.inner[at], self.rhs[at])
 
 
 class GroupPool:
-    """Groups over distinct effects, which groups may share. Columns are scaled by the `spread` of their coefficients.
+    """Candidate groups and their distinct effects, which groups may share. A group's columns are scaled by `spreads`.
 
-    sizes: (G,) number of effects of each group. cost, price, reading: (G,) prices of description, entry and reading,
-    nats. block: (G,) index of the joint group that contains the group, -1 for none. wholes: (B,) index of each joint
-    group. shared: (B,) description price that further parts do not pay, nats: all but the log of n joints. square: yᵀy
-    of the whitened target y without registration. rhs: (E,) products of the target with the distinct unit columns.
-    constant, reading_held, kinds_held: shares of groups of fixed variance in objective, reading prices, kinds.
+    sizes: number of effects of each group. cost, price, reading: prices of description, entry and reading of each
+    group, nats. block: index of the joint group that contains each group, -1 for none. wholes: index of each joint
+    group. shared: description price that further parts of a joint group do not pay, nats: all but the log of the number
+    of joints. square, rhs: sum of squares of the whitened target without registration, and its products with the unit
+    columns. constant, reading_held, kinds_held: objective, reading prices and kinds of groups with fixed variance.
     """
 
     constant, reading_held, kinds_held = 0.0, 0.0, np.zeros(1, np.int64)
@@ -186,7 +186,7 @@ class GroupPool:
         return out
 
     def _inner(self, index: IntArray) -> Array:
-        """Return XᵀX (G, K, K) of the unit columns, whitened, with registration and tool projected out."""
+        """Return XᵀX of each group's unit columns X, whitened, without registration and tool. index: its effects."""
         count, size = index.shape
         columns = self.rows.whitening.whiten(self.rows.columns([self.effects[e] for e in index.ravel()]))
         placed = self.rows.placement.T @ columns
@@ -195,7 +195,7 @@ class GroupPool:
         return stacked @ np.swapaxes(stacked, 1, 2) - taken @ np.swapaxes(taken, 1, 2)
 
     def crossed(self, g: int) -> Array:
-        """Return the inner products (E, K) of every distinct unit column with the scaled columns of group g."""
+        """Return the inner products of the unit column of every distinct effect with the scaled columns of group g."""
         if g not in self._crossed:
             self._crossed[g] = self._crossed_with(g)
         return self._crossed[g]
@@ -204,7 +204,7 @@ class GroupPool:
         return self.atoms.cross(self.columns(g))
 
     def columns(self, g: int) -> Array:
-        """Return the scaled columns (M, K) of a group, whitened, with registration and tool projected out."""
+        """Return the scaled columns of group g, whitened, with registration and tool projected out."""
         if g not in self._columns:
             self._columns[g] = self._cleaned(g)
         return self._columns[g]
@@ -214,7 +214,7 @@ class GroupPool:
         return self.rows.clean(self.rows.whitening.whiten(own))
 
     def gram(self, chosen: Mapping[int, IntArray]) -> Array:
-        """Return the inner products (K, K) of the scaled columns of groups. chosen: indices of their remaining effects.
+        """Return the inner products of all scaled columns of groups. chosen: the effects of each group that remain.
 
         The inner products of all groups so far are cached, and so is the last result.
         """

@@ -1,7 +1,7 @@
-"""Posterior of the groups in a model, log evidence of the model, and gain of each group.
+"""Compute the posterior of the groups of effects in a model, its log evidence, and the gain of each group.
 
-With A (M, K) the columns of the selected groups times √a, C = σ² I + A Aᵀ and H = (σ² I + AᵀA)⁻¹ = L⁻ᵀL⁻¹: C⁻¹ = (I - A
-H Aᵀ) / σ², so that S and q of any group need only the products XᵀA.
+A holds the K columns of the selected groups, each times √a (prior standard deviation). C = σ² I + A Aᵀ is the marginal
+covariance of the target y. With H = (σ² I + AᵀA)⁻¹ = L⁻ᵀL⁻¹, C⁻¹ = (I - A H Aᵀ) / σ²; a group X needs only XᵀA and Xᵀy.
 """
 
 import math
@@ -19,7 +19,7 @@ from gpmodel.selection.group import FEW, Group
 from gpmodel.selection.pool import GroupPool
 
 LEAST_NOISE = 1e-8
-"""Least noise of one coordinate, m: a tenth of an instrument's resolution. In an exact table less is rounding."""
+"""Least noise of one coordinate, m: a tenth of an instrument's resolution. In exact data less noise is rounding."""
 LEAST = 10.0**-DECADES
 """Least ratio of the prior variance of a group to its largest allowed variance. A group that explains nothing reaches
 this least variance, and is deleted."""
@@ -27,7 +27,7 @@ this least variance, and is deleted."""
 
 @dataclass(frozen=True)
 class Active:
-    """Groups in the model by index, with their prior variances. chosen: indices of the group's effects in the model."""
+    """A linear model: groups of effects by index, with prior variances. chosen: effects of each group in the model."""
 
     pool: GroupPool
     variances: dict[int, float]
@@ -40,12 +40,12 @@ class Active:
         return self.pool.prices.limits
 
     def added(self, g: int, variance: float, part: Sequence[int] | None = None) -> "Active":
-        """Return the model with group g at a prior variance. part: effects to add; None for all effects."""
+        """Return the model with group g added. variance: its prior variance. part: effects to add; None for all."""
         effects = np.arange(len(self.pool.index[g]))[slice(None) if part is None else part]
         return replace(self, variances={**self.variances, g: variance}, chosen={**self.chosen, g: effects})
 
     def beside(self, group: Group, variance: float) -> "Active":
-        """Return the model with a new group, where no other group is a candidate."""
+        """Return the model with a new group added, in which no other group is a candidate. variance: its prior one."""
         pool = GroupPool(self.pool.rows, [*(self.pool.groups[g] for g in self.variances), group], self.pool.prices)
         variances = dict(enumerate(self.variances.values()))
         there = Active(pool, variances, dict(enumerate(self.chosen.values())), self.sigma2)
@@ -58,12 +58,12 @@ class Active:
 
     @cached_property
     def pools(self) -> dict[frozenset[int], GroupPool]:
-        """Sets of candidate groups formed for this model, by the set of groups with fixed variance."""
+        """Sets of candidate groups formed for this model, by the groups whose prior variance is fixed."""
         return {}
 
     @cached_property
     def blocks(self) -> dict[int, slice]:
-        """Slice of the columns that belong to each group of the model."""
+        """Range of columns that belong to each group of the model."""
         out, at = {}, 0
         for g in self.variances:
             out[g] = slice(at, at + len(self.chosen[g]))
@@ -72,29 +72,29 @@ class Active:
 
     @cached_property
     def index(self) -> IntArray:
-        """Index of the distinct effect (K,) that belongs to each column."""
+        """Number of the distinct effect that belongs to each of the K columns of the model."""
         return np.concatenate([self.pool.index[g][self.chosen[g]] for g in self.variances])
 
     @cached_property
     def scale(self) -> Array:
-        """Prior standard deviation (K,) √a spread of the coefficient of each column."""
+        """Prior standard deviation of the coefficient of each column: √a spread, with a the group's prior variance."""
         roots = [np.sqrt(a) * self.pool.spreads[g][self.chosen[g]] for g, a in self.variances.items()]
         return np.concatenate(roots)
 
     @cached_property
     def inner(self) -> Array:
-        """Inner products AᵀA (K, K) of the columns of the model, scaled by √a."""
+        """Inner products AᵀA of the columns of the model, each scaled by its prior standard deviation."""
         root = np.sqrt(np.repeat(list(self.variances.values()), [len(c) for c in self.chosen.values()]))
         return np.asarray(root[:, None] * self.pool.gram(self.chosen) * root)
 
     @cached_property
     def rhs(self) -> Array:
-        """Inner products Aᵀy (K,) of the columns of the model, scaled by √a, with the target y."""
+        """Inner products Aᵀy of the columns of the model with the target y, scaled by prior standard deviations."""
         return self.scale * self.pool.rhs[self.index]
 
     @cached_property
     def lower(self) -> Array:
-        """Cholesky factor L (K, K) of σ² I + AᵀA, with the rounding error of the products added to the diagonal."""
+        """Lower Cholesky factor of σ² I + AᵀA, with the rounding error of the products added to the diagonal."""
         count = len(self.rhs)
         rounding = count * np.finfo(float).eps * float(np.max(np.diag(self.inner), initial=0.0))
         regular = np.array(self.inner, order="F")
@@ -103,23 +103,23 @@ class Active:
 
     @cached_property
     def inverse(self) -> Array:
-        """Inverse L⁻¹ (K, K) of the Cholesky factor."""
+        """Inverse of the lower Cholesky factor of σ² I + AᵀA, with A the scaled columns of the model."""
         return np.asarray(linalg.lapack.dtrtri(self.lower, lower=1)[0])
 
     @cached_property
     def spanned(self) -> Array:
-        """Basis B = A L⁻ᵀ (M, K) of the groups of the model. B Bᵀ projects rows onto the span of the groups."""
+        """Basis B of the scaled columns of the model; B Bᵀ is the ridge projection of measured rows onto them."""
         columns = [np.sqrt(a) * self.pool.columns(g)[:, self.chosen[g]] for g, a in self.variances.items()]
         return np.hstack(columns) @ self.inverse.T
 
     @cached_property
     def mean(self) -> Array:
-        """Posterior mean H Aᵀy (K,) of the coefficients, in units of `scale`."""
+        """Posterior mean of the coefficients, each in units of its prior standard deviation `scale`."""
         return self.inverse.T @ (self.inverse @ self.rhs)
 
     @cached_property
     def left(self) -> Array:
-        """Residual (M,) of the model, whitened."""
+        """Residual of the model, whitened, one value per measured row."""
         left = self.pool.rows.target.copy()
         for g, at in self.blocks.items():
             left -= self.pool.columns(g)[:, self.chosen[g]] @ (np.sqrt(self.variances[g]) * self.mean[at])
@@ -127,41 +127,41 @@ class Active:
 
     @property
     def energy(self) -> float:
-        """Sum of squares of the residual: |y|² - yᵀAμ - σ² |μ|², as (σ² I + AᵀA) μ = Aᵀy."""
+        """Sum of squares of the residual: |y|² - yᵀAμ - σ² |μ|², with posterior mean μ, as (σ² I + AᵀA) μ = Aᵀy."""
         taken = self.mean @ (self.rhs + self.sigma2 * self.mean) if self.variances else 0.0
         return float(self.pool.square - taken)
 
     @cached_property
     def misfit(self) -> Array:
-        """Sum of squares (P,) of the residual of each pose, whitened, in units of σ²."""
+        """Sum of squares of each pose's whitened residual, in units of the noise variance σ²."""
         return np.bincount(self.pool.rows.pose_of_row, self.left**2) / self.sigma2
 
     @property
     def unknowns(self) -> float:
-        """Number γ of coefficients that the data determine."""
+        """Effective number of coefficients that the data determine rather than the prior (γ of MacKay)."""
         return len(self.mean) - self.sigma2 * float(np.sum(self.inverse**2))
 
     @cached_property
     def mismatch(self) -> float:
-        """Sum of squares yᵀC⁻¹y of the target y, weighted by its marginal covariance C."""
+        """Sum of squares yᵀC⁻¹y of the target y, weighted by the inverse of its marginal covariance C."""
         return (self.pool.square - float(np.sum((self.inverse @ self.rhs) ** 2))) / self.sigma2
 
     @cached_property
     def evidence(self) -> float:
-        """Log marginal likelihood of the target, registration and tool projected out, nats."""
+        """Log marginal likelihood, nats, of the measurements after registration and tool are projected out."""
         freedom, count = self.pool.rows.freedom, len(self.rhs)
         volume = (freedom - count) * float(np.log(self.sigma2)) + 2.0 * float(np.sum(np.log(np.diag(self.lower))))
         return -0.5 * (volume + self.mismatch + freedom * float(np.log(2 * np.pi)))
 
     def own(self, g: int, part: IntArray | slice = slice(None)) -> tuple[Array, Array]:
-        """Return eigenvalues s and products q (1, K) of a group in the model, or of a part, given the others."""
+        """Return eigenvalues of XᵀC⁻¹X and projections of XᵀC⁻¹y for the columns X of one group given the others."""
         at = np.arange(self.blocks[g].start, self.blocks[g].stop)[part]
         return self._taken_out(at[None], np.array([self.variances[g]]))
 
     def _taken_out(self, at: IntArray, a: Array) -> tuple[Array, Array]:
-        """Return eigenvalues s and products q (G, K) of columns (G, K) at prior variances (G,), each given the others.
+        """Return eigenvalues s of XᵀC⁻¹X = V s Vᵀ, and q = VᵀXᵀC⁻¹y, for columns X of each group given other groups.
 
-        With σ²H_gg = V diag(h) Vᵀ and μ the posterior mean: a s = (1 - h) / h, √a q = Vᵀμ / h.
+        σ²H_gg = V h Vᵀ: posterior over prior covariance; μ: posterior mean; a s = (1 - h) / h, √a q = Vᵀμ / h.
         """
         halves = (self.inverse[own[0] :, own] for own in at)
         h, turn = np.linalg.eigh(self.sigma2 * np.array([half.T @ half for half in halves]))
@@ -171,13 +171,13 @@ class Active:
 
     @cached_property
     def gains(self) -> dict[int, tuple[float, float]]:
-        """Gain of each group in the model over the model without the group, and its best prior variance."""
+        """Gain in log evidence, nats, of each group over the model without it, and its best prior variance."""
         return self._gains(np.arange(len(self.variances)))
 
     def _gains(self, of: IntArray) -> dict[int, tuple[float, float]]:
-        """Return gains and best prior variances of some groups in the model, by their position in the model.
+        """Return gain, nats, and best prior variance of some groups of the model. of: positions of the groups.
 
-        Small groups are padded with columns of zeros, which gain nothing.
+        Groups of few columns are padded with columns of zeros, which gain nothing.
         """
         groups, a = np.array(list(self.variances), dtype=np.int64), np.array(list(self.variances.values()))
         first, sizes = self._columns
@@ -191,7 +191,7 @@ class Active:
 
     @cached_property
     def _columns(self) -> tuple[IntArray, IntArray]:
-        """First column of each group, and number of columns of each group."""
+        """First column of each group of the model, and number of columns of each group."""
         first = np.array([own.start for own in self.blocks.values()], dtype=np.int64)
         return first, np.diff(first, append=len(self.rhs))
 
@@ -199,8 +199,8 @@ class Active:
     def reestimated(self) -> dict[int, float]:
         """Prior variance a of each group for the next step: the best one for one or two columns, else a |μ|² / γ.
 
-        MacKay's γ = K - σ² tr H_gg is the number of the K coefficients that the data determine. The update a |μ|² / γ
-        needs no eigenvalues, and is stationary at the largest evidence.
+        μ: posterior mean of the group's coefficients in units of √a. γ: effective number of coefficients that the data
+        determine (MacKay). The update needs no eigenvalues, and is stationary at the largest evidence.
         """
         (first, sizes), determined = self._columns, 1.0 - self.sigma2 * np.sum(self.inverse**2, axis=0)
         known, squares = (np.add.reduceat(part, first) for part in (determined, self.mean**2))
@@ -222,12 +222,12 @@ class Active:
 
     @property
     def paid(self) -> float:
-        """Sum of the prices of the selected groups without discounts for several groups of one kind, nats."""
+        """Sum of the prices of the selected groups, nats, without the discount for several groups of one kind."""
         return sum(float(self.pool.price[g]) + self._further_sites(g) for g in self.found)
 
     @property
     def utility(self) -> float:
-        """The objective minus the price (`Price.to_read`) of curves and formulas that are hard to read, nats."""
+        """Objective minus the extra prices (`Price.to_read`) of groups that are hard to read, nats."""
         return self.objective - self.pool.reading_held - float(sum(self.pool.reading[g] for g in self.found))
 
     def net_gain(self, g: int) -> float:
@@ -236,19 +236,19 @@ class Active:
 
     @cached_property
     def of_kind(self) -> IntArray:
-        """Number of selected parts (K,) of each joint group."""
+        """Number of selected parts of each joint group (effects of one kind at several sites)."""
         kinds = self.pool.block[list(self.found)]
         return self.pool.kinds_held + np.bincount(kinds[kinds >= 0], minlength=len(self.pool.shared))
 
     @cached_property
     def prices(self) -> Array:
-        """Price (G,) of each group given the others, nats: the price of its site if its kind is in the model."""
+        """Price of each group given the others, nats; reduced to the price of its site if its kind is in the model."""
         others = np.append(self.of_kind, 0)[self.pool.block]
         others[list(self.found)] -= 1
         return self.pool.price - np.where(others > 0, np.append(self.pool.shared, 0.0)[self.pool.block], 0.0)
 
     def price(self, g: int) -> float:
-        """Return the price of a group given the others, nats: if its kind is in the model, ln n for its n sites."""
+        """Return the price of a group given the others, nats, plus ln n for each further of its n possible sites."""
         return float(self.prices[g]) + self._further_sites(g)
 
     def _further_sites(self, g: int) -> float:
@@ -257,10 +257,10 @@ class Active:
         return max(len(np.unique(self.part_of_column(g))) - 1, 0) * self.price_of_site(g)
 
     def price_of_site(self, g: int) -> float:
-        """Return the price ln n, nats, of the site of a group that may act at n sites."""
+        """Return the price ln n, nats, of one site of a group that may act at n sites."""
         return math.log(max(len(self.pool.groups[g].parts), 1))
 
     def part_of_column(self, g: int) -> IntArray:
-        """Return the part to which each remaining column of a joint group belongs, by index; empty for other groups."""
+        """Return which part (site) of a joint group each of its columns belongs to; empty for a group of one site."""
         sizes = [len(part.effects) for part in self.pool.groups[g].parts]
         return np.repeat(np.arange(len(sizes)), sizes)[self.chosen[g]] if sizes else np.zeros(0, dtype=np.int64)

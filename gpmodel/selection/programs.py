@@ -17,11 +17,11 @@ from gpmodel.model.sites import Site
 from gpmodel.model.states import States
 
 DIGITS = 5
-"""Significant digits of an evolved constant. The coefficient of the basis function is fitted anew, with error."""
+"""Significant digits of a constant in an evolved formula. The coefficient of the formula is fitted anew."""
 
 
 def as_candidate(program: Program, site: Site, names: Mapping[str, str], cost: float, maker: str) -> Candidate | None:
-    """Return a program as effects at its site, one for each output; None if the program depends on no input."""
+    """Return a program as effects at a site, one effect for each output; None if the program depends on no input."""
     texts = [expression_text(program.select([k]), names) for k in range(len(program.outputs))]
     try:
         bases = [Expression(t) for t in dict.fromkeys(texts)]
@@ -35,7 +35,7 @@ def as_candidate(program: Program, site: Site, names: Mapping[str, str], cost: f
 
 
 def parts(program: Program) -> list[Program]:
-    """Return programs of all proper subsets of a program's outputs; empty for a single output."""
+    """Return programs of all proper subsets of an evolved program's outputs; empty for a program of one output."""
     count = len(program.outputs)
     fewer = {size: list(combinations(range(count), size)) for size in range(1, count)}
     return [program.select(chosen) for chosen in chain(*fewer.values())]
@@ -44,7 +44,7 @@ def parts(program: Program) -> list[Program]:
 def laws(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate, ...]:
     """Split an evolved candidate into one formula for each set of inputs that its terms share.
 
-    cost: function that converts a number of nodes to a price, nats.
+    cost: function from the number of nodes of a formula to its price, nats.
     """
     sets: list[list[int]] = []
     for k, effect in enumerate(candidate.effects):
@@ -56,21 +56,21 @@ def laws(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate,
 
 
 def terms(candidate: Candidate, cost: Callable[[int], float]) -> tuple[Candidate, ...]:
-    """Return each term of an unnamed evolved candidate alone; empty for one term. cost: price of nodes, nats."""
+    """Return each term of an unnamed evolved candidate as a candidate. cost: price of a formula by its nodes, nats."""
     if candidate.family or len(candidate.effects) == 1:
         return ()
     return tuple(_some(candidate, [k], cost) for k in range(len(candidate.effects)))
 
 
 def _some(candidate: Candidate, own: Sequence[int], cost: Callable[[int], float]) -> Candidate:
-    """Return a candidate that has only some of the terms of another candidate."""
+    """Return a candidate with some of another candidate's effects. own: their positions. cost: price by nodes, nats."""
     effects = [candidate.effects[k] for k in own]
     nodes = sum(Expression(str(effect.terms[0].basis)).program.complexity for effect in effects)
     return replace(candidate, name=law_name(effects), effects=numbered(effects), cost=cost(nodes))
 
 
 def without_poles(criteria: Criteria, candidate: Candidate, measured: States, between: Columns) -> bool:
-    """Return whether the basis functions of a candidate are bounded (without a pole) between the measured poses."""
+    """Return whether a candidate's basis functions remain bounded, without a pole, between the measured poses."""
     for effect in candidate.effects:
         for term in effect.terms:
             largest = float(np.max(np.abs(term.basis(between))))
@@ -100,7 +100,7 @@ def with_plain_signs(program: Program) -> Program:
 
 
 def _plain(builder: Builder, node: Node, copies: list[int]) -> int:
-    """Write a sum or difference such that its second operand does not begin with a negative number."""
+    """Write a sum or difference of a formula so that its second operand does not begin with a negative number."""
     if node.operator not in _OTHER:
         return builder.add(node, copies)
     first, second = (copies[k] for k in node.arguments)
@@ -115,7 +115,7 @@ def _plain(builder: Builder, node: Node, copies: list[int]) -> int:
 
 
 def _turned(builder: Builder, index: int) -> int | None:
-    """Return the opposite of a node that is a negative number or a product with a negative first factor; else None."""
+    """Return the negative of a node that is a negative number or a product with a negative first factor; else None."""
     node = builder.nodes[index]
     if node.operator == "multiply":
         factor = _turned(builder, node.arguments[0]) if _is_number(builder, node.arguments[0]) else None

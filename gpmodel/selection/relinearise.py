@@ -1,4 +1,4 @@
-"""Linearise the chain, make a step of the selection, and fit the exact chain with the selected groups."""
+"""Linearise the kinematic chain, make a step of the selection, and fit the exact chain with the selected groups."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,14 +22,14 @@ from gpmodel.selection.sparse_bayes import reestimate
 
 @dataclass(frozen=True)
 class Expansion:
-    """Point at which the kinematic chain is linearised.
+    """Values at which the kinematic chain is linearised, and the groups of effects in the model.
 
     fitting: model, poses and weights of the fit.
-    theta: (E,) values of the effects, SI units.
+    theta: values of the effects, rad, m or another SI unit.
     placement: values of registration and tool point.
-    sigma: standard deviation of one coordinate, m.
-    variances: prior variance of each group in the model, by name.
-    left: terms of the remaining effects of each group, by name of the group.
+    sigma: standard deviation of one measured coordinate, m.
+    variances: prior variance of each group of effects in the model, by name of the group.
+    left: terms of the effects of each group that remain in the model, by name of the group.
     """
 
     fitting: Fitting
@@ -44,10 +44,10 @@ class Expansion:
 class Refit:
     """Fit of the exact (nonlinear) kinematic chain.
 
-    state: point at which the chain is linearised.
+    state: fitted values of the effects, at which the chain is linearised next.
     problem: problem linearised at the fitted values, with independent rows.
     unknowns: number of fitted unknowns that the measurements determine.
-    error: (N,) 3-D error of each pose, m.
+    error: 3-D error of each pose, m.
     """
 
     state: Expansion
@@ -57,9 +57,9 @@ class Refit:
 
 
 def refit(state: Expansion) -> Refit:
-    """Fit all effects θ ~ N(0, prior²), registration and tool on the exact chain, at the noise of a state.
+    """Fit all effects θ ~ N(0, prior²), registration and tool on the exact chain, with the noise `state.sigma`, m.
 
-    Each damped step lowers the sum of squares, prior rows included.
+    Each damped step lowers the sum of squares of the measurements and of the effects divided by their priors.
     """
     inflation = 1.0 + state.fitting.ratio
     model = replace(state.fitting.model, noise=state.sigma * float(np.sqrt(inflation)))
@@ -78,9 +78,9 @@ def refit(state: Expansion) -> Refit:
 
 
 def inliers(error: Array, use: Mask, sigmas: float) -> Mask:
-    """Mark the poses (N,) within `sigmas` robust standard deviations of the median error, and all but OUTLIER_SHARE.
+    """Mark the poses with an error within `sigmas` robust standard deviations, and all but the worst OUTLIER_SHARE.
 
-    error: (N,) error of each pose, m. use: (N,) poses that count for the median.
+    error: error of each pose, m. use: mask of the poses that count for the median error.
     """
     return ~((error > outlier_limit(error[use], sigmas)) & among_worst(error))
 
@@ -91,7 +91,7 @@ UNKNOWN = 1e-6
 
 @dataclass(frozen=True)
 class Screening:
-    """Values of basis functions at the training poses, and prices of groups, for all steps of a selection."""
+    """Values of basis functions at the training poses, and prices of groups of effects, for a whole selection."""
 
     shapes: Shapes
     prices: Price
@@ -100,18 +100,18 @@ class Screening:
 def relinearised(
     screening: Screening, groups: Sequence[Group], state: Expansion, step: Callable[[Active], Active]
 ) -> tuple[Active, Expansion]:
-    """Linearise at a state, make a step of the selection from its groups, then fit the exact kinematic chain."""
+    """Linearise the chain at `state`, make a step of the selection from its groups, then fit the exact chain."""
     active = step(_started(screening, groups, state))
     return active, _refitted(active, screening, state)
 
 
 def with_only(screening: Screening, groups: Sequence[Group], state: Expansion) -> Active:
-    """Linearise at a state and fit only the groups that are always included."""
+    """Linearise the chain at `state` and fit only the groups of effects that are always in the model."""
     return reestimate(_started(screening, groups, state))
 
 
 def _started(screening: Screening, groups: Sequence[Group], state: Expansion) -> Active:
-    """Linearise at a state, with the groups selected before. A coefficient is a value minus its prior mean."""
+    """Linearise the chain at `state`, with the groups selected before. Coefficients are relative to prior means."""
     fitting, model = state.fitting, state.fitting.model
     problem = fitting.linearised(state.theta, state.placement)
     target = problem.residual + problem.columns[:, problem.placement :] @ off_mean(model, state.theta)
@@ -129,7 +129,7 @@ def _started(screening: Screening, groups: Sequence[Group], state: Expansion) ->
 
 
 def _refitted(active: Active, screening: Screening, state: Expansion) -> Expansion:
-    """Fit the exact chain with the groups of a model, then determine outliers and noise levels again."""
+    """Fit the exact chain with the groups of a linear model, then determine outliers and noise levels again."""
     fitting = state.fitting
     before = dict(zip((e.terms for e in fitting.model.effects), state.theta, strict=True))
     effects, variances, left = [], {}, {}
@@ -155,7 +155,7 @@ def _refitted(active: Active, screening: Screening, state: Expansion) -> Expansi
 
 
 def _readmitted(state: Expansion, criteria: Criteria) -> Mask:
-    """Return the inliers (N,) of a fit to all poses, because the model may explain outliers of an earlier model."""
+    """Return the mask of inliers of a fit to all poses: the model may now explain what were outliers before."""
     everything = np.ones(len(state.fitting.use), dtype=bool)
     fit = refit(replace(state, fitting=replace(state.fitting, use=everything)))
     return inliers(fit.error, everything, criteria.outlier_sigmas)

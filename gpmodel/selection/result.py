@@ -28,10 +28,10 @@ from gpmodel.table.bundles import JUDGED
 class Kept:
     """A group of effects that the selection has added to the model.
 
-    gain: log evidence minus the log evidence without the group, before the price, nats.
-    variance: prior variance of the coefficients.
-    determined: number of the group's coefficients that the data determine.
-    shared: part of the group's price that another selected group of its kind pays already, nats.
+    gain: log evidence of the model minus the log evidence without the group, before the price, nats.
+    variance: prior variance of the group's coefficients.
+    determined: effective number of the group's coefficients that the data determine.
+    shared: part of the group's price that another selected group of one kind with it pays already, nats.
     """
 
     group: Group
@@ -42,16 +42,16 @@ class Kept:
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """Effects of the group with their learned priors."""
+        """Effects of the group with prior standard deviations that the selection has estimated."""
         return self.group.with_prior(self.variance)
 
 
 @dataclass(frozen=True)
 class Offered:
-    """The groups that a selection may use.
+    """The groups of effects that a selection may use.
 
-    always: groups that are always included. single: groups of the catalogue and evolved groups. proposed: smooth terms,
-    sinusoids and formulas proposed for a residual. grids: frequency grids of sinusoids.
+    always: groups that are always in the model. single: groups of the catalogue and evolved groups. proposed: smooth
+    terms, sinusoids and formulas proposed for a residual. grids: frequency grids of sinusoids.
     """
 
     screening: Screening
@@ -61,24 +61,24 @@ class Offered:
     grids: Sequence[FrequencyGrid]
 
     def with_formulas_of(self, curves: frozenset[str]) -> "Offered":
-        """Add formulas for some smooth terms to the candidates; each of these terms then has a higher price."""
+        """Mark smooth terms for which formulas are candidates too; each of these smooth terms gets a higher price."""
         prices = self.screening.prices
         prices = replace(prices, with_formulas=prices.with_formulas | curves)
         return replace(self, screening=replace(self.screening, prices=prices))
 
     def groups(self, mechanism: Mechanism) -> list[Group]:
-        """Return all candidate groups, with joint groups for each kind of effect at several joints."""
+        """Return all candidate groups of effects, with joint groups for each kind of effect at several joints."""
         return [*self.always, *self.single, *shared_kinds(mechanism, self.single), *self.proposed]
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Selected groups and the model that contains the groups.
+    """Groups of effects that were selected, and the model that contains the groups.
 
     kept: selected groups in order of decreasing gain.
     offered: groups that were candidates of the selection.
     active: linear model with the posterior of the selected groups.
-    state: fit of the exact chain with the selected groups.
+    state: fit of the exact kinematic chain with the selected groups.
     """
 
     kept: tuple[Kept, ...]
@@ -88,12 +88,12 @@ class Selection:
 
     @property
     def names(self) -> frozenset[str]:
-        """Names of the selected groups."""
+        """Names of the selected groups of effects."""
         return frozenset(kept.group.name for kept in self.kept)
 
     @cached_property
     def permutation_null(self) -> Array:
-        """Largest gain (T,) minus description price of any group on T permuted residuals, nats."""
+        """Largest gain of any group of effects minus its description price, nats, on each permuted residual."""
         screening, rng = self.offered.screening, np.random.default_rng(JUDGED)
         together = exchangeable(self.state.fitting.poses.dataset, screening.prices.limits)
         return gain_null(self.active, self.offered.grids, together, rng, screening.prices.limits.shuffles)
@@ -102,8 +102,8 @@ class Selection:
 def summarised(offered: Offered, active: Active, state: Expansion) -> Selection:
     """Return the result of a selection.
 
-    An effect that several groups share belongs to the group of largest gain, with the sum of the prior variances. A
-    group without effects of its own is left out.
+    An effect that several groups share belongs to the group of largest gain; its prior variance is the sum over these
+    groups. A group of which all effects belong to other groups is omitted.
     """
     pool, kept, total = active.pool, list[Kept](), np.zeros(len(active.pool.effects))
     for g, variance in active.variances.items():
@@ -124,16 +124,16 @@ def summarised(offered: Offered, active: Active, state: Expansion) -> Selection:
 
 
 MOST_NUMBERS = 1_000_000
-"""Largest number of entries of gain matrices times residuals in memory: some ten megabytes."""
+"""Largest number of products, of groups with permuted residuals, in memory at once: some ten megabytes."""
 
 
 def gain_null(
     active: Active, grids: Sequence[FrequencyGrid], bundle: IntArray, rng: np.random.Generator, count: int
 ) -> Array:
-    """Compute the largest gain (count,) minus description price of any group or sinusoid on permuted residuals, nats.
+    """Compute the largest gain minus description price, nats, of any group or sinusoid on each permuted residual.
 
-    Every group is scored given the model, as in `Scan`. bundle: (N,) code of the exchangeable block of each pose, in
-    the order of the problem's poses.
+    Every group of effects is scored as an addition to the model `active`. bundle: number of the exchangeable block of
+    each pose. count: number of permuted residuals.
     """
     pool, trials = active.pool, active.pool.rows.clean(permuted(active, bundle, rng, count))
     every_rhs = pool.atoms.cross(trials)
@@ -150,10 +150,10 @@ def gain_null(
 
 
 def running_maximum(found: Array, s: Array, q: Array, cap: Array, cost: Array) -> Array:
-    """Update the largest gains (T,) minus description prices with the gains of G groups, nats. s: (G, K). q: (T, G, K).
+    """Raise the largest net gain `found` of each permuted residual, nats, to the largest net gain of any group.
 
-    No gain exceeds ½ Σ q² / s. The best variance is computed for the group with the largest bound on each trial, then
-    for the groups whose bound exceeds that maximum.
+    s: eigenvalues of each group's XᵀC⁻¹X. q: products of the eigenvectors with each residual. No gain exceeds
+    ½ Σ q² / s. The exact gain is computed for the group of largest bound, then for groups of a still larger bound.
     """
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         most = 0.5 * np.sum(np.where(q == 0.0, 0.0, q**2 / np.maximum(s, 0.0)), axis=2) - cost
@@ -165,11 +165,11 @@ def running_maximum(found: Array, s: Array, q: Array, cap: Array, cost: Array) -
 
 
 def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: int) -> Array:
-    """Add residuals permuted over exchangeable blocks to the prediction of the model: targets (M, count), whitened.
+    """Return the model's prediction plus residuals permuted over exchangeable blocks, whitened, a column a permutation.
 
-    Permuted residuals are rescaled to σ, since the fit removed degrees of freedom and removes them again from each
-    permuted residual. The columns of a body measured in one block alone, such as a bar, are removed only once: the
-    residual of another block has no part along these columns.
+    Permuted residuals are rescaled to the noise σ, because the fit removed degrees of freedom and removes them again
+    from each permuted residual. The columns of a body that one block alone measures, such as a bar, are removed only
+    once: the residual of another block has no part along these columns. bundle: block number of each pose.
     """
     rows, left = active.pool.rows, active.left
     codes = np.unique(bundle, return_inverse=True)[1].reshape(-1)
@@ -183,7 +183,7 @@ def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: 
 
 
 def _of_one_bundle(rows: Rows, codes: IntArray) -> Array:
-    """Return a basis (M, k) of the registration columns that one block of poses alone determines."""
+    """Return a basis of the registration columns that one block of poses alone determines. codes: block of a pose."""
     placed = rows.problem.columns[:, : rows.problem.placement]
     alone = of_one_fold(placed, codes[rows.pose_of_row])
     return ident.orthonormal(rows.whitening.whiten(placed[:, alone]))

@@ -1,4 +1,4 @@
-"""Score every group given a model, and hold the prior variances of some groups while others change."""
+"""Score every group of effects as an addition to a model, and fix the prior variances of groups with many effects."""
 
 from collections.abc import Iterable
 from copy import copy
@@ -15,14 +15,14 @@ from gpmodel.selection.pool import GroupPool, SizeClass
 from gpmodel.selection.posterior import Active
 
 MEMORY = 4_000_000
-"""Largest number of values in memory at once: 32 MB."""
+"""Largest number of floating-point values in memory at once: 32 MB."""
 
 
 class Scan:
-    """Compute the gain of each candidate group when the group is added to a model.
+    """Compute the gain of each candidate group of effects when the group is added to a model.
 
-    table, right: T = XᵀA L⁻ᵀ (E, K), whitened, of the distinct columns X and the columns A of the model; t = L⁻¹Aᵀy.
-    classes: S (G, K, K) and XᵀC⁻¹y (G, K) of the groups of each size. among: groups to score; others have the gain -∞.
+    table: products of all candidate columns with the model's columns, whitened. classes: products XᵀC⁻¹X and XᵀC⁻¹y of
+    the columns X of groups with equally many effects. among: groups to score; other groups have the gain -∞.
     """
 
     def __init__(self, active: Active, among: IntArray | None = None) -> None:
@@ -55,10 +55,10 @@ class Scan:
         return inner, rhs
 
     def gains(self, least: Array | None = None) -> tuple[Array, Array, Array]:
-        """Return gain (G,), best prior variance (G,) and decrease of yᵀC⁻¹y (G,) of every group.
+        """Return gain in nats, best prior variance, and decrease of yᵀC⁻¹y of every candidate group.
 
-        If the bound ½ yᵀC⁻¹X S⁻¹ XᵀC⁻¹y of a gain, with the noise estimated again, is below `least` (G,), the bound
-        replaces the gain.
+        The bound ½ yᵀC⁻¹X S⁻¹ XᵀC⁻¹y, S = XᵀC⁻¹X, replaces the gain of a group if the bound, with the noise estimated
+        again, is below `least`. X: columns of the group. C: covariance of the target y.
         """
         pool, gains, mismatch = self.active.pool, np.full(len(self.active.pool.groups), -np.inf), self.active.mismatch
         variances, fit = np.ones(len(gains)), np.zeros(len(gains))
@@ -74,7 +74,7 @@ class Scan:
 
 
 class PoolBeside(GroupPool):
-    """A set of candidate groups given groups of fixed prior variance (in units of the noise variance).
+    """Candidate groups given other groups whose prior variance is fixed in units of the noise variance.
 
     The groups of fixed variance are projected out: with P = σ²C⁻¹, every product uᵀv of columns becomes uᵀPv.
     """
@@ -102,7 +102,7 @@ class PoolBeside(GroupPool):
 
 
 def beside_curves(model: Active, moving: Iterable[int], pools: dict[frozenset[int], GroupPool]) -> Active:
-    """Hold the prior variances of groups with many coefficients, except groups in `moving`. pools: by held groups."""
+    """Fix the prior variances of groups with many coefficients, except groups in `moving`. pools: by fixed groups."""
     held = frozenset(g for g in model.found if model.pool.sizes[g] > FEW) - frozenset(moving)
     if not held:
         return model
@@ -112,7 +112,7 @@ def beside_curves(model: Active, moving: Iterable[int], pools: dict[frozenset[in
 
 
 def whole(model: Active) -> Active:
-    """Return the model with all groups, groups of fixed variance included."""
+    """Return the model with all its groups as free groups, including groups whose prior variance was fixed."""
     if not isinstance(model.pool, PoolBeside):
         return model
     held, units = model.pool.held, model.sigma2 / model.pool.held.sigma2
@@ -121,6 +121,6 @@ def whole(model: Active) -> Active:
 
 
 def _part(model: Active, groups: Iterable[int], pool: GroupPool) -> Active:
-    """Return a model reduced to some of its groups."""
+    """Return a model reduced to some of its groups of effects, with candidates `pool`."""
     own = sorted(groups)
     return Active(pool, {g: model.variances[g] for g in own}, {g: model.chosen[g] for g in own}, model.sigma2)

@@ -1,4 +1,4 @@
-"""Select groups: linearise, propose candidates, select, fit the exact chain; until nothing changes."""
+"""Select groups of effects: linearise, propose candidates, select, fit the exact chain; until nothing changes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -37,11 +37,11 @@ def select(
     workers: Workers = ALONE,
     propose: Proposer | None = None,
 ) -> Selection:
-    """Select groups by marginal likelihood, propose others for the residual, and select again until nothing changes.
+    """Select groups of effects by marginal likelihood, propose others for the residual, until nothing changes.
 
     A step adds and deletes groups, then exchanges groups. Smooth terms and sinusoids are proposed for the residual of
-    every new selection, other groups if it is unchanged. poses: poses of the calibration. workers: search for
-    proposals. propose: proposes other groups, such as formulas of smooth terms.
+    every new selection; `propose` proposes other groups, such as formulas, if the selection is unchanged. poses: poses
+    of the calibration. workers: processes that search for proposals.
     """
     with threadpool_limits(limits=1, user_api="blas"):
         chosen = nothing_selected(calibration, poses, prices or Price(), offering.grids)
@@ -77,7 +77,7 @@ def select(
 def nothing_selected(
     calibration: Calibration, poses: Poses, prices: Price, grids: Sequence[FrequencyGrid]
 ) -> Selection:
-    """Return a selection with only the effects of a calibration, always included, linearised at their values."""
+    """Return a selection with only the effects of a calibration, always in the model, linearised at their values."""
     screening = Screening(Shapes(_predicted_states(calibration, poses)), prices)
     base = geometry_groups(calibration.model.effects)
     fitting, theta, placement = fitting_of(calibration, poses), calibration.theta, calibration.placement
@@ -105,7 +105,7 @@ def _smooth_terms(active: Active, offering: Offering) -> list[Group]:
 
 
 def _predicted_states(calibration: Calibration, poses: Poses) -> States:
-    """Return the states of poses, with the predicted point in the frame of the instrument.
+    """Return the inputs of effects at some poses, with the predicted point in the frame of the instrument.
 
     The measured point is no input: it contains the noise, and effects that depend on it could absorb the arm's lengths.
     """

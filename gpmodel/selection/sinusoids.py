@@ -1,8 +1,8 @@
 """Propose sinusoids of the joint angles for the residual of a model, at any frequency of a grid.
 
-The columns of a sinusoid are x = r ∘ sin(rate (q - start)) and r ∘ cos(rate (q - start)), with r (M,) the sensitivity
-of the rows to the joint angle q, times the joint's load if the amplitude is proportional to the load. Inner products
-with x are sums over the poses, so that no column is formed for each frequency. Repeats of a pose have one angle.
+The columns of a sinusoid are x = r ∘ sin(rate (q - start)) and r ∘ cos(rate (q - start)), where r is the sensitivity
+of each measured row to the joint angle q, times the joint's load if the amplitude is proportional to the load. Inner
+products with x are sums over poses, so that no column is formed for each frequency. Repeats of a pose have one angle.
 """
 
 from collections.abc import Iterable, Sequence
@@ -30,7 +30,7 @@ MOST_WAVES = 12
 """Largest number of sinusoids proposed at once: two for each of six joints."""
 
 ROUNDING = 0.5
-"""Largest loss of log evidence by rounding a constant to fewer digits, nats: one standard deviation."""
+"""Largest loss of log evidence, nats, by rounding a frequency to fewer digits: one standard deviation."""
 
 REFINEMENTS = 30
 """Largest number of iterations to find the frequency of largest gain."""
@@ -38,13 +38,13 @@ REFINEMENTS = 30
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Inner products of the rows of a model with sinusoids of any frequency of a grid.
+    """Inner products of the rows of a model with sinusoids of a joint angle, for any frequency of a grid.
 
-    angle: (P,) joint angle q - start of each pose, rad.
-    energy: (P,) sums of r² (r: sensitivity of a row) over each pose.
-    sums: (P, K) sums of r times the projected-out columns.
-    rhs: (P, T) sums of r times the residual of each target.
-    sigma2: variance σ² of the noise.
+    angle: joint angle of each pose minus the start of the grid, rad.
+    energy: sums over each pose of r², with r the sensitivity of a measured row to the joint angle.
+    sums: sums over each pose of r times each column that is projected out.
+    rhs: sums over each pose of r times the residual of each target.
+    sigma2: variance of the noise.
     """
 
     grid: FrequencyGrid
@@ -55,7 +55,7 @@ class Spectrum:
     sigma2: float
 
     def at(self, rates: Array) -> tuple[Array, Array]:
-        """Compute S = XᵀC⁻¹X (F, 2, 2) and XᵀC⁻¹y (F, 2, T) of the columns X, sine and cosine, at F rates."""
+        """Compute XᵀC⁻¹X and XᵀC⁻¹y of the columns X, sine and cosine, at each rate. C: covariance of the target y."""
         turn = rates[:, None] * self.angle
         waves = np.sin(turn), np.cos(turn)
         taken = [w @ self.sums for w in waves]
@@ -66,13 +66,13 @@ class Spectrum:
         return inner / self.sigma2, np.stack([w @ self.rhs for w in waves], axis=1) / self.sigma2
 
     def bound(self) -> Array:
-        """Compute ½ qᵀS⁻¹q (F, T) at every rate of the grid, an upper bound of the gain, nats."""
+        """Compute an upper bound of the gain, nats, of a sinusoid at every rate of the grid, for every target."""
         rates = self.grid.rates
         parts = np.array_split(rates, -(-rates.size * len(self.angle) // AT_ONCE))
         return np.concatenate([_bound(*self.at(part)) for part in parts])
 
     def gain(self, rate: float) -> float:
-        """Compute the gain of a sinusoid at its best prior variance on the first target, nats."""
+        """Compute the gain, nats, of the sinusoid of one rate at its best prior variance, on the first target."""
         inner, rhs = self.at(np.array([rate]))
         return float(best(*rotated(inner, rhs[:, :, 0]), np.array([CAP]))[0][0])
 
@@ -88,7 +88,7 @@ def _bound(inner: Array, rhs: Array) -> Array:
 
 
 def spectrum(active: Active, grid: FrequencyGrid, targets: Array) -> Spectrum:
-    """Form the inner products of a frequency grid given a model. targets: (M, T), whitened, without registration."""
+    """Form the inner products of targets with sinusoids, given a model. targets: whitened, without registration."""
     rows = active.pool.rows
     reach = sum(w * rows.sensitivity((slot, axis)) for slot, axis, w in grid.joint.drive)
     if grid.load:
@@ -102,7 +102,7 @@ def spectrum(active: Active, grid: FrequencyGrid, targets: Array) -> Spectrum:
 
 
 def sinusoid_null(active: Active, grids: Sequence[FrequencyGrid], targets: Array) -> Array:
-    """Compute the largest gain (T,) minus description price of any sinusoid on each target (M, T), nats."""
+    """Compute the largest gain minus description price, nats, of any sinusoid on each target (column of `targets`)."""
     found = np.full(targets.shape[1], -np.inf)
     for grid in grids:
         there = spectrum(active, grid, targets)
@@ -115,7 +115,7 @@ def sinusoid_null(active: Active, grids: Sequence[FrequencyGrid], targets: Array
 
 
 def propose_sinusoids(active: Active, grids: Sequence[FrequencyGrid]) -> list[Group]:
-    """Return the sinusoids of largest net gain given a model, the best first, each given the previous ones.
+    """Return the sinusoids of largest net gain given a model, the best first, each given the sinusoids before.
 
     The best sinusoid of a joint is computed again only if it could be the next. Source: Minoux (1978).
     """
@@ -144,7 +144,7 @@ def propose_sinusoids(active: Active, grids: Sequence[FrequencyGrid]) -> list[Gr
 
 
 def _peak(there: Spectrum) -> tuple[float, float]:
-    """Find the frequency of largest gain between the neighbours of the best grid frequency, and the gain, nats."""
+    """Return the frequency of largest gain between the neighbours of the best grid frequency, and its gain, nats."""
     rates = there.grid.rates
     bound = there.bound()[:, 0]
     k = int(np.argmax(bound))
@@ -159,7 +159,7 @@ def _peak(there: Spectrum) -> tuple[float, float]:
 
 
 def _written(there: Spectrum, rate: float, gain: float, shapes: Shapes) -> Group | None:
-    """Return the sinusoid of a frequency, written with as few digits as the data determine."""
+    """Return the sinusoid of a frequency as a group, its frequency written with as few digits as the data determine."""
     grid = there.grid
     for digits in range(1, DIGITS):
         value = float(f"{grid.value(rate):.{digits}g}")
@@ -170,5 +170,5 @@ def _written(there: Spectrum, rate: float, gain: float, shapes: Shapes) -> Group
 
 
 def grids_of(offers: Iterable[Offer], mechanism: Mechanism, states: States) -> list[FrequencyGrid]:
-    """Return the frequency grids of the candidate families."""
+    """Return the frequency grids of the sinusoids in some families of the catalogue."""
     return [grid for o in offers if isinstance(o, Family) for grid in o.grids(mechanism, states)]

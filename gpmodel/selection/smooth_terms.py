@@ -31,11 +31,11 @@ LENGTHS: tuple[tuple[float, ...], ...] = ((0.35,), (0.9,), (0.6, 0.6), (0.6, 1.5
 SCREENED = 300
 """Largest number of poses in the screening of smooth terms; the selection uses all poses."""
 SHORT_LIST, OFFERED, OF_ONE_PLACE = 40, 24, 4
-"""Number of sites and inputs that are scored exactly after the screening; of proposals; of proposals at one site."""
+"""Number of pairs of site and inputs scored exactly after screening; of smooth terms proposed; of those at one site."""
 COARSE, COMPONENTS = 0.6, 5
-"""Correlation length of the screening, and number of principal components of its covariance."""
+"""Correlation length of the screening relative to half the range, and number of principal components used."""
 TYPICAL = 100.0
-"""Ratio of the prior variance of the screening to the mean variance of an estimated coefficient."""
+"""Ratio of the prior variance in the screening to the mean variance of an estimated coefficient."""
 NEGLIGIBLE = 0.02
 """Relative standard deviation of a coefficient below which its product of sines is omitted."""
 
@@ -44,8 +44,8 @@ NEGLIGIBLE = 0.02
 class SmoothTerm:
     """A smooth term: sines of one input, or products of sines of two inputs.
 
-    index: (m, 1 or 2) for each column, the number of the sine of each input in the product.
-    spreads: (m,) relative prior standard deviation of each column.
+    index: number of the sine of each input in each product.
+    spreads: relative prior standard deviation of the coefficient of each product.
     """
 
     sines: tuple[Sines, ...]
@@ -54,7 +54,7 @@ class SmoothTerm:
 
     @staticmethod
     def of(sines: tuple[Sines, ...]) -> "SmoothTerm":
-        """Return the term with all products whose prior standard deviation is not negligible."""
+        """Return the smooth term with all products of sines whose prior standard deviation is not negligible."""
         grid = np.array(list(np.ndindex(*(len(w.rates) for w in sines))))
         spread = np.prod([w.spreads[grid[:, i]] for i, w in enumerate(sines)], axis=0)
         kept = spread > NEGLIGIBLE * spread.max()
@@ -65,13 +65,13 @@ class SmoothTerm:
         return tuple(w.name for w in self.sines)
 
     def values(self) -> Array:
-        """Return the columns (N, m) of the term, scaled so that their variances over the poses add up to 1."""
+        """Return the products of sines at all poses, scaled so that their variances over the poses add up to 1."""
         parts = [w.values[:, self.index[:, i]] for i, w in enumerate(self.sines)]
         out = parts[0] if len(parts) == 1 else parts[0] * parts[1]
         return np.asarray(out / np.sqrt(out.var(axis=0).sum()))
 
     def group(self, site: Site, cost: float, shapes: Shapes) -> Group | None:
-        """Return the term as a group at a site; None if no column varies."""
+        """Return the smooth term as a group of effects at a site; None if no product varies. cost: price, nats."""
         name = f"{site.name} over {' and '.join(self.inputs)}"
         effects = []
         for number, (row, spread) in enumerate(zip(self.index.tolist(), self.spreads.tolist(), strict=True), 1):
@@ -82,14 +82,14 @@ class SmoothTerm:
 
 
 def principal(column: Array) -> Array:
-    """Compute the largest principal components (N, r) of the screening covariance of an input (N,)."""
+    """Compute the largest principal components of the Gaussian covariance, in the screening, of an input's values."""
     u = 2.0 * (column - column.min()) / max(float(np.ptp(column)), np.finfo(float).tiny)
     sizes, turn = np.linalg.eigh(np.exp(-((u[:, None] - u) ** 2) / (2.0 * COARSE**2)))
     return np.asarray(turn[:, -COMPONENTS:] * np.sqrt(np.maximum(sizes[-COMPONENTS:], 0.0)))
 
 
 def multiplied(parts: Sequence[Array]) -> Array:
-    """Multiply every column of the first part with every column of the second: (N, m); omit negligible products."""
+    """Multiply every column of the first part with every column of the second; omit negligible products."""
     out = parts[0] if len(parts) == 1 else (parts[0][:, :, None] * parts[1][:, None, :]).reshape(len(parts[0]), -1)
     size = out.std(axis=0)
     out = out[:, size > NEGLIGIBLE * size.max()]
@@ -98,7 +98,7 @@ def multiplied(parts: Sequence[Array]) -> Array:
 
 @dataclass(frozen=True)
 class _Found:
-    """A smooth term at a site, with its net gain, nats."""
+    """A smooth term at a site, with its net gain and its price, nats."""
 
     nats: float
     cost: float
@@ -127,13 +127,13 @@ def propose_smooth_terms(active: Active, sites: Sequence[Site], inputs: Sequence
 
 
 def nats_without_a_name(active: Active, sites: Sequence[Site], inputs: Sequence[str], offered: int) -> Array:
-    """Return net gains (K,), nats, of smooth terms at some sites. offered: number of all candidate sites."""
+    """Return net gains, nats, of the smooth terms at some sites. offered: number of all candidate sites."""
     further = math.log(offered / len(sites)) + active.criteria.minimum_nats
     return np.array([found.nats - further for found in _best(active, sites, inputs)])
 
 
 def _best(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> Iterator[_Found]:
-    """Score the strongest sites and inputs of the screening at every correlation length."""
+    """Yield the smooth terms at the strongest sites and inputs of a screening, scored at every correlation length."""
     places = SiteProducts.of(active, sites)
     states = active.pool.rows.shapes.states
     columns = {name: states[name][places.poses] for name in inputs}
@@ -165,9 +165,9 @@ def _best(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> Itera
 
 @dataclass(frozen=True)
 class SiteProducts:
-    """Inner products of unit twists at each of P poses and S sites, given a model.
+    """Inner products, given a model, of the motion by a unit twist at each site and each pose.
 
-    inner: (S, P, P) products of two twists, with the model projected out. rhs: (S, P) products with the residual.
+    inner: products of the twists at two poses, by site, with the model projected out. rhs: products with the residual.
     """
 
     poses: IntArray
@@ -176,12 +176,12 @@ class SiteProducts:
 
     @cached_property
     def single(self) -> NDArray[np.float32]:
-        """The inner products `inner` in single precision, for the screening."""
+        """The inner products of twists in single precision, for the screening."""
         return self.inner.astype(np.float32)
 
     @staticmethod
     def of(active: Active, sites: Sequence[Site]) -> "SiteProducts":
-        """Project the rows of a model; with many poses, use a subset spread evenly along the rows."""
+        """Form the inner products of twists given a model; of many poses, use a subset spread evenly along the rows."""
         rows = active.pool.rows
         at = np.unique(np.linspace(0, len(rows.present) - 1, min(SCREENED, len(rows.present))).astype(int))
         taken = np.hstack([rows.placement, active.spanned])
@@ -198,16 +198,16 @@ class SiteProducts:
         return SiteProducts(rows.present[at], np.ascontiguousarray(inner), rhs)
 
     def products(self, values: Array, sigma2: float, some: slice = slice(None)) -> tuple[Array, Array]:
-        """Return products XᵀC⁻¹X (S, m, m) and XᵀC⁻¹y (S, m) of functions with values (P, m) at some of the sites."""
+        """Return XᵀC⁻¹X and XᵀC⁻¹y at some sites for functions with these values. X: columns of the functions."""
         sites, poses, _ = self.inner[some].shape
         there = (self.inner[some].reshape(-1, poses) @ values).reshape(sites, poses, -1)
         return values.T @ there / sigma2, self.rhs[some] @ values / sigma2
 
     def screened(self, values: Array, sigma2: float) -> Array:
-        """Return the gain (S,) at a typical variance a, nats: ½ a bᵀM⁻¹b - ½ ln|M| with M = I + a S and b = XᵀC⁻¹y.
+        """Return the gain in nats at each site at a typical prior variance a: ½ a bᵀM⁻¹b - ½ ln|M|, M = I + a S.
 
-        The last pivot of the Cholesky factor of M bordered by √a b and c is √(c - a bᵀM⁻¹b).
-        """
+        S = XᵀC⁻¹X and b = XᵀC⁻¹y are the products of the columns X of functions with these values. The last pivot of
+        the Cholesky factor of M bordered by √a b and a number c is √(c - a bᵀM⁻¹b)."""
         sites, poses, size = *self.rhs.shape, values.shape[1]
         single = values.astype(np.float32)  # its rounding, 1e-7 of S, moves no rank
         there = (self.single.reshape(-1, poses) @ single).reshape(sites, poses, -1)

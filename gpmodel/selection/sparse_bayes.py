@@ -1,13 +1,13 @@
-"""Sparse Bayesian learning over groups of columns: add, delete, re-estimate, and one exchange move.
+"""Sparse Bayesian learning over groups of effects: add, delete, re-estimate, and one exchange move.
 
     y = Σ_g X_g u_g + e,   u_g ~ N(0, a_g I),   e ~ N(0, σ² I)
     L = ln p(y | a, σ²) - Σ_g price_g over the groups that are not always included        [nats]
 
-`grow` increases L by adding single groups. If two groups together describe an effect that a third describes alone, no
-single step leads from one model to the other: `exchange` removes groups, forbids them, and grows the model again.
-Models are compared by their utility: L minus the prices of curves and formulas that are hard to read. A weak smooth
-term without a formula stays; a formula replaces a smooth term if the formula explains nearly as much. Sources: Tipping
-and Faul (2003), for groups of columns in place of single columns; MacKay (1992); tabu: Glover (1989).
+X_g are the columns of group g, u_g its coefficients, a_g their prior variance. `grow` increases L by adding single
+groups. If two groups together describe an effect that a third describes alone, no single step leads from one model to
+the other: `exchange` removes groups, forbids them, and grows the model again. Models are compared by their utility: L
+minus the prices of smooth terms and formulas that are hard to read. Thus a formula replaces a smooth term if it
+explains nearly as much. Sources: Tipping and Faul (2003), MacKay (1992); tabu: Glover (1989).
 """
 
 from collections import defaultdict
@@ -25,26 +25,26 @@ from gpmodel.selection.posterior import LEAST_NOISE, Active
 from gpmodel.selection.scan import Scan, beside_curves, whole
 
 TOLERANCE = 0.05
-"""Rise of the objective L, nats, below which a loop ends."""
+"""Rise of the objective (log evidence minus prices), nats, below which a loop of the selection ends."""
 SWEEPS = 30
 """Largest number of re-estimations of the prior variances; far fewer are usual."""
 FREE = 1e4
-"""Factor on the prior variance of a group of few coefficients from which the prior has no influence."""
+"""Factor on the prior variance of a group of few coefficients, after which the prior has no influence."""
 SHORT_LIST = 100
-"""Number of groups that are scored again after a full scan, until none of these groups has a net gain."""
+"""Number of best groups that are scored again after a full scan, until none of these groups has a net gain."""
 TOGETHER, BEGIN, GO_ON = 3, 0.05, 0.33
-"""Number of best groups whose gains must reach a share of the lost utility for a regrowth to begin, and to go on. Two
-groups that share nothing gain little until the first is included and reduces the noise: a twentieth (a hinge by a line
-and a ramp, 12 %), then more than half. With a limit of a third, two of three exchanges on a measured robot end early.
+"""Number of best groups, and share of the lost utility that their gains must reach to begin a regrowth and to go on.
+Two groups that share nothing gain little until the first is in the model and reduces the noise: a twentieth of the loss
+(a hinge by a line and a ramp, 12 %), then more than half. A limit of a third ends most exchanges on a measured robot.
 """
 
 
 def exchange(model: Active, new: frozenset[str] | None = None) -> Active:
-    """Maximise the utility over all groups of the pool by exchanges, after growing the model.
+    """Maximise the utility over all candidate groups by exchanges, after growing the model.
 
-    Removals that failed on an earlier model are tried last, until no removal improves the model. Meanwhile groups of
-    many coefficients keep their variances; a better model is grown in full. new: names of groups with which every
-    regrowth begins, if all others were tried before; None for all groups.
+    Removals that failed on an earlier model are tried last, until no removal improves the model. In the trials, groups
+    of many coefficients keep their variances; a better model is grown in full. new: names of the groups of which one
+    begins every regrowth, if all other groups were tried before; None for all groups.
     """
     model, tried, pools = named_by_site(grow(model)), dict[frozenset[int], int](), dict[frozenset[int], GroupPool]()
     first = np.array([new is None or group.name in new for group in model.pool.groups])
@@ -63,10 +63,10 @@ def exchange(model: Active, new: frozenset[str] | None = None) -> Active:
 
 
 def grow(model: Active, listed: IntArray | None = None, reading: bool = False, goal: float = -np.inf) -> Active:
-    """Add the group of largest net gain, re-estimate, prune; until no group has a net gain.
+    """Add the group of largest net gain, re-estimate, and prune the model, until no group has a net gain.
 
-    listed: groups that may be added; None for all groups. reading: whether to include the reading prices of curves, as
-    in the comparison of models. goal: least useful utility, nats; growth ends if the best groups cannot reach the goal.
+    listed: groups that may be added; None for all groups. reading: whether to include the extra prices of smooth terms
+    and long formulas. goal: least useful utility, nats; growth ends if the best groups cannot reach the goal.
     """
     model = prune(reestimate(model))
     refused, among = set[int](), listed
@@ -99,7 +99,7 @@ def grow(model: Active, listed: IntArray | None = None, reading: bool = False, g
 
 
 def _removals(model: Active) -> list[frozenset[int]]:
-    """Return each selected group, the weakest first, then all groups at one site, then all of one kind."""
+    """Return each selected group, the weakest first, then all groups at one site, then all groups of one kind."""
     pool, together = model.pool, defaultdict[object, set[int]](set)
     for g in model.found:
         group = pool.groups[g]
@@ -111,12 +111,12 @@ def _removals(model: Active) -> list[frozenset[int]]:
 
 
 def _exchanged(model: Active, removed: frozenset[int], first: Mask) -> Iterator[Active]:
-    """Yield models that are grown again without some groups.
+    """Yield models that are grown again without the groups `removed`.
 
-    Growth begins with the group of largest net gain among the first (G,), with free variances of the remaining groups,
-    since a group with a fixed variance excludes groups that would change it. Growth continues among the best SHORT_LIST
+    Growth begins with the group of largest net gain among `first`, with free variances of the remaining groups, since a
+    group of fixed variance excludes groups that would change the variance. Growth continues among the best SHORT_LIST
     groups. One group may approximate two effects well: new groups that gain more than half of the lost utility are
-    excluded from a second growth. In place of a group of many coefficients, groups of few are grown alone.
+    excluded from a second growth. Groups of few coefficients alone are tried in the place of a group of many.
     """
     pool, fewer = model.pool, reestimate(reduce(Active.without, removed, model), 4)
     lost = model.utility - fewer.utility
@@ -154,7 +154,7 @@ def _exchanged(model: Active, removed: frozenset[int], first: Mask) -> Iterator[
 
 
 def reestimate(model: Active, sweeps: int = SWEEPS) -> Active:
-    """Update all prior variances a and the noise together in log a, with half the step if the evidence falls."""
+    """Update prior variances and noise by their logarithms, with half the step if the log evidence falls."""
     step = 1.0
     for _ in range(sweeps):
         target = model.reestimated
@@ -174,7 +174,7 @@ def reestimate(model: Active, sweeps: int = SWEEPS) -> Active:
 
 
 def prune(model: Active, exempt: int = -1) -> Active:
-    """Delete groups with a net loss except `exempt`, the worst first, and sites without gain from joint groups."""
+    """Delete groups with a net loss except `exempt`, the worst first, and the sites of joint groups without gain."""
     while (
         worst := min((g for g in model.found if g != exempt), key=model.net_gain, default=None)
     ) is not None and model.net_gain(worst) < 0.0:
@@ -201,18 +201,18 @@ def named_by_site(model: Active) -> Active:
 
 
 def _together(net: Array) -> float:
-    """Return the sum of the largest net gains of groups, nats."""
+    """Return the sum of the TOGETHER largest net gains of groups, nats."""
     return float(np.sort(net)[-TOGETHER:].clip(0.0).sum())
 
 
 def _forbidden(pool: GroupPool, removed: frozenset[int]) -> list[int]:
-    """Return the removed groups, and each joint group of which only one part was removed."""
+    """Return the removed groups, and each joint group of which only one part was removed, by index."""
     kinds = pool.block[list(removed)]
     return [*removed, *pool.wholes[np.flatnonzero(np.bincount(kinds[kinds >= 0]) == 1)].tolist()]
 
 
 def _without_idle_sites(model: Active) -> Active:
-    """Delete sites with too small a gain at the common variance from groups of several sites."""
+    """Delete from joint groups each site that gains too little at the variance common to all sites of the group."""
     for g in list(model.variances):
         of_column = model.part_of_column(g)
         for part in np.unique(of_column)[::-1]:
