@@ -77,7 +77,7 @@ def pretty_unit(unit: str) -> str:
 
 
 def measured(value: float | None, deviation: float | None, unit: str, *, in_list: bool = False) -> Stated:
-    """Format a value and its standard error (SI) with two digits of the standard error and one SI prefix.
+    """Format a value and its standard error with two digits of the standard error and one SI prefix.
 
     in_list: use mm for all lengths and mrad for all angles, so that the numbers of a list compare.
     """

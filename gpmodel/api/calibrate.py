@@ -202,7 +202,7 @@ def named_group(effect: object, mechanism: Mechanism, poses: Poses) -> tuple[str
 
 
 def split(dataset: Dataset, holdout: float, seed: int) -> tuple[IntArray, IntArray]:
-    """Return training rows (T,) and held-out rows (H,) as `hold_out`; no row is held out with a share of 0."""
+    """Return training rows and held-out rows as `hold_out`; no row is held out with a share of 0."""
     if holdout == 0.0:
         return np.arange(len(dataset)), np.zeros(0, dtype=np.int64)
     return hold_out(dataset, holdout, np.random.default_rng(seed))

@@ -217,7 +217,7 @@ class Model(Shown):
     def misses(
         self, poses: TableLike, *, as_measured: bool = False, session: bool = False, in_order: bool = False
     ) -> Array:
-        """Return the distance (M,), mm, between prediction and measurement, for the rows of `poses` with x, y and z."""
+        """Return the distance, mm, between prediction and measurement, for the rows of `poses` with x, y and z."""
         return self.judged(poses, as_measured, session, in_order)[1]
 
     def of_its_session(self, *, session: bool = False) -> tuple[str, ...]:

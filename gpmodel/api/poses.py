@@ -78,7 +78,7 @@ also distinguish the others."""
 def next_questions(
     saved: SavedModel, record: Report | None, pool: Array, criterion: str | None, rng: np.random.Generator
 ) -> Asked:
-    """Return the experimental-design problem of selecting further poses from `pool` (P, n) after a result.
+    """Return the experimental-design problem of selecting further poses from `pool` after a result.
 
     criterion: "rivals", "effect", "i-optimal" or "spread"; None for the first applicable criterion. Raises InputError
     for a criterion that is not applicable.
@@ -118,7 +118,7 @@ def _rivals(outlook: Outlook, record: Report | None) -> tuple[dict[str, tuple[Qu
 def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, rng: np.random.Generator) -> Asked:
     """Return the experimental-design problem of lowering the error at a task and distinguishing alternatives.
 
-    pool: candidate poses (P, n). Each pose is selected for the goal farthest from its target: precision (WITHIN) or
+    pool: candidate poses. Each pose is selected for the goal farthest from its target: precision (WITHIN) or
     distance of explanations (TOLD_APART). Raises InputError as `Model.compensate`, and for an unreachable target.
     """
     saved, arm = model.saved, model.mechanism
@@ -140,7 +140,7 @@ def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, r
 
 
 def of_rejected(saved: SavedModel, record: Report | None, pool: Array, number: int, rng: np.random.Generator) -> Asked:
-    """Return the experimental design for a decision on rejected candidate `number`, from 1, by poses `pool` (P, n).
+    """Return the experimental design for a decision on rejected candidate `number`, from 1, by poses `pool`.
 
     Raises InputError for an invalid number, or a candidate without a name in the catalogue.
     """
@@ -219,7 +219,7 @@ ROWS = 9
 
 @dataclass(frozen=True, repr=False)
 class PosesResult(Shown):
-    """Proposed poses. q: (N, n) joint values, rad and m, the most informative first. said: purpose of the poses, text.
+    """Proposed poses. q: joint values, rad and m, the most informative first. said: purpose of the poses, text.
     spacing: distance of the two most similar poses, as a share of joint ranges. curve: precision after each pose.
     limit: lower bound of the precision over all sets of as many candidate poses, in the unit of the curve. columns:
     joint names of the table. decided: for the names of two explanations, number of poses after which one explanation is

@@ -51,7 +51,7 @@ class Regression(Shown):
         return Expression(str(self.best.program))
 
     def predict(self, X: pd.DataFrame | ArrayLike, law: int | None = None) -> Array:
-        """Predict the response (N,) at other rows, by the best formula or by formula number `law`, from 0.
+        """Predict the response at other rows, by the best formula or by formula number `law`, from 0.
 
         Raises InputError for a missing column or an invalid number.
         """
@@ -107,8 +107,8 @@ def regress(
 ) -> Regression:
     """Find a formula y = f(X) by genetic programming with several link functions, and fit its constants.
 
-    X: DataFrame, or array (N, K). The search works best if the values of the columns are of order one.
-    y: (N,) response.
+    X: DataFrame, or array. The search works best if the values of the columns are of order one.
+    y: response.
     names: names of the columns of an array; None for x1 ... xK.
     seconds: duration of the search, unless an exact formula is found earlier.
     seed: random seed; an exact formula depends on the seed alone, an approximate one also on the speed of the computer.
@@ -130,7 +130,7 @@ def regress(
 
 
 def _columns(table: pd.DataFrame | ArrayLike, names: tuple[str, ...] | None) -> tuple[tuple[str, ...], Array]:
-    """Return names and values (K, N) of a table's columns; if `names` is given, only the named columns."""
+    """Return names and values of a table's columns; if `names` is given, only the named columns."""
     if isinstance(table, pd.DataFrame):
         named = tuple(str(name) for name in table.columns)
         if twice := [name for name in dict.fromkeys(named) if named.count(name) > 1]:
@@ -155,7 +155,7 @@ def _columns(table: pd.DataFrame | ArrayLike, names: tuple[str, ...] | None) -> 
 
 
 def _response(y: ArrayLike, rows: int) -> Array:
-    """Return y as (N,) numbers, one per row of X; raise InputError otherwise."""
+    """Return y as numbers, one per row of X; raise InputError otherwise."""
     response = _numbers(y, "y").reshape(-1) if np.ndim(y) < 2 or np.shape(y)[1:] == (1,) else _numbers(y, "y")
     if response.shape != (rows,):
         raise InputError(f"shape {response.shape}, expected one number for each of the {rows} rows of X", "y")

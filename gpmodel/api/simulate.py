@@ -93,7 +93,7 @@ def simulate(
     "points", "bar" or "inclinometer".
     geometry_sigma: standard deviation of every constant error: x means x m for lengths and x rad for angles.
     inputs: further columns by header with unit, "temperature [degC]": "20:30" (uniform), "20|30" (one of the values in
-    each row) or values (N,). A column `payload [kg]`, or the mechanism's payload, acts at the tool point.
+    each row) or values. A column `payload [kg]`, or the mechanism's payload, acts at the tool point.
     seed: random seed.
     Raises InputError for an invalid argument.
     """
@@ -160,7 +160,7 @@ def _truth(made: Simulation) -> SavedModel:
 
 
 def _column(header: str, values: Values, count: int, rng: np.random.Generator) -> tuple[str, str, Array]:
-    """Return name, unit and values (count,) of a further column."""
+    """Return name, unit and values of a further column."""
     name, unit = split_header(str(header))
     if not name or unit is None or not known_unit(unit):
         raise InputError(f"'{header}', expected a name with its unit, as in 'temperature [degC]'", "inputs")

@@ -61,7 +61,7 @@ class Shown:
 
 
 TableLike = Dataset | pd.DataFrame | str | Path
-"""Types accepted as a table. Poses without measurements may also be an array (N, n) of joint values, rad and m."""
+"""Types accepted as a table. Poses without measurements may also be an array of joint values, rad and m."""
 Described = Mapping[str, object] | str | Path | None
 """Content of a TOML file, or the path of a TOML file."""
 
@@ -221,7 +221,7 @@ def with_numbers(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _frame_of_array(values: Array, mechanism: Mechanism, argument: str) -> pd.DataFrame:
-    """Return a data frame of joint values (N, n), rad and m; raise InputError for another shape."""
+    """Return a data frame of joint values, rad and m; raise InputError for another shape."""
     joints = mechanism.joints
     if values.ndim != 2 or values.shape[1] != len(joints) or values.dtype.kind not in "fiu":
         said = " x ".join(map(str, values.shape))

@@ -169,7 +169,7 @@ def next_check(
 
 
 def _row(saved: SavedModel, q: Array) -> pd.DataFrame:
-    """Return poses (n,) or (M, n) as a table with the headers of the fitted table."""
+    """Return poses or as a table with the headers of the fitted table."""
     return joint_table(saved.mechanism, np.atleast_2d(q), saved.columns)
 
 

@@ -51,7 +51,7 @@ weight reduces the joint motion about threefold."""
 
 @dataclass(frozen=True)
 class TargetPoses:
-    """Target poses of the tool (N, 4, 4) in the root frame; joint values of `dataset` are the initial values.
+    """Target poses of the tool in the root frame; joint values of `dataset` are the initial values.
 
     whole: True for position and orientation, False for position only. unreachable: indices of targets that the nominal
     mechanism cannot reach.
@@ -67,12 +67,12 @@ class TargetPoses:
 class Compensation:
     """Corrected joint values and the result for each target.
 
-    q: (N, n), rad and m, NaN if the status has no corrected values.
-    status: (N,) status text, one of seven.
-    residual: (N,) m, remaining position error; turn: (N,) rad, remaining orientation error, NaN if not requested.
-    correction: (N,) m, position error without compensation.
-    sigma: (N,) m, standard deviation of the reached point in the root frame.
-    outside: (N,) inputs beyond the ranges of the model.
+    q:, rad and m, NaN if the status has no corrected values.
+    status: status text, one of seven.
+    residual: m, remaining position error; turn: rad, remaining orientation error, NaN if not requested.
+    correction: m, position error without compensation.
+    sigma: m, standard deviation of the reached point in the root frame.
+    outside: inputs beyond the ranges of the model.
     residual to outside are NaN or empty for targets that the nominal mechanism cannot reach.
     """
 
@@ -245,7 +245,7 @@ def _closing_start(saved: SavedModel, targets: TargetPoses) -> TargetPoses:
 def corrected(
     saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MOVE, *, part: bool = True
 ) -> tuple[Array, Words]:
-    """Return joint values (N, n) and status (N,) of each target as `compensate`, without a check of measured ranges.
+    """Return joint values and status of each target as `compensate`, without a check of measured ranges.
 
     saved: model without the errors of the instrument. part: True to reach the orientation only partly near singular
     poses. Raises InputError if an effect is infinite or undefined at a target.
@@ -268,14 +268,14 @@ def corrected(
 
 
 def _moves(mechanism: Mechanism, change: Array) -> Array:
-    """Return the largest change (N,) of any joint, rad; a metre of a prismatic joint counts as 1 /
+    """Return the largest change of any joint, rad; a metre of a prismatic joint counts as 1 /
     ROTATION_WEIGHT rad."""
     scale = np.array([1.0 if joint.kind == "revolute" else 1.0 / ROTATION_WEIGHT for joint in mechanism.joints])
     return np.asarray(np.abs(change * scale).max(axis=1))
 
 
 def beyond_limits(mechanism: Mechanism, q: Array) -> Mask:
-    """Return the mask (N,) of the joint values (N, n) with a joint beyond its limits."""
+    """Return the mask of the joint values with a joint beyond its limits."""
     lower, upper = np.array([(j.lower, j.upper) for j in mechanism.joints]).T
     return np.asarray(((q < lower - ROUNDING) | (q > upper + ROUNDING)).any(axis=1))
 
@@ -300,7 +300,7 @@ def _damped(saved: SavedModel, targets: TargetPoses, max_move: float) -> tuple[A
 
 
 def _position_first(saved: SavedModel, targets: TargetPoses, rows: IntArray, damping: float) -> tuple[Array, Array]:
-    """Return joint values (M, n) that reach the position, and the remaining position error (M,), m.
+    """Return joint values that reach the position, and the remaining position error, m.
 
         dq = J_p⁺ m_p + N z,   min_z |w (J_o dq - m_o)|² + damping² |N (q + dq - q_start)|²,   N = 1 - J_p⁺ J_p
 

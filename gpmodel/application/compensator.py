@@ -77,6 +77,6 @@ def cartesian_problem(fit: Calibration, poses: Poses, rows: IntArray, norm: str 
 
 
 def _in_root(register: Array, points: Array) -> Array:
-    """Transform points (N, 3) from the instrument's frame to the mechanism's root frame, (3, N)."""
+    """Transform points from the instrument's frame to the mechanism's root frame,."""
     moved = np.einsum("nji,nj->ni", register[:, :3, :3], points - register[:, :3, 3])
     return np.ascontiguousarray(moved.T)

@@ -3,7 +3,7 @@
 Each simulation draws the model's parameters from their covariance, and the noise with uncertain scale and tails.
 Source: JCGM 101 (2008), propagation of distributions.
 
-Model discrepancy is the error of a fitted model that is neither noise nor uncertainty of its parameters. With r (M,)
+Model discrepancy is the error of a fitted model that is neither noise nor uncertainty of its parameters. With r
 the residuals of a fit whose columns are C, and δ the error of the model's form,
 
     r = C θ + δ + e,   δ ~ N(0, γ n² K),   e ~ N(0, n² I)
@@ -111,9 +111,9 @@ def _coordinates(fit: Calibration, problem: Linearised, use: IntArray) -> float:
 
 
 def left_out(fit: Calibration, problem: Linearised, use: IntArray) -> tuple[Array, Array]:
-    """Return the leave-one-out residuals (M, 3), m, of the rows `use`: r / (1 - h) with leverage h.
+    """Return the leave-one-out residuals, m, of the rows `use`: r / (1 - h) with leverage h.
 
-    Also return the variance (M,) of the prediction of each row in units of the noise variance: h / (1 - h).
+    Also return the variance of the prediction of each row in units of the noise variance: h / (1 - h).
     """
     at = problem.weights[:, :3] > 0
     rows = np.full(at.shape, -1)
@@ -131,7 +131,7 @@ def _over_worlds(
 ) -> ErrorBounds:
     """Return bounds on the error by simulation.
 
-    columns: derivatives (N, 3, K) of the predicted points by K unknowns. excess: factor on the standard deviation of
+    columns: derivatives of the predicted points by K unknowns. excess: factor on the standard deviation of
     the noise.
     """
     values, vectors = np.linalg.eigh(covariance)
@@ -163,7 +163,7 @@ def unseen_of(found: Discovery) -> tuple[Unseen, ...]:
 
 
 def predicted_errors(saved: SavedModel, poses: Poses, *, as_measured: bool) -> Array:
-    """Return the 3-D error (N,), m, of a model at measured poses, predicted as by `predict`.
+    """Return the 3-D error, m, of a model at measured poses, predicted as by `predict`.
 
     as_measured: True to include the errors of the instrument and of the session, as for rows of the fitted session.
     """
@@ -171,7 +171,7 @@ def predicted_errors(saved: SavedModel, poses: Poses, *, as_measured: bool) -> A
 
 
 def unseen_errors(poses: Poses, parts: Sequence[Unseen], *, as_measured: bool) -> Array:
-    """Return the 3-D error (N,), m, of every pose by the fit that excluded the pose; NaN without such a fit."""
+    """Return the 3-D error, m, of every pose by the fit that excluded the pose; NaN without such a fit."""
     out = np.full(len(poses), np.nan)
     for part in parts:
         asked = part.known
@@ -221,7 +221,7 @@ def _whole(poses: Poses) -> IntArray:
 
 
 def _by_parameters(part: Unseen) -> tuple[Array, Array]:
-    """Return the squared errors (K, 3), m², of held-out coordinates, and the variance (K, 3) due to the parameters."""
+    """Return the squared errors, m², of held-out coordinates, and the variance due to the parameters."""
     asked = part.known
     asked = asked.subset(_whole(asked))
     if not len(asked):
@@ -254,7 +254,7 @@ RATIOS = np.concatenate([[0.0], np.geomspace(1e-2, 1e3, 41)])
 
 
 def noise_within(fit: Calibration, poses: Poses) -> float:
-    """Estimate the standard deviation (m) of the noise of one coordinate without discrepancy; at most `fit.sigma`.
+    """Estimate the standard deviation of the noise of one coordinate without discrepancy; at most `fit.sigma`.
 
     The estimate is an average of the variance without discrepancy and the variances at the most likely γ of each
     covariance K, with Akaike weights (one nat per unknown). Source: Burnham and Anderson (2002), 2.9.
@@ -279,7 +279,7 @@ def noise_within(fit: Calibration, poses: Poses) -> float:
 def _restricted(rest: Array, kernel: Array, residual: Array) -> tuple[float, float]:
     """Return the ratio of the noise variances at the most likely γ and at γ = 0, and the odds of the two γ.
 
-    rest: (M, R) orthonormal basis of the residual space of a fit. kernel: (M, M) of mean variance one. residual: (M,).
+    rest: orthonormal basis of the residual space of a fit. kernel: of mean variance one. residual:.
     """
     values, vectors = np.linalg.eigh(rest.T @ kernel @ rest)
     squares = (vectors.T @ (rest.T @ residual)) ** 2
@@ -291,7 +291,7 @@ def _restricted(rest: Array, kernel: Array, residual: Array) -> tuple[float, flo
 
 
 def _independent(fit: Calibration, poses: Poses) -> IntArray:
-    """Return the indices (K,) of fitted poses with x, y and z, one per repeated pose; at most MOST_POSES."""
+    """Return the indices of fitted poses with x, y and z, one per repeated pose; at most MOST_POSES."""
     use = np.setdiff1d(_whole(poses), fit.outliers)
     first = np.sort(np.unique(sharing(poses.dataset)[use], return_index=True)[1])
     chosen: IntArray = use[first[np.linspace(0, len(first) - 1, min(len(first), MOST_POSES)).astype(int)]]
@@ -317,7 +317,7 @@ def _kernels(fit: Calibration, poses: Poses, problem: Linearised) -> Iterator[Ar
 
 
 def alike(q: Array, lengths: Sequence[float] = LENGTHS, order: int = ORDER) -> Array:
-    """Return the correlation (N, N) of an unknown function at two poses.
+    """Return the correlation of an unknown function at two poses.
 
     The correlation is the mean over joints of exp(-d²/2), and its powers up to `order` (products of joints). lengths:
     correlation lengths as shares of a joint's range.

@@ -56,7 +56,7 @@ def tips(saved: SavedModel, dataset: Dataset, *, nominal: bool) -> tuple[Poses, 
 
 
 def look_at(saved: SavedModel, dataset: Dataset, target: Array, *, nominal: bool) -> tuple[Array, Array]:
-    """Return the pose error (N, 6), m and rad, to targets (N, 4, 4) in the root frame, and its Jacobian (N, 6, n).
+    """Return the pose error, m and rad, to targets in the root frame, and its Jacobian.
 
     The Jacobian is that of the nominal mechanism. For the calibrated mechanism, the relative error of the Jacobian is
     of the order of the geometric errors.
@@ -76,7 +76,7 @@ def _jacobian(mechanism: Mechanism, observed: Observed) -> Array:
 
 
 def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, nominal: bool) -> tuple[Array, Array]:
-    """Solve for joint values (N, n) near those of `dataset`; also return the remaining error (N,), m.
+    """Solve for joint values near those of `dataset`; also return the remaining error, m.
 
     The solver is Levenberg-Marquardt for each row separately. Source: Moré (1978). whole: True for position and
     orientation, weighted by ROTATION_WEIGHT; False for position. The error is infinite if the loops of a mechanism
@@ -128,7 +128,7 @@ def _levenberg(look: Callable[[Array, IntArray], tuple[Array, Array]], q: Array)
 def inverse(
     saved: SavedModel, dataset: Dataset, target: Array, whole: bool, rng: np.random.Generator
 ) -> tuple[Array, Mask]:
-    """Return nominal joint values (N, n) for targets (N, 4, 4), and the mask (N,) of reached targets.
+    """Return nominal joint values for targets, and the mask of reached targets.
 
     Of several solutions, the one nearest the middle of the joint ranges is returned. Initial values are the poses of a
     random pool with the nearest tools, then random ones. Without a solution the nearest initial values are returned.
@@ -155,7 +155,7 @@ def _place(frames: Array, whole: bool) -> Array:
 
 
 def _best(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, starts: Array) -> tuple[Array, Array]:
-    """Return the best solution (N, n) from initial values (N, k, n) and its cost (N,), at least UNSOLVED without a
+    """Return the best solution from initial values and its cost, at least UNSOLVED without a
     solution."""
     mechanism = saved.mechanism
     count, tries, joints = starts.shape
@@ -253,7 +253,7 @@ def remembered(saved: SavedModel, dataset: Dataset) -> Dataset:
 
 
 def turned(saved: SavedModel, nominal: Array, corrected: Array) -> Mask:
-    """Return the mask (N,) of targets that a joint approaches from another side than without correction.
+    """Return the mask of targets that a joint approaches from another side than without correction.
 
     The mask considers only joints whose direction of approach is an input of the model.
     """

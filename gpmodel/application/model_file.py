@@ -127,7 +127,7 @@ def _numbers(values: Sequence[object]) -> Array:
 class SavedModel:
     """Fitted model as saved in model.json.
 
-    theta, stderr: (E,) in the effects' SI units, stderr NaN where not fitted. covariance: of registration, tool and
+    theta, stderr: in the effects' SI units, stderr NaN where not fitted. covariance: of registration, tool and
     effects.
     rotation_weight: weight of a radian, m. sigma: residual standard deviation of one component, m. freedom: degrees of
     freedom of sigma, infinite if not estimated. pose: True if rotations were measured.
@@ -374,7 +374,7 @@ def _effects(parts: Sequence[EffectPart]) -> tuple[Effect, ...]:
 
 
 def _symmetric(rows: Sequence[Sequence[float]]) -> Array:
-    """Return a symmetric matrix (K, K) from rows up to the diagonal, or longer."""
+    """Return a symmetric matrix from rows up to the diagonal, or longer."""
     lower = np.zeros((len(rows), len(rows)))
     for k, row in enumerate(rows):
         lower[k, : k + 1] = row[: k + 1]

@@ -51,7 +51,7 @@ def significance(poses: int) -> float:
 
 @dataclass(frozen=True)
 class _Columns:
-    """Derivatives of the measured point by the registration (P, 3, 6) and by the zero of each joint (P, 3, n)."""
+    """Derivatives of the measured point by the registration and by the zero of each joint."""
 
     placed: Array
     zeros: Array
@@ -75,12 +75,12 @@ class _Columns:
 
     @property
     def alone(self) -> Array:
-        """Sum of squares (n,) of the column of each joint zero."""
+        """Sum of squares of the column of each joint zero."""
         return np.asarray(np.sum(self.zeros**2, axis=(0, 1)))
 
     @property
     def information(self) -> Array:
-        """Sum of squares (n,) of each zero's column after the registration is projected out."""
+        """Sum of squares of each zero's column after the registration is projected out."""
         placed, zeros = (part.reshape(-1, part.shape[2]) for part in (self.placed, self.zeros))
         basis = np.linalg.qr(placed)[0]
         return np.asarray(np.sum((zeros - basis @ (basis.T @ zeros)) ** 2, axis=0))
@@ -111,17 +111,17 @@ class Pool:
 
     @property
     def q(self) -> Array:
-        """Joint values (P, n)."""
+        """Joint values."""
         return self.poses.dataset.q
 
     def not_among(self, taken: Array) -> IntArray:
-        """Return the indices of the poses not among `taken` (M, n); all indices if every pose is among `taken`."""
+        """Return the indices of the poses not among `taken`; all indices if every pose is among `taken`."""
         there = np.array([len(taken) > 0 and (np.abs(taken - one) < SAME).all(axis=1).any() for one in self.q])
         return np.flatnonzero(~there) if not there.all() else np.arange(len(self.q))
 
     @property
     def able(self) -> Mask:
-        """Mask (n,) of the joints whose zero the poses of the pool determine in addition to the registration."""
+        """Mask of the joints whose zero the poses of the pool determine in addition to the registration."""
         return np.asarray(self.columns.information > SEEN * self.columns.alone)
 
     def unseen(self, visible: Sequence[Visible], limit: float) -> tuple[HiddenChange, ...]:
@@ -132,7 +132,7 @@ class Pool:
         return tuple(HiddenChange(v.joint, float(m)) for v, m, able in hidden if able and m > limit)
 
     def next(self, taken: Array) -> Array:
-        """Return the joint values (n,) of a pose that is not among `taken` (M, n).
+        """Return the joint values of a pose that is not among `taken`.
 
         The pose maximises the information on the least determined joint zero, relative to its displacement of the tool.
         Without a session, the pose farthest from `taken` is returned.

@@ -41,7 +41,7 @@ class Questioned:
 
 
 def closing_pool(saved: SavedModel | None, pool: Array) -> Array:
-    """Return the joint values (P, n) at which the mechanism's loops close with fitted errors; all without a model.
+    """Return the joint values at which the mechanism's loops close with fitted errors; all without a model.
 
     Raises InputError if the model of closed loops does not contain its table.
     """
@@ -61,7 +61,7 @@ class Outlook:
 
     @classmethod
     def over(cls, saved: SavedModel, pool: Array, rng: np.random.Generator) -> "Outlook":
-        """Make the pool from joint values (P, n). Rows of the pool follow the last measured row; other inputs are those
+        """Make the pool from joint values. Rows of the pool follow the last measured row; other inputs are those
         of random rows of the measured table.
 
         Raises InputError if the model does not contain its table.
@@ -117,7 +117,7 @@ class Outlook:
 
     @property
     def _believed(self) -> Array:
-        """Prior precision 1 / σ² of each parameter (P + E,).
+        """Prior precision 1 / σ² of each parameter.
 
         Constants that the measured poses may not determine have the prior BUILT.
         """
@@ -139,7 +139,7 @@ class Outlook:
         return {candidate.name: candidate.effects for candidate in pool}
 
     def _columns(self, poses: Poses, more: tuple[Effect, ...] = ()) -> Array:
-        """Return the columns (N, 3, K) of registration, tool, effects and `more`, over σ of a coordinate.
+        """Return the columns of registration, tool, effects and `more`, over σ of a coordinate.
 
         The part that unmeasured joints absorb is projected out.
         """

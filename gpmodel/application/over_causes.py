@@ -108,7 +108,7 @@ errors adds a tenth to its variance."""
 class FittedCause:
     """An effect that replaces a finding: x = x₀ + towards w, w ~ N(values, covariance), x₀ the fit without the finding.
 
-    effects: (k,). towards: (K, k) change of the parameters of placement and model per unit of w, SI.
+    effects:. towards: change of the parameters of placement and model per unit of w, SI.
     """
 
     effects: tuple[Effect, ...]
@@ -122,7 +122,7 @@ class FittedCause:
 class CausesThere:
     """A finding (or none), and all alternative causes of the part of the residual that the finding explains.
 
-    own: effects of the finding, with corrections of the constants inside it. names: parameters (K,) of the model
+    own: effects of the finding, with corrections of the constants inside it. names: parameters of the model
     without the finding. stated: the finding, fitted.
     """
 
@@ -205,7 +205,7 @@ def _cause(residual: Residual, system: Array, effects: Sequence[Effect], probabi
 
 
 def _system_of_fit(residual: Residual) -> Array:
-    """Return the columns (M + B, K) of placement and model, SI, above the rows of all priors of the fit.
+    """Return the columns of placement and model, SI, above the rows of all priors of the fit.
 
     Priors of tool and geometry decide among placements that the measurements do not distinguish. The residual does not
     depend on this choice, but the values of the parameters do.
@@ -244,7 +244,7 @@ def uncertain(fit: Calibration, poses: Poses, places: Sequence[CausesThere]) -> 
 
 
 def _placed(fit: Calibration, poses: Poses, moments: Array) -> tuple[Placed, ...]:
-    """Return registration and tool with covariance replaced by the second moments (P, P) over the causes."""
+    """Return registration and tool with covariance replaced by the second moments over the causes."""
     problem, values = problem_at(fit, poses), fit.covariance.values[: len(moments), : len(moments)]
     before, after = (placed_numbers(fit.placement, problem, one) for one in (values, moments))
     variances = (p.stderr**2 + b.stderr**2 - a.stderr**2 for p, a, b in zip(fit.placed, before, after, strict=True))
@@ -252,13 +252,13 @@ def _placed(fit: Calibration, poses: Poses, moments: Array) -> tuple[Placed, ...
 
 
 def _effects(places: Sequence[CausesThere]) -> tuple[Effect, ...]:
-    """Return the effects (A,) of all alternative causes, without duplicates."""
+    """Return the effects of all alternative causes, without duplicates."""
     every = (effect for place in places for cause in place.others for effect in cause.effects)
     return tuple({effect.name: effect for effect in every}.values())
 
 
 def _moments(fit: Calibration, places: Sequence[CausesThere]) -> Array:
-    """Return the second moment (P + E + A, P + E + A) of all parameters about the fit, alternative causes last."""
+    """Return the second moment of all parameters about the fit, alternative causes last."""
     effects = (*fit.model.effects, *_effects(places))
     names = [*fit.covariance.placement, *(effect.name for effect in effects)]
     number, size = {name: k for k, name in enumerate(names)}, len(fit.covariance.values)
@@ -277,7 +277,7 @@ def _moments(fit: Calibration, places: Sequence[CausesThere]) -> Array:
 
 
 def _spanned(cause: FittedCause, rest: Sequence[int], number: Mapping[str, int]) -> tuple[Array, Array]:
-    """Return the change (K,) of all parameters by a cause, and the addition to the covariance (K, K)."""
+    """Return the change of all parameters by a cause, and the addition to the covariance."""
     directions = np.zeros((len(number), len(cause.effects)))
     directions[rest] = cause.towards
     for k, effect in enumerate(cause.effects):

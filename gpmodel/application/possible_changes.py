@@ -44,7 +44,7 @@ HALF_WAVES, POSES_A_WAVE = 6, 16
 class PossibleChange:
     """One possible change of a machine since its fit.
 
-    columns: (M, k) whitened derivatives by its k numbers, in `unit`; for kind `size`, relative to the model's value.
+    columns: whitened derivatives by its k numbers, in `unit`; for kind `size`, relative to the model's value.
     kind: `set-up` means that the instrument or a stationary object moved during the session, not the machine.
     share: share of the significance level. effects: effects that the change adds to the model. at: columns of the
     linear problem that the change moves, if the change adds no effect.
@@ -70,7 +70,7 @@ class PossibleChange:
         return float(part @ part), len(part)
 
     def part_of(self, z: Array) -> Array:
-        """Return the part (M,) of z that the change explains."""
+        """Return the part of z that the change explains."""
         return z - rank.remove(self._parts[0], z)
 
     def fits_an_outlier(self, left: Recheck) -> bool:
@@ -191,7 +191,7 @@ def _of_the_catalogue(found: Recheck) -> Iterator[PossibleChange]:
 
 
 def wander(found: Recheck) -> Array:
-    """Return whitened columns (M, k) of a set-up that drifts slowly: cosines of half waves along the rows, for each
+    """Return whitened columns of a set-up that drifts slowly: cosines of half waves along the rows, for each
     axis."""
     rows = found.problem.poses.dataset.row
     waves = min(HALF_WAVES, len(rows) // POSES_A_WAVE)

@@ -24,7 +24,7 @@ from gpmodel.table.units import joint_column, split_header
 
 
 def point_deviation(saved: SavedModel, poses: Poses, observed: Observed, *, placed: bool = True) -> Array:
-    """Return the standard deviation (N,), m, of the predicted point: √ (trace(J Σ Jᵀ) + 3 d²).
+    """Return the standard deviation, m, of the predicted point: √ (trace(J Σ Jᵀ) + 3 d²).
 
     Σ is the covariance of the parameters, over alternative explanations of the findings, and d the model discrepancy.
     Noise of the instrument is not included. placed: True to include registration and tool. NaN if not fitted.
@@ -33,7 +33,7 @@ def point_deviation(saved: SavedModel, poses: Poses, observed: Observed, *, plac
 
 
 def coordinate_deviations(saved: SavedModel, poses: Poses, observed: Observed, *, placed: bool = True) -> Array:
-    """Return the standard error of each coordinate (N, 3) along the axes of the instrument: √ (diag(J Σ Jᵀ) + d²)."""
+    """Return the standard error of each coordinate along the axes of the instrument: √ (diag(J Σ Jᵀ) + d²)."""
     if len(saved.stderr) and not saved.covariance.placement:
         return np.full((len(poses), 3), np.nan)
     first = 0 if placed else len(saved.covariance.placement)
@@ -43,14 +43,14 @@ def coordinate_deviations(saved: SavedModel, poses: Poses, observed: Observed, *
 
 
 def point_columns(saved: SavedModel, poses: Poses, observed: Observed, more: Sequence[Effect] = ()) -> Array:
-    """Return the derivatives (N, 3, P + E) of the point by registration, tool, all effects of the model and `more`
+    """Return the derivatives of the point by registration, tool, all effects of the model and `more`
     effects."""
     effects = effect_columns((*saved.model.effects, *more), saved.model, poses, observed)[:, :3]
     return np.concatenate([placement_columns(saved, poses, observed), effects], axis=2)
 
 
 def placement_columns(saved: SavedModel, poses: Poses, observed: Observed) -> Array:
-    """Return the derivatives (N, 3, P) of the point by registration and tool, in the instrument's axes."""
+    """Return the derivatives of the point by registration and tool, in the instrument's axes."""
     tip, labels = observed.tip, poses.dataset
     out = np.zeros((len(tip), 3, len(saved.covariance.placement)))
     arm = tip[:, :3, 3] - saved.covariance.centre
@@ -75,7 +75,7 @@ AT_ONCE = 5000
 
 
 def predicted_columns(saved: SavedModel, dataset: Dataset, say: Say = silent) -> dict[str, Array]:
-    """Predict a table; return columns (N,) by header.
+    """Predict a table; return columns by header.
 
     Columns: x y z [mm] and, if rotations were fitted, rx ry rz [deg], in the instrument's frame; distances [mm] to
     known anchors; solved approximate joint values with the residual [um], if points were measured; sigma [mm], the
@@ -141,7 +141,7 @@ def beside(frame: pd.DataFrame, columns: dict[str, Array]) -> pd.DataFrame:
 
 
 def misses(dataset: Dataset, columns: dict[str, Array]) -> Array:
-    """Return the distance (M,), mm, between measured and predicted point of the rows with x, y and z."""
+    """Return the distance, mm, between measured and predicted point of the rows with x, y and z."""
     tip = np.column_stack([columns[f"{a} [mm]"] for a in "xyz"])
     error: Array = np.linalg.norm(1e3 * dataset.position - tip, axis=1)
     return error[np.isfinite(error)]

@@ -1,6 +1,6 @@
 """Residuals of a saved model on later poses, whitened so that they are standard normal if the model holds.
 
-With r (M,) the measured minus predicted coordinates, F the columns that every session fits again (registration,
+With r the measured minus predicted coordinates, F the columns that every session fits again (registration,
 anchors), K the columns of tool and effects, whose values have covariance Σ, and σ the noise of a coordinate:
 
     r = F ρ + K δ + e,   δ ~ N(0, Σ),   e ~ N(0, σ² I),   V = σ² I + K Σ Kᵀ,   z = Q V^(-1/2) r
@@ -42,7 +42,7 @@ PASSES = 8
 class Session:
     """A model with the registration of another session.
 
-    use: (N,) mask of the poses without outliers. fitted: registration and tool of the session of the fit.
+    use: mask of the poses without outliers. fitted: registration and tool of the session of the fit.
     tool: True if the tool point is fitted again.
     """
 
@@ -65,11 +65,11 @@ class Session:
 
     @property
     def errors(self) -> Array:
-        """3-D distance (N,), m, between measured and predicted point, also of outliers."""
+        """3-D distance, m, between measured and predicted point, also of outliers."""
         return pose_error(self.observed, self.poses.dataset)
 
     def anew(self, problem: Linearised) -> Mask:
-        """Return the mask (P + E,) of the columns that the later session fits.
+        """Return the mask of the columns that the later session fits.
 
         The session fits registration and stationary objects; if `tool` is True, also tool and objects on links.
         Effects and lenses keep the model's values.
@@ -81,7 +81,7 @@ class Session:
         return np.array(free + [False] * (problem.columns.shape[1] - len(free)), dtype=bool)
 
     def moved(self, problem: Linearised, step: Array) -> "Session":
-        """Return the session after a step (P,) of the placement, m and rad."""
+        """Return the session after a step of the placement, m and rad."""
         placement = placement_after(problem.observed, self.saved.placement, step)
         return replace(self, saved=replace(self.saved, placement=placement))
 
@@ -138,7 +138,7 @@ def _placed(saved: SavedModel, dataset: Dataset) -> SavedModel:
 
 
 def errors_at(session: Session, dataset: Dataset) -> Array:
-    """Return the 3-D distance (N,), m, of the points of a table from the model, in the registration of a session.
+    """Return the 3-D distance, m, of the points of a table from the model, in the registration of a session.
 
     Raises InputError as `matched`.
     """
@@ -165,15 +165,15 @@ class Spread:
     s: Array
 
     def whiten(self, values: Array) -> Array:
-        """Return V^(-1/2) times values (M, ...)."""
+        """Return V^(-1/2) times values."""
         return (values - self._within(values, 1.0 - 1.0 / np.sqrt(1.0 + self.s**2))) / self.sigma
 
     def restored(self, values: Array) -> Array:
-        """Return V^(1/2) times values (M, ...)."""
+        """Return V^(1/2) times values."""
         return self.sigma * (values + self._within(values, np.sqrt(1.0 + self.s**2) - 1.0))
 
     def block(self, rows: IntArray) -> Array:
-        """Return the rows and columns (k, k) of V with the given indices."""
+        """Return the rows and columns of V with the given indices."""
         own = self.u[rows] * self.s
         return self.sigma**2 * (np.eye(len(rows)) + own @ own.T)
 
@@ -185,10 +185,10 @@ class Spread:
 class Recheck:
     """Whitened residuals of a later session.
 
-    z: (M,) whitened residual. basis: (M, k) orthonormal basis of the projected-out span.
-    bundle: (N,) code of every pose, equal for repeats. pose: (M,) code of every row.
+    z: whitened residual. basis: orthonormal basis of the projected-out span.
+    bundle: code of every pose, equal for repeats. pose: code of every row.
     freedom: degrees of freedom of σ.
-    anew: names of the F columns that the session fits, and their covariance (F, F).
+    anew: names of the F columns that the session fits, and their covariance.
     """
 
     session: Session
@@ -236,7 +236,7 @@ class Recheck:
 
     @cached_property
     def by_pose(self) -> tuple[Array, Array]:
-        """Expected RMS 3-D error, m, of every pose (N,), and the p-value of the actual error if the model holds.
+        """Expected RMS 3-D error, m, of every pose, and the p-value of the actual error if the model holds.
 
         The expectation includes V and the fitted registration. The values are NaN for excluded poses.
         """
@@ -254,7 +254,7 @@ class Recheck:
 
     @property
     def _turns(self) -> Mask:
-        """Mask (M,) of the rows that are angles."""
+        """Mask of the rows that are angles."""
         if self.problem.left is not None:
             return np.zeros(len(self.z), dtype=bool)
         component = np.nonzero(self.problem.weights > 0)[1]
@@ -266,7 +266,7 @@ class Recheck:
         return rank.remove(self.basis, self.spread.whiten(self.blocks.means(columns)))
 
     def without(self, columns: Array) -> "Recheck":
-        """Return the recheck with further whitened columns (M, k) projected out."""
+        """Return the recheck with further whitened columns projected out."""
         more = rank.orthonormal(columns)
         return replace(self, z=rank.remove(more, self.z), basis=np.hstack([self.basis, more]))
 
@@ -317,7 +317,7 @@ def _functions(session: Session, problem: Linearised) -> tuple[Array, Array]:
 
 
 def in_covariance(saved: SavedModel, problem: Linearised) -> IntArray:
-    """Return the index (P + E,) of each column of the problem in the covariance of the model; -1 if not fitted."""
+    """Return the index of each column of the problem in the covariance of the model; -1 if not fitted."""
     names = saved.covariance.placement
     placed = [names.index(name) if name in names else -1 for name in problem.placement_names]
     fitted = np.isfinite(saved.stderr)

@@ -60,7 +60,7 @@ class Repaired:
 
     expected, before: RMS error, m, of the point at the poses of the fit, without the part that a registration absorbs,
     now and before the change.
-    more: (M, n) joint values of further poses until the expected error is at most ENOUGH times the error before the
+    more: joint values of further poses until the expected error is at most ENOUGH times the error before the
     change; None if MOST_MORE poses do not suffice.
     """
 
@@ -73,7 +73,7 @@ class Repaired:
 
 @dataclass(frozen=True)
 class _Fit:
-    """Refitted session. changed: D (P + E, k). left: (M, f + q) system of the last step.
+    """Refitted session. changed: D. left: (M, f + q) system of the last step.
 
     step: (P + E, f + q), derivatives of all parameters by the unknowns ρ and u of the system.
     """
@@ -87,7 +87,7 @@ class _Fit:
 
     @property
     def covariance(self) -> Array:
-        """Covariance (P + E, P + E) of registration, tool and effects after the refit."""
+        """Covariance of registration, tool and effects after the refit."""
         size = np.linalg.norm(self.left, axis=0)
         size[size == 0.0] = 1.0
         root = self.sigma * (self.step / size) @ np.linalg.pinv(self.left / size, rcond=1e-12)
@@ -176,7 +176,7 @@ def _root(saved: SavedModel, problem: Linearised, held: Mask) -> Array:
 
 
 def _before(saved: SavedModel, problem: Linearised) -> Array:
-    """Return the model's covariance (P + E, P + E) in the order of a linear problem; zero for registration and new
+    """Return the model's covariance in the order of a linear problem; zero for registration and new
     effects."""
     at = in_covariance(saved, problem)
     at = np.append(at, np.full(problem.columns.shape[1] - len(at), -1))
@@ -187,7 +187,7 @@ def _before(saved: SavedModel, problem: Linearised) -> Array:
 
 
 def _kept(fit: _Fit, before: SavedModel, lasting: Mask) -> SavedModel:
-    """Return the model to save, with the persistent effects `lasting` (E,) written as in the model `before`."""
+    """Return the model to save, with the persistent effects `lasting` written as in the model `before`."""
     now, data = fit.session.saved, fit.session.poses.dataset
     written = {effect.name: effect for effect in before.model.effects}
     rows = np.concatenate([np.ones(fit.problem.placement, dtype=bool), lasting])
@@ -259,7 +259,7 @@ def _numbers(
 def _ahead(fit: _Fit, saved: SavedModel, lasting: Mask, before: Array, pool: Pool) -> tuple[float, float, Array | None]:
     """Return the expected error, m, now and before the change, and the further poses until the ratio is at most ENOUGH.
 
-    before: covariance (P + E, P + E) of the former model.
+    before: covariance of the former model.
     """
     rows = np.concatenate([np.ones(fit.problem.placement, dtype=bool), lasting])
     observed = observe(saved.model, pool.poses, saved.theta, saved.placement)

@@ -184,7 +184,7 @@ def of_the_mechanism(saved: SavedModel) -> SavedModel:
 
 
 def _only(saved: SavedModel, kept: Mask) -> SavedModel:
-    """Return the model with the effects selected by the mask `kept` (E,)."""
+    """Return the model with the effects selected by the mask `kept`."""
     model = ErrorModel(saved.mechanism, tuple(saved.model.effects[i] for i in np.flatnonzero(kept)))
     return replace(
         saved,

@@ -57,9 +57,9 @@ class Verified:
     hardly better than nominal geometry and few changes do not explain the error.
     found: residuals with the model's tool point. near: residuals for the identification of changes, with a refitted
     tool point if the tool point is far from the model's.
-    alone: (N,) 3-D error, m, of nominal geometry with fitted registration and tool point.
-    alone_turn: (N,) orientation error of nominal geometry, rad, NaN without measured orientation.
-    outside: (N,) inputs beyond the model's ranges.
+    alone: 3-D error, m, of nominal geometry with fitted registration and tool point.
+    alone_turn: orientation error of nominal geometry, rad, NaN without measured orientation.
+    outside: inputs beyond the model's ranges.
     instrument: True if the measurements contain the instrument errors of the model; None if the model has none.
     """
 
@@ -80,7 +80,7 @@ class Verified:
 
 
 def afterwards(saved: SavedModel, dataset: Dataset) -> IntArray:
-    """Return the rows (K,) of a table that differ from all rows of the fit; raise InputError if K = 0."""
+    """Return the rows of a table that differ from all rows of the fit; raise InputError if K = 0."""
     every = np.arange(len(dataset))
     if saved.measured is None:
         return every
@@ -202,7 +202,7 @@ def _moved_tools(saved: SavedModel, found: Recheck) -> tuple[NamedChange, ...]:
 
 
 def misses_of(session: Session, targets: Dataset) -> Array:
-    """Return the distance (N,), m, of the measured points from the targets of a compensation.
+    """Return the distance, m, of the measured points from the targets of a compensation.
 
     The targets are the points of the nominal arm with the model's tool at the joint values of `targets`, in the
     registration of the session.

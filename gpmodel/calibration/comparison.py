@@ -38,7 +38,7 @@ def linearised_at_nominal(mechanism: Mechanism, effects: tuple[Effect, ...], dat
 class Step:
     """One step in a sequence of models: its name, its fit to the training poses and its 3-D errors, m.
 
-    train_error: (N,) errors at training poses. heldout_error: (M,) errors at held-out poses, NaN for an unknown set-up
+    train_error: errors at training poses. heldout_error: errors at held-out poses, NaN for an unknown set-up
     or tool. finding: index of the finding that the model adds, in a discovery.
     """
 
@@ -101,7 +101,7 @@ def step_of(name: str, fit: Calibration, seen: Poses, unseen: Poses) -> Step:
 
 
 def known_rows(trained: Dataset, other: Dataset) -> IntArray:
-    """Return the rows (K,) of `other` whose set-up and tool occur in `trained`; only these rows can be predicted."""
+    """Return the rows of `other` whose set-up and tool occur in `trained`; only these rows can be predicted."""
     known = np.ones(len(other), dtype=bool)
     for column in ("setup", "tool"):
         known &= np.isin(other.label(column), trained.label(column))

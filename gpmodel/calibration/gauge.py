@@ -50,7 +50,7 @@ def preference(
 
     Effects of one kind keep their order. Effects at a joint that does not move are omitted, because the link before
     that joint has equivalent parameters.
-    growth: (E,) similarity of each effect to a uniform scaling of the mechanism; the most similar lengths come last.
+    growth: similarity of each effect to a uniform scaling of the mechanism; the most similar lengths come last.
     growth is None if a measurement determines the scale.
     """
     zeros = {(slot, axis) for joint in mechanism.joints for slot, axis, _ in joint.drive}
@@ -73,9 +73,9 @@ tables with 40 touches on three balls, cross-validation left 4 with one constant
 def choose(
     model: ErrorModel, problem: Linearised, nominal: Linearised, theta: Array, condition_limit: float | None, seed: int
 ) -> tuple[Mask, float, tuple[ident.RankChoice, ...]]:
-    """Return the mask (E,) of the effects to fit, the condition limit, and the cross-validation curve of the limit.
+    """Return the mask of the effects to fit, the condition limit, and the cross-validation curve of the limit.
 
-    problem: linear problem at the values `theta` (E,). nominal: linear problem of the geometric constants alone, at
+    problem: linear problem at the values `theta`. nominal: linear problem of the geometric constants alone, at
     zero. Constant effects are ranked in the order of `preference` by their nominal columns, because fitted errors of a
     milliradian would make parallel axes appear distinguishable. Of the condition limits in LIMITS whose cross-validated
     error is within one standard error of the smallest, the limit with the most constants is selected, so that tables of
@@ -128,7 +128,7 @@ def choose(
 
 
 def of_one_fold(columns: Array, fold: IntArray) -> Mask:
-    """Return the mask (P,) of columns that are nonzero in one fold only, such as a point that one fold alone touched.
+    """Return the mask of columns that are nonzero in one fold only, such as a point that one fold alone touched.
 
     No other fold determines a column that is zero outside one fold; the column is projected out.
     """

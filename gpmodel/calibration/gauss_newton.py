@@ -36,7 +36,7 @@ smaller singular value, a millimetre of residual would move the tool by a metre.
 def with_taken_up(model: ErrorModel, known: ErrorModel) -> ErrorModel:
     """Return the model with the instrument's effects split into rigid motion and distortion as in a `known` model.
 
-    With D (M, K) the columns of the instrument's effects, P the columns of registrations and tools and G = P⁺ D, an
+    With D the columns of the instrument's effects, P the columns of registrations and tools and G = P⁺ D, an
     error θ D of the measurements is P G θ + (D - P G) θ. The first part P G θ moves robot and tool rigidly; the second
     part is distortion by the instrument. The measurements determine only the sum of rigid motion and distortion, so the
     split is copied from the known model.
@@ -51,7 +51,7 @@ def with_taken_up(model: ErrorModel, known: ErrorModel) -> ErrorModel:
 def split(fitting: Fitting, fitted: Fitted, kept: Mask) -> tuple[Fitting, Fitted]:
     """Move the rigid part of the instrument's effects into registrations and tools; predictions do not change.
 
-    kept: effects (E,) that are fitted.
+    kept: effects that are fitted.
     """
     of_it = np.array([e.of_the_instrument for e in fitting.model.effects], dtype=bool)
     own = np.flatnonzero(of_it & kept & (fitted.theta != 0.0))
@@ -80,7 +80,7 @@ def split(fitting: Fitting, fitted: Fitted, kept: Mask) -> tuple[Fitting, Fitted
 
 
 def _moved(fitting: Fitting, problem: Linearised, theta: Array, placement: Placement, own: IntArray) -> Array:
-    """Return the displacement (M,) of the measurements by the instrument's effects `own`.
+    """Return the displacement of the measurements by the instrument's effects `own`.
 
     The displacement is the difference of predictions with and without the effects; of first order for free joints.
     """
@@ -92,14 +92,14 @@ def _moved(fitting: Fitting, problem: Linearised, theta: Array, placement: Place
 
 
 def _least(columns: Array, target: Array) -> Array:
-    """Return the least-squares solution (P, K) with columns (M, P) scaled to unit length, weak directions truncated."""
+    """Return the least-squares solution with columns scaled to unit length, weak directions truncated."""
     size = np.linalg.norm(columns, axis=0)
     size[size == 0.0] = 1.0
     return np.asarray(np.linalg.lstsq(columns / size, target, rcond=WEAKEST)[0] / size[:, None])
 
 
 def _with(effect: Effect, problem: Linearised, share: Array) -> Effect:
-    """Return the effect with additional rigid motions `share` (R,), m and rad, in its field `taken_up`.
+    """Return the effect with additional rigid motions `share`, m and rad, in its field `taken_up`.
 
     A registration of the problem turns about the mean of the points, one of the effect about the instrument's origin.
     """
@@ -284,7 +284,7 @@ def _better(
 
 
 def without_outliers(observed: Observed, dataset: Dataset, use: Mask) -> Mask:
-    """Return the mask (N,) of poses without isolated outliers, at most OUTLIER_SHARE of the poses."""
+    """Return the mask of poses without isolated outliers, at most OUTLIER_SHARE of the poses."""
     error = pose_error(observed, dataset)
     far = error > outlier_limit(error[use])
     far &= use & ~in_company(far, dataset.q, measured_minus(observed, dataset))

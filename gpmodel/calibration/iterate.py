@@ -19,13 +19,13 @@ from gpmodel.numerics.least_squares import MANY_COLUMNS, solve
 
 @dataclass(frozen=True)
 class LinearStep:
-    """Least-squares problem of one Gauss-Newton step: scaled columns of `free` (K,), and rows of the priors.
+    """Least-squares problem of one Gauss-Newton step: scaled columns of `free`, and rows of the priors.
 
-    priors: (B, F) prior rows on the scaled columns.
-    pulls: (B,) right side of the prior rows.
+    priors: prior rows on the scaled columns.
+    pulls: right side of the prior rows.
     readings: prior rows of approximate joint values.
     factor: Cholesky factor of the normal equations if there are many columns, else None.
-    geometry: (G, E) prior rows of the geometric constants in terms of all effects.
+    geometry: prior rows of the geometric constants in terms of all effects.
     """
 
     problem: Linearised
@@ -38,7 +38,7 @@ class LinearStep:
     geometry: Array
 
     def solved(self, residual: Array, pulls: Array) -> tuple[Array, float]:
-        """Return the step (K,) for a residual (M,), zero where not free, and the predicted decrease of the cost, m²."""
+        """Return the step for a residual, zero where not free, and the predicted decrease of the cost, m²."""
         step = np.zeros(len(self.free))
         if self.factor is None:
             system = np.vstack([self.problem.columns[:, self.free] / self.scale, self.priors])
@@ -56,9 +56,9 @@ class LinearStep:
 def linear_step(
     model: ErrorModel, problem: Linearised, theta: Array, placement: Placement, kept: Mask, gram: Array | None
 ) -> LinearStep:
-    """Return the least-squares problem of a step over placement (registration and tool) and the `kept` effects (E,).
+    """Return the least-squares problem of a step over placement (registration and tool) and the `kept` effects.
 
-    gram: (K, K) inner products of the columns, to solve the normal equations; None to solve by QR.
+    gram: inner products of the columns, to solve the normal equations; None to solve by QR.
     """
     free = problem.free(kept)
     belief = beliefs(model, problem, theta, placement, kept)
@@ -109,9 +109,9 @@ REASONS = {
 
 @dataclass(frozen=True)
 class Fitting:
-    """Problem of a fit: the model, the poses, the mask `use` (N,) of fitted poses, and the weight of a radian, m.
+    """Problem of a fit: the model, the poses, the mask `use` of fitted poses, and the weight of a radian, m.
 
-    bundle: (N,) code of every pose, equal for repeats.
+    bundle: code of every pose, equal for repeats.
     ratio: variance shared by repeats over the variance of one measurement.
     """
 
@@ -180,8 +180,8 @@ class Fitted(Reached):
 class _Step:
     """Step of the linear problem in a Gauss-Newton iteration.
 
-    whole: (K,) step of the parameters. fall: predicted decrease of the cost, m².
-    motion: (M,) predicted displacement of the measurements, m. turned: (W,) predicted change of joint values, m.
+    whole: step of the parameters. fall: predicted decrease of the cost, m².
+    motion: predicted displacement of the measurements, m. turned: predicted change of joint values, m.
     """
 
     linear: LinearStep
@@ -204,7 +204,7 @@ class _Step:
 def iterate(
     fitting: Fitting, theta: Array, placement: Placement, kept: Mask, problem: Linearised | None = None
 ) -> Fitted:
-    """Iterate Gauss-Newton over the placement (registration and tool) and the `kept` effects (E,).
+    """Iterate Gauss-Newton over the placement (registration and tool) and the `kept` effects.
 
     problem: linear problem at the initial point, if known.
     A step that does not lower the cost enough is corrected by the error of its linear prediction, then halved. With
@@ -267,5 +267,5 @@ def _lower(fitting: Fitting, here: Reached, step: _Step, cut: int) -> tuple[Reac
 
 
 def _straight(fallen: Array, foreseen: Array) -> bool:
-    """Return whether a residual (M,) fell as its columns predicted, so that the columns remain valid."""
+    """Return whether a residual fell as its columns predicted, so that the columns remain valid."""
     return bool(np.abs(fallen - foreseen).max() <= BENT * np.abs(foreseen).max())

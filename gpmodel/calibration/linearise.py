@@ -37,7 +37,7 @@ ROUNDING = 1e-14
 class JointReadings:
     """Linear equations for approximate joint values in the table, in units of `prior_sigmas`.
 
-    rows: (B, K) left side. off: (B,) right side. Rows are zero along joint directions that no pose determines.
+    rows: left side. off: right side. Rows are zero along joint directions that no pose determines.
     shown: number of joint directions that the measurements determine.
     """
 
@@ -50,9 +50,9 @@ class JointReadings:
         return max(float(np.sqrt(np.sum(self.off**2) / max(self.shown - used, 1))), LEAST_ERROR)
 
     def alone(self, informed: Array, sigma: float) -> Array:
-        """Return orthonormal combinations (B, W) of joint values that outperform the measurements for some unknown.
+        """Return orthonormal combinations of joint values that outperform the measurements for some unknown.
 
-        informed: rows (M, K) of measurements and priors, each with standard deviation `sigma`. The combinations are R v
+        informed: rows of measurements and priors, each with standard deviation `sigma`. The combinations are R v
         of unit length, with v the generalised eigenvectors of RᵀR / τ² and RᵀR / τ² + CᵀC / σ² whose eigenvalue exceeds
         one half.
         """
@@ -72,10 +72,10 @@ def joint_readings(
 ) -> JointReadings:
     """Return the linear equations for the approximate joint values at every pose.
 
-    off: (N, J) joint values of the table minus solved joint values. columns: (N, m, K) weighted columns before
-    elimination. weights: (N, m) weights, zero for measurements that are missing or not used.
+    off: joint values of the table minus solved joint values. columns: weighted columns before
+    elimination. weights: weights, zero for measurements that are missing or not used.
 
-    With the weighted sensitivities A = U S Vᵀ (m, n) of one pose to its free joints, in units of `prior_sigmas`, a step
+    With the weighted sensitivities A = U S Vᵀ of one pose to its free joints, in units of `prior_sigmas`, a step
     of the parameters with columns C moves the best-fitting joint values by -V S⁺ Uᵀ C step. The table differs from the
     solved values by errors ~ N(0, τ²), so that
 
@@ -95,14 +95,14 @@ def joint_readings(
 
 @dataclass(frozen=True)
 class Linearised:
-    """Weighted linear problem: columns (M, K) · step ≈ residual (M,), in metres.
+    """Weighted linear problem: columns · step ≈ residual, in metres.
 
     The first `placement` columns are registration, tool and anchors; the other columns are the model's effects.
-    pose_of_row: (M,) pose of each row. placement_names: names of the columns of registration, tool and anchors.
+    pose_of_row: pose of each row. placement_names: names of the columns of registration, tool and anchors.
     observed: predicted measurements.
     poses: the given poses, with joint values solved for free joints.
-    sizes: (K,) norms of the weighted columns before free joints were eliminated.
-    weights: (N, m), positive if a measurement is a row; a rotation is weighted by `rotation_weight`, m per rad.
+    sizes: norms of the weighted columns before free joints were eliminated.
+    weights:, positive if a measurement is a row; a rotation is weighted by `rotation_weight`, m per rad.
     left: rows after elimination of free joints; None if no joint is free.
     ratio: noise over the prior standard deviation of a constant, 1/m; None if noise or deviation is unknown.
     """
@@ -120,16 +120,16 @@ class Linearised:
     ratio: float | None = None
 
     def free(self, kept: Mask) -> Mask:
-        """Return the mask (K,) of the columns of registration and tool, and of the effects that are `kept` (E,)."""
+        """Return the mask of the columns of registration and tool, and of the effects that are `kept`."""
         return np.concatenate([np.ones(self.placement, dtype=bool), kept])
 
     @property
     def rigid(self) -> Mask:
-        """Mask (P,) of registrations and tools among the columns that are no effects."""
+        """Mask of registrations and tools among the columns that are no effects."""
         return np.array([n.startswith(("registration", "tool")) for n in self.placement_names], dtype=bool)
 
     def effect_rows(self, effects: Sequence[Effect], model: ErrorModel) -> Array:
-        """Return the columns (M, E) of any effects, weighted like the residual.
+        """Return the columns of any effects, weighted like the residual.
 
         For effects of the instrument, the part that registrations and tools absorb is projected out.
         """
@@ -145,7 +145,7 @@ class Linearised:
         return rows
 
     def weigh(self, values: Array) -> Array:
-        """Return values (N, m, ...) of the measurements as rows (M, ...), weighted like the residual.
+        """Return values of the measurements as rows, weighted like the residual.
 
         A column that free joints absorb is zero.
         """
@@ -161,7 +161,7 @@ class Left:
     """Rows that remain after elimination of free joints.
 
     complement: directions of the measurements that free joints do not move.
-    weights: (N, m) weights before elimination.
+    weights: weights before elimination.
     readings: equations for the approximate joint values.
     """
 
@@ -171,7 +171,7 @@ class Left:
 
 
 def effect_columns(effects: tuple[Effect, ...], model: ErrorModel, poses: Poses, observed: Observed) -> Array:
-    """Return the derivatives (N, m, E) of the measurements by the unknown of each effect."""
+    """Return the derivatives of the measurements by the unknown of each effect."""
     out = np.zeros((len(effects), len(poses), observed.components))
     for k, slot, axis, shape in _shaped(effects, model, poses, observed):
         out[k] += observed.sensitivity(slot)[:, :, axis] * shape[:, None]
@@ -181,9 +181,9 @@ def effect_columns(effects: tuple[Effect, ...], model: ErrorModel, poses: Poses,
 def add_effect_rows(
     out: Array, effects: Sequence[Effect], model: ErrorModel, poses: Poses, observed: Observed, weights: Array
 ) -> Array:
-    """Add the weighted derivatives of the measurements by each effect to `out` (E, M), and return `out`.
+    """Add the weighted derivatives of the measurements by each effect to `out`, and return `out`.
 
-    weights: (N, m) weights; only measurements with a positive weight are rows. The values equal the values of
+    weights: weights; only measurements with a positive weight are rows. The values equal the values of
     `effect_columns`, but memory is used for one effect at a time: the sensitivity of a frame is computed in rows once.
     """
     rows = weights > 0
@@ -199,7 +199,7 @@ def add_effect_rows(
 def _shaped(
     effects: Sequence[Effect], model: ErrorModel, poses: Poses, observed: Observed
 ) -> Iterator[tuple[int, int, int, Array]]:
-    """Yield every term of the effects: effect number, index of frame, index of axis, weight times basis (N,).
+    """Yield every term of the effects: effect number, index of frame, index of axis, weight times basis.
 
     The terms of an effect precede its rigid motions that registrations and tools absorb, with a negative sign.
     """
@@ -221,7 +221,7 @@ def _shaped(
 def linearise(
     model: ErrorModel, poses: Poses, theta: Array, placement: Placement, rotation_weight: float, use: Mask
 ) -> Linearised:
-    """Return the weighted linear problem at one point. use: mask (N,) of the poses that enter the fit.
+    """Return the weighted linear problem at one point. use: mask of the poses that enter the fit.
 
     Free joints are solved for and eliminated.
     """
@@ -264,7 +264,7 @@ def linearise_about(
 
 
 def _weighted(observed: Observed, poses: Poses, rotation_weight: float, use: Mask) -> tuple[Array, Array]:
-    """Return measured minus predicted values (N, m) and their weights (N, m), 0 where nothing was measured."""
+    """Return measured minus predicted values and their weights, 0 where nothing was measured."""
     residual = measured_minus(observed, poses.dataset)
     return residual, np.isfinite(residual) * use[:, None].astype(float) * observed.scales(rotation_weight)
 
@@ -281,8 +281,8 @@ def residual_at(problem: Linearised, model: ErrorModel, theta: Array, placement:
 class _Dense:
     """Arrays of all poses before elimination of free joints.
 
-    columns: (N, m, P) columns of registration and tool. residual, weights: (N, m) residuals and weights. names: names
-    of the columns. table: (N, J) joint values as measured.
+    columns: columns of registration and tool. residual, weights: residuals and weights. names: names
+    of the columns. table: joint values as measured.
     """
 
     columns: Array

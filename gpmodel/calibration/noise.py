@@ -19,7 +19,7 @@ class Whitening:
     """Random-effects noise: the rows of a block share an error, cov = σ² (I + ρ 11ᵀ) in each block and component.
 
     A whitened row is v - (1 - 1/√(1 + n ρ)) mean(v), with n rows in the block.
-    block: (M,) code of pose and component of each row. ratio: variance ratio ρ.
+    block: code of pose and component of each row. ratio: variance ratio ρ.
     Source: Fuller and Battese (1973), transformation of the random-effects model.
     """
 
@@ -27,15 +27,15 @@ class Whitening:
     ratio: float = 0.0
 
     def whiten(self, values: Array) -> Array:
-        """Return values (M, ...) whitened: rows of equal variance, independent within a block."""
+        """Return values whitened: rows of equal variance, independent within a block."""
         return self._scaled(values, 1.0 / np.sqrt(1.0 + self.sizes * self.ratio))
 
     def restored(self, values: Array) -> Array:
-        """Undo the whitening of values (M, ...)."""
+        """Undo the whitening of values."""
         return self._scaled(values, np.sqrt(1.0 + self.sizes * self.ratio))
 
     def _scaled(self, values: Array, factor: Array) -> Array:
-        """Return values (M, ...) with the mean of each block multiplied by a factor (B,); a single row is its mean."""
+        """Return values with the mean of each block multiplied by a factor; a single row is its mean."""
         if self.ratio == 0.0:
             return values
         beside = [1] * (values.ndim - 1)
@@ -54,11 +54,11 @@ class Whitening:
 
     @cached_property
     def sizes(self) -> IntArray:
-        """Number of rows (B,) of each block."""
+        """Number of rows of each block."""
         return np.bincount(self.block)
 
     def means(self, values: Array) -> Array:
-        """Return the mean (B, ...) over the rows of each block."""
+        """Return the mean over the rows of each block."""
         sizes = self.sizes
         count = len(self.block)
         belongs = sparse.csr_matrix((np.ones(count), (self.block, np.arange(count))), shape=(len(sizes), count))
@@ -66,7 +66,7 @@ class Whitening:
         return sums / sizes.reshape(-1, *[1] * (values.ndim - 1))
 
     def estimated(self, residual: Array, unknowns: float) -> "Whitening":
-        """Return the blocks with the ratio ρ estimated from a residual (M,) after a fit of `unknowns` unknowns.
+        """Return the blocks with the ratio ρ estimated from a residual after a fit of `unknowns` unknowns.
 
         ρ = max(0, between / within - 1) / n0, with the mean squares of one-way analysis of variance.
         """
@@ -83,9 +83,9 @@ class Whitening:
 
 
 def decorrelate(problem: Linearised, values: Array, bundle: IntArray, ratio: float) -> None:
-    """Whiten values (M, ...) over the rows of a problem, in place; rows of a pose measured once are unchanged.
+    """Whiten values over the rows of a problem, in place; rows of a pose measured once are unchanged.
 
-    bundle: (N,) code of every pose, equal for repeats.
+    bundle: code of every pose, equal for repeats.
     ratio: variance shared by repeats over the variance of one measurement.
     """
     if ratio > 0.0:
@@ -96,7 +96,7 @@ def decorrelate(problem: Linearised, values: Array, bundle: IntArray, ratio: flo
 def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float) -> float:
     """Estimate the variance shared by the repeats of a pose over the variance of one measurement, after a fit.
 
-    problem: linear problem whose residual was whitened by `ratio`. bundle: (N,) code of every pose. held: number of
+    problem: linear problem whose residual was whitened by `ratio`. bundle: code of every pose. held: number of
     fitted effects. Returns `ratio` if no pose was measured twice.
     """
     noise = blocks_of(problem, bundle, ratio)
@@ -120,7 +120,7 @@ def freedom(problem: Linearised, bundle: IntArray, ratio: float, rank: int) -> f
 
 
 def blocks_of(problem: Linearised, bundle: IntArray, ratio: float = 0.0) -> Whitening:
-    """Return the blocks of a linear problem: one per pose code `bundle` (N,) and component, with a known ratio.
+    """Return the blocks of a linear problem: one per pose code `bundle` and component, with a known ratio.
 
     With free joints every row is a block of its own, since the remaining rows are no components that repeats could
     share.

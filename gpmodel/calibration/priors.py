@@ -20,7 +20,7 @@ poses hardly determine the constant, as with hundreds of harmonics in the model.
 
 
 def prior_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask) -> tuple[Array, Array]:
-    """Return rows (B, K) and right side (B,) of the priors (θ - mean) σ / prior = 0 of the fitted effects."""
+    """Return rows and right side of the priors (θ - mean) σ / prior = 0 of the fitted effects."""
     prior = np.array([e.prior for e in model.effects])
     at = np.flatnonzero(kept & np.isfinite(prior))
     sigma = noise_sigma(model, problem)
@@ -28,24 +28,24 @@ def prior_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask)
 
 
 def _one_each(problem: Linearised, effects: IntArray, weights: Array) -> Array:
-    """Return rows (B, K) with one nonzero entry: the weight (B,) in the column of the effect with that number."""
+    """Return rows with one nonzero entry: the weight in the column of the effect with that number."""
     rows = np.zeros((len(effects), problem.columns.shape[1]))
     rows[np.arange(len(effects)), problem.placement + effects] = weights
     return rows
 
 
 def off_mean(model: ErrorModel, theta: Array) -> Array:
-    """Return the unknowns (E,) minus their prior means."""
+    """Return the unknowns minus their prior means."""
     return theta - np.array([e.mean for e in model.effects], np.float64)
 
 
 def of_the_description(model: ErrorModel) -> Mask:
-    """Return the mask (E,) of the constants of the nominal geometry, to which no effect prior applies."""
+    """Return the mask of the constants of the nominal geometry, to which no effect prior applies."""
     return np.array([e.constant and e.prior == np.inf for e in model.effects], dtype=bool)
 
 
 def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray) -> Array:
-    """Return the prior rows (H, H), m, of the fitted constants `at` (H,).
+    """Return the prior rows, m, of the fitted constants `at`.
 
     If a measurement is in an instrument's frame, each constant has the standard deviation GEOMETRY_REACH. Otherwise the
     dropped constants count too: the fitted constants, θ = A θ_all, have the covariance reach² A Aᵀ, so that the fit
@@ -64,10 +64,10 @@ def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, placemen
 def _explained(
     model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray
 ) -> tuple[Array, tuple[Array, Array, Array]]:
-    """Return L⁻¹ (H, H) with A Aᵀ = L Lᵀ, and the arguments of `spread`.
+    """Return L⁻¹ with A Aᵀ = L Lᵀ, and the arguments of `spread`.
 
-    The arguments are the columns (M, H) of the fitted constants in units of their prior, the measurements (M,) and the
-    columns (M, P) of registration and tool.
+    The arguments are the columns of the fitted constants in units of their prior, the measurements and the
+    columns of registration and tool.
     """
     others = np.setdiff1d(np.flatnonzero(of_the_description(model)), at)
     stands, growth = standing_for(model, problem, placement, at, others)
@@ -99,11 +99,11 @@ def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Beliefs:
-    """Rows (B, K) and right side (B,) of all priors of a fit.
+    """Rows and right side of all priors of a fit.
 
     own: number of rows, from the first, that are priors of effects.
     single: number of rows, from the first, with one effect per row.
-    geometry: (G, E) rows of the geometric constants, on the effects.
+    geometry: rows of the geometric constants, on the effects.
     """
 
     rows: Array
@@ -114,7 +114,7 @@ class Beliefs:
 
 
 def beliefs(model: ErrorModel, problem: Linearised, theta: Array, placement: Placement, kept: Mask) -> Beliefs:
-    """Return the priors of the `kept` effects (E,), linearised at given effects `theta` and `placement`."""
+    """Return the priors of the `kept` effects, linearised at given effects `theta` and `placement`."""
     at = np.flatnonzero(kept & of_the_description(model))
     geometry = np.zeros((len(at), len(model.effects)))
     geometry[:, at] = geometry_rows(model, theta, problem, placement, at)
@@ -127,9 +127,9 @@ def beliefs(model: ErrorModel, problem: Linearised, theta: Array, placement: Pla
 
 @dataclass(frozen=True)
 class ReadJoints:
-    """Prior rows of the approximate joint values (B,) in the table: (q_table - q) σ / τ = 0.
+    """Prior rows of the approximate joint values in the table: (q_table - q) σ / τ = 0.
 
-    alone: (B, W) combinations of joint values that the measurements determine less well.
+    alone: combinations of joint values that the measurements determine less well.
     weight: weight σ / τ of a row, m.
     """
 
@@ -139,9 +139,9 @@ class ReadJoints:
     @classmethod
     def beside(cls, problem: Linearised, rows: Array, free: Mask, sigma: float) -> "ReadJoints":
         """Select linear combinations of approximate joint values that determine an unknown better than the
-        measurements do together with the prior rows `rows` (B, F).
+        measurements do together with the prior rows `rows`.
 
-        free: mask (K,) of the F fitted columns. sigma: noise of measurements and rows. Empty if no joint is free.
+        free: mask of the F fitted columns. sigma: noise of measurements and rows. Empty if no joint is free.
         """
         if problem.left is None:
             return cls(np.zeros((0, 0)), 0.0)
@@ -150,13 +150,13 @@ class ReadJoints:
         return cls(alone, sigma / known.error(alone.shape[1]))
 
     def rows(self, problem: Linearised) -> Array:
-        """Return the prior rows (W, K) of the approximate joint values, metres."""
+        """Return the prior rows of the approximate joint values, metres."""
         if problem.left is None:
             return np.zeros((0, problem.columns.shape[1]))
         return self.weight * self.alone.T @ problem.left.readings.rows
 
     def pull(self, problem: Linearised) -> Array:
-        """Return the right side (W,) of the prior rows of the approximate joint values, metres."""
+        """Return the right side of the prior rows of the approximate joint values, metres."""
         return np.zeros(0) if problem.left is None else self.weight * self.alone.T @ problem.left.readings.off
 
 

@@ -37,12 +37,12 @@ class Placed:
 
 @dataclass(frozen=True)
 class Covariance:
-    """Covariance of registration, tool and effects: values (P + E, P + E), SI units, zero where not fitted.
+    """Covariance of registration, tool and effects: values, SI units, zero where not fitted.
 
     placement: names of the P unknowns before the effects.
     centre: (3,) m in the instrument's frame, the point about which a rotation of the registration turns.
-    others: (A,) effects that are alternative explanations of a finding; these effects are zero in the fit.
-    over_causes: (P + E + A, P + E + A) second moment of all unknowns about the fit, averaged over the alternative
+    others: effects that are alternative explanations of a finding; these effects are zero in the fit.
+    over_causes: second moment of all unknowns about the fit, averaged over the alternative
     explanations, SI; empty if the fit has none.
     """
 
@@ -54,12 +54,12 @@ class Covariance:
 
     @property
     def predictive(self) -> Array:
-        """Covariance (P + E + A, P + E + A) of the unknowns for predictions, alternative explanations included; (P + E,
+        """Covariance of the unknowns for predictions, alternative explanations included; (P + E,
         P + E) without alternatives."""
         return self.over_causes if len(self.over_causes) else self.values
 
     def only(self, kept: Mask) -> "Covariance":
-        """Return the covariance restricted to some effects, mask `kept` (E,)."""
+        """Return the covariance restricted to some effects, mask `kept`."""
         rows = np.concatenate([np.ones(len(self.placement), dtype=bool), kept])
         every = np.concatenate([rows, np.ones(len(self.others), dtype=bool)])
         moments = self.over_causes[np.ix_(every, every)] if len(self.over_causes) else self.over_causes
@@ -70,8 +70,8 @@ class Covariance:
 class Uncertainty:
     """Uncertainty of the parameters of a fit.
 
-    stderr, unique_share: (E,) standard errors and unique shares, NaN and zero for dropped effects.
-    correlation: (E, E) correlations of the effects.
+    stderr, unique_share: standard errors and unique shares, NaN and zero for dropped effects.
+    correlation: correlations of the effects.
     covariance: covariance of all fitted quantities.
     placed: registration and tool, number by number.
     sigma: standard deviation of one component of a measurement about the model, m.
@@ -93,9 +93,9 @@ class Uncertainty:
 class Calibration(Uncertainty):
     """Fitted model with its uncertainty and diagnostics.
 
-    theta: (E,) values of model.effects, zero where dropped.
-    kept: (E,) True for fitted effects.
-    error: (N,) 3-D error of each pose, m.
+    theta: values of model.effects, zero where dropped.
+    kept: True for fitted effects.
+    error: 3-D error of each pose, m.
     outliers: indices of poses excluded from the fit.
     condition_limit, rank_curve: condition limit for dropping constants, and the cross-validation curve of the limit.
     rotation_weight: weight of a radian of measured rotation, m.
@@ -159,7 +159,7 @@ def problem_at(calibration: Calibration, poses: Poses) -> Linearised:
 
 
 def errors_on(calibration: Calibration, poses: Poses) -> Array:
-    """Return the 3-D error (N,) of a fitted model at poses of known set-ups and tools, m; free joints are
+    """Return the 3-D error of a fitted model at poses of known set-ups and tools, m; free joints are
     solved first."""
     poses = resolved(calibration, poses)
     observed = observe(calibration.model, poses, calibration.theta, calibration.placement)
@@ -222,12 +222,12 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
 
 
 def _or_one(norms: Array) -> Array:
-    """Return the norms (K,) with rounding errors replaced by 1."""
+    """Return the norms with rounding errors replaced by 1."""
     return np.where(norms < ident.NEGLIGIBLE, 1.0, norms)
 
 
 def _rank(columns: Array) -> int:
-    """Return the numerical rank of columns (M, K), scaled to unit length."""
+    """Return the numerical rank of columns, scaled to unit length."""
     return int(np.linalg.matrix_rank(columns / _or_one(np.linalg.norm(columns, axis=0)), 1e-9))
 
 

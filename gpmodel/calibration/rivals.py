@@ -26,7 +26,7 @@ from gpmodel.wording import measured
 
 @dataclass(frozen=True)
 class FittedColumns:
-    """Weighted columns (M, K) of a fitted model at given poses: columns of registration and tool, then of effects."""
+    """Weighted columns of a fitted model at given poses: columns of registration and tool, then of effects."""
 
     calibration: Calibration
     problem: Linearised
@@ -38,7 +38,7 @@ class FittedColumns:
 
     @property
     def columns(self) -> Array:
-        """Derivatives (M, K), weighted like the residual."""
+        """Derivatives, weighted like the residual."""
         return self.problem.columns
 
     @property
@@ -48,7 +48,7 @@ class FittedColumns:
 
     @property
     def held(self) -> Mask:
-        """Mask (K,) of the columns of registration, tool and fitted effects."""
+        """Mask of the columns of registration, tool and fitted effects."""
         return self.problem.free(self.calibration.kept)
 
     @cached_property
@@ -61,7 +61,7 @@ class FittedColumns:
         return LeaveOneOut.of(np.vstack([self.columns[:, self.held], priors[:, self.held]]))
 
     def over_all_rows(self, values: Array) -> Array:
-        """Append zeros to values (M, R), one zero for each prior row."""
+        """Append zeros to values, one zero for each prior row."""
         return np.vstack([values, np.zeros((len(self.apart.u) - len(values), values.shape[1]))])
 
     def number(self, k: int) -> int:
@@ -69,11 +69,11 @@ class FittedColumns:
         return self.first + int(np.sum(self.calibration.kept[:k]))
 
     def of(self, candidate: Candidate) -> Array:
-        """Return the columns (M, k) of a candidate's effects."""
+        """Return the columns of a candidate's effects."""
         return self.problem.effect_rows(candidate.effects, self.calibration.model)
 
     def difference(self, k: int, candidate: Candidate, sizes: Array) -> Array:
-        """Return the displacement (M,) of the measurements by effect `k` minus the displacement by a candidate of given
+        """Return the displacement of the measurements by effect `k` minus the displacement by a candidate of given
         `sizes`."""
         return np.asarray(self.calibration.theta[k] * self.columns[:, self.first + k] - self.of(candidate) @ sizes)
 
@@ -111,10 +111,10 @@ class Rival:
     """A constant of the standard model, and an alternative explanation of its fitted value.
 
     value: value of the constant, in `unit`.
-    sizes: (k,) sizes of the candidate's effects that displace the measurements like the constant.
+    sizes: sizes of the candidate's effects that displace the measurements like the constant.
     moves: RMS displacement, m, of the measured point by the candidate.
     apart: distance of the two explanations over all poses, in standard deviations of the noise.
-    poses: (p, n) joint values where the two explanations differ most. difference: (p,) their distance there, m.
+    poses: joint values where the two explanations differ most. difference: their distance there, m.
     session: inputs of the candidate that joint values do not determine; `poses` is then empty.
     """
 
@@ -204,7 +204,7 @@ def rivals_of_constants(calibration: Calibration, poses: Poses, pool: Iterable[C
 
 
 def _looked_at(here: FittedColumns, offered: Sequence[Candidate]) -> Iterator[tuple[Candidate, Array, Array]]:
-    """Yield every candidate with its columns (M, k), and the part of the columns that the model does not explain."""
+    """Yield every candidate with its columns, and the part of the columns that the model does not explain."""
     for first in range(0, len(offered), AT_ONCE):
         some = offered[first : first + AT_ONCE]
         columns = here.over_all_rows(np.hstack([here.of(candidate) for candidate in some]))
@@ -275,7 +275,7 @@ def _anywhere(calibration: Calibration, poses: Poses) -> Poses:
 def _telling(
     here: FittedColumns, fresh: FittedColumns, found: Sequence[tuple[int, Candidate, Array]]
 ) -> list[tuple[Array, Array]]:
-    """Return for each pair the joint values (p, n) where constant and candidate differ most, and the distances (p,), m.
+    """Return for each pair the joint values where constant and candidate differ most, and the distances, m.
 
     found: index of the constant, candidate and sizes of the candidate. Candidates of one constant are solved together.
     """

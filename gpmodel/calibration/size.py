@@ -67,7 +67,7 @@ def without_frame(kinds: Sequence[Observation]) -> bool:
 
 
 def share_of_size(model: ErrorModel, problem: Linearised) -> Array:
-    """Return the similarity (E,) of each effect to a uniform scaling of the mechanism: |cosine| of the displacements.
+    """Return the similarity of each effect to a uniform scaling of the mechanism: |cosine| of the displacements.
 
     Displacements of the tool point over the poses are compared, after rigid motions of the root and the tool are
     projected out.
@@ -88,7 +88,7 @@ def standing_for(
 ) -> tuple[Array, Array]:
     """Return the changes of held effects that are equivalent to a unit of each other effect, and to uniform scaling.
 
-    Returns (H, O), unknowns per unknown, and (H,), unknowns per relative scaling. Effects are equivalent if they move
+    Returns, unknowns per unknown, and, unknowns per relative scaling. Effects are equivalent if they move
     the tool point of the nominal mechanism equally over the poses, up to rigid motions of the root and the tool.
     """
     count = len(problem.poses)
@@ -109,10 +109,10 @@ def standing_for(
 def spread(columns: Array, target: Array, placed: Array, most: float) -> tuple[float, float, Array]:
     """Estimate the standard deviation of the constants about their nominal values, m and rad, by Bayesian regression.
 
-    columns: (M, H) displacement per unknown of unit prior variance.
-    target: (M,) measurements. placed: (M, P) columns of unknowns without a prior.
+    columns: displacement per unknown of unit prior variance.
+    target: measurements. placed: columns of unknowns without a prior.
     most: largest standard deviation, m and rad.
-    Returns the standard deviation, the RMS residual, m, and orthonormal columns (M, K) that the measurements determine.
+    Returns the standard deviation, the RMS residual, m, and orthonormal columns that the measurements determine.
     With s the singular values of the columns without their part along `placed`, the measurements have the variance σ² +
     reach² s²; reach² and log σ are averaged over their likelihood on a grid. Source: MacKay (1992), Bayesian
     Interpolation.

@@ -17,7 +17,7 @@ from gpmodel.table.dataset import Dataset
 
 
 def placement_columns(poses: Poses, observed: Observed, placement: Placement) -> tuple[list[Array], list[str]]:
-    """Return the derivatives (N, m, P) by registration, tool and the instruments' own unknowns, in blocks, and their
+    """Return the derivatives by registration, tool and the instruments' own unknowns, in blocks, and their
     names."""
     data = poses.dataset
     blocks: list[Array] = []
@@ -45,7 +45,7 @@ def _tool_axes(observed: Observed) -> int:
 
 
 def placement_after(observed: Observed, placement: Placement, step: Array) -> Placement:
-    """Return registration and tool after a step (P,), m and rad, in the order of the columns of `linearise`.
+    """Return registration and tool after a step, m and rad, in the order of the columns of `linearise`.
 
     Registrations rotate about the mean of the predicted points, tools about their own axes. Rotations stay orthonormal.
     """
@@ -130,9 +130,9 @@ def _balls(data: Dataset) -> bool:
 
 
 def _with_tools(poses: Poses, slots: Array, registration: dict[str, Array], points: Array) -> Placement:
-    """Return given registrations and tool points (T, 3), m, completed by the instruments' unknowns.
+    """Return given registrations and tool points, m, completed by the instruments' unknowns.
 
-    The orientations of the tools are the measured ones. slots: (S, N, 4, 4) frames of the nominal mechanism.
+    The orientations of the tools are the measured ones. slots: frames of the nominal mechanism.
     """
     data, frames = poses.dataset, slots[poses.tip_slot, np.arange(len(poses))]
     tool_frames = {name: se3.shift(point) for name, point in zip(data.codes("tool")[0], points, strict=True)}

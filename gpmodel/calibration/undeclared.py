@@ -1,6 +1,6 @@
 """Separate constants from undeclared effects in measurements without an instrument's frame.
 
-Within the measured region, constants can imitate an undeclared effect; outside, their predictions differ. With r (M,)
+Within the measured region, constants can imitate an undeclared effect; outside, their predictions differ. With r
 the measurements, F the columns of registration, tool and declared effects, A those of all constants, c_a of axis a,
 
     r = F ρ + A θ + Σ_a c_a ∘ f_a(q) + e,   θ ~ N(0, τ² I),   f_a ~ N(0, γ_a² K),   e ~ N(0, n² I)
@@ -70,7 +70,7 @@ START, SMALLEST = (1e-4, 3e-4, 0.3), 1e-8
 class Undeclared:
     """Standard deviations of undeclared effects, of constants and of the noise.
 
-    sizes: (A,) γ of the unknown function at each axis of `geometric_effects`, m and rad.
+    sizes: γ of the unknown function at each axis of `geometric_effects`, m and rad.
     constant: standard deviation τ of a constant, m and rad.
     noise: standard deviation n of a measurement, m.
     gain: log restricted likelihood minus the log restricted likelihood without the functions, nats.
@@ -83,7 +83,7 @@ class Undeclared:
 
     @classmethod
     def estimated(cls, problem: Linearised, model: ErrorModel, theta: Array) -> "Undeclared":
-        """Estimate γ, τ and n from a linear problem at constants `theta` (E,) by their restricted likelihood."""
+        """Estimate γ, τ and n from a linear problem at constants `theta` by their restricted likelihood."""
         rows = np.linspace(0, len(problem.residual) - 1, min(len(problem.residual), MOST_ROWS)).astype(int)
         axes, constant = _axes(problem, model)[rows], of_the_description(model)
         effects, added = problem.columns[rows, problem.placement :], constant | _smooth(model)
@@ -127,9 +127,9 @@ class Undeclared:
 class Coloured:
     """Covariance n² V = n² L Lᵀ of M measurements.
 
-    axes: (M, A) columns of the axes times γ / n.
-    values: (M, W) sinusoids at the measurements.
-    lower: (M, M) Cholesky factor L.
+    axes: columns of the axes times γ / n.
+    values: sinusoids at the measurements.
+    lower: Cholesky factor L.
     """
 
     unknown: Undeclared
@@ -145,7 +145,7 @@ class Coloured:
         return replace(problem, columns=columns, residual=residual, ratio=ratio)
 
     def mean(self, white: Array, model: ErrorModel) -> Effect | None:
-        """Return the conditional mean of the functions, as an effect, given the residual (M,) of whitened rows.
+        """Return the conditional mean of the functions, as an effect, given the residual of whitened rows.
 
         The result is None if all functions are below SHOWN times the noise. The effect's prior is the standard
         deviation of the functions relative to their mean, both RMS over the measurements.
@@ -168,9 +168,9 @@ class Coloured:
         return len(self.lower) - float(np.sum(self._solved(np.eye(len(self.lower))) ** 2))
 
     def left(self, q: Array, axes: Array, columns: Array, fit: Calibration, fitted: Linearised) -> Array:
-        """Return the posterior variance (N,), m², of points, due to the unknowns and the functions together.
+        """Return the posterior variance, m², of points, due to the unknowns and the functions together.
 
-        axes, columns: (N, 3, A) and (N, 3, K), derivatives of the points by the axes and by the unknowns. fitted:
+        axes, columns: and, derivatives of the points by the axes and by the unknowns. fitted:
         problem of the fit. The part of an unknown that the functions absorb is not counted twice (universal kriging).
         """
         unknowns, out = fit.covariance.values, np.sum((axes * self.unknown.sizes) ** 2, axis=(1, 2))
@@ -181,9 +181,9 @@ class Coloured:
         return np.asarray(np.maximum(out, 0.0))
 
     def left_among(self, problem: Linearised, model: ErrorModel, fitted: Linearised) -> tuple[Array, Array]:
-        """Return a square root (R, R), m, of the posterior covariance of other measurements by the functions.
+        """Return a square root, m, of the posterior covariance of other measurements by the functions.
 
-        The function also returns the share (R, K) of each unknown that the functions absorb at these measurements.
+        The function also returns the share of each unknown that the functions absorb at these measurements.
         """
         q, columns = problem.poses.dataset.q[problem.pose_of_row], _axes(problem, model)
         at, there = columns * self.unknown.sizes, self.waves.values(q)
@@ -195,8 +195,8 @@ class Coloured:
         return np.asarray(explained.T @ self._solved(fitted.columns) / self.unknown.noise)
 
     def _explained(self, q: Array, columns: Array) -> Array:
-        """Return L⁻¹ times the covariance (M, N), m, of the fitted measurements and other measurements. q: (N, J) joint
-        values of the other measurements. columns: (N, A) displacement per unit of each axis."""
+        """Return L⁻¹ times the covariance, m, of the fitted measurements and other measurements. q: joint
+        values of the other measurements. columns: displacement per unit of each axis."""
         there = self.waves.values(q) @ self.values.T
         return self._solved((((columns * self.unknown.sizes) @ self.axes.T) * there).T)
 
@@ -213,7 +213,7 @@ class Waves:
     """Products of sinusoids of the joint values; an unknown function is a weighted sum of such products.
 
     names: joint names.
-    sizes: (W,) standard deviation of the coefficient of each product.
+    sizes: standard deviation of the coefficient of each product.
     parts: sinusoids of each product.
     """
 
@@ -238,7 +238,7 @@ class Waves:
         return cls(tuple(j.name for j in model.mechanism.joints), np.sqrt(np.array(shares)), parts)
 
     def values(self, q: Array) -> Array:
-        """Return the products (N, W) at joint values (N, J), times their sizes."""
+        """Return the products at joint values, times their sizes."""
         out = np.tile(self.sizes, (len(q), 1))
         for k, waves in enumerate(self.parts):
             for name, joint, rate in waves:
@@ -246,7 +246,7 @@ class Waves:
         return out
 
     def text(self, weights: Array) -> str:
-        """Write the sum of the products times sizes and weights (W,) as an expression; small terms are omitted."""
+        """Write the sum of the products times sizes and weights as an expression; small terms are omitted."""
         signed = weights * self.sizes
         sizes = np.abs(signed)
         largest = np.sort(np.argsort(-sizes)[:MOST_WAVES]).tolist()
@@ -270,13 +270,13 @@ def _sum(terms: Sequence[str]) -> str:
 
 
 def _likelihood(covariance: Array, known: Array) -> float:
-    """Return the log density of values (M,) with covariance (M, M), without its constant."""
+    """Return the log density of values with covariance, without its constant."""
     lower = np.linalg.cholesky(covariance)
     return -float(np.log(np.diag(lower)).sum() + 0.5 * np.sum(np.linalg.solve(lower, known) ** 2))
 
 
 def _without_functions(like: Array, known: Array) -> float:
-    """Return the largest log density of values (M,) with covariance τ² like + n² I, over τ and n."""
+    """Return the largest log density of values with covariance τ² like + n² I, over τ and n."""
     values, vectors = np.linalg.eigh(like)
     squares, values = (vectors.T @ known) ** 2, np.maximum(values, 0.0)
     reach, noise = START[1] ** 2, START[2] ** 2 * float(np.mean(known**2)) + SMALLEST**2
@@ -296,7 +296,7 @@ def _axes(problem: Linearised, model: ErrorModel) -> Array:
 def uncertain_functions(model: ErrorModel, fitted: Linearised, theta: Array, other: Linearised) -> tuple[Array, Array]:
     """Return `Coloured.left_among` of the undeclared effects of a model, for other measurements.
 
-    fitted: problem to which the model was fitted, at `theta` (E,).
+    fitted: problem to which the model was fitted, at `theta`.
     """
     return Undeclared.estimated(fitted, model, theta).covariance(fitted, model).left_among(other, model, fitted)
 
@@ -339,7 +339,7 @@ def apart_from_effects(fit: Calibration, poses: Poses) -> Calibration:
 
 
 def _generalised(fitting: Fitting, known: Coloured, fit: Calibration) -> tuple[Fitted, Array]:
-    """Fit by generalised least squares from an ordinary fit; return the end point and the whitened residual (M,).
+    """Fit by generalised least squares from an ordinary fit; return the end point and the whitened residual.
 
     The unknowns of the instruments are solved again at every point.
     """

@@ -1,6 +1,6 @@
 """Joints without a sensor: the joint values in the table are approximate, and are unknowns of every pose.
 
-The unknown joint values are eliminated pose by pose (variable projection). With the weighted sensitivities A (m, n) of
+The unknown joint values are eliminated pose by pose (variable projection). With the weighted sensitivities A of
 one pose to its free joints and A = U S Vᵀ, only the measurements along the columns of U with a negligible singular
 value still inform the model; an error of the joint values explains any residual along the other columns.
 Source: Golub and Pereyra (1973); the truncation takes the place of 1/S in Robertson (2003), Fig 3.17.
@@ -45,12 +45,12 @@ def free_joints(mechanism: Mechanism) -> tuple[int, ...]:
 
 
 def prior_sigmas(mechanism: Mechanism) -> Array:
-    """Return the prior standard deviations (n,) of the free joints, 1 deg or 1 mm. Only ratios of deviations matter."""
+    """Return the prior standard deviations of the free joints, 1 deg or 1 mm. Only ratios of deviations matter."""
     return np.array([PRIOR_SIGMA[mechanism.joints[i].kind] for i in free_joints(mechanism)])
 
 
 def joint_columns(mechanism: Mechanism, observed: Observed) -> Array:
-    """Return the sensitivity (N, m, n) of each pose's measurements to its free joints, through their drives."""
+    """Return the sensitivity of each pose's measurements to its free joints, through their drives."""
     free = free_joints(mechanism)
     out = np.zeros((len(observed.tip), observed.components, len(free)))
     for k, i in enumerate(free):
@@ -64,21 +64,21 @@ def joint_columns(mechanism: Mechanism, observed: Observed) -> Array:
 class Complement:
     """Directions of each pose's measurements that its free joints do not move.
 
-    turn: (N, m, m) orthonormal rows.
-    keep: (N, m) mask of the rotated measurements that no free joint moves.
+    turn: orthonormal rows.
+    keep: mask of the rotated measurements that no free joint moves.
     """
 
     turn: Array
     keep: Mask
 
     def rows(self, values: Array) -> Array:
-        """Return weighted measurements (N, m, ...) as the rows (M, ...) that free joints leave."""
+        """Return weighted measurements as the rows that free joints leave."""
         turned: Array = np.einsum("nij,nj->ni", self.turn, values) if values.ndim == 2 else self.turn @ values
         return turned[self.keep]
 
 
 def complement(columns: Array, measured: Mask) -> Complement:
-    """Return the complement of weighted joint columns (N, m, n). Components that are not `measured` (N, m) are
+    """Return the complement of weighted joint columns. Components that are not `measured` are
     excluded."""
     largest = np.linalg.norm(columns, axis=(1, 2))
     absent = np.where(measured, 0.0, np.where(largest > 0, largest, 1.0)[:, None])
@@ -89,9 +89,9 @@ def complement(columns: Array, measured: Mask) -> Complement:
 
 
 def eliminate(columns: Array, residual: Array, joints: Array) -> tuple[Array, Array, IntArray]:
-    """Eliminate each pose's joints (N, m, n) from columns (N, m, K) and residual (N, m).
+    """Eliminate each pose's joints from columns and residual.
 
-    Returns columns (M, K), residual (M,) and the pose (M,) of each row. A column that the joints absorb, up to
+    Returns columns, residual and the pose of each row. A column that the joints absorb, up to
     ELIMINATED, is exactly zero. NaN in the residual means not measured.
     """
     measured = np.isfinite(residual)
@@ -102,16 +102,16 @@ def eliminate(columns: Array, residual: Array, joints: Array) -> tuple[Array, Ar
 
 
 def without_eliminated(rows: Array, sizes: Array) -> Array:
-    """Return columns (M, K), set to zero where their norm is below ELIMINATED of `sizes` (K,), the norm before
+    """Return columns, set to zero where their norm is below ELIMINATED of `sizes`, the norm before
     elimination."""
     return np.where(np.linalg.norm(rows, axis=0) > ELIMINATED * sizes, rows, 0.0)
 
 
 def observable(rows: Array, nominal: Array, sizes: Array) -> Array:
-    """Project out of columns (M, K) the combinations that free joints absorb in the nominal mechanism.
+    """Project out of columns the combinations that free joints absorb in the nominal mechanism.
 
-    nominal: (M', K) columns without any effect, where an absorbed combination is zero up to rounding. With effects, an
-    absorbed combination is small but not zero, and a fit would fit noise with it. sizes: (K,) column norms before
+    nominal: columns without any effect, where an absorbed combination is zero up to rounding. With effects, an
+    absorbed combination is small but not zero, and a fit would fit noise with it. sizes: column norms before
     elimination, which make metres and radians comparable.
     """
     scale = np.where(sizes > 0, sizes, 1.0)
@@ -157,7 +157,7 @@ def solve_joints(model: ErrorModel, poses: Poses, theta: Array, placement: Place
 
 
 def what_is_left(mechanism: Mechanism, observed: Observed, measured: Mask, values: Array) -> Array:
-    """Remove from measurements (N, m), in metres, or columns (N, m, K) the part that each pose's free joints explain.
+    """Remove from measurements, in metres, or columns the part that each pose's free joints explain.
 
     The result is unchanged if no joint is free. m: all measured components, or the first few of them.
     """
@@ -185,7 +185,7 @@ def points_flaw(dataset: Dataset) -> str | None:
 
 
 def sphere_flaw(points: Array, where: str) -> str | None:
-    """Return why points (N, 3) determine no sphere (fewer than 4, equal, or coplanar); None if they determine one."""
+    """Return why points determine no sphere (fewer than 4, equal, or coplanar); None if they determine one."""
     expected = f"expected at least {MINIMUM_POSES} different points that are not all in one plane"
     if len(points) < MINIMUM_POSES:
         return f"{where}: {len(points)} measured poses; {expected}"

@@ -41,12 +41,12 @@ class Region:
 
     @classmethod
     def of(cls, points: Array) -> "Region":
-        """Return the ball that holds HELD of the points (N, 3), m."""
+        """Return the ball that holds HELD of the points, m."""
         middle = np.median(points, axis=0)
         return cls(middle, float(np.quantile(np.linalg.norm(points - middle, axis=1), HELD)))
 
     def holds(self, points: Array) -> Mask:
-        """Return the mask (N,) of the points (N, 3), m, inside the ball."""
+        """Return the mask of the points, m, inside the ball."""
         return np.asarray(np.linalg.norm(points - self.middle, axis=1) <= self.radius)
 
 
@@ -59,7 +59,7 @@ def anywhere(mechanism: Mechanism, dataset: Dataset) -> Dataset:
 
 
 def nominal_points(mechanism: Mechanism, poses: Poses) -> Array:
-    """Return the nominal position (N, 3), m, of each row's measured link in the root frame, without a tool."""
+    """Return the nominal position, m, of each row's measured link in the root frame, without a tool."""
     frames = ErrorModel(mechanism, ()).frames(poses, np.zeros(0))
     return np.asarray(frames[poses.tip_slot, np.arange(len(poses)), :3, 3])
 

@@ -1,4 +1,4 @@
-"""Propose formulas for the smooth functions of a selection."""
+"""Propose formulas for the smooth functions that a selection contains."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -38,17 +38,17 @@ TOGETHER, NUMBERS = 2, 3
 """Largest number of inputs of a formula at one site, and of coefficients of named groups that a formula replaces."""
 
 MOST_DETERMINED = 20.0
-"""Largest number of determined coefficients of a curve for which a formula is searched: the most of a smooth curve."""
+"""Largest effective number of coefficients of a smooth function for which a formula is searched."""
 
 MOST_INPUTS = 6
 """Largest number of inputs of an evolved program for which a formula of three inputs is searched."""
 
 
 def curves_of(kept: Sequence[tuple[Candidate, Kept]], fresh: frozenset[str]) -> dict[tuple[str, ...], Candidate]:
-    """Return the smooth functions (curves) of a selection that a formula may replace, by the names of their groups.
+    """Return the smooth functions of a selection that a formula may replace, by the names of their groups of effects.
 
-    Curves are smooth terms and named curves of few determined coefficients, and evolved programs of several terms or of
-    the current round. Groups at one site with at most two inputs in total are also combined to one curve.
+    Named functions count if the data determine few of their coefficients, evolved programs if they have several terms
+    or are new. Groups at one site with at most two inputs in total are also added up to one function.
     """
     found: dict[tuple[str, ...], Candidate] = {
         (c.name,): c
@@ -61,8 +61,8 @@ def curves_of(kept: Sequence[tuple[Candidate, Kept]], fresh: frozenset[str]) -> 
 
 
 def _at_one_site(candidates: Iterable[Candidate]) -> Iterator[tuple[tuple[str, ...], Candidate]]:
-    """Yield the groups at one site with at most two inputs as one candidate, with the names of the groups. Groups that
-    all have names are merged only if the groups have one input and at most NUMBERS coefficients."""
+    """Yield the sum of all groups at one site with at most two inputs as one candidate, with the names of the groups.
+    Groups that all have names are added up only if they have one input and at most NUMBERS coefficients."""
     at: dict[frozenset[object], list[Candidate]] = defaultdict(list)
     for one in candidates:
         at[places(one)].append(one)
@@ -80,13 +80,13 @@ def _at_one_site(candidates: Iterable[Candidate]) -> Iterator[tuple[tuple[str, .
 
 
 def places(candidate: Candidate) -> frozenset[tuple[tuple[str, str, float], ...]]:
-    """Return the frames, axes and weights at which a candidate acts."""
+    """Return the frames, axes and weights of the twists by which a candidate's effects act."""
     return frozenset(tuple((t.slot, t.axis, t.weight) for t in effect.terms) for effect in candidate.effects)
 
 
 @dataclass(frozen=True)
 class LawTask:
-    """Search for a formula of one smooth term, as sent to a worker. written: inputs in terms of table columns."""
+    """Search for a formula of one smooth function at a site, as sent to a worker. written: inputs in table columns."""
 
     problem: SlotProblem
     inputs: tuple[str, ...]
@@ -95,27 +95,27 @@ class LawTask:
 
 
 def run_law_task(task: LawTask) -> tuple[Solution, ...]:
-    """Search formulas in the inputs of a smooth term. The result is equal on every worker."""
+    """Search formulas in the inputs of a smooth function. The result is equal on every worker."""
     return formulas_at(task.problem, 0, task.inputs)
 
 
 @dataclass(frozen=True)
 class ShortLaw:
-    """A formula for a smooth function: its program over the inputs of the task, and the candidate at the site."""
+    """A formula for a smooth function: its program over the inputs of the search, and the candidate at the site."""
 
     program: Program
     task: LawTask
     candidate: Candidate
 
     def simplified(self) -> Candidate:
-        """Return the candidate with its formula simplified by computer algebra, a slow operation."""
+        """Return the candidate with its formula simplified by computer algebra, which is slow."""
         program, task = simplify(self.program), self.task
         cost, maker = self.candidate.cost, self.candidate.found_by
         return as_candidate(program, task.site, task.written, cost, maker) or self.candidate
 
 
 def formulas(left: Residual, curves: Sequence[Candidate], search: Search) -> Iterator[ShortLaw]:
-    """Yield formulas of one term in the inputs and at the site of each smooth function, and shorter forms of the best.
+    """Yield formulas in the inputs and at the site of each smooth function, and shorter forms of the best formulas.
 
     left: residual of a model with all the smooth functions. The searches run in parallel. The searches are repeated
     without winsorising outliers of the smooth function, since a formula may have a sharp bend.
@@ -140,10 +140,10 @@ def formulas(left: Residual, curves: Sequence[Candidate], search: Search) -> Ite
 
 
 def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
-    """Return the formula searches of a smooth function, in its inputs and at its site.
+    """Return the formula searches for a smooth function, in its inputs and at its site.
 
     For a function without a name the site of largest gain is searched, too. A function with several sites or too many
-    inputs has no search. If two inputs are lagged copies of one column, each is searched separately.
+    inputs has no search. If two inputs are lagged copies of one column, each input is searched separately.
     """
     residual = left.without(curve.effects)
     sites = places(curve)
@@ -164,7 +164,7 @@ def _posed(left: Residual, curve: Candidate, search: Search) -> list[LawTask]:
 
 
 def _likeliest(residual: Residual, curve: Candidate, own: Site) -> Site:
-    """Return the site of largest gain for a curve, among axes of one kind, or its own site if no gain exceeds a tie.
+    """Return the site of largest gain for a smooth function; its site `own` if no gain exceeds a tie.
 
     Evolution winsorises large errors, and may select the wrong one of two sites that move the tool nearly equally.
     """
@@ -177,14 +177,14 @@ def _likeliest(residual: Residual, curve: Candidate, own: Site) -> Site:
 
 
 def _at(site: Site, effect: Effect) -> Effect:
-    """Return a copy of an effect that acts at another site."""
+    """Return a copy of an effect with another site (frame and axis)."""
     return replace(effect, terms=site.effect("", effect.terms[0].basis, effect.unit).terms)
 
 
 def _as_laws(
     residual: Residual, curve: Candidate, task: LawTask, search: Search, programs: Iterable[tuple[Program, str]]
 ) -> Iterator[ShortLaw]:
-    """Yield programs, each with its origin, as candidates at the site of a curve, without programs that have a pole."""
+    """Yield programs without a pole as candidate effects at the site of a search. programs: each with its origin."""
     states = residual.poses.states
     between = states.between()
     places = len(sites_of(residual.calibration.model.mechanism))
@@ -198,9 +198,9 @@ def _as_laws(
 def _shortened(
     laws: Sequence[ShortLaw], residual: Residual, as_laws: Callable[[Iterable[tuple[Program, str]]], Iterator[ShortLaw]]
 ) -> list[ShortLaw]:
-    """Remove nodes from the best formula one by one while its gain rises; return the shorter formulas.
+    """Remove nodes from the best formula one by one while its gain rises; return all shorter formulas.
 
-    Formulas with a pole are excluded, since a formula with a pole could hide a better one.
+    Formulas with a pole are excluded, since a formula with a pole could hide a better formula.
     """
     steps: list[ShortLaw] = []
     most, best = _best(residual, laws)
@@ -214,17 +214,17 @@ def _shortened(
 
 
 def _best(residual: Residual, laws: Sequence[ShortLaw]) -> tuple[float, ShortLaw]:
-    """Return the formula of largest gain, and its gain, nats."""
+    """Return the largest gain of any formula, nats, and this formula."""
     nats = (score.nats for score in scores(residual, [law.candidate for law in laws]))
     return max(zip(nats, laws, strict=True), key=lambda pair: pair[0])
 
 
 GROSS = 2.0
-"""Largest ratio of a pose's error without the curve to the second largest error. A larger one is a bad measurement."""
+"""Largest ratio of a pose's error without the function to the second largest: above it the measurement is bad."""
 
 
 def doubtful(left: Residual, curve: Candidate) -> Mask:
-    """Return which poses (N,) are outliers of a model with a smooth function, but no gross errors without it."""
+    """Return which poses are outliers of a model with a smooth function, but no gross errors without the function."""
     motion = left.columns(curve.effects) @ np.array(left.calibration.values_of(curve.effects))
     before = _lengths(left, left.problem.residual + motion)
     out = winsorising(left.problem, len(left.poses), left.criteria.outlier_sigmas) < 1.0
@@ -232,13 +232,13 @@ def doubtful(left: Residual, curve: Candidate) -> Mask:
 
 
 def taken_as_measured(left: Residual, poses: Mask) -> Residual:
-    """Return the residual without winsorising some poses (N,)."""
+    """Return the residual of the calibration without winsorising the poses of a mask."""
     return residual_of(left.calibration, left.poses, left.criteria, JUDGED, poses)
 
 
 def explained(residual: Residual, laws: Sequence[Candidate]) -> Mask:
-    """Return which poses (N,) are no outliers of the model with the most likely of some formulas. The likelihood counts
-    an outlier as if its residual were at the outlier limit. residual: residual of the model without the formulas."""
+    """Return which poses are no outliers of the likeliest of some formulas. The likelihood counts an outlier as if its
+    residual were at the outlier limit. residual: residual of the model without the formulas."""
     sigmas, found = residual.criteria.outlier_sigmas, list[tuple[float, Mask]]()
     for law in laws:
         columns, _ = residual.projected(law.effects)
@@ -251,5 +251,5 @@ def explained(residual: Residual, laws: Sequence[Candidate]) -> Mask:
 
 
 def _lengths(residual: Residual, values: Array) -> Array:
-    """Return the length (N,) of the values (M,) of each pose."""
+    """Return the length of each pose's residual vector. values: values of the measured rows, m."""
     return np.sqrt(squares(residual.problem, values, len(residual.poses)))

@@ -146,14 +146,14 @@ def wave(function: str, number: int, angle: str) -> Expression:
 
 
 def spectrum(count: int, corner: float) -> Array:
-    """Return relative prior deviations (count,) of harmonics: 1 / (1 + (k / corner)^1.5), scaled to a sum of squares of
+    """Return relative prior deviations of harmonics: 1 / (1 + (k / corner)^1.5), scaled to a sum of squares of
     one."""
     shape = 1.0 / (1.0 + (np.arange(1, count + 1) / corner) ** 1.5)
     return np.asarray(shape / np.sqrt(np.sum(shape**2)))
 
 
 def harmonics(name: str, site: Site, angle: str, family: str, deviations: Array) -> Curve:
-    """Return effects sin(k angle) and cos(k angle), k = 1..K, at a site. deviations: (K,) prior of each, rad or m."""
+    """Return effects sin(k angle) and cos(k angle), k = 1..K, at a site. deviations: prior of each, rad or m."""
     plain = [
         (site.effect(f"{name}, {f} {k}", wave(f, k, angle), "", family), float(s))
         for k, s in enumerate(deviations, 1)

@@ -141,8 +141,8 @@ class Candidate:
         return "curve"
 
     def amplitude(self, theta: Array, states: States) -> tuple[float, Array]:
-        """Return the size of the candidate as one number, and the gradient (E,) of the size by the coefficients `theta`
-        (E,).
+        """Return the size of the candidate as one number, and the gradient of the size by the coefficients `theta`
+       .
 
         single: θ. harmonic: √(θ₁² + θ₂²). vector: length of the components that have the unit of the first effect.
         curve: RMS of Σ θ φ over the poses of `states`.

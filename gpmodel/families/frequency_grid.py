@@ -25,7 +25,7 @@ class FrequencyGrid:
     template: candidate with a symbol for the number in its name. The price of the candidate is that of a named effect
     plus the log of the number of rates that the poses resolve.
     start: coordinate q at which the phase is zero, rad or m.
-    rates: (F,) equally spaced rates, rad of the argument per rad or metre of the coordinate.
+    rates: equally spaced rates, rad of the argument per rad or metre of the coordinate.
     value: function from a rate to the number in the name, which also converts back.
     load: column of the load, empty if there is none. called: meaning and unit of the number in the name.
     """

@@ -159,7 +159,7 @@ LARGEST_WRITTEN = 50_000
 
 
 class Columns(Protocol):
-    """Named columns (N,), with one value per pose. The length of the object is N."""
+    """Named columns, with one value per pose. The length of the object is N."""
 
     def __getitem__(self, name: str, /) -> Array: ...
     def __len__(self) -> int: ...
@@ -173,7 +173,7 @@ class Basis(Protocol):
         """Names of the state columns in the expression, in the order of first use."""
 
     def __call__(self, states: Columns) -> Array:
-        """Return the values (N,) at the poses of `states`."""
+        """Return the values at the poses of `states`."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ _ATOM = 9
 
 
 class Named(Protocol):
-    """Named columns (N,) of values."""
+    """Named columns of values."""
 
     def __getitem__(self, name: str, /) -> Array: ...
 
@@ -46,7 +46,7 @@ class Program:
     outputs: tuple[int, ...]
 
     def evaluate(self, inputs: Mapping[str, Array]) -> Array:
-        """Return the values (outputs, N) of the outputs, from a mapping of input name to (N,) array.
+        """Return the values (outputs, N) of the outputs, from a mapping of input name to array.
 
         Raises InputError if an input of the program is missing.
         """
@@ -58,7 +58,7 @@ class Program:
         return np.array([values[k] for k in self.outputs]).reshape(-1, length)
 
     def values(self, columns: Named, length: int, constants: Iterable[float] | None = None) -> list[Array]:
-        """Return the values (N,) of every node, with N = ``length``, by the functions of ``gpmodel.formula.operators``.
+        """Return the values of every node, with N = ``length``, by the functions of ``gpmodel.formula.operators``.
 
         constants: values that replace the constants of the program. An undefined value is NaN or infinite, without a
         warning.

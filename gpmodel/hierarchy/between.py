@@ -37,13 +37,13 @@ class Shared:
 
 
 Judge = Callable[[Mask], tuple[Array, Array]]
-"""Function of the mask (m,) of machines that are no outliers. It returns z (m,), the deviation of each machine from the
-others, and the chance (m,) of z."""
+"""Function of the mask of machines that are no outliers. It returns z, the deviation of each machine from the
+others, and the chance of z."""
 
 
 @dataclass(frozen=True)
 class Deviations:
-    """Deviation of each of m machines from the others, in each of K parameters or blocks. All arrays are (m, K).
+    """Deviation of each of m machines from the others, in each of K parameters or blocks. All arrays are.
 
     z: deviation in units of the standard deviation expected from the others.
     chance: probability of a deviation at least as large for any machine of a fleet without outliers.
@@ -56,7 +56,7 @@ class Deviations:
 
 
 def between(values: Array, variances: Array) -> Shared:
-    """Return mean and spread of estimates (m,), m ≥ 2, with variances (m,).
+    """Return mean and spread of estimates, m ≥ 2, with variances.
 
     τ² solves Q(τ²) = m - 1 with Q = Σ w_i (y_i - μ)², w_i = 1 / (v_i + τ²), μ = Σ w y / Σ w (Paule and Mandel 1982;
     DerSimonian and Kacker 2007). At the ends of the interval of τ², Q is a quantile of χ² with m - 1 degrees of freedom
@@ -138,7 +138,7 @@ def in_normal(z: float, chance: float) -> float:
 
 
 def deleted(values: Array, variances: Array, inside: Mask) -> tuple[Array, Array]:
-    """Return deleted residuals z (m,) and their chances, for estimates and variances (m,).
+    """Return deleted residuals z and their chances, for estimates and variances.
 
     Each machine is compared with the other machines that are `inside`: z_i = (y_i - μ) / √(v_i + τ² + stderr(μ)²). z_i
     has Student's t distribution with m - 2 degrees of freedom because τ is estimated (Viechtbauer and Cheung 2010;

@@ -27,9 +27,9 @@ Directions with a smaller ratio would dilute the test."""
 class BlockInformation:
     """Information of the poses of m machines about a block of E effects.
 
-    values: (m, E) estimates with unit variance.
-    root: (m, E, E) factor of the information, zero in directions that the poses do not determine.
-    count: (m,) number of determined directions.
+    values: estimates with unit variance.
+    root: factor of the information, zero in directions that the poses do not determine.
+    count: number of determined directions.
     """
 
     values: Array
@@ -37,13 +37,13 @@ class BlockInformation:
     count: Array
 
     def subset(self, machines: Mask) -> "BlockInformation":
-        """Return the information of some machines. machines: mask (m,) of the machines."""
+        """Return the information of some machines. machines: mask of the machines."""
         return BlockInformation(self.values[machines], self.root[machines], self.count[machines])
 
 
 @dataclass(frozen=True)
 class Common:
-    """Mean (E,) over the machines, the covariance (E, E) of this mean, and the spread τ between machines."""
+    """Mean over the machines, the covariance of this mean, and the spread τ between machines."""
 
     mean: Array
     covariance: Array
@@ -102,7 +102,7 @@ def shared(of: BlockInformation) -> tuple[float, float, float]:
 
 
 def deleted(of: BlockInformation, inside: Mask) -> tuple[Array, Array]:
-    """Return the distance (m,) of each machine from the others that are `inside`, and that distance's chance (m,)."""
+    """Return the distance of each machine from the others that are `inside`, and that distance's chance."""
     distances, chance = np.empty(len(inside)), np.empty(len(inside))
     for i in range(len(inside)):
         others = inside & (np.arange(len(inside)) != i)
@@ -113,9 +113,9 @@ def deleted(of: BlockInformation, inside: Mask) -> tuple[Array, Array]:
 
 
 def distance(of: BlockInformation, machine: int, mean: Array, covariance: Array, machines: int) -> tuple[float, float]:
-    """Return √(χ² / n) of the n determined directions of a machine about a mean (E,), and its chance.
+    """Return √(χ² / n) of the n determined directions of a machine about a mean, and its chance.
 
-    covariance: (E, E) covariance of the mean and the spread, estimated from `machines` others. Σ w_k χ²_k with Σ w_k =
+    covariance: covariance of the mean and the spread, estimated from `machines` others. Σ w_k χ²_k with Σ w_k =
     1 is large no more often than one χ² is (Székely and Bakirov 2003). The chance of a single effect with an equal
     distance is therefore an upper bound, whichever effects differ.
     """

@@ -30,7 +30,7 @@ standard error of τ² with hundreds of machines."""
 
 @dataclass(frozen=True)
 class Information:
-    """Information of the poses of m machines about E effects: matrix Λ (m, E, E) and vector η (m, E).
+    """Information of the poses of m machines about E effects: matrix Λ and vector η.
 
     The likelihood of effects b is exp(ηᵀb - bᵀΛb / 2).
     """
@@ -96,11 +96,11 @@ def _information(fits: Sequence[Calibration], size: Array) -> Information:
 
 
 def _expectation_maximisation(told: Information, kinds: IntArray, constant: Mask) -> tuple[Array, Array]:
-    """Return μ (E,) and the prior deviations (E,) of a further machine. Effects of one kind (E,) have one spread τ.
+    """Return μ and the prior deviations of a further machine. Effects of one kind have one spread τ.
 
     Expectation: C_i = (Λ_i + T⁻¹)⁻¹, b_i = C_i (η_i + T⁻¹ μ). Maximisation: μ is the mean of b_i with prior μ ~ N(0,
     1), and τ² the mean of (b_i - μ)² + diag C_i. The precision of μ is P = 1 + Σ (1 + Λ_i T)⁻¹ Λ_i. The variance of μ
-    is diag P⁻¹. For a `constant` (E,) effect the variance of μ is 1 / diag P, the variance with all other constants
+    is diag P⁻¹. For a `constant` effect the variance of μ is 1 / diag P, the variance with all other constants
     known, since several constants are equivalent.
     """
     count = np.bincount(kinds)
@@ -143,7 +143,7 @@ class Fleet:
     own: calibration of each machine by its poses alone, with the effects of the type.
     shrunken: calibration of each machine by its poses and the type's `prior`, with complete geometry.
     effects: effects without priors of their own.
-    values, stderr: (m, K + 1) values and standard errors of the effects and, last, of the logarithm of the noise.
+    values, stderr: values and standard errors of the effects and, last, of the logarithm of the noise.
     shared: mean and spread of each of the K + 1 parameters over the machines.
     blocks: effects with priors of their own.
     deviations: deviation of each machine in each parameter and block.

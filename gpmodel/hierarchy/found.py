@@ -93,7 +93,7 @@ def pooled(machines: Sequence[Residual], group: Group) -> Pooled:
 
 
 def _gains(machines: Sequence[Residual], group: Group, spectra: Sequence[tuple[Array, Array]]) -> Array:
-    """Return the gain (m,) of each machine at the best common variance, nats."""
+    """Return the gain of each machine at the best common variance, nats."""
     s, q = (np.concatenate(parts, axis=-1) for parts in zip(*spectra, strict=True))
     variance = float(best(s[None], q, np.array([group.cap]))[1][0])
     return np.array([_gain(of, variance, *own) for of, own in zip(machines, spectra, strict=True)])
@@ -108,7 +108,7 @@ def _gain(of: Residual, variance: float, s: Array, q: Array) -> float:
 
 
 def _spectrum(of: Residual, group: Group, trials: Array) -> tuple[Array, Array]:
-    """Return eigenvalues s (K,) and products q (T, K) of a group for T residuals. trials: residuals (M + B, T), M
+    """Return eigenvalues s and products q of a group for T residuals. trials: residuals, M
     measurements and B prior rows."""
     left, _ = of.projected(group.effects)
     x = left * np.linalg.norm(of.columns(group.effects), axis=0) * np.array(group.spreads) / of.sigma
@@ -117,7 +117,7 @@ def _spectrum(of: Residual, group: Group, trials: Array) -> tuple[Array, Array]:
 
 
 def _null(machines: Sequence[Residual], groups: Sequence[Group], rng: np.random.Generator, count: int) -> Array:
-    """Return the largest pooled net gain (T,) of any group on residuals permuted within each machine."""
+    """Return the largest pooled net gain of any group on residuals permuted within each machine."""
     trials, most = [of.shuffled(rng, count) for of in machines], np.full(count, -np.inf)
     for group in groups:
         spectra = [_spectrum(of, group, t) for of, t in zip(machines, trials, strict=True)]

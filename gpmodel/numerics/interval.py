@@ -20,10 +20,10 @@ SETTLED = 1e-3
 class Tails:
     """Student's t distributions of the errors of independent coordinates, weighted by their evidence.
 
-    freedom: (K,) degrees of freedom.
-    scale: (K,) scales, in the unit of the errors.
-    weight: (K,) weights that sum to one.
-    uncertain: (K,) relative standard errors of the scales.
+    freedom: degrees of freedom.
+    scale: scales, in the unit of the errors.
+    weight: weights that sum to one.
+    uncertain: relative standard errors of the scales.
     evidence: logarithm of the mean likelihood over the degrees of freedom.
     """
 
@@ -34,7 +34,7 @@ class Tails:
     evidence: float
 
     def drawn(self, shape: tuple[int, int, int], rng: np.random.Generator) -> Array:
-        """Draw errors (B, N, 3): B simulated tables of N points, each with one distribution and one scale drawn.
+        """Draw errors: B simulated tables of N points, each with one distribution and one scale drawn.
 
         A distribution is drawn by its weight, its scale log-normally with the relative standard error `uncertain`.
         """
@@ -50,12 +50,12 @@ class Tails:
 
 
 def tails(values: Array, count: float, blur: Array | float = 0.0) -> Tails:
-    """Fit Student's t distributions to values (M,) with mean zero.
+    """Fit Student's t distributions to values with mean zero.
 
     For each number of degrees of freedom f in FREEDOMS the scale s of highest likelihood is found.
     The variance of s is s² (f + 3) / (2 f count).
     count: number of independent values to which the sample is equivalent.
-    blur: (M,) variance that an error of the fitted parameters adds to each value, relative to the value's own variance.
+    blur: variance that an error of the fitted parameters adds to each value, relative to the value's own variance.
     The added error is taken as normal, as a sum of many terms.
     Student's t is computed as a mixture of normal distributions with variances s² u, u = f / χ²_f, at NODES quantiles
     of u. Scales by the EM iteration s² ← mean of Σ_u p(u | v) v² / (u + blur) (Lange, Little and Taylor 1989).
@@ -79,14 +79,14 @@ def tails(values: Array, count: float, blur: Array | float = 0.0) -> Tails:
 def with_far_ones(
     inside: Array, far: Array, count: float, blurs: tuple[Array | float, Array | float] = (0.0, 0.0)
 ) -> Tails:
-    """Fit error distributions to accepted errors (M, 3) and to outliers (F, 3) that a fit excluded.
+    """Fit error distributions to accepted errors and to outliers that a fit excluded.
 
     Two alternative models of the errors are weighted by their evidence. Either one distribution explains all errors, or
     outliers are failures, uniform up to the farthest distance. Every rate of failures has an equal prior probability,
     so that the probability of F failures is F! M! / (F + M + 1)!.
-    inside, far: accepted errors (M, 3) and outliers (F, 3), m.
+    inside, far: accepted errors and outliers, m.
     count: number of independent coordinates to which the accepted errors are equivalent.
-    blurs: (M,) and (F,) relative variances, as `blur` of `tails`.
+    blurs: and relative variances, as `blur` of `tails`.
     """
     own, other = (np.repeat(np.broadcast_to(b, len(v)), 3) for b, v in zip(blurs, (inside, far), strict=True))
     alone = tails(inside.ravel(), count, own)

@@ -45,16 +45,16 @@ MAD_SIGMAS = 1.4826
 
 
 def outlier_limit(errors: Array, sigmas: float = OUTLIER_SIGMAS) -> float:
-    """Return the length beyond which an error is an outlier: median + sigmas · 1.4826 · MAD of all errors (N,)."""
+    """Return the length beyond which an error is an outlier: median + sigmas · 1.4826 · MAD of all errors."""
     middle = float(np.median(errors))
     return middle + sigmas * max(MAD_SIGMAS * float(np.median(np.abs(errors - middle))), SMALLEST_SPREAD)
 
 
 def among_worst(errors: Array, use: Mask | None = None) -> Mask:
-    """Mark the largest errors (N,) that may still be excluded as outliers.
+    """Mark the largest errors that may still be excluded as outliers.
 
     At most the share OUTLIER_SHARE of all poses, and at least one, is excluded altogether.
-    use: (N,) poses that are not excluded yet; None for all poses.
+    use: poses that are not excluded yet; None for all poses.
     """
     use = np.ones(len(errors), dtype=bool) if use is None else use
     most = max(1, int(OUTLIER_SHARE * len(errors))) - int((~use).sum())
@@ -63,12 +63,12 @@ def among_worst(errors: Array, use: Mask | None = None) -> Mask:
 
 
 def in_company(far: Mask, places: Array, errors: Array) -> Mask:
-    """Mark outliers (N,) whose nearest neighbours are mostly outliers with errors in the same direction.
+    """Mark outliers whose nearest neighbours are mostly outliers with errors in the same direction.
 
     A wrong model causes such a region; excluding its poses would hide the model's error.
-    far: (N,) outliers.
-    places: joint values or positions (N, n), each column compared relative to its range.
-    errors: (N, m), NaN where nothing was measured.
+    far: outliers.
+    places: joint values or positions, each column compared relative to its range.
+    errors:, NaN where nothing was measured.
     """
     company = np.zeros(len(far), dtype=bool)
     span = np.ptp(places, axis=0)
@@ -89,7 +89,7 @@ normal equations regular."""
 
 
 def solve(system: Array, target: Array) -> Array:
-    """Return x (K,) or (K, R) that minimises |A x - b|² for unit columns A (M, K).
+    """Return x or that minimises |A x - b|² for unit columns A.
 
     Fewer than MANY_COLUMNS columns are solved by pivoted QR, more columns by normal equations, which priors keep
     regular.
@@ -100,18 +100,18 @@ def solve(system: Array, target: Array) -> Array:
 
 
 def inverse_gram(columns: Array) -> Array:
-    """Return (CᵀC)⁻¹ (K, K) of unit columns C (M, K), a pseudo-inverse by QR."""
+    """Return (CᵀC)⁻¹ of unit columns C, a pseudo-inverse by QR."""
     root = np.linalg.pinv(np.linalg.qr(columns, mode="r"), rcond=1e-9)
     return root @ root.T
 
 
 def inverse_of(products: Array) -> Array:
-    """Return the inverse (K, K) of a matrix CᵀC that priors keep regular, by Cholesky; `products` is overwritten."""
+    """Return the inverse of a matrix CᵀC that priors keep regular, by Cholesky; `products` is overwritten."""
     return np.asarray(linalg.cho_solve(factored(products), np.eye(len(products)), check_finite=False))
 
 
 def root_mean_square(values: Array) -> float:
-    """Return √ mean v² of values v (N,), NaN if there are no values."""
+    """Return √ mean v² of values v, NaN if there are no values."""
     return float(np.sqrt(np.mean(np.square(values)))) if len(values) else float("nan")
 
 
@@ -126,9 +126,9 @@ in the span of the other columns."""
 
 @dataclass(frozen=True)
 class LeaveOneOut:
-    """Singular value decomposition of columns (M, K), from which the other columns can fit any one column.
+    """Singular value decomposition of columns, from which the other columns can fit any one column.
 
-    The columns are U s Vᵀ times their norms (K,); singular values at the level of rounding are left out. The part of
+    The columns are U s Vᵀ times their norms; singular values at the level of rounding are left out. The part of
     column k orthogonal to the other columns lies along row k of the pseudo-inverse. Source: Golub and Van Loan, 5.5.
     """
 
@@ -139,7 +139,7 @@ class LeaveOneOut:
 
     @classmethod
     def of(cls, columns: Array) -> "LeaveOneOut":
-        """Decompose columns (M, K), scaled to unit norm before the rank is decided; negligible columns count as zero.
+        """Decompose columns, scaled to unit norm before the rank is decided; negligible columns count as zero.
 
         For MANY_COLUMNS and more, s² are the eigenvalues of the normal matrix, which priors keep regular.
         """
@@ -155,7 +155,7 @@ class LeaveOneOut:
         return cls(norms, u[:, :rank], s[:rank], vt[:rank].T)
 
     def alone(self, k: int) -> Array:
-        """Return the part (M,) of column k that is orthogonal to the other columns, zero if k is in their span."""
+        """Return the part of column k that is orthogonal to the other columns, zero if k is in their span."""
         own = self.v[k]
         if own @ own < 1.0 - INSIDE:
             return np.zeros(len(self.u))
@@ -163,7 +163,7 @@ class LeaveOneOut:
         return np.asarray(along * self.norms[k] / (along @ along))
 
     def by_others(self, k: int, values: Array) -> Array:
-        """Return coefficients (K, R) of the least-squares fit of values (M, R) by all columns but column k.
+        """Return coefficients of the least-squares fit of values by all columns but column k.
 
         The coefficient of column k is zero.
         """
@@ -176,11 +176,11 @@ class LeaveOneOut:
 class Omitted:
     """Residuals of rows that a fit omits, from the residuals of the fit to all rows.
 
-    With the orthonormal basis B (M, K) of the columns and its omitted rows W (T, K), the residuals of the omitted rows
+    With the orthonormal basis B of the columns and its omitted rows W, the residuals of the omitted rows
     are A⁻¹ times their residuals in the fit to all rows, A = I - W Wᵀ. If there are fewer columns than rows, A⁻¹ = I +
     W (I - WᵀW)⁻¹ Wᵀ.
-    rows: (T,) indices of the omitted rows.
-    there: (T, K) omitted rows W of the basis.
+    rows: indices of the omitted rows.
+    there: omitted rows W of the basis.
     factor: Cholesky factor of A or, if smaller, I - WᵀW, for scipy's cho_solve.
     Source: Cook and Weisberg (1982), 2.2.
     """
@@ -191,13 +191,13 @@ class Omitted:
 
     @classmethod
     def of(cls, rows: IntArray, basis: Array) -> "Omitted":
-        """Prepare the omission of `rows` (T,) from columns with the orthonormal basis (M, K)."""
+        """Prepare the omission of `rows` from columns with the orthonormal basis."""
         there = basis[rows]
         square = there @ there.T if len(rows) <= basis.shape[1] else there.T @ there
         return cls(rows, there, factored(np.eye(len(square)) - square))
 
     def freed(self, values: Array) -> Array:
-        """Return A⁻¹ times values (T, R): residuals of omitted rows, from their residuals in the fit to all rows."""
+        """Return A⁻¹ times values: residuals of omitted rows, from their residuals in the fit to all rows."""
         if len(self.rows) <= self.there.shape[1]:
             return np.asarray(linalg.cho_solve(self.factor, values, check_finite=False))
         inside = linalg.cho_solve(self.factor, self.there.T @ values, check_finite=False)

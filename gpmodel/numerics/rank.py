@@ -16,7 +16,7 @@ changes."""
 
 
 def orthonormal(columns: Array) -> Array:
-    """Return an orthonormal basis (M, k) of the span of columns (M, K), which are first scaled to unit norm."""
+    """Return an orthonormal basis of the span of columns, which are first scaled to unit norm."""
     norms = np.linalg.norm(columns, axis=0)
     scaled = columns[:, norms > NEGLIGIBLE] / norms[norms > NEGLIGIBLE]
     if scaled.shape[1] == 0:
@@ -26,12 +26,12 @@ def orthonormal(columns: Array) -> Array:
 
 
 def remove(basis: Array, columns: Array) -> Array:
-    """Return columns (M, K) minus their projection on an orthonormal basis (M, k)."""
+    """Return columns minus their projection on an orthonormal basis."""
     return columns - basis @ (basis.T @ columns)
 
 
 def factored(gram: Array) -> tuple[Array, bool]:
-    """Return the Cholesky factor of the normal matrix (K, K) of unit columns, for scipy's cho_solve.
+    """Return the Cholesky factor of the normal matrix of unit columns, for scipy's cho_solve.
 
     The input matrix is overwritten. The matrix is passed transposed, since LAPACK stores matrices column by column.
     """
@@ -44,7 +44,7 @@ def factored(gram: Array) -> tuple[Array, bool]:
 class Span:
     """Span of columns, some of which have priors.
 
-    plain: (M, k) orthonormal columns.
+    plain: orthonormal columns.
     rest: (M, b) columns with priors, orthogonal to the plain columns.
     factor: Cholesky factor of restᵀ rest, for scipy's cho_solve.
     """
@@ -55,12 +55,12 @@ class Span:
 
     @classmethod
     def of(cls, columns: Array, believed: Mask, gram: Array) -> "Span":
-        """Build the span of unit columns (M, K).
+        """Build the span of unit columns.
 
         The rank of the columns without priors is decided by SVD; columns with priors are all kept and factored by
         Cholesky.
-        believed: (K,) True for columns with a prior, which is a further row of the column.
-        gram: (K, K) products of all columns, needed if a column has a prior.
+        believed: True for columns with a prior, which is a further row of the column.
+        gram: products of all columns, needed if a column has a prior.
         """
         plain = orthonormal(columns[:, ~believed])
         if not believed.any():
@@ -83,7 +83,7 @@ class Span:
         return int(self.plain.shape[1] + (0 if self.rest is None else self.rest.shape[1]))
 
     def remove(self, columns: Array) -> Array:
-        """Return columns (M, ...) minus their projection on the span."""
+        """Return columns minus their projection on the span."""
         left = remove(self.plain, columns)
         if self.rest is not None:
             left -= self.rest @ linalg.cho_solve(self.factor, self.rest.T @ left, check_finite=False)
@@ -100,7 +100,7 @@ class Span:
 
 
 def unique_shares(columns: Array) -> Array:
-    """Return the share (K,) of each column's norm that no other column explains.
+    """Return the share of each column's norm that no other column explains.
 
     The share is 1 / sqrt(diag((CᵀC)⁻¹)) of unit columns C.
     """
@@ -119,8 +119,8 @@ def unique_shares(columns: Array) -> Array:
 class Ranking:
     """Candidate columns in order of preference, from which a well-conditioned subset is selected.
 
-    fixed: (R, F) orthonormal columns that are always included.
-    candidates: (R, C) columns of unit length.
+    fixed: orthonormal columns that are always included.
+    candidates: columns of unit length.
     order: indices of the candidates, the preferred first; candidates near zero are left out.
     """
 
@@ -145,7 +145,7 @@ class Ranking:
 
 
 def rank(fixed: Array, candidates: Array, order: IntArray | None = None) -> Ranking:
-    """Order candidate columns (M, C), given fixed columns (M, F), by preference.
+    """Order candidate columns, given fixed columns, by preference.
 
     order: indices of the candidates, the preferred first; by default in the order of the columns.
     Columns near zero are dropped before scaling. QR reduces the number of rows to the number of columns and keeps all
@@ -174,7 +174,7 @@ class Folded:
     """Columns and a target, reduced by QR to one triangle per fold, so that any subset of columns can be
     cross-validated.
 
-    triangles: R (K + 1, K + 1) per fold, with RᵀR = [columns, target]ᵀ [columns, target] of the rows of the fold.
+    triangles: R per fold, with RᵀR = [columns, target]ᵀ [columns, target] of the rows of the fold.
     rows: (folds,) number of rows of each fold.
     """
 
@@ -198,7 +198,7 @@ class Folded:
 
 
 def folded(columns: Array, target: Array, fold_of_row: IntArray) -> Folded:
-    """Prepare columns (M, K) and target (M,) for cross-validation. fold_of_row: (M,) fold of each row."""
+    """Prepare columns and target for cross-validation. fold_of_row: fold of each row."""
     both = np.column_stack([columns, target])
     rows = np.unique(fold_of_row, return_counts=True)
     triangles = (triangle(both[fold_of_row == fold]) for fold in rows[0])
@@ -206,7 +206,7 @@ def folded(columns: Array, target: Array, fold_of_row: IntArray) -> Folded:
 
 
 def triangle(columns: Array) -> Array:
-    """Return R (at most K rows, K) of the QR decomposition of columns (M, K); RᵀR are their inner products."""
+    """Return R (at most K rows, K) of the QR decomposition of columns; RᵀR are their inner products."""
     return np.asarray(linalg.qr(columns, mode="r", check_finite=False)[0])[: columns.shape[1]]
 
 

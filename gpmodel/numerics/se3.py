@@ -103,7 +103,7 @@ def shift(points: ArrayLike) -> Array:
 
 
 def along(axis: int, values: Array) -> Array:
-    """Return transforms (N, 4, 4) by values (N,) along or about a coordinate axis.
+    """Return transforms by values along or about a coordinate axis.
 
     axis: index in a twist; 0 to 2 translate along x, y, z, m; 3 to 5 rotate about x, y, z, rad.
     """
@@ -125,7 +125,7 @@ def nearest_rotation(rough: Array) -> Array:
 
 
 def chain(transforms: Array) -> Array:
-    """Return the running products (S, N, 4, 4) of relative transforms: the pose of each frame in the root frame."""
+    """Return the running products of relative transforms: the pose of each frame in the root frame."""
     out = np.empty_like(transforms)
     out[0] = transforms[0]
     for i in range(1, len(transforms)):
@@ -136,7 +136,7 @@ def chain(transforms: Array) -> Array:
 def fit_rotation(source: Array, target: Array) -> tuple[Array, Array]:
     """Return rotation R and translation t of the least-squares fit target ≈ R source + t.
 
-    source, target: points (N, 3), m.
+    source, target: points, m.
     """
     a, b = source.mean(axis=0), target.mean(axis=0)
     turn = nearest_rotation((target - b).T @ (source - a))
@@ -144,7 +144,7 @@ def fit_rotation(source: Array, target: Array) -> tuple[Array, Array]:
 
 
 def without_registration(points: Array, columns: Array) -> Array:
-    """Project a common translation and rotation of points (N, 3) out of their displacements (N, 3, k).
+    """Project a common translation and rotation of points out of their displacements.
 
     For displacements by k parameters the result is minus the derivative of the residual of `fit_rotation`, without a
     term that is proportional to the residual. Source: Kaufman (1975), variable projection.
@@ -185,7 +185,7 @@ def turned(value: Array, twist: Array) -> Array:
 
 
 def by_pose(points: Array) -> Array:
-    """Return the derivative (N, 3, 6) of points y (N, 3) by a unit twist ξ of the frame of their coordinates.
+    """Return the derivative of points y by a unit twist ξ of the frame of their coordinates.
 
     The points do not move with the frame, and ξ is in the axes of the frame: y' = exp(-ξ) y.
     """

@@ -80,13 +80,13 @@ class Ladder:
 
     @property
     def outliers(self) -> IntArray:
-        """Indices (K,) of the outliers of the final fit or of the last fit to training poses."""
+        """Indices of the outliers of the final fit or of the last fit to training poses."""
         of_final = self.final.outliers if self.final_rows is None else self.final_rows[self.final.outliers]
         return np.union1d(of_final, self.train[self.steps[-1].calibration.outliers])
 
     @property
     def counts(self) -> Mask:
-        """Mask (N,) of the poses that enter the stated errors: all poses except the outliers."""
+        """Mask of the poses that enter the stated errors: all poses except the outliers."""
         return np.isin(np.arange(len(self.poses)), self.outliers, invert=True)
 
     def records(self) -> Iterator[StepRecord]:

@@ -36,7 +36,7 @@ Heads = tuple[str, bool]
 
 
 def histogram(errors: Array, tolerance_mm: float | None, heads: Heads) -> Picture:
-    """Return a picture with histograms of the errors (N, 2), mm, before and after calibration, over common bins."""
+    """Return a picture with histograms of the errors, mm, before and after calibration, over common bins."""
     worst = errors.max(axis=0)
     return Picture(
         "errors", "Error before and after", 5.2, 1.9,
@@ -74,17 +74,17 @@ STATISTICS: tuple[tuple[str, Callable[[Array], float]], ...] = (
     ("largest", np.max),
     ("RMS", root_mean_square),
 )
-"""Statistics of the 3-D errors (N,) of at least two poses, by name."""
+"""Statistics of the 3-D errors of at least two poses, by name."""
 
 
 def statistics(errors: Array) -> tuple[tuple[str, str, str], ...]:
-    """Return the rows of the accuracy table: name, value before and after calibration, of errors (N, 2), mm."""
+    """Return the rows of the accuracy table: name, value before and after calibration, of errors, mm."""
     before, after = errors.T
     return tuple((name, millimetres(float(of(before))), millimetres(float(of(after)))) for name, of in STATISTICS)
 
 
 def errors_before_and_after(report: Report, every: bool = False) -> Array | None:
-    """Return the errors (N, 2), mm, at held-out poses, or at fitted poses if none were held out; None for fewer than
+    """Return the errors, mm, at held-out poses, or at fitted poses if none were held out; None for fewer than
     two poses.
     Errors before: registration and tool with the nominal geometry. every: include outliers."""
     first = report.ladder[0].step if report.ladder else ""
@@ -115,7 +115,7 @@ class Certificate:
     statistics: name, value before calibration, value after calibration.
     before: heading of the errors before calibration.
     predicted: True if the errors after calibration are predictions.
-    errors: (N, 2), mm, before and after calibration; N = 0 if unknown.
+    errors:, mm, before and after calibration; N = 0 if unknown.
     """
 
     title: str

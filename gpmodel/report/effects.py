@@ -84,7 +84,7 @@ def _curve_in_words(candidate: Candidate) -> str:
 
 
 def shape(calibration: Calibration, candidate: Candidate, states: States) -> Array:
-    """Return Σ θ φ (N,) of a finding over the poses of `states`, along the axis of its first term.
+    """Return Σ θ φ of a finding over the poses of `states`, along the axis of its first term.
     For one basis function along several axes, the value is φ times the length of the vector of the θ."""
     if candidate.kind in ("single", "vector"):
         term = candidate.place
@@ -157,7 +157,7 @@ POSES = 400
 SHOWN = 120
 """Number of arrows in the picture of an effect."""
 Moved = tuple[Array, Array]
-"""Points (K, 3), m, and their displacements, m, with the rotation of the tool, rad (K, 6), in the root frame."""
+"""Points, m, and their displacements, m, with the rotation of the tool, rad, in the root frame."""
 
 
 def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]) -> list[Moved | None]:

@@ -24,7 +24,7 @@ CHAIN_POSES = 300
 
 
 def statistics_mm(error: Array) -> ErrorsMm:
-    """Return mean, RMS and maximum, mm, of the known 3-D errors (N,), m; all None if none is known."""
+    """Return mean, RMS and maximum, mm, of the known 3-D errors, m; all None if none is known."""
     mm = 1e3 * error[np.isfinite(error)]
     if len(mm) == 0:
         return ErrorsMm()
@@ -37,12 +37,12 @@ def optional(value: float) -> float | None:
 
 
 def finite(values: Array) -> tuple[float | None, ...]:
-    """Return numbers (N,) for report.json with six digits; None if not finite."""
+    """Return numbers for report.json with six digits; None if not finite."""
     return tuple(float(f"{v:.6g}") if np.isfinite(v) else None for v in values.tolist())
 
 
 def vectors(values: Array) -> Vectors:
-    """Return rows (N, 3) for report.json with six digits; None for numbers that are not finite."""
+    """Return rows for report.json with six digits; None for numbers that are not finite."""
     return tuple(finite(row) for row in values)
 
 
@@ -81,7 +81,7 @@ def placement(final: Calibration) -> tuple[ParameterRecord, ...]:
 def tool_displacements(
     calibration: Calibration | SavedModel, poses: Poses, groups: Sequence[Sequence[Effect]]
 ) -> tuple[Array, list[Array]]:
-    """Return the measured points (K, 3), m, and their displacement by each group of effects (K, 6), m and rad.
+    """Return the measured points, m, and their displacement by each group of effects, m and rad.
 
     The last three numbers are the rotation of the tool. All numbers are in the root frame, at those K of N poses at
     which the loops of the mechanism close with all effects and without each single group.
@@ -134,7 +134,7 @@ def moves_alone(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect
 
 
 def root_residual(calibration: Calibration, poses: Poses) -> Array:
-    """Return measured minus modelled position (N, 3) in the root frame, m.
+    """Return measured minus modelled position in the root frame, m.
     The difference is NaN without a measurement, or for a set-up or tool that the calibration does not contain."""
     out = np.full((len(poses), 3), np.nan)
     known = _known(calibration, poses)
@@ -148,7 +148,7 @@ def root_residual(calibration: Calibration, poses: Poses) -> Array:
 
 
 def turns(fits: Sequence[tuple[Calibration, Poses]], poses: Poses) -> Array:
-    """Return the angle (N,), rad, between measured and modelled orientation, by the fit that is listed with each pose.
+    """Return the angle, rad, between measured and modelled orientation, by the fit that is listed with each pose.
     The angle is NaN without a measurement, or for a set-up or tool that the fit does not contain."""
     out = np.full(len(poses), np.nan)
     for fit, some in fits:

@@ -61,7 +61,7 @@ def mechanism_record(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanis
 
 
 def data_record(poses: Poses, train: int, outliers: IntArray) -> DataRecord:
-    """Return the record of the table: file, split, joint ranges, and `outliers` (K,) by index of the pose."""
+    """Return the record of the table: file, split, joint ranges, and `outliers` by index of the pose."""
     data = poses.dataset
     return DataRecord(
         file=data.source,
@@ -187,7 +187,7 @@ def _repeats(data: Dataset) -> Iterator[IntArray]:
 
 
 def _left(fit: Calibration, poses: Poses, chosen: Sequence[IntArray]) -> Array:
-    """Return the ratio (P,) of residual variance to variance of the mean of a pose: 1 - leverage."""
+    """Return the ratio of residual variance to variance of the mean of a pose: 1 - leverage."""
     problem, out = problem_at(fit, poses), []
     for rows in chosen:
         columns = problem.columns[np.isin(problem.pose_of_row, rows)]

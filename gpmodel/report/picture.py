@@ -59,7 +59,7 @@ def numbers(values: Sequence[float | None] | Sequence[Sequence[float | None]]) -
 
 
 def broken(x: Array, y: Array) -> tuple[Array, Array]:
-    """Return a line through points (N,), x ascending, with NaN at gaps wider than GAP; unbroken for at most FEW values
+    """Return a line through points, x ascending, with NaN at gaps wider than GAP; unbroken for at most FEW values
     of x."""
     widest = GAP * np.ptp(x) if len(np.unique(x)) > FEW else np.inf
     wide = np.flatnonzero(np.diff(x) > widest) + 1

@@ -69,7 +69,7 @@ def csv(report: Report) -> str:
 
 
 def _errors(report: Report, step: str) -> Array:
-    """Return the error (N,) of every pose after a step; empty if the report does not contain the errors."""
+    """Return the error of every pose after a step; empty if the report does not contain the errors."""
     held = np.array(report.plots.heldout_mask, dtype=bool)
     sides = report.plots.error_mm.get(step)
     if sides is None or len(sides.heldout) != held.sum() or len(sides.train) != (~held).sum():

@@ -44,12 +44,12 @@ class ShapeRecord:
 class PlotRecord:
     """Data of the pictures.
 
-    rows: (N,) rows of the file.
-    points_mm: (N, 3) nominal positions in the root frame.
-    residual_mm: (N, 3) measured minus modelled in the root frame, by step "registration", "standard" and "final".
-    turn_mrad: (N,) angle between measured and modelled orientation by step; empty without measured orientations.
+    rows: rows of the file.
+    points_mm: nominal positions in the root frame.
+    residual_mm: measured minus modelled in the root frame, by step "registration", "standard" and "final".
+    turn_mrad: angle between measured and modelled orientation by step; empty without measured orientations.
     error_mm: 3-D errors by step.
-    chain_mm: origins (S, 3) of the slots at the poses `chain_poses`, to draw the arm; slots: their names.
+    chain_mm: origins of the slots at the poses `chain_poses`, to draw the arm; slots: their names.
     """
 
     rows: tuple[int, ...] = ()
@@ -190,7 +190,7 @@ class TermRecord:
 
 @dataclass(frozen=True)
 class MovedRecord:
-    """Displacement of the measured point by an effect, mm: points (K, 3) and displacements (K, 3) in the root frame.
+    """Displacement of the measured point by an effect, mm: points and displacements in the root frame.
     anywhere: True for random joint values within the limits, False for measured poses."""
 
     anywhere: bool = False
@@ -368,7 +368,7 @@ class RoundRecord:
 @dataclass(frozen=True)
 class CompensationRecord:
     """Inputs and outputs of the best program at the N training poses.
-    columns: (K, N) values of the inputs. values: (m, N) values of the outputs."""
+    columns: values of the inputs. values: values of the outputs."""
 
     run: str = ""
     inputs: tuple[str, ...] = ()

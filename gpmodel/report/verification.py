@@ -169,7 +169,7 @@ class Verification:
 class VerifyRequest:
     """Input of a verification.
 
-    missed: (N,) m, errors at compensated targets.
+    missed: m, errors at compensated targets.
     rows: number of rows of the table.
     others: rows that are not tested.
     fitted: rows that are excluded because the fit used them.

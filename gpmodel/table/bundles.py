@@ -42,7 +42,7 @@ SAMPLE = 50
 
 
 def bundles(dataset: Dataset) -> IntArray:
-    """Return the number (N,) of the bundle of each row, 0 to B - 1.
+    """Return the number of the bundle of each row, 0 to B - 1.
 
     A bundle (block) is a set of rows that no split separates. Rows with equal `group` or `repeat` labels form a bundle.
     A group of all rows is ignored, for example the session used for training if another session is held out. Rows that
@@ -62,7 +62,7 @@ def bundles(dataset: Dataset) -> IntArray:
 
 
 def replicates(dataset: Dataset, whatever: bool = False) -> IntArray:
-    """Return a number (N,) per row, equal for repeated measurements at one pose, payload, set-up and tool.
+    """Return a number per row, equal for repeated measurements at one pose, payload, set-up and tool.
 
     whatever: True to treat rows of different measurements and set-ups as equal.
     Rows with one `repeat` label get one number. Without labels, rows with joint values within SAME_JOINT get one
@@ -75,7 +75,7 @@ def replicates(dataset: Dataset, whatever: bool = False) -> IntArray:
 
 
 def _of_one_pose(dataset: Dataset, whatever: bool = False) -> IntArray:
-    """Return a number (N,) per row, equal for rows with one label or pose; with `whatever`, also for copies."""
+    """Return a number per row, equal for rows with one label or pose; with `whatever`, also for copies."""
     labels = dataset.label("repeat")
     same = np.arange(len(dataset)) if dataset.joints_approximate else _same_joints(dataset.q)
     if not whatever:
@@ -85,7 +85,7 @@ def _of_one_pose(dataset: Dataset, whatever: bool = False) -> IntArray:
 
 
 def numbered(keys: Array | IntArray) -> IntArray:
-    """Return a number (N,) per row of keys (N, K), equal where all K keys are equal."""
+    """Return a number per row of keys, equal where all K keys are equal."""
     return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
@@ -101,7 +101,7 @@ def different_readings(dataset: Dataset) -> Dataset:
 
 
 def sharing(dataset: Dataset) -> IntArray:
-    """Return a number (N,) per row, equal for rows with correlated errors (a shared deviation from any model).
+    """Return a number per row, equal for rows with correlated errors (a shared deviation from any model).
 
     Errors are correlated within a cluster of poses, or within one pose if poses do not lie in clusters, for one set-up
     and tool and any payload.
@@ -159,7 +159,7 @@ def check_repeats(dataset: Dataset) -> None:
 
 
 def _same_label(dataset: Dataset, column: str, most: float = np.inf) -> IntArray:
-    """Return for each row the first row (N,) with equal text in a column.
+    """Return for each row the first row with equal text in a column.
     A row without text, or with a text that more than `most` rows have, is its own first row."""
     labels = dataset.label(column)
     _, first, code, count = np.unique(labels, return_index=True, return_inverse=True, return_counts=True)
@@ -167,7 +167,7 @@ def _same_label(dataset: Dataset, column: str, most: float = np.inf) -> IntArray
 
 
 def _same_joints(q: Array) -> IntArray:
-    """Return the first row (N,) of the pose of each row: the earliest row within SAME_JOINT in every joint.
+    """Return the first row of the pose of each row: the earliest row within SAME_JOINT in every joint.
 
     Rows are compared with the first row of the pose, not with the neighbouring row, so that a slow motion is not one
     pose.
@@ -188,7 +188,7 @@ def _same_joints(q: Array) -> IntArray:
 
 
 def _clusters(q: Array) -> IntArray:
-    """Return the first row (N,) of the cluster of each row; every row is alone if poses do not lie in clusters.
+    """Return the first row of the cluster of each row; every row is alone if poses do not lie in clusters.
 
     Joint values are scaled by their ranges, and r is NEAR times the median distance of a pose to the nearest pose.
     Poses lie in clusters if hardly more pairs of poses lie within 2 r than within r. For poses along a line, the number
@@ -217,12 +217,12 @@ def _clusters(q: Array) -> IntArray:
 
 
 def copies(dataset: Dataset) -> Mask:
-    """Return a mask (N,) of rows that repeat joint values and measurement of an earlier row to the last digit."""
+    """Return a mask of rows that repeat joint values and measurement of an earlier row to the last digit."""
     return original(dataset) < np.arange(len(dataset))
 
 
 def original(dataset: Dataset) -> IntArray:
-    """Return for each row the first row (N,) with equal joint values, labels and measurement, to the last digit.
+    """Return for each row the first row with equal joint values, labels and measurement, to the last digit.
     A row without measured values is its own first row."""
     read = (*dataset.distances.values(), *dataset.readings.values())
     measured = np.column_stack([dataset.position, dataset.rotation, *read])
@@ -234,7 +234,7 @@ def original(dataset: Dataset) -> IntArray:
 
 
 def _renumbered(codes: IntArray, order: IntArray) -> IntArray:
-    """Renumber codes (N,) from 0 in their order of appearance, with the rows in a given order."""
+    """Renumber codes from 0 in their order of appearance, with the rows in a given order."""
     _, first, code = np.unique(codes[order], return_index=True, return_inverse=True)
     out = np.empty(len(codes), dtype=np.int64)
     out[order] = np.argsort(np.argsort(first))[code]
@@ -255,7 +255,7 @@ search, so that held-out poses do not depend on the seed of the search (experime
 
 
 def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tuple[IntArray, IntArray]:
-    """Split a table into training rows (T,) and held-out rows (H,), both sorted, without splitting bundles.
+    """Split a table into training rows and held-out rows, both sorted, without splitting bundles.
 
     fraction: share of the poses to hold out, approximately.
     Raises InputError if all poses are one bundle, or if `fraction` leaves no training rows or too few held-out rows.
@@ -286,7 +286,7 @@ def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tup
 
 
 def folds(dataset: Dataset, count: int, rng: np.random.Generator) -> IntArray:
-    """Return the fold (N,) of each row for cross-validation; bundles are not split, folds have nearly equal size."""
+    """Return the fold of each row for cross-validation; bundles are not split, folds have nearly equal size."""
     of_pose = bundles(dataset)
     n = int(of_pose.max()) + 1
     fold_of_bundle: NDArray[np.int64] = np.empty(n, dtype=np.int64)
@@ -295,6 +295,6 @@ def folds(dataset: Dataset, count: int, rng: np.random.Generator) -> IntArray:
 
 
 def stretches(row: Array, count: int) -> IntArray:
-    """Return the part (N,) of each value `row` (N,), if sorted values are divided into `count` nearly equal parts."""
+    """Return the part of each value `row`, if sorted values are divided into `count` nearly equal parts."""
     place = np.argsort(np.argsort(row, kind="stable"), kind="stable")
     return (place * count // len(row)).astype(np.int64)

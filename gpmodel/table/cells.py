@@ -54,7 +54,7 @@ def with_results(
 
 
 def joint_table(mechanism: Mechanism, q: Array, names: Sequence[str] = ()) -> pd.DataFrame:
-    """Return joint values (N, n), rad or m, as a table of poses with units in the headers.
+    """Return joint values, rad or m, as a table of poses with units in the headers.
     names: column names, by default the names of the joints."""
     columns = zip(names or [joint.name for joint in mechanism.joints], mechanism.joints, q.T, strict=True)
     return pd.DataFrame(dict(joint_column(name, joint.kind, values) for name, joint, values in columns))
@@ -273,7 +273,7 @@ def _check_names(header: list[str], path: Path) -> None:
 
 
 def clock_seconds(cells: "pd.Series[Any]") -> "pd.Series[float] | None":
-    """Return clock times (N,) of cells, with or without dates, as seconds after the first time; None for other cells.
+    """Return clock times of cells, with or without dates, as seconds after the first time; None for other cells.
 
     Dates with slashes are read only if all dates are equal, because the order of day and month differs between
     countries.
@@ -289,7 +289,7 @@ def clock_seconds(cells: "pd.Series[Any]") -> "pd.Series[float] | None":
 
 
 def numbers(column: pd.Series, where: str) -> Array:
-    """Return the cells of a column as numbers (N,), NaN where empty.
+    """Return the cells of a column as numbers, NaN where empty.
     Raises InputError naming `where` for other cells."""
     text = column.astype("string")
     values = pd.to_numeric(text, errors="coerce")

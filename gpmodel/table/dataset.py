@@ -34,17 +34,17 @@ class Specification:
     slope: float
 
     def distance(self, points: Array) -> float:
-        """Return the RMS distance, m, of points (N, 3), m, from the instrument at the origin; points with NaN are
+        """Return the RMS distance, m, of points, m, from the instrument at the origin; points with NaN are
         excluded."""
         whole = points[np.isfinite(points).all(axis=1)]
         return float(np.sqrt(np.mean(np.sum(whole**2, axis=1)))) if len(whole) else 0.0
 
     def at(self, points: Array) -> float:
-        """Return the permissible error U, m, at the RMS distance of points (N, 3), m."""
+        """Return the permissible error U, m, at the RMS distance of points, m."""
         return self.offset + self.slope * self.distance(points)
 
     def noise(self, points: Array) -> float:
-        """Return the expected standard deviation, m, of a coordinate of points (N, 3), m: U over COVERAGE."""
+        """Return the expected standard deviation, m, of a coordinate of points, m: U over COVERAGE."""
         return self.at(points) / COVERAGE
 
     def __str__(self) -> str:
@@ -92,17 +92,17 @@ class Readings(Protocol):
 class Dataset:
     """N measured poses of a mechanism with n joints.
 
-    q: (N, n) joint values, rad or m, in the order of the mechanism.
-    position: (N, 3) in the frame of the instrument, m, NaN where not measured.
-    rotation: (N, 3) rotation vectors, rad, NaN where not measured.
-    row: (N,) number of the data row in the file, from 1.
-    payload: (N,) kg; payload_given: True if the table has a payload column.
-    distances: name -> measured distances (N,), m.
-    readings: columns (N,) named in READINGS.
+    q: joint values, rad or m, in the order of the mechanism.
+    position: in the frame of the instrument, m, NaN where not measured.
+    rotation: rotation vectors, rad, NaN where not measured.
+    row: number of the data row in the file, from 1.
+    payload: kg; payload_given: True if the table has a payload column.
+    distances: name -> measured distances, m.
+    readings: columns named in READINGS.
     described: content of the files of cameras, boards and surfaces, by "cameras", "board" and "surfaces".
     observations: measurements other than points, poses and distances.
-    labels: column -> (N,) text, "" where empty.
-    extras: further columns: name -> (N,) in `extra_units`; extra_names: their names in the table.
+    labels: column -> text, "" where empty.
+    extras: further columns: name -> in `extra_units`; extra_names: their names in the table.
     sha256: digest of the bytes of the file.
     columns: names of the joints in the table, if they differ from those of the mechanism.
     kinds: kind of each joint, "revolute" if empty.
@@ -187,11 +187,11 @@ class Dataset:
         return bool(np.isfinite(self.rotation).any())
 
     def label(self, column: str) -> NDArray[np.str_]:
-        """Return the text (N,) of a label column, "" if the table has no such column."""
+        """Return the text of a label column, "" if the table has no such column."""
         return self.labels.get(column, np.full(len(self), "", dtype="<U1"))
 
     def codes(self, column: str) -> tuple[list[str], IntArray]:
-        """Return the distinct labels of a column in order of appearance, and the index (N,) of each row's label."""
+        """Return the distinct labels of a column in order of appearance, and the index of each row's label."""
         if column not in self.labels:
             return [""][: len(self)], np.zeros(len(self), dtype=np.int64)
         labels = self.label(column)
@@ -236,7 +236,7 @@ def with_payload(dataset: Dataset, payload: float | None) -> Dataset:
 
 
 def unmeasured(joints: Sequence[str], q: Array, payload: Array | None = None) -> Dataset:
-    """Return a table of poses q (N, n), rad or m, without measurements. payload: (N,) kg, by default zero."""
+    """Return a table of poses q, rad or m, without measurements. payload: kg, by default zero."""
     count = len(q)
     missing = np.full((count, 3), np.nan)
     return Dataset(

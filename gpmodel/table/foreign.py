@@ -43,7 +43,7 @@ def left_out(what: str, names: Iterable[str]) -> tuple[str, ...]:
 
 
 def joint_cells(mechanism: Mechanism | None, values: Mapping[str, Array], where: str) -> dict[str, list[str]]:
-    """Return joint columns with units, from values (N,) by joint name, rad and m.
+    """Return joint columns with units, from values by joint name, rad and m.
 
     Raises InputError if a joint or the mechanism is missing; the mechanism defines which joints are prismatic.
     """
@@ -68,7 +68,7 @@ def cells(values: Array) -> list[str]:
 
 
 def rotation_vectors(read: Callable[[Array], Rotation], numbers: Array) -> Array:
-    """Convert rows of numbers (N, k) to rotation vectors (N, 3), rad; NaN for a row with a missing number."""
+    """Convert rows of numbers to rotation vectors, rad; NaN for a row with a missing number."""
     out, known = np.full((len(numbers), 3), np.nan), np.isfinite(numbers).all(axis=1)
     if known.any():
         out[known] = read(numbers[known]).as_rotvec()
@@ -255,7 +255,7 @@ def find(sheet: Sheet, name: str) -> int | None:
 
 
 def _rotation_vectors(sheet: Sheet, orientation: OrientationColumns, where: str) -> Array:
-    """Return rotation vectors (N, 3), rad, from orientation columns; NaN where a number is missing."""
+    """Return rotation vectors, rad, from orientation columns; NaN where a number is missing."""
     reader, count = orientation_reader(orientation.convention, where)
     parts = []
     for text in orientation.columns:
@@ -271,7 +271,7 @@ def _rotation_vectors(sheet: Sheet, orientation: OrientationColumns, where: str)
 
 
 def _values(sheet: Sheet, text: str, where: str) -> tuple[Array, str | None]:
-    """Return the numbers (N,) of a column or a formula of columns, and the unit after the name or formula."""
+    """Return the numbers of a column or a formula of columns, and the unit after the name or formula."""
     name, unit = split_header(text)
     if (column := find(sheet, name)) is not None:
         header = sheet.names[column]
@@ -298,7 +298,7 @@ def _values(sheet: Sheet, text: str, where: str) -> tuple[Array, str | None]:
 
 
 def _numbers(sheet: Sheet, column: int, unit: str | None = None) -> Array:
-    """Return the numbers (N,) of a column; clock times become seconds after the first time."""
+    """Return the numbers of a column; clock times become seconds after the first time."""
     if unit == "s" and (times := sheet.seconds(column)) is not None:
         return np.asarray(times, dtype=np.float64)
     return numbers(sheet.cells[column], f"{sheet.source}, column '{sheet.names[column] or column + 1}'")

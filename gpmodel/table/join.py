@@ -92,7 +92,7 @@ def joined(first: Sheet, second: Sheet, how: str) -> Sheet:
 
 
 def rows_side_by_side(pairs: IntArray) -> str:
-    """Format pairs of rows (K, 2), counted from 0, as `joined` reads them: `rows 1-6 = 1-6, 8-40 = 7-39`."""
+    """Format pairs of rows, counted from 0, as `joined` reads them: `rows 1-6 = 1-6, 8-40 = 7-39`."""
     parts = np.split(pairs, np.flatnonzero((np.diff(pairs, axis=0) != 1).any(axis=1)) + 1)
     ends = [(part[0] + 1, part[-1] + 1) for part in parts]
     return ROWS + ", ".join(f"{a[0]}-{b[0]} = {a[1]}-{b[1]}" for a, b in ends)
@@ -110,7 +110,7 @@ def _stretch(text: str) -> list[tuple[int, int]]:
 
 
 def _clock(sheet: Sheet, column: int) -> np.ndarray:
-    """Return the seconds of the day (N,) of a column of clock times, or the values of a column of numbers."""
+    """Return the seconds of the day of a column of clock times, or the values of a column of numbers."""
     if sheet.seconds(column) is None:
         if (values := sheet.numbers(column)) is None:
             raise InputError(f"join: {sheet.source}, column {column + 1}: no times; expected clock times or numbers")

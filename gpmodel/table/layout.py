@@ -93,13 +93,13 @@ class Sheet:
         return replace(self, cells=self.cells.iloc[rows].reset_index(drop=True))
 
     def numbers(self, column: int) -> "pd.Series[float] | None":
-        """Return the numbers (N,) of a column, NaN where empty; None if the column has text or is empty."""
+        """Return the numbers of a column, NaN where empty; None if the column has text or is empty."""
         text = self.cells[column]
         values = pd.to_numeric(text, errors="coerce")
         return values.astype(float) if values.notna().any() and (values.isna() == text.isna()).all() else None
 
     def seconds(self, column: int) -> "pd.Series[float] | None":
-        """Return the times (N,) of a column of clock times, s after the first time; None for other columns."""
+        """Return the times of a column of clock times, s after the first time; None for other columns."""
         return clock_seconds(self.cells[column])
 
 
@@ -205,7 +205,7 @@ def _programmed(lines: Sequence[str]) -> bool:
 
 def _of_the_controller(line: str, names: Sequence[str]) -> bool:
     """Return True if a line of a robot program is a Cartesian position computed by the controller.
-    Examples are a robtarget of ABB, an E6POS of KUKA (X, Y, Z, A, B, C) or a position of Fanuc (X, Y, Z, W, P, R)."""
+    Examples are a robtarget of ABB, an E6POS of KUKA or a position of Fanuc."""
     words = " ".join(name.split(" ")[0] for name in names)
     return bool(_ROBTARGET.search(line) or _POSE.search(words)) and not _AXES.search(words)
 

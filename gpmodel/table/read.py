@@ -132,7 +132,7 @@ class _Cells:
 
 
 def _labels(column: pd.Series, where: str) -> NDArray[np.str_]:
-    """Return the texts of a column (N,) with single blanks between words.
+    """Return the texts of a column with single blanks between words.
     Raises InputError naming the row of a label with control characters, double quotes or backslashes."""
     words = [" ".join(word.split()) for word in column.fillna("").astype(str)]
     if bad := next((row for row, word in enumerate(words, 1) if steers(word)), 0):
@@ -143,7 +143,7 @@ def _labels(column: pd.Series, where: str) -> NDArray[np.str_]:
 
 
 def _not_negative(values: Array, where: str) -> Array:
-    """Return distances (N,), m. Raises InputError naming the row of a negative distance."""
+    """Return distances, m. Raises InputError naming the row of a negative distance."""
     if (values < 0).any():
         row = int(np.flatnonzero(values < 0)[0])
         raise InputError(f"{where}, row {row + 1}: {1e3 * values[row]:g} mm; expected a distance of zero or more")
@@ -226,7 +226,7 @@ def _joint_columns(
 
 
 def _joint_values(column: tuple[str | None, pd.Series], joint: Joint, where: str) -> Array:
-    """Return the values (N,) of a joint, rad or m."""
+    """Return the values of a joint, rad or m."""
     unit, cells = column
     return numbers(cells, where) * factor(unit or "1", _DIMENSION[joint.kind], where)
 

@@ -226,12 +226,12 @@ def _slope(function: Callable[[Array], Array], q: Array, column: int) -> Array:
 
 
 def _rate(frame: Array, axis: str) -> Array:
-    """Return the change (N, 4, 4), in the root frame, of the poses of later frames by a unit twist of `frame`."""
+    """Return the change, in the root frame, of the poses of later frames by a unit twist of `frame`."""
     return frame @ _twisted(np.eye(6)[None, AXES.index(axis)]) @ np.linalg.inv(frame)
 
 
 def _twisted(twists: Array) -> Array:
-    """Return the matrices (N, 4, 4) of twists (N, 6), m and rad, whose matrix exponentials are rigid motions."""
+    """Return the matrices of twists, m and rad, whose matrix exponentials are rigid motions."""
     out = np.zeros((len(twists), 4, 4))
     out[:, :3, :3], out[:, :3, 3] = hat(twists[:, 3:]), twists[:, :3]
     return out

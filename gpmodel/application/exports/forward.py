@@ -35,8 +35,8 @@ PROBES = 8
 class Chain:
     """Serial chain T_s(q) = fixed_s · motion along or about axis_s by weights_s · q.
 
-    slots: names. fixed: (S, 4, 4), m. axes: one of AXES, or "" for a slot without motion.
-    weights: (S, n) of the table's joint values.
+    slots: names. fixed:, m. axes: one of AXES, or "" for a slot without motion.
+    weights: of the table's joint values.
     """
 
     slots: tuple[str, ...]
@@ -51,7 +51,7 @@ class Chain:
 
     @property
     def motions(self) -> Array:
-        """Matrix (M, n) from the table's joint values to all motions."""
+        """Matrix from the table's joint values to all motions."""
         return self.weights[list(self.moving)]
 
     def transforms(self, q: Array) -> Array:

@@ -47,7 +47,7 @@ CHECKS, TRIALS = 1000, 200
 
 @dataclass(frozen=True)
 class Grid:
-    """Lookup table. text: content of the file. error: (K,) m, distance of the real tool from random commanded points of
+    """Lookup table. text: content of the file. error: m, distance of the real tool from random commanded points of
     the box with interpolated correction; before: without correction. reached: share of nodes with a correction. state:
     payload and further inputs at which the corrections hold."""
 
@@ -105,7 +105,7 @@ def _state(held: "_Held") -> str:
 
 
 def _interpolated(text: str, points: Array) -> Array:
-    """Interpolate the corrections (N, n), rad and m, at points (N, 3), m, linearly between the nodes of a table."""
+    """Interpolate the corrections, rad and m, at points, m, linearly between the nodes of a table."""
     table = pd.read_csv(io.StringIO(text))
     sides = [np.unique(table[f"{axis} [mm]"]) / 1e3 for axis in "xyz"]
     headers = [header for header in table if str(header).startswith("delta_")]
@@ -159,7 +159,7 @@ class _Held:
     frame: Array
 
     def targets(self, points: Array, q: Array | None = None) -> TargetPoses:
-        """Return the target poses at points (N, 3), m, with initial joint values q (N, n), or the joint values of the
+        """Return the target poses at points, m, with initial joint values q, or the joint values of the
         pose."""
         many = self.near.subset(np.zeros(len(points), dtype=np.int64))
         frames = np.repeat(self.frame[None], len(points), axis=0)
@@ -168,7 +168,7 @@ class _Held:
         return TargetPoses(dataset, frames, len(self.saved.mechanism.joints) >= 6)
 
     def nominal(self, points: Array) -> Array:
-        """Return nominal joint values (N, n), NaN if unreachable.
+        """Return nominal joint values, NaN if unreachable.
 
         Points are approached on straight lines from the measured pose, which keeps the arm configuration.
         """
@@ -180,7 +180,7 @@ class _Held:
         return q
 
     def corrections(self, points: Array, q: Array, part: bool) -> Array:
-        """Return the corrections (N, n) of the nominal joint values q (N, n) of points, NaN without a correction.
+        """Return the corrections of the nominal joint values q of points, NaN without a correction.
 
         part: as in `corrected`.
         """
@@ -192,7 +192,7 @@ class _Held:
         return moves
 
     def misses(self, q: Array, points: Array) -> Array:
-        """Return the distance (N,), m, of the real tool at q (N, n) from points (N, 3)."""
+        """Return the distance, m, of the real tool at q from points."""
         if not len(q):
             return np.zeros(0)
         tip = tips(self.saved, self.targets(points, q).dataset, nominal=False)[1].tip

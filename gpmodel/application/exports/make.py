@@ -34,7 +34,7 @@ from gpmodel.table.dataset import Dataset
 
 @dataclass(frozen=True)
 class PredictedPoints:
-    """Unmeasured poses, and their points (N, 3), m, by `predict`."""
+    """Unmeasured poses, and their points, m, by `predict`."""
 
     dataset: Dataset
     points: Array
@@ -47,14 +47,14 @@ class PredictedPoints:
         return cls(dataset, observe(kept.model, poses, kept.theta, kept.placement).tip[:, :3, 3])
 
     def errors(self, points: Array) -> tuple[float, float]:
-        """Return RMS and largest distance, m, of points (N, 3) from the predicted ones."""
+        """Return RMS and largest distance, m, of points from the predicted ones."""
         off = np.linalg.norm(points - self.points, axis=1)
         return root_mean_square(off), float(off.max())
 
 
 @dataclass(frozen=True)
 class Check:
-    """Predicted points, and the inputs (N, k) of a forward model at their poses."""
+    """Predicted points, and the inputs of a forward model at their poses."""
 
     forward: Forward
     predicted: PredictedPoints
@@ -238,7 +238,7 @@ def _latex(file: str, check: Check) -> Export:
 
 
 def _executed(forward: Forward, check: Check) -> Array:
-    """Return the points (N, 3), m, predicted by the NumPy source of a forward model, run without names from
+    """Return the points, m, predicted by the NumPy source of a forward model, run without names from
     the table."""
     module = types.ModuleType("exported")
     exec(compile(numpy_text(nameless(forward), ""), "model.py", "exec"), module.__dict__)

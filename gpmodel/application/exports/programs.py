@@ -55,7 +55,7 @@ def program_text(mechanism: Mechanism, corrected: pd.DataFrame, language: Langua
 
 
 def _read_back(mechanism: Mechanism, text: str, scales: Array, q: Array) -> str:
-    """State the differences between the program text, read back, and the joint values (N, n), rad or m, and frames."""
+    """State the differences between the program text, read back, and the joint values, rad or m, and frames."""
     joints, frames = program_read(text)
     values = np.array(list(joints.values()))[:, : len(scales)] / scales
     nominal, found = se3.chain(mechanism.transforms(values))[-1], np.array([frames[row] for row in joints])
@@ -68,7 +68,7 @@ def _read_back(mechanism: Mechanism, text: str, scales: Array, q: Array) -> str:
 
 
 def _joints(mechanism: Mechanism, corrected: pd.DataFrame) -> Array:
-    """Return the joint values (N, n), rad and m, of the columns corrected_JOINT, in the order of the joints."""
+    """Return the joint values, rad and m, of the columns corrected_JOINT, in the order of the joints."""
     columns = [str(c) for c in corrected.columns if str(c).startswith("corrected_")]
     if len(columns) != len(mechanism.joints) or len(columns) > AXES:
         raise InputError(

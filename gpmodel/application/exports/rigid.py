@@ -70,7 +70,7 @@ def refitted(saved: SavedModel) -> Rigid:
 
 
 def _held_out(model: ErrorModel, poses: Poses, saved: SavedModel) -> Array:
-    """Return the 3-D errors (H,), m, on held-out poses or, if no poses were held out, of each pose by a fit without its
+    """Return the 3-D errors, m, on held-out poses or, if no poses were held out, of each pose by a fit without its
     fold.
 
     The outliers of the saved model are excluded, as in all errors of the report.
