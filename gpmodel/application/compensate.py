@@ -67,7 +67,7 @@ class TargetPoses:
 class Compensation:
     """Corrected joint values and the result for each target.
 
-    q:, rad and m, NaN if the status has no corrected values.
+    q: rad and m, NaN if the status has no corrected values.
     status: status text, one of seven.
     residual: m, remaining position error; turn: rad, remaining orientation error, NaN if not requested.
     correction: m, position error without compensation.

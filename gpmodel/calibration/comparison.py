@@ -20,13 +20,13 @@ from gpmodel.table.dataset import Dataset
 TOOL_POINT = (0.05, 0.07, 0.11)
 """Tool point of the comparison, m from the flange, off every axis, so that errors of the last joint displace it."""
 CONDITION_LIMIT = 1e4
-"""Condition number beyond which a combination of errors is indeterminate, as displayed joint values are rounded."""
+"""Condition number above which a combination of errors is not fitted, as displayed joint values are rounded."""
 
 
 def linearised_at_nominal(mechanism: Mechanism, effects: tuple[Effect, ...], data: Dataset) -> Linearised:
     """Return the linear problem of registration, tool, anchors and effects, all zero, at the poses of a table.
 
-    Only the kind of a measurement (finite or NaN) matters. The anchor of each distance is two metres away.
+    Of each measurement only its presence (finite or NaN) matters. The anchor of each distance is two metres away.
     """
     anchors = {name: np.array([2.0, 0.3 + i, 0.1, 0.0]) for i, name in enumerate(data.distances)}
     model, placement = ErrorModel(mechanism, effects), Placement({"": np.eye(4)}, {"": se3.shift(TOOL_POINT)}, anchors)
@@ -38,8 +38,8 @@ def linearised_at_nominal(mechanism: Mechanism, effects: tuple[Effect, ...], dat
 class Step:
     """One step in a sequence of models: its name, its fit to the training poses and its 3-D errors, m.
 
-    train_error: errors at training poses. heldout_error: errors at held-out poses, NaN for an unknown set-up
-    or tool. finding: index of the finding that the model adds, in a discovery.
+    train_error: error of each training pose. heldout_error: error of each held-out pose, NaN for an unknown set-up or
+    tool. finding: number of the finding that the model adds, in a discovery.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Unseen:
-    """A fit to the poses `seen`, and the poses `unseen`, which the fit has not used."""
+    """A fit of a model to the poses `seen`, and the poses `unseen`, which the fit has not used."""
 
     fit: Calibration
     seen: Poses
@@ -64,7 +64,7 @@ class Unseen:
 
 
 Models = Sequence[tuple[str, tuple[Effect, ...]]]
-"""Names of models and all effects of each model."""
+"""Names of models, and the effects of each model."""
 
 
 def growing(standard: tuple[Effect, ...], groups: Models) -> Models:

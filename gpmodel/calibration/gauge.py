@@ -1,4 +1,4 @@
-"""Gauge choice: which of several equivalent parameters are fixed at zero, in a fixed order for every table."""
+"""Choose which of several equivalent parameters are fixed at zero, in one order for every table."""
 
 from collections.abc import Iterable
 
@@ -18,10 +18,10 @@ from gpmodel.table.bundles import FOLDS, SAME_JOINT, folds
 from gpmodel.table.dataset import Dataset
 
 MINIMUM_SHARE = 1e-3
-"""Least unique share of a pose-dependent effect. Other effects imitate one with less; it is dropped."""
+"""Least unique share of a pose-dependent effect; an effect with less is imitated by other effects and not fitted."""
 
 LARGEST_LIMIT = 1e4
-"""Condition limit of a fit without geometric constants, where no limit is selected."""
+"""Condition limit of a fit without geometric constants, for which no limit is selected."""
 
 
 def still_joints(mechanism: Mechanism, dataset: Dataset) -> tuple[str, ...]:
@@ -38,7 +38,7 @@ def stands_still(slots: Iterable[str], still: tuple[str, ...]) -> bool:
 
 
 def moving_sites(mechanism: Mechanism, dataset: Dataset) -> tuple[Site, ...]:
-    """Return the sites of a mechanism, except those at joints that do not move in a table."""
+    """Return the sites (frame and axis) of a mechanism, except at joints that do not move in a table."""
     still = still_joints(mechanism, dataset)
     return tuple(s for s in sites_of(mechanism) if not stands_still((slot for slot, _, _ in s.terms), still))
 
@@ -46,7 +46,7 @@ def moving_sites(mechanism: Mechanism, dataset: Dataset) -> tuple[Site, ...]:
 def preference(
     mechanism: Mechanism, effects: tuple[Effect, ...], still: tuple[str, ...] = (), growth: Array | None = None
 ) -> IntArray:
-    """Return the indices of the effects in the order in which a fit includes them: joint zeros, lengths, angles.
+    """Return the order, as numbers, in which a fit includes effects: joint zeros, then lengths, then angles.
 
     Effects of one kind keep their order. Effects at a joint that does not move are omitted, because the link before
     that joint has equivalent parameters.
@@ -73,13 +73,13 @@ tables with 40 touches on three balls, cross-validation left 4 with one constant
 def choose(
     model: ErrorModel, problem: Linearised, nominal: Linearised, theta: Array, condition_limit: float | None, seed: int
 ) -> tuple[Mask, float, tuple[ident.RankChoice, ...]]:
-    """Return the mask of the effects to fit, the condition limit, and the cross-validation curve of the limit.
+    """Return a mask of the effects to fit, the condition limit, and the cross-validation curve of the limit.
 
-    problem: linear problem at the values `theta`. nominal: linear problem of the geometric constants alone, at
+    problem: linear problem at the effects' values `theta`. nominal: linear problem of the geometric constants alone, at
     zero. Constant effects are ranked in the order of `preference` by their nominal columns, because fitted errors of a
     milliradian would make parallel axes appear distinguishable. Of the condition limits in LIMITS whose cross-validated
     error is within one standard error of the smallest, the limit with the most constants is selected, so that tables of
-    one machine fit the same constants. If no measurement determines the scale, the condition limit is SIZE_LIMIT or
+    one machine fit equal constants. If no measurement determines the scale, the condition limit is SIZE_LIMIT or
     LIMIT_OF_FEW, and the length most similar to a uniform scaling is fitted. Pose-dependent effects need a unique share
     of MINIMUM_SHARE; effects with a prior are always fitted.
     Raises InputError for fewer measurements than unknowns, or for a single fold.
@@ -128,9 +128,9 @@ def choose(
 
 
 def of_one_fold(columns: Array, fold: IntArray) -> Mask:
-    """Return the mask of columns that are nonzero in one fold only, such as a point that one fold alone touched.
+    """Return a mask of columns that are nonzero in one fold only, such as a point that one fold alone touched.
 
-    No other fold determines a column that is zero outside one fold; the column is projected out.
+    No other fold determines a column that is zero outside one fold; the column is therefore projected out.
     """
     there = np.array([np.any(columns[fold == k] != 0.0, axis=0) for k in np.unique(fold)])
     return np.asarray(there.sum(axis=0) == 1)

@@ -36,10 +36,10 @@ smaller singular value, a millimetre of residual would move the tool by a metre.
 def with_taken_up(model: ErrorModel, known: ErrorModel) -> ErrorModel:
     """Return the model with the instrument's effects split into rigid motion and distortion as in a `known` model.
 
-    With D the columns of the instrument's effects, P the columns of registrations and tools and G = P⁺ D, an
-    error θ D of the measurements is P G θ + (D - P G) θ. The first part P G θ moves robot and tool rigidly; the second
-    part is distortion by the instrument. The measurements determine only the sum of rigid motion and distortion, so the
-    split is copied from the known model.
+    D: columns of the instrument's effects θ. P: columns of registrations and tools. G = P⁺ D. The error θ D of the
+    measurements is P G θ + (D - P G) θ. The first part moves robot and tool rigidly; the second part is distortion by
+    the instrument. The measurements determine only the sum of rigid motion and distortion, so the split is copied from
+    the known model.
     """
     there = {(e.name, e.terms): e.taken_up for e in known.effects if e.taken_up}
     if not there:
@@ -51,7 +51,7 @@ def with_taken_up(model: ErrorModel, known: ErrorModel) -> ErrorModel:
 def split(fitting: Fitting, fitted: Fitted, kept: Mask) -> tuple[Fitting, Fitted]:
     """Move the rigid part of the instrument's effects into registrations and tools; predictions do not change.
 
-    kept: effects that are fitted.
+    kept: mask of the effects that are fitted.
     """
     of_it = np.array([e.of_the_instrument for e in fitting.model.effects], dtype=bool)
     own = np.flatnonzero(of_it & kept & (fitted.theta != 0.0))
@@ -80,9 +80,9 @@ def split(fitting: Fitting, fitted: Fitted, kept: Mask) -> tuple[Fitting, Fitted
 
 
 def _moved(fitting: Fitting, problem: Linearised, theta: Array, placement: Placement, own: IntArray) -> Array:
-    """Return the displacement of the measurements by the instrument's effects `own`.
+    """Return the displacement of each measurement by the instrument's effects with numbers `own`.
 
-    The displacement is the difference of predictions with and without the effects; of first order for free joints.
+    The displacement is the difference of predictions with and without the effects; linear for unmeasured joints.
     """
     if problem.left is not None:
         return np.asarray(problem.columns[:, problem.placement + own] @ theta[own])
@@ -92,7 +92,7 @@ def _moved(fitting: Fitting, problem: Linearised, theta: Array, placement: Place
 
 
 def _least(columns: Array, target: Array) -> Array:
-    """Return the least-squares solution with columns scaled to unit length, weak directions truncated."""
+    """Return the least-squares solution of columns scaled to unit length; weak directions are truncated."""
     size = np.linalg.norm(columns, axis=0)
     size[size == 0.0] = 1.0
     return np.asarray(np.linalg.lstsq(columns / size, target, rcond=WEAKEST)[0] / size[:, None])
@@ -137,7 +137,7 @@ ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class _Choices:
-    """Rank choice: mask of the fitted effects, condition limit, and the cross-validation curve of the limit."""
+    """Mask of the fitted effects, condition limit, and cross-validation curve of the limit."""
 
     kept: Mask
     limit: float
@@ -207,7 +207,7 @@ def _placed(bare: Fitting) -> Placement:
 
 @dataclass(frozen=True)
 class _Manner:
-    """Options of a fit. robust: exclude outliers. weigh: estimate the weight of rotations. seed: of the folds."""
+    """Options of a fit. robust: exclude outliers. weigh: estimate the weight of rotations. seed: seed of the folds."""
 
     robust: bool
     weigh: bool
@@ -217,7 +217,7 @@ class _Manner:
 def _fit(
     fitting: Fitting, theta: Array, placement: Placement, condition_limit: float | None, manner: _Manner
 ) -> Calibration:
-    """Choose the rank, iterate and exclude outliers; repeat until no new outlier is found.
+    """Choose the effects to fit, iterate and exclude outliers; repeat until no new outlier is found.
 
     If outliers prevent convergence, the next attempt begins again from the initial values.
     """
@@ -268,7 +268,7 @@ def _nominal(fitting: Fitting, placement: Placement) -> Linearised:
 def _better(
     fitting: Fitting, fitted: Fitted, choices: _Choices, origin: tuple[Array, Placement]
 ) -> tuple[Fitted, _Choices, str]:
-    """Return the fit, or its initial values if their cost on equal poses is smaller; and the reason, or ""."""
+    """Return the fit, or its initial values if their cost on equal poses is smaller; and the reason, "" for the fit."""
     theta, placement = origin
     free = fitted.problem.left is not None
     start = fitting.at(theta, placement) if free else fitting.beside(fitted.problem, theta, placement)
@@ -284,7 +284,7 @@ def _better(
 
 
 def without_outliers(observed: Observed, dataset: Dataset, use: Mask) -> Mask:
-    """Return the mask of poses without isolated outliers, at most OUTLIER_SHARE of the poses."""
+    """Return a mask of poses without isolated outliers, at most OUTLIER_SHARE of the poses."""
     error = pose_error(observed, dataset)
     far = error > outlier_limit(error[use])
     far &= use & ~in_company(far, dataset.q, measured_minus(observed, dataset))
@@ -299,8 +299,8 @@ def _rotation_weight(problem: Linearised, poses: Poses) -> float:
 
 
 def fitting_of(fit: Calibration, poses: Poses) -> Fitting:
-    """Return the problem of a fit to `poses` without the fit's outliers; repeats of a pose count as
-    independent rows."""
+    """Return the problem of a fit to `poses` without the fit's outliers. Repeats of a pose count as independent
+    measurements."""
     use = np.ones(len(poses), dtype=bool)
     use[fit.outliers] = False
     return Fitting(fit.model, poses, use, fit.rotation_weight, sharing(poses.dataset))

@@ -19,9 +19,9 @@ from gpmodel.numerics.least_squares import MANY_COLUMNS, solve
 
 @dataclass(frozen=True)
 class LinearStep:
-    """Least-squares problem of one Gauss-Newton step: scaled columns of `free`, and rows of the priors.
+    """Least-squares problem of one Gauss-Newton step: fitted columns `free`, each over its length `scale`, and priors.
 
-    priors: prior rows on the scaled columns.
+    priors: rows of the priors on the scaled columns.
     pulls: right side of the prior rows.
     readings: prior rows of approximate joint values.
     factor: Cholesky factor of the normal equations if there are many columns, else None.
@@ -38,7 +38,7 @@ class LinearStep:
     geometry: Array
 
     def solved(self, residual: Array, pulls: Array) -> tuple[Array, float]:
-        """Return the step for a residual, zero where not free, and the predicted decrease of the cost, m²."""
+        """Return the step of all unknowns for a residual, zero where not free, and the predicted cost decrease, m²."""
         step = np.zeros(len(self.free))
         if self.factor is None:
             system = np.vstack([self.problem.columns[:, self.free] / self.scale, self.priors])
@@ -56,7 +56,7 @@ class LinearStep:
 def linear_step(
     model: ErrorModel, problem: Linearised, theta: Array, placement: Placement, kept: Mask, gram: Array | None
 ) -> LinearStep:
-    """Return the least-squares problem of a step over placement (registration and tool) and the `kept` effects.
+    """Return the least-squares problem of a step of registration, tool and the effects of the mask `kept`.
 
     gram: inner products of the columns, to solve the normal equations; None to solve by QR.
     """
@@ -104,15 +104,15 @@ REASONS = {
     "stalled": f"not converged after {MAX_ITERATIONS} iterations: poses too similar, or wrong joint values",
     "diverged": "diverged: wrong joint units, signs or order, or too few poses",
 }
-"""Explanation of each status with which the iterations end."""
+"""Explanation of each status with which the Gauss-Newton iterations end."""
 
 
 @dataclass(frozen=True)
 class Fitting:
     """Problem of a fit: the model, the poses, the mask `use` of fitted poses, and the weight of a radian, m.
 
-    bundle: code of every pose, equal for repeats.
-    ratio: variance shared by repeats over the variance of one measurement.
+    bundle: number of every pose, equal for repeats.
+    ratio: variance shared by the repeats of a pose over the variance of one measurement.
     """
 
     model: ErrorModel
@@ -123,20 +123,20 @@ class Fitting:
     ratio: float = 0.0
 
     def linearised(self, theta: Array, placement: Placement) -> Linearised:
-        """Return the weighted linear problem at one point; noise that repeats share is ignored."""
+        """Return the weighted linear problem at given parameter values, without the noise that repeats share."""
         return linearise(self.model, self.poses, theta, placement, self.rotation_weight, self.use)
 
     def at(self, theta: Array, placement: Placement) -> Linearised:
-        """Return the linear problem at one point, with rows decorrelated between repeats."""
+        """Return the linear problem at given parameter values, with decorrelated rows of repeats."""
         return self._independent(self.linearised(theta, placement))
 
     def about(self, observed: Observed, placement: Placement) -> Linearised:
-        """Return the linear problem about given predictions, with decorrelated rows; not for free joints."""
+        """Return the linear problem about given predictions, with decorrelated rows; no joint may be unmeasured."""
         weight, use = self.rotation_weight, self.use
         return self._independent(linearise_about(observed, self.model, self.poses, placement, weight, use))
 
     def beside(self, problem: Linearised, theta: Array, placement: Placement) -> Linearised:
-        """Return a linear problem with the residual of another point and unchanged columns; not for free joints."""
+        """Return the problem with the residual at other values, unchanged columns; not valid for unmeasured joints."""
         there = residual_at(problem, self.model, theta, placement)
         decorrelate(there, there.residual, self.bundle, self.ratio)
         return there
@@ -147,9 +147,9 @@ class Fitting:
         return problem
 
     def cost(self, problem: Linearised, theta: Array, placement: Placement, at: LinearStep) -> float:
-        """Return the cost of a point, m²: sum of squares of the residual and of the priors.
+        """Return the cost of parameter values, m²: sum of squares of the residual and of the priors.
 
-        at: the step whose weights scale the priors, which makes the costs of several points comparable.
+        at: the step whose weights scale the priors, which makes the costs at several values comparable.
         """
         sigma = noise_sigma(self.model, at.problem)
         prior = np.array([e.prior for e in self.model.effects])
@@ -162,7 +162,7 @@ class Fitting:
 
 @dataclass(frozen=True)
 class Reached:
-    """Current point of the Gauss-Newton iterations. The columns of `problem` may be the columns of a point close by."""
+    """Current parameter values of Gauss-Newton iterations. The columns of `problem` may be those of close values."""
 
     placement: Placement
     theta: Array
@@ -171,7 +171,7 @@ class Reached:
 
 @dataclass(frozen=True)
 class Fitted(Reached):
-    """Last point of the Gauss-Newton iterations. status: a key of REASONS."""
+    """Last parameter values of the Gauss-Newton iterations. status: a key of REASONS, such as "converged"."""
 
     status: str
 
@@ -180,8 +180,8 @@ class Fitted(Reached):
 class _Step:
     """Step of the linear problem in a Gauss-Newton iteration.
 
-    whole: step of the parameters. fall: predicted decrease of the cost, m².
-    motion: predicted displacement of the measurements, m. turned: predicted change of joint values, m.
+    whole: step of all parameters, m and rad. fall: predicted decrease of the cost, m².
+    motion: predicted displacement of the measurements, m. turned: predicted change of the joint-value rows, m.
     """
 
     linear: LinearStep
@@ -197,18 +197,18 @@ class _Step:
 
     @property
     def anyway(self) -> bool:
-        """True if the step is below the tolerance, so that the step is accepted at any cost."""
+        """True if the step is below the tolerance, so that the step is accepted whatever the cost."""
         return self.moved < (STEP_TOLERANCE if self.linear.problem.left is None else FREE_JOINTS_TOLERANCE)
 
 
 def iterate(
     fitting: Fitting, theta: Array, placement: Placement, kept: Mask, problem: Linearised | None = None
 ) -> Fitted:
-    """Iterate Gauss-Newton over the placement (registration and tool) and the `kept` effects.
+    """Iterate Gauss-Newton over registration, tool and the effects of the mask `kept`.
 
-    problem: linear problem at the initial point, if known.
+    problem: linear problem at the initial values, if known.
     A step that does not lower the cost enough is corrected by the error of its linear prediction, then halved. With
-    free joints a step is only halved, since the rows change with the point.
+    unmeasured joints a step is only halved, since the rows change with the parameter values.
     """
     here = Reached(placement, theta, problem or fitting.at(theta, placement))
     last, cut, since, gram = np.inf, 0, 0.0, None
@@ -242,10 +242,10 @@ def _step(fitting: Fitting, here: Reached, kept: Mask, gram: Array | None) -> _S
 
 
 def _lower(fitting: Fitting, here: Reached, step: _Step, cut: int) -> tuple[Reached | None, int]:
-    """Return the first point that lowers the cost enough, from 2⁻ᶜᵘᵗ of the step on, and its number of halvings.
+    """Return the first point along a step that lowers the cost enough, and the number of halvings of the step.
 
-    The result is None if no point lowers the cost enough. A step that opens a closed loop counts as too long. The point
-    keeps the columns of the previous point, except with free joints.
+    The search begins after `cut` halvings. The result is None if no point lowers the cost enough. A step that opens a
+    closed loop counts as too long. The point keeps the columns of the previous point, except with unmeasured joints.
     """
     before = fitting.cost(here.problem, here.theta, here.placement, step.linear)
     count, free = here.problem.placement, here.problem.left is not None

@@ -26,18 +26,18 @@ from gpmodel.model.observed import Observed
 from gpmodel.numerics import rank as ident
 
 LEAST_ERROR = 1e-6
-"""Smallest error of approximate joint values, in units of `prior_sigmas`: 3.6 milliarcseconds."""
+"""Smallest error of approximate joint values, in units of their prior standard deviation: 3.6 milliarcseconds."""
 LEAST_SIGMA = 1e-12
-"""Smallest noise, m: below the rounding of every table."""
+"""Smallest standard deviation of the noise, m: below the rounding of every table."""
 ROUNDING = 1e-14
 """Information added to every parameter to stabilise an eigenvalue problem, relative to its scaled information of 1."""
 
 
 @dataclass(frozen=True)
 class JointReadings:
-    """Linear equations for approximate joint values in the table, in units of `prior_sigmas`.
+    """Linear equations for approximate joint values in the table, in units of their prior standard deviations.
 
-    rows: left side. off: right side. Rows are zero along joint directions that no pose determines.
+    rows, off: left and right side. Rows are zero along joint directions that no pose determines.
     shown: number of joint directions that the measurements determine.
     """
 
@@ -50,11 +50,11 @@ class JointReadings:
         return max(float(np.sqrt(np.sum(self.off**2) / max(self.shown - used, 1))), LEAST_ERROR)
 
     def alone(self, informed: Array, sigma: float) -> Array:
-        """Return orthonormal combinations of joint values that outperform the measurements for some unknown.
+        """Return combinations of joint values that determine some unknown better than the measurements do.
 
-        informed: rows of measurements and priors, each with standard deviation `sigma`. The combinations are R v
-        of unit length, with v the generalised eigenvectors of RᵀR / τ² and RᵀR / τ² + CᵀC / σ² whose eigenvalue exceeds
-        one half.
+        informed: rows C of measurements and priors, each with standard deviation σ = `sigma`. With R the rows of the
+        joint values, τ their error and v the generalised eigenvectors of RᵀR / τ² and RᵀR / τ² + CᵀC / σ² whose
+        eigenvalue exceeds one half, the combinations are R v, scaled to unit length.
         """
         told, read = informed / max(sigma, LEAST_SIGMA), self.rows / self.error()
         scale = np.sqrt(np.sum(told**2, axis=0) + np.sum(read**2, axis=0))
@@ -72,11 +72,11 @@ def joint_readings(
 ) -> JointReadings:
     """Return the linear equations for the approximate joint values at every pose.
 
-    off: joint values of the table minus solved joint values. columns: weighted columns before
-    elimination. weights: weights, zero for measurements that are missing or not used.
+    off: joint values of the table minus solved joint values, rad and m. columns: derivatives C of the measurements by
+    all parameters, weighted. weights: weight of each measurement, zero if the measurement is missing or not used.
 
-    With the weighted sensitivities A = U S Vᵀ of one pose to its free joints, in units of `prior_sigmas`, a step
-    of the parameters with columns C moves the best-fitting joint values by -V S⁺ Uᵀ C step. The table differs from the
+    U S Vᵀ are the weighted sensitivities of one pose to its unmeasured joints, in units of `prior_sigmas`. A step of
+    the parameters moves the best-fitting joint values by -V S⁺ Uᵀ C step. The joint values in the table differ from the
     solved values by errors ~ N(0, τ²), so that
 
         R · step ≈ q_table - q_solved        R = -V S⁺ Uᵀ C, ± τ along the directions of V that the pose determines
@@ -95,15 +95,15 @@ def joint_readings(
 
 @dataclass(frozen=True)
 class Linearised:
-    """Weighted linear problem: columns · step ≈ residual, in metres.
+    """Weighted linear problem: columns · step ≈ residual, in metres; one row per measured component.
 
     The first `placement` columns are registration, tool and anchors; the other columns are the model's effects.
-    pose_of_row: pose of each row. placement_names: names of the columns of registration, tool and anchors.
+    pose_of_row: pose number of each row. placement_names: names of the columns of registration, tool and anchors.
     observed: predicted measurements.
-    poses: the given poses, with joint values solved for free joints.
-    sizes: norms of the weighted columns before free joints were eliminated.
-    weights:, positive if a measurement is a row; a rotation is weighted by `rotation_weight`, m per rad.
-    left: rows after elimination of free joints; None if no joint is free.
+    poses: the given poses, with joint values solved for unmeasured joints.
+    sizes: norms of the weighted columns before unmeasured joints were eliminated.
+    weights: by pose and component, positive if measured; a rotation has the weight `rotation_weight`, m per rad.
+    left: rows after elimination of unmeasured joints; None if every joint is measured.
     ratio: noise over the prior standard deviation of a constant, 1/m; None if noise or deviation is unknown.
     """
 
@@ -120,16 +120,16 @@ class Linearised:
     ratio: float | None = None
 
     def free(self, kept: Mask) -> Mask:
-        """Return the mask of the columns of registration and tool, and of the effects that are `kept`."""
+        """Return a mask of the columns of registration and tool, and of the effects of the mask `kept`."""
         return np.concatenate([np.ones(self.placement, dtype=bool), kept])
 
     @property
     def rigid(self) -> Mask:
-        """Mask of registrations and tools among the columns that are no effects."""
+        """Mask of the columns of registrations and tools among the columns before the effects."""
         return np.array([n.startswith(("registration", "tool")) for n in self.placement_names], dtype=bool)
 
     def effect_rows(self, effects: Sequence[Effect], model: ErrorModel) -> Array:
-        """Return the columns of any effects, weighted like the residual.
+        """Return the derivative of each row by each of any effects, weighted like the residual.
 
         For effects of the instrument, the part that registrations and tools absorb is projected out.
         """
@@ -145,9 +145,9 @@ class Linearised:
         return rows
 
     def weigh(self, values: Array) -> Array:
-        """Return values of the measurements as rows, weighted like the residual.
+        """Return values of the measurements, by pose and component, as rows weighted like the residual.
 
-        A column that free joints absorb is zero.
+        A column that unmeasured joints absorb is zero.
         """
         shape = (*self.weights.shape, *([1] * (values.ndim - 2)))
         if self.left is not None:
@@ -158,10 +158,10 @@ class Linearised:
 
 @dataclass(frozen=True)
 class Left:
-    """Rows that remain after elimination of free joints.
+    """Rows that remain after elimination of unmeasured joints.
 
-    complement: directions of the measurements that free joints do not move.
-    weights: weights before elimination.
+    complement: directions of the measurements that unmeasured joints do not move.
+    weights: weights by pose and component before elimination.
     readings: equations for the approximate joint values.
     """
 
@@ -171,7 +171,7 @@ class Left:
 
 
 def effect_columns(effects: tuple[Effect, ...], model: ErrorModel, poses: Poses, observed: Observed) -> Array:
-    """Return the derivatives of the measurements by the unknown of each effect."""
+    """Return the derivatives of the measurements by each effect's unknown, by pose, component and effect."""
     out = np.zeros((len(effects), len(poses), observed.components))
     for k, slot, axis, shape in _shaped(effects, model, poses, observed):
         out[k] += observed.sensitivity(slot)[:, :, axis] * shape[:, None]
@@ -181,9 +181,9 @@ def effect_columns(effects: tuple[Effect, ...], model: ErrorModel, poses: Poses,
 def add_effect_rows(
     out: Array, effects: Sequence[Effect], model: ErrorModel, poses: Poses, observed: Observed, weights: Array
 ) -> Array:
-    """Add the weighted derivatives of the measurements by each effect to `out`, and return `out`.
+    """Add the weighted derivatives of the measurements by each effect to `out`, one line per effect; return `out`.
 
-    weights: weights; only measurements with a positive weight are rows. The values equal the values of
+    weights: weights by pose and component; only components with a positive weight are rows. The values are those of
     `effect_columns`, but memory is used for one effect at a time: the sensitivity of a frame is computed in rows once.
     """
     rows = weights > 0
@@ -199,7 +199,7 @@ def add_effect_rows(
 def _shaped(
     effects: Sequence[Effect], model: ErrorModel, poses: Poses, observed: Observed
 ) -> Iterator[tuple[int, int, int, Array]]:
-    """Yield every term of the effects: effect number, index of frame, index of axis, weight times basis.
+    """Yield every term of the effects: effect number, frame number, axis number, weight times basis at every pose.
 
     The terms of an effect precede its rigid motions that registrations and tools absorb, with a negative sign.
     """
@@ -221,9 +221,9 @@ def _shaped(
 def linearise(
     model: ErrorModel, poses: Poses, theta: Array, placement: Placement, rotation_weight: float, use: Mask
 ) -> Linearised:
-    """Return the weighted linear problem at one point. use: mask of the poses that enter the fit.
+    """Return the weighted linear problem at given parameter values. use: mask of the poses that enter the fit.
 
-    Free joints are solved for and eliminated.
+    Unmeasured joints are solved for and eliminated.
     """
     table = poses.dataset.q
     poses = solve_joints(model, poses, theta, placement)
@@ -241,7 +241,7 @@ def linearise(
 def linearise_about(
     observed: Observed, model: ErrorModel, poses: Poses, placement: Placement, rotation_weight: float, use: Mask
 ) -> Linearised:
-    """Linearise about given predictions `observed`, for a mechanism without free joints."""
+    """Linearise about given predictions `observed`, for a mechanism without unmeasured joints."""
     residual, weights = _weighted(observed, poses, rotation_weight, use)
     blocks, names = placement_columns(poses, observed, placement)
     rows = weights > 0
@@ -264,13 +264,13 @@ def linearise_about(
 
 
 def _weighted(observed: Observed, poses: Poses, rotation_weight: float, use: Mask) -> tuple[Array, Array]:
-    """Return measured minus predicted values and their weights, 0 where nothing was measured."""
+    """Return measured minus predicted values, and their weights, 0 if not measured, by pose and component."""
     residual = measured_minus(observed, poses.dataset)
     return residual, np.isfinite(residual) * use[:, None].astype(float) * observed.scales(rotation_weight)
 
 
 def residual_at(problem: Linearised, model: ErrorModel, theta: Array, placement: Placement) -> Linearised:
-    """Return the problem with the residual of another point and unchanged columns. It is not valid for free joints."""
+    """Return the problem with the residual at other parameter values; not valid for unmeasured joints."""
     observed = observe(model, problem.poses, theta, placement)
     rows = problem.weights > 0
     residual = measured_minus(observed, problem.poses.dataset)[rows] * problem.weights[rows]
@@ -279,10 +279,10 @@ def residual_at(problem: Linearised, model: ErrorModel, theta: Array, placement:
 
 @dataclass(frozen=True)
 class _Dense:
-    """Arrays of all poses before elimination of free joints.
+    """Arrays of all poses before elimination of unmeasured joints.
 
-    columns: columns of registration and tool. residual, weights: residuals and weights. names: names
-    of the columns. table: joint values as measured.
+    columns: columns of registration, tool and effects. residual, weights: by pose and component. names: names of the
+    columns before the effects. table: joint values as given in the table, rad and m.
     """
 
     columns: Array
@@ -293,7 +293,7 @@ class _Dense:
 
 
 def _eliminated(model: ErrorModel, placement: Placement, poses: Poses, observed: Observed, dense: _Dense) -> Linearised:
-    """Return the linear problem after elimination of the free joints of each pose."""
+    """Return the linear problem after elimination of the unmeasured joints of each pose."""
     weights, count = dense.weights, len(dense.names)
     measured = weights > 0
     joints = joint_columns(model.mechanism, observed)

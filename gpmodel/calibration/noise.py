@@ -10,16 +10,16 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.linearise import Linearised
 
 LARGEST_RATIO = 1e4
-"""Largest ratio of the variance that repeats share to the variance within repeats. Beyond this ratio of variances the
-difference of repeats carries no information."""
+"""Largest ratio of the variance that repeats share to the variance within repeats. Beyond this ratio, the difference
+of repeats carries no information."""
 
 
 @dataclass(frozen=True)
 class Whitening:
-    """Random-effects noise: the rows of a block share an error, cov = σ² (I + ρ 11ᵀ) in each block and component.
+    """Random-effects noise: the rows of a block share an error, cov = σ² (I + ρ 11ᵀ) in each block.
 
-    A whitened row is v - (1 - 1/√(1 + n ρ)) mean(v), with n rows in the block.
-    block: code of pose and component of each row. ratio: variance ratio ρ.
+    A block holds one component (such as x) of all repeats of a pose. The whitened row of a value v is
+    v - (1 - 1/√(1 + n ρ)) mean(v), with n rows in the block. block: block of each row. ratio: variance ratio ρ.
     Source: Fuller and Battese (1973), transformation of the random-effects model.
     """
 
@@ -27,11 +27,11 @@ class Whitening:
     ratio: float = 0.0
 
     def whiten(self, values: Array) -> Array:
-        """Return values whitened: rows of equal variance, independent within a block."""
+        """Return whitened values: rows of equal variance, independent within a block of repeats."""
         return self._scaled(values, 1.0 / np.sqrt(1.0 + self.sizes * self.ratio))
 
     def restored(self, values: Array) -> Array:
-        """Undo the whitening of values."""
+        """Return values from whitened values: the inverse of `whiten`."""
         return self._scaled(values, np.sqrt(1.0 + self.sizes * self.ratio))
 
     def _scaled(self, values: Array, factor: Array) -> Array:
@@ -54,11 +54,11 @@ class Whitening:
 
     @cached_property
     def sizes(self) -> IntArray:
-        """Number of rows of each block."""
+        """Number of rows of each block of repeats."""
         return np.bincount(self.block)
 
     def means(self, values: Array) -> Array:
-        """Return the mean over the rows of each block."""
+        """Return the mean of values over the rows of each block of repeats."""
         sizes = self.sizes
         count = len(self.block)
         belongs = sparse.csr_matrix((np.ones(count), (self.block, np.arange(count))), shape=(len(sizes), count))
@@ -66,7 +66,7 @@ class Whitening:
         return sums / sizes.reshape(-1, *[1] * (values.ndim - 1))
 
     def estimated(self, residual: Array, unknowns: float) -> "Whitening":
-        """Return the blocks with the ratio ρ estimated from a residual after a fit of `unknowns` unknowns.
+        """Return the whitening with ρ, the variance ratio, estimated from the residual of a fit of `unknowns` unknowns.
 
         ρ = max(0, between / within - 1) / n0, with the mean squares of one-way analysis of variance.
         """
@@ -83,10 +83,10 @@ class Whitening:
 
 
 def decorrelate(problem: Linearised, values: Array, bundle: IntArray, ratio: float) -> None:
-    """Whiten values over the rows of a problem, in place; rows of a pose measured once are unchanged.
+    """Whiten values of the rows of a problem, in place; rows of a pose measured once are unchanged.
 
-    bundle: code of every pose, equal for repeats.
-    ratio: variance shared by repeats over the variance of one measurement.
+    bundle: number of every pose, equal for repeats.
+    ratio: variance shared by the repeats of a pose over the variance of one measurement.
     """
     if ratio > 0.0:
         rows, _, noise = blocks_of(problem, bundle, ratio).shared
@@ -96,8 +96,8 @@ def decorrelate(problem: Linearised, values: Array, bundle: IntArray, ratio: flo
 def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float) -> float:
     """Estimate the variance shared by the repeats of a pose over the variance of one measurement, after a fit.
 
-    problem: linear problem whose residual was whitened by `ratio`. bundle: code of every pose. held: number of
-    fitted effects. Returns `ratio` if no pose was measured twice.
+    problem: linear problem whose residual was whitened by `ratio`. bundle: number of every pose, equal for repeats.
+    held: number of fitted effects. Returns `ratio` if no pose was measured twice.
     """
     noise = blocks_of(problem, bundle, ratio)
     return noise.estimated(noise.restored(problem.residual) / np.sqrt(1.0 + ratio), problem.placement + held).ratio
@@ -106,10 +106,9 @@ def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float)
 def freedom(problem: Linearised, bundle: IntArray, ratio: float, rank: int) -> float:
     """Return the degrees of freedom of the variance of one measurement about a model of `rank` unknowns.
 
-    For M independent measurements the degrees of freedom are M - rank. For B blocks of n with ratio ρ, the degrees of
-    freedom are Satterthwaite's for the sum of both variances: 2 (1 + ρ)² / V with V = (2 (1 + n ρ)² / (B - rank) + 2 (n
-    - 1)² / (M - B)) / n². Source:
-    JCGM 100 (2008), G.4.
+    For M independent measurements the degrees of freedom are M - rank. For B blocks of n measurements with variance
+    ratio ρ, they are Satterthwaite's for the sum of both variances: 2 (1 + ρ)² / V with V = (2 (1 + n ρ)² / (B - rank)
+    + 2 (n - 1)² / (M - B)) / n². Source: JCGM 100 (2008), G.4.
     """
     count, blocks = len(problem.residual), len(blocks_of(problem, bundle).sizes)
     if ratio == 0.0 or blocks == count:
@@ -120,10 +119,10 @@ def freedom(problem: Linearised, bundle: IntArray, ratio: float, rank: int) -> f
 
 
 def blocks_of(problem: Linearised, bundle: IntArray, ratio: float = 0.0) -> Whitening:
-    """Return the blocks of a linear problem: one per pose code `bundle` and component, with a known ratio.
+    """Return the whitening of a linear problem: a block per component of each pose, with a known variance ratio.
 
-    With free joints every row is a block of its own, since the remaining rows are no components that repeats could
-    share.
+    bundle: number of every pose, equal for repeats. With unmeasured joints every row is a block of its own, since the
+    remaining rows are no components that repeats could share.
     """
     if problem.left is not None:
         return Whitening(np.arange(len(problem.residual)), ratio)

@@ -12,7 +12,7 @@ from gpmodel.numerics import rank as ident
 
 TOOL_REACH = 1.0
 """Prior standard deviation of a tool point, m from the flange. The prior matters only if the poses do not determine the
-tool."""
+tool point."""
 
 GEOMETRY_REACH = 0.01
 """Prior standard deviation of a geometric constant about its nominal value, m or rad. The prior matters only if the
@@ -20,7 +20,7 @@ poses hardly determine the constant, as with hundreds of harmonics in the model.
 
 
 def prior_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask) -> tuple[Array, Array]:
-    """Return rows and right side of the priors (θ - mean) σ / prior = 0 of the fitted effects."""
+    """Return left and right side of the priors (θ - mean) σ / prior = 0 of the fitted effects θ; σ is the noise."""
     prior = np.array([e.prior for e in model.effects])
     at = np.flatnonzero(kept & np.isfinite(prior))
     sigma = noise_sigma(model, problem)
@@ -28,24 +28,24 @@ def prior_rows(model: ErrorModel, theta: Array, problem: Linearised, kept: Mask)
 
 
 def _one_each(problem: Linearised, effects: IntArray, weights: Array) -> Array:
-    """Return rows with one nonzero entry: the weight in the column of the effect with that number."""
+    """Return one row per effect, zero except for the effect's weight in the effect's column. effects: their numbers."""
     rows = np.zeros((len(effects), problem.columns.shape[1]))
     rows[np.arange(len(effects)), problem.placement + effects] = weights
     return rows
 
 
 def off_mean(model: ErrorModel, theta: Array) -> Array:
-    """Return the unknowns minus their prior means."""
+    """Return the values of the effects minus their prior means."""
     return theta - np.array([e.mean for e in model.effects], np.float64)
 
 
 def of_the_description(model: ErrorModel) -> Mask:
-    """Return the mask of the constants of the nominal geometry, to which no effect prior applies."""
+    """Return a mask of the effects that are constants of the nominal geometry without a prior of their own."""
     return np.array([e.constant and e.prior == np.inf for e in model.effects], dtype=bool)
 
 
 def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray) -> Array:
-    """Return the prior rows, m, of the fitted constants `at`.
+    """Return the prior rows, m, of the fitted constants with numbers `at`.
 
     If a measurement is in an instrument's frame, each constant has the standard deviation GEOMETRY_REACH. Otherwise the
     dropped constants count too: the fitted constants, θ = A θ_all, have the covariance reach² A Aᵀ, so that the fit
@@ -64,10 +64,10 @@ def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, placemen
 def _explained(
     model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray
 ) -> tuple[Array, tuple[Array, Array, Array]]:
-    """Return L⁻¹ with A Aᵀ = L Lᵀ, and the arguments of `spread`.
+    """Return the inverse of L, A Aᵀ = L Lᵀ, where A maps all constants to the fitted ones, and arguments of `spread`.
 
-    The arguments are the columns of the fitted constants in units of their prior, the measurements and the
-    columns of registration and tool.
+    These arguments are the columns of the fitted constants in units of their prior, the measurements, and the columns
+    of registration and tool.
     """
     others = np.setdiff1d(np.flatnonzero(of_the_description(model)), at)
     stands, growth = standing_for(model, problem, placement, at, others)
@@ -82,10 +82,10 @@ def _explained(
 
 
 def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
-    """Return rows and right side of the prior of every tool point, p σ / TOOL_REACH = 0, in the tool's own axes.
+    """Return left and right side of the prior of every tool point p, p σ / TOOL_REACH = 0, in the tool's own axes.
 
     Without this prior, the tool point of a table with few moving joints can drift by kilometres without changing the
-    fit.
+    fit. σ is the noise.
     """
     rows = np.zeros((3 * len(placement.tool), problem.columns.shape[1]))
     pull = np.zeros(len(rows))
@@ -103,7 +103,7 @@ class Beliefs:
 
     own: number of rows, from the first, that are priors of effects.
     single: number of rows, from the first, with one effect per row.
-    geometry: rows of the geometric constants, on the effects.
+    geometry: prior rows of the geometric constants in terms of all effects.
     """
 
     rows: Array
@@ -114,7 +114,7 @@ class Beliefs:
 
 
 def beliefs(model: ErrorModel, problem: Linearised, theta: Array, placement: Placement, kept: Mask) -> Beliefs:
-    """Return the priors of the `kept` effects, linearised at given effects `theta` and `placement`."""
+    """Return the priors of the effects of the mask `kept`, linearised at effects `theta` and at `placement`."""
     at = np.flatnonzero(kept & of_the_description(model))
     geometry = np.zeros((len(at), len(model.effects)))
     geometry[:, at] = geometry_rows(model, theta, problem, placement, at)
@@ -127,10 +127,10 @@ def beliefs(model: ErrorModel, problem: Linearised, theta: Array, placement: Pla
 
 @dataclass(frozen=True)
 class ReadJoints:
-    """Prior rows of the approximate joint values in the table: (q_table - q) σ / τ = 0.
+    """Prior rows of the approximate joint values q in the table: (q_table - q) σ / τ = 0.
 
     alone: combinations of joint values that the measurements determine less well.
-    weight: weight σ / τ of a row, m.
+    weight: weight σ / τ of a row, m, with noise σ and error τ of the joint values.
     """
 
     alone: Array
@@ -138,10 +138,10 @@ class ReadJoints:
 
     @classmethod
     def beside(cls, problem: Linearised, rows: Array, free: Mask, sigma: float) -> "ReadJoints":
-        """Select linear combinations of approximate joint values that determine an unknown better than the
-        measurements do together with the prior rows `rows`.
+        """Select combinations of approximate joint values that determine an unknown better than the measurements do
+        together with the prior rows `rows`.
 
-        free: mask of the F fitted columns. sigma: noise of measurements and rows. Empty if no joint is free.
+        free: mask of the fitted columns. sigma: noise of measurements, m. Without an unmeasured joint there is no row.
         """
         if problem.left is None:
             return cls(np.zeros((0, 0)), 0.0)
@@ -150,13 +150,13 @@ class ReadJoints:
         return cls(alone, sigma / known.error(alone.shape[1]))
 
     def rows(self, problem: Linearised) -> Array:
-        """Return the prior rows of the approximate joint values, metres."""
+        """Return the prior rows of the approximate joint values, m, one per selected combination."""
         if problem.left is None:
             return np.zeros((0, problem.columns.shape[1]))
         return self.weight * self.alone.T @ problem.left.readings.rows
 
     def pull(self, problem: Linearised) -> Array:
-        """Return the right side of the prior rows of the approximate joint values, metres."""
+        """Return the right side of the prior rows of the approximate joint values, m."""
         return np.zeros(0) if problem.left is None else self.weight * self.alone.T @ problem.left.readings.off
 
 

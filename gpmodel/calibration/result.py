@@ -37,13 +37,13 @@ class Placed:
 
 @dataclass(frozen=True)
 class Covariance:
-    """Covariance of registration, tool and effects: values, SI units, zero where not fitted.
+    """Covariance of registration, tool and effects, SI units; zero where an effect is not fitted.
 
-    placement: names of the P unknowns before the effects.
-    centre: (3,) m in the instrument's frame, the point about which a rotation of the registration turns.
+    placement: names of the unknowns of registration and tool, which precede the effects.
+    centre: point about which a rotation of the registration turns, (3,), m in the instrument's frame.
     others: effects that are alternative explanations of a finding; these effects are zero in the fit.
-    over_causes: second moment of all unknowns about the fit, averaged over the alternative
-    explanations, SI; empty if the fit has none.
+    over_causes: second moment of registration, tool, effects and `others` about the fit, averaged over the alternative
+    explanations, SI units; empty if the fit has none.
     """
 
     values: Array
@@ -54,12 +54,12 @@ class Covariance:
 
     @property
     def predictive(self) -> Array:
-        """Covariance of the unknowns for predictions, alternative explanations included; (P + E,
-        P + E) without alternatives."""
+        """Covariance of the unknowns for predictions, SI units; effects of alternative explanations, if any, follow the
+        effects of the model."""
         return self.over_causes if len(self.over_causes) else self.values
 
     def only(self, kept: Mask) -> "Covariance":
-        """Return the covariance restricted to some effects, mask `kept`."""
+        """Return the covariance of registration, tool and the effects of the mask `kept`."""
         rows = np.concatenate([np.ones(len(self.placement), dtype=bool), kept])
         every = np.concatenate([rows, np.ones(len(self.others), dtype=bool)])
         moments = self.over_causes[np.ix_(every, every)] if len(self.over_causes) else self.over_causes
@@ -70,7 +70,7 @@ class Covariance:
 class Uncertainty:
     """Uncertainty of the parameters of a fit.
 
-    stderr, unique_share: standard errors and unique shares, NaN and zero for dropped effects.
+    stderr, unique_share: standard error and unique share of each effect, NaN and zero for dropped effects.
     correlation: correlations of the effects.
     covariance: covariance of all fitted quantities.
     placed: registration and tool, number by number.
@@ -93,10 +93,10 @@ class Uncertainty:
 class Calibration(Uncertainty):
     """Fitted model with its uncertainty and diagnostics.
 
-    theta: values of model.effects, zero where dropped.
-    kept: True for fitted effects.
+    theta: value of each effect of the model, SI units, zero where dropped.
+    kept: True for each fitted effect.
     error: 3-D error of each pose, m.
-    outliers: indices of poses excluded from the fit.
+    outliers: numbers of the poses that are excluded from the fit.
     condition_limit, rank_curve: condition limit for dropping constants, and the cross-validation curve of the limit.
     rotation_weight: weight of a radian of measured rotation, m.
     pose_ratio: variance shared by the repeats of a pose over the variance of one measurement; 0 without repeats.
@@ -159,7 +159,7 @@ def problem_at(calibration: Calibration, poses: Poses) -> Linearised:
 
 
 def errors_on(calibration: Calibration, poses: Poses) -> Array:
-    """Return the 3-D error of a fitted model at poses of known set-ups and tools, m; free joints are
+    """Return the 3-D error of each pose by a fitted model, m. Set-ups and tools must be known; unmeasured joints are
     solved first."""
     poses = resolved(calibration, poses)
     observed = observe(calibration.model, poses, calibration.theta, calibration.placement)
@@ -167,7 +167,7 @@ def errors_on(calibration: Calibration, poses: Poses) -> Array:
 
 
 def resolved(calibration: Calibration, poses: Poses) -> Poses:
-    """Return the poses with free joints solved against the measurements; unchanged if no joint is free."""
+    """Return the poses with unmeasured joints solved against the measurements; unchanged if no joint is free."""
     return solve_joints(calibration.model, poses, calibration.theta, calibration.placement)
 
 
@@ -179,8 +179,8 @@ def without_outlier_marks(calibration: Calibration) -> Calibration:
 def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     """Return the uncertainty at the end of a fit: covariance σ² (CᵀC)⁻¹ with C the columns and the prior rows.
 
-    σ² = Σ r² / (M - rank), unless the model has its own noise. If joints are free, approximate joint values of the
-    table add rows for unknowns that the measurements leave undetermined.
+    σ² is the sum of squares of the residual over (rows - rank), unless the model has its own noise. Approximate joint
+    values of unmeasured joints add rows for unknowns that the measurements leave undetermined.
     """
     problem, at = fitted.problem, np.flatnonzero(kept)
     free = problem.free(kept)
@@ -222,7 +222,7 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
 
 
 def _or_one(norms: Array) -> Array:
-    """Return the norms with rounding errors replaced by 1."""
+    """Return the norms of columns with rounding errors replaced by 1."""
     return np.where(norms < ident.NEGLIGIBLE, 1.0, norms)
 
 
@@ -234,8 +234,8 @@ def _rank(columns: Array) -> int:
 def placed_numbers(placement: Placement, problem: Linearised, covariance: Array) -> tuple[Placed, ...]:
     """Return registration and tool as numbers with standard errors.
 
-    Each frame has a position, m, and a rotation vector, rad: the robot's root in the instrument's frame, the tool in
-    the flange.
+    Each frame has a position, m, and a rotation vector, rad. The frames are the robot's root in the instrument's frame
+    and the tool in the flange's frame.
     """
     out: list[Placed] = []
     centre = problem.observed.tip[:, :3, 3].mean(axis=0)
@@ -251,7 +251,7 @@ def placed_numbers(placement: Placement, problem: Linearised, covariance: Array)
 
 
 def _frame(name: str, frame: Array, turn: Array, problem: Linearised, covariance: Array) -> list[Placed]:
-    """Return the numbers of one frame that have columns; empty if no measurement depends on the frame.
+    """Return position and rotation of one frame as numbers; empty if no measurement depends on the frame.
 
     turn: (6, 6) map from a step of the frame to a shift and a rotation about the axes of the outer frame.
     """

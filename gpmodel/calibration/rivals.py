@@ -26,7 +26,7 @@ from gpmodel.wording import measured
 
 @dataclass(frozen=True)
 class FittedColumns:
-    """Weighted columns of a fitted model at given poses: columns of registration and tool, then of effects."""
+    """Weighted columns of a fitted model at given poses: columns of registration and tool, then columns of effects."""
 
     calibration: Calibration
     problem: Linearised
@@ -38,12 +38,12 @@ class FittedColumns:
 
     @property
     def columns(self) -> Array:
-        """Derivatives, weighted like the residual."""
+        """Derivatives of the measured rows by registration, tool and effects, weighted like the residual."""
         return self.problem.columns
 
     @property
     def first(self) -> int:
-        """Index of the column of the first effect."""
+        """Position of the first effect among the columns."""
         return self.problem.placement
 
     @property
@@ -54,27 +54,27 @@ class FittedColumns:
     @cached_property
     def apart(self) -> LeaveOneOut:
         """Each fitted column with the other columns projected out, as far as the priors of the other columns allow.
-        Prior rows follow the M measured rows."""
+        The rows of the priors follow the measured rows."""
         fit = self.calibration
         loose = fit.kept & np.array([not effect.constant for effect in fit.model.effects], dtype=bool)
         priors, _ = prior_rows(fit.model, fit.theta, self.problem, loose)
         return LeaveOneOut.of(np.vstack([self.columns[:, self.held], priors[:, self.held]]))
 
     def over_all_rows(self, values: Array) -> Array:
-        """Append zeros to values, one zero for each prior row."""
+        """Append to values of the measured rows one zero for each prior row."""
         return np.vstack([values, np.zeros((len(self.apart.u) - len(values), values.shape[1]))])
 
     def number(self, k: int) -> int:
-        """Return the index of effect `k` among the fitted columns."""
+        """Return the position of effect number `k` among the fitted columns."""
         return self.first + int(np.sum(self.calibration.kept[:k]))
 
     def of(self, candidate: Candidate) -> Array:
-        """Return the columns of a candidate's effects."""
+        """Return the columns of a candidate's effects, weighted like the residual."""
         return self.problem.effect_rows(candidate.effects, self.calibration.model)
 
     def difference(self, k: int, candidate: Candidate, sizes: Array) -> Array:
-        """Return the displacement of the measurements by effect `k` minus the displacement by a candidate of given
-        `sizes`."""
+        """Return the displacement of the measurements by effect number `k` minus the displacement by a candidate whose
+        effects have the coefficients `sizes`."""
         return np.asarray(self.calibration.theta[k] * self.columns[:, self.first + k] - self.of(candidate) @ sizes)
 
 
@@ -111,10 +111,10 @@ class Rival:
     """A constant of the standard model, and an alternative explanation of its fitted value.
 
     value: value of the constant, in `unit`.
-    sizes: sizes of the candidate's effects that displace the measurements like the constant.
+    sizes: coefficients with which the candidate's effects displace the measurements like the constant.
     moves: RMS displacement, m, of the measured point by the candidate.
     apart: distance of the two explanations over all poses, in standard deviations of the noise.
-    poses: joint values where the two explanations differ most. difference: their distance there, m.
+    poses: joint values, rad and m, where the two explanations differ most. difference: their distance there, m.
     session: inputs of the candidate that joint values do not determine; `poses` is then empty.
     """
 
@@ -131,12 +131,12 @@ class Rival:
 
     @property
     def plausible(self) -> bool:
-        """True if every size is within PLAUSIBLE standard deviations of its prior."""
+        """True if every coefficient of the candidate is within PLAUSIBLE standard deviations of its prior."""
         return all(abs(v) <= PLAUSIBLE * e.prior for v, e in zip(self.sizes, self.candidate.effects, strict=True))
 
     @property
     def amplitude(self) -> float:
-        """Root of the sum of squares of the sizes; the amplitude of a pair of sine and cosine."""
+        """Root of the sum of squares of the coefficients; the amplitude of a pair of sine and cosine."""
         return float(np.linalg.norm(self.sizes))
 
     def words(self, kinds: Sequence[str]) -> str:
@@ -159,10 +159,10 @@ class Rival:
 def rivals_of_constants(calibration: Calibration, poses: Poses, pool: Iterable[Candidate]) -> tuple[Rival, ...]:
     """Return every significant constant that a candidate of `pool` imitates within the noise, the closest first.
 
-    With c the constant's column, C the candidate's and ⊥ the part that no other column of the model explains (smooth
-    terms as far as their priors allow), w minimises |θ c⊥ - C⊥ w|. The two are indistinguishable if this minimum is
-    below TOLD_APART σ. Removing all columns, c included, leaves C⊥ - ĉ ĉᵀC of C, with ĉ the unit vector along c⊥. One
-    projection of a candidate therefore serves all constants; the triangle R of its QR decomposition and ĉᵀC replace C⊥.
+    c: column of the constant θ. C: columns of the candidate. ⊥: part that no other column of the model explains (smooth
+    terms as far as their priors allow). The coefficients w minimise |θ c⊥ - C⊥ w|. Constant and candidate are
+    indistinguishable if the minimum is below TOLD_APART σ. With all columns removed, c included, C⊥ - ĉ ĉᵀC of C
+    remains, ĉ along c⊥. Thus one projection of a candidate serves all constants; the QR triangle and ĉᵀC replace C⊥.
     """
     model, theta = calibration.model, calibration.theta
     here = FittedColumns.at(calibration, poses)
@@ -204,7 +204,7 @@ def rivals_of_constants(calibration: Calibration, poses: Poses, pool: Iterable[C
 
 
 def _looked_at(here: FittedColumns, offered: Sequence[Candidate]) -> Iterator[tuple[Candidate, Array, Array]]:
-    """Yield every candidate with its columns, and the part of the columns that the model does not explain."""
+    """Yield every candidate with its columns, and with the part of the columns that the model does not explain."""
     for first in range(0, len(offered), AT_ONCE):
         some = offered[first : first + AT_ONCE]
         columns = here.over_all_rows(np.hstack([here.of(candidate) for candidate in some]))
@@ -259,8 +259,8 @@ def _anywhere(calibration: Calibration, poses: Poses) -> Poses:
     """Return random poses within the joint limits, or the measured ranges without limits, with predicted positions, of
     the first set-up and tool.
 
-    The rows are in order, for effects that depend on earlier rows. Poses at which a closed loop cannot close are
-    omitted.
+    The rows count as measured in order, for effects that depend on earlier rows. Poses at which a closed loop cannot
+    close are omitted.
     """
     model = calibration.model
     q = random_poses(model.mechanism, POOL, np.random.default_rng(0), poses.dataset.q)
@@ -275,9 +275,9 @@ def _anywhere(calibration: Calibration, poses: Poses) -> Poses:
 def _telling(
     here: FittedColumns, fresh: FittedColumns, found: Sequence[tuple[int, Candidate, Array]]
 ) -> list[tuple[Array, Array]]:
-    """Return for each pair the joint values where constant and candidate differ most, and the distances, m.
+    """Return for each pair the joint values, rad and m, where constant and candidate differ most, and the distances, m.
 
-    found: index of the constant, candidate and sizes of the candidate. Candidates of one constant are solved together.
+    found: number of the constant, candidate, and its coefficients. Candidates of one constant are solved together.
     """
     mechanism, poses = fresh.calibration.model.mechanism, fresh.problem.poses
     out = [(np.zeros((0, len(mechanism.joints))), np.zeros(0))] * len(found)
@@ -299,9 +299,9 @@ def _telling(
 
 
 def _shared(here: FittedColumns, fresh: FittedColumns) -> tuple[IntArray, IntArray]:
-    """Return the indices, in `here` and in `fresh`, of the fitted columns that `here` and `fresh` have in common.
+    """Return the positions, in `here` and in `fresh`, of the fitted columns that `here` and `fresh` have in common.
 
-    Unknowns of one table alone, such as anchors, exist in `here` only.
+    Unknowns of one table alone, such as anchors of distances, exist in `here` only.
     """
     names = [c.problem.placement_names for c in (here, fresh)]
     pairs = [(names[0].index(name), k) for k, name in enumerate(names[1]) if name in names[0]]

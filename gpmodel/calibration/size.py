@@ -86,10 +86,10 @@ def share_of_size(model: ErrorModel, problem: Linearised) -> Array:
 def standing_for(
     model: ErrorModel, problem: Linearised, placement: Placement, held: IntArray, others: IntArray
 ) -> tuple[Array, Array]:
-    """Return the changes of held effects that are equivalent to a unit of each other effect, and to uniform scaling.
+    """Return the changes of the effects `held` that are equivalent to one unit of each of the effects `others`.
 
-    Returns, unknowns per unknown, and, unknowns per relative scaling. Effects are equivalent if they move
-    the tool point of the nominal mechanism equally over the poses, up to rigid motions of the root and the tool.
+    Also return the changes that are equivalent to a uniform scaling by 1. Effects are equivalent if they move the tool
+    point of the nominal mechanism equally over the poses, up to rigid motions of the root and the tool.
     """
     count = len(problem.poses)
     nominal = observe(ErrorModel(model.mechanism, ()), problem.poses, np.zeros(0), placement)
@@ -109,8 +109,8 @@ def standing_for(
 def spread(columns: Array, target: Array, placed: Array, most: float) -> tuple[float, float, Array]:
     """Estimate the standard deviation of the constants about their nominal values, m and rad, by Bayesian regression.
 
-    columns: displacement per unknown of unit prior variance.
-    target: measurements. placed: columns of unknowns without a prior.
+    columns: displacement of each measurement per unknown of unit prior variance.
+    target: measurements, m. placed: columns of unknowns without a prior.
     most: largest standard deviation, m and rad.
     Returns the standard deviation, the RMS residual, m, and orthonormal columns that the measurements determine.
     With s the singular values of the columns without their part along `placed`, the measurements have the variance σ² +

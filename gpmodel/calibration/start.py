@@ -17,8 +17,8 @@ from gpmodel.table.dataset import Dataset
 
 
 def placement_columns(poses: Poses, observed: Observed, placement: Placement) -> tuple[list[Array], list[str]]:
-    """Return the derivatives by registration, tool and the instruments' own unknowns, in blocks, and their
-    names."""
+    """Return the derivatives of each pose's measurements by registration, tool and the instruments' own unknowns, in
+    blocks, and the names of these unknowns."""
     data = poses.dataset
     blocks: list[Array] = []
     names: list[str] = []
@@ -45,7 +45,7 @@ def _tool_axes(observed: Observed) -> int:
 
 
 def placement_after(observed: Observed, placement: Placement, step: Array) -> Placement:
-    """Return registration and tool after a step, m and rad, in the order of the columns of `linearise`.
+    """Return registration and tool after a step, m and rad, in the order of the columns of `placement_columns`.
 
     Registrations rotate about the mean of the predicted points, tools about their own axes. Rotations stay orthonormal.
     """
@@ -132,7 +132,7 @@ def _balls(data: Dataset) -> bool:
 def _with_tools(poses: Poses, slots: Array, registration: dict[str, Array], points: Array) -> Placement:
     """Return given registrations and tool points, m, completed by the instruments' unknowns.
 
-    The orientations of the tools are the measured ones. slots: frames of the nominal mechanism.
+    The orientations of the tools are the measured ones. slots: frames of the nominal mechanism at every pose.
     """
     data, frames = poses.dataset, slots[poses.tip_slot, np.arange(len(poses))]
     tool_frames = {name: se3.shift(point) for name, point in zip(data.codes("tool")[0], points, strict=True)}

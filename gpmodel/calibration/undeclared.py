@@ -1,13 +1,13 @@
 """Separate constants from undeclared effects in measurements without an instrument's frame.
 
-Within the measured region, constants can imitate an undeclared effect; outside, their predictions differ. With r
-the measurements, F the columns of registration, tool and declared effects, A those of all constants, c_a of axis a,
+Within the measured region, constants can imitate an undeclared effect; outside, their predictions differ. In
 
     r = F ρ + A θ + Σ_a c_a ∘ f_a(q) + e,   θ ~ N(0, τ² I),   f_a ~ N(0, γ_a² K),   e ~ N(0, n² I)
 
-where f_a are unknown smooth functions of the joint values. γ_a, τ and n maximise the restricted likelihood. Constants
-are then fitted by generalised least squares with the covariance V of the functions and the noise. The conditional mean
-of the functions becomes a part of the model, with α = V⁻¹ (r - F ρ - A θ):
+r are the measurements, f_a unknown smooth functions of the joint values q, c_a the derivatives of r by axis a, A those
+by all constants θ, F those by registration, tool and declared effects ρ, e the noise. γ_a, τ and n maximise the
+restricted likelihood. Constants are fitted by generalised least squares with the covariance V of functions and noise.
+The conditional mean of the functions becomes a part of the model, with α = V⁻¹ (r - F ρ - A θ):
 
     f_a(q) = γ_a² Σ_m K(q, q_m) c_a,m α_m
 
@@ -70,7 +70,7 @@ START, SMALLEST = (1e-4, 3e-4, 0.3), 1e-8
 class Undeclared:
     """Standard deviations of undeclared effects, of constants and of the noise.
 
-    sizes: γ of the unknown function at each axis of `geometric_effects`, m and rad.
+    sizes: standard deviation γ of the unknown function at each axis of `geometric_effects`, m and rad.
     constant: standard deviation τ of a constant, m and rad.
     noise: standard deviation n of a measurement, m.
     gain: log restricted likelihood minus the log restricted likelihood without the functions, nats.
@@ -83,7 +83,7 @@ class Undeclared:
 
     @classmethod
     def estimated(cls, problem: Linearised, model: ErrorModel, theta: Array) -> "Undeclared":
-        """Estimate γ, τ and n from a linear problem at constants `theta` by their restricted likelihood."""
+        """Estimate the standard deviations from a problem at constants `theta` by their restricted likelihood."""
         rows = np.linspace(0, len(problem.residual) - 1, min(len(problem.residual), MOST_ROWS)).astype(int)
         axes, constant = _axes(problem, model)[rows], of_the_description(model)
         effects, added = problem.columns[rows, problem.placement :], constant | _smooth(model)
@@ -111,11 +111,11 @@ class Undeclared:
 
     @property
     def stands_out(self) -> bool:
-        """True if the functions explain the measurements better than noise would, by more than EARNED nats."""
+        """True if the unknown functions explain the measurements better than noise would, by more than EARNED nats."""
         return self.gain > EARNED
 
     def covariance(self, problem: Linearised, model: ErrorModel) -> "Coloured":
-        """Return the covariance of the undeclared effects (functions) and the noise in the rows of a problem."""
+        """Return the covariance of undeclared effects (unknown functions) and noise in the rows of a problem."""
         waves = Waves.of(problem, model)
         values = waves.values(problem.poses.dataset.q)[problem.pose_of_row]
         axes = _axes(problem, model) * self.sizes / self.noise
@@ -125,10 +125,10 @@ class Undeclared:
 
 @dataclass(frozen=True)
 class Coloured:
-    """Covariance n² V = n² L Lᵀ of M measurements.
+    """Covariance n² L Lᵀ of the measurements by noise n and undeclared effects (unknown functions).
 
-    axes: columns of the axes times γ / n.
-    values: sinusoids at the measurements.
+    axes: displacement of each measurement per unit of each axis, times γ / n (standard deviation of the function).
+    values: products of sinusoids of the joint values at each measurement.
     lower: Cholesky factor L.
     """
 
@@ -139,13 +139,13 @@ class Coloured:
     lower: Array
 
     def white(self, problem: Linearised) -> Linearised:
-        """Return the problem with whitened rows: independent, of variance n²."""
+        """Return the problem with whitened rows: independent, each with the variance of the noise."""
         columns, residual = (self._solved(values) for values in (problem.columns, problem.residual))
         ratio = self.unknown.noise / min(self.unknown.constant, TOLERANCE)
         return replace(problem, columns=columns, residual=residual, ratio=ratio)
 
     def mean(self, white: Array, model: ErrorModel) -> Effect | None:
-        """Return the conditional mean of the functions, as an effect, given the residual of whitened rows.
+        """Return the conditional mean of the unknown functions, as an effect, given the whitened residual `white`.
 
         The result is None if all functions are below SHOWN times the noise. The effect's prior is the standard
         deviation of the functions relative to their mean, both RMS over the measurements.
@@ -164,13 +164,13 @@ class Coloured:
 
     @property
     def determined(self) -> float:
-        """Effective number of parameters of the functions that the measurements determine: M - tr(V⁻¹)."""
+        """Effective number of parameters of the unknown functions that the measurements determine."""
         return len(self.lower) - float(np.sum(self._solved(np.eye(len(self.lower))) ** 2))
 
     def left(self, q: Array, axes: Array, columns: Array, fit: Calibration, fitted: Linearised) -> Array:
-        """Return the posterior variance, m², of points, due to the unknowns and the functions together.
+        """Return the posterior variance of each of some points, m², by fitted unknowns and unknown functions together.
 
-        axes, columns: and, derivatives of the points by the axes and by the unknowns. fitted:
+        axes, columns: derivatives of the points by the functions' axes and by the unknowns. q: joint values. fitted:
         problem of the fit. The part of an unknown that the functions absorb is not counted twice (universal kriging).
         """
         unknowns, out = fit.covariance.values, np.sum((axes * self.unknown.sizes) ** 2, axis=(1, 2))
@@ -181,9 +181,9 @@ class Coloured:
         return np.asarray(np.maximum(out, 0.0))
 
     def left_among(self, problem: Linearised, model: ErrorModel, fitted: Linearised) -> tuple[Array, Array]:
-        """Return a square root, m, of the posterior covariance of other measurements by the functions.
+        """Return a square root, m, of the posterior covariance that the unknown functions cause in other measurements.
 
-        The function also returns the share of each unknown that the functions absorb at these measurements.
+        The function also returns the share of each fitted unknown that the functions absorb at these measurements.
         """
         q, columns = problem.poses.dataset.q[problem.pose_of_row], _axes(problem, model)
         at, there = columns * self.unknown.sizes, self.waves.values(q)
@@ -195,8 +195,8 @@ class Coloured:
         return np.asarray(explained.T @ self._solved(fitted.columns) / self.unknown.noise)
 
     def _explained(self, q: Array, columns: Array) -> Array:
-        """Return L⁻¹ times the covariance, m, of the fitted measurements and other measurements. q: joint
-        values of the other measurements. columns: displacement per unit of each axis."""
+        """Return L⁻¹ (covariance factor of the fit) times the covariance, m, of fitted and other measurements. q: joint
+        values of the other measurements. columns: their displacement per unit of each axis."""
         there = self.waves.values(q) @ self.values.T
         return self._solved((((columns * self.unknown.sizes) @ self.axes.T) * there).T)
 
@@ -205,7 +205,7 @@ class Coloured:
 
 
 Wave = tuple[str, int, float]
-"""Function (sin or cos), index of the joint, and rate, rad per unit of the joint."""
+"""Function (sin or cos), number of the joint, and rate, rad per unit of the joint."""
 
 
 @dataclass(frozen=True)
@@ -223,7 +223,7 @@ class Waves:
 
     @classmethod
     def of(cls, problem: Linearised, model: ErrorModel) -> "Waves":
-        """Return the products for the joint ranges of a problem."""
+        """Return the products of sinusoids for the joint ranges of a problem."""
         span = np.ptp(problem.poses.dataset.q, axis=0)
         moving = np.flatnonzero(span > 0).tolist()
         products: list[tuple[float, tuple[Wave, ...]]] = [(MEAN, ())]
@@ -238,7 +238,7 @@ class Waves:
         return cls(tuple(j.name for j in model.mechanism.joints), np.sqrt(np.array(shares)), parts)
 
     def values(self, q: Array) -> Array:
-        """Return the products at joint values, times their sizes."""
+        """Return the products of sinusoids at joint values, each times its standard deviation."""
         out = np.tile(self.sizes, (len(q), 1))
         for k, waves in enumerate(self.parts):
             for name, joint, rate in waves:
@@ -246,7 +246,7 @@ class Waves:
         return out
 
     def text(self, weights: Array) -> str:
-        """Write the sum of the products times sizes and weights as an expression; small terms are omitted."""
+        """Write the weighted sum of the products of sinusoids as an expression; small terms are omitted."""
         signed = weights * self.sizes
         sizes = np.abs(signed)
         largest = np.sort(np.argsort(-sizes)[:MOST_WAVES]).tolist()
@@ -270,13 +270,13 @@ def _sum(terms: Sequence[str]) -> str:
 
 
 def _likelihood(covariance: Array, known: Array) -> float:
-    """Return the log density of values with covariance, without its constant."""
+    """Return the log density of normal values of mean zero with a covariance, up to a constant."""
     lower = np.linalg.cholesky(covariance)
     return -float(np.log(np.diag(lower)).sum() + 0.5 * np.sum(np.linalg.solve(lower, known) ** 2))
 
 
 def _without_functions(like: Array, known: Array) -> float:
-    """Return the largest log density of values with covariance τ² like + n² I, over τ and n."""
+    """Return the largest log density of normal values of covariance τ² `like` + n² I, over τ and n."""
     values, vectors = np.linalg.eigh(like)
     squares, values = (vectors.T @ known) ** 2, np.maximum(values, 0.0)
     reach, noise = START[1] ** 2, START[2] ** 2 * float(np.mean(known**2)) + SMALLEST**2
@@ -294,9 +294,9 @@ def _axes(problem: Linearised, model: ErrorModel) -> Array:
 
 
 def uncertain_functions(model: ErrorModel, fitted: Linearised, theta: Array, other: Linearised) -> tuple[Array, Array]:
-    """Return `Coloured.left_among` of the undeclared effects of a model, for other measurements.
+    """Return the covariance factor, m, and shares of `Coloured.left_among` for a model's undeclared effects.
 
-    fitted: problem to which the model was fitted, at `theta`.
+    fitted: problem to which the model was fitted, at effects `theta`. other: problem of other measurements.
     """
     return Undeclared.estimated(fitted, model, theta).covariance(fitted, model).left_among(other, model, fitted)
 
@@ -313,8 +313,8 @@ def _smooth(model: ErrorModel) -> Mask:
 def apart_from_effects(fit: Calibration, poses: Poses) -> Calibration:
     """Refit constants separately from undeclared effects, and add the undeclared effects to the model.
 
-    The fit is returned unchanged if a measurement is in an instrument's frame. The variance sigma² is n² plus the mean
-    variance of the functions over the measurements.
+    The fit is returned unchanged if a measurement is in an instrument's frame. The variance sigma² is the variance of
+    the noise plus the mean variance of the functions over the measurements.
     """
     fitting = fitting_of(fit, poses)
     raw = fitting.at(fit.theta, fit.placement)
@@ -339,9 +339,9 @@ def apart_from_effects(fit: Calibration, poses: Poses) -> Calibration:
 
 
 def _generalised(fitting: Fitting, known: Coloured, fit: Calibration) -> tuple[Fitted, Array]:
-    """Fit by generalised least squares from an ordinary fit; return the end point and the whitened residual.
+    """Fit by generalised least squares from an ordinary fit; return the last values and the whitened residual.
 
-    The unknowns of the instruments are solved again at every point.
+    The unknowns of the instruments are solved again at every step.
     """
     theta, placement = fit.theta, fit.placement
     for _ in range(PASSES):

@@ -1,9 +1,9 @@
-"""Joints without a sensor: the joint values in the table are approximate, and are unknowns of every pose.
+"""Eliminate joints without a sensor: their values in the table are approximate, and are unknowns of every pose.
 
-The unknown joint values are eliminated pose by pose (variable projection). With the weighted sensitivities A of
-one pose to its free joints and A = U S Vᵀ, only the measurements along the columns of U with a negligible singular
-value still inform the model; an error of the joint values explains any residual along the other columns.
-Source: Golub and Pereyra (1973); the truncation takes the place of 1/S in Robertson (2003), Fig 3.17.
+The unknown joint values are eliminated pose by pose (variable projection). A = U S Vᵀ are the weighted sensitivities
+of one pose's measurements to its unmeasured joints. Only the measurements along columns of U with a negligible singular
+value still inform the model; an error of the joint values explains any residual along the other columns. Source:
+Golub and Pereyra (1973); the truncation takes the place of 1/S in Robertson (2003), Fig 3.17.
 """
 
 from dataclasses import dataclass, replace
@@ -19,38 +19,38 @@ from gpmodel.table.dataset import Dataset
 
 TRUNCATION = 1e-2
 """Least singular value, relative to the largest, of a joint direction that the measurements determine. Along other
-joint directions the table's values are kept."""
+joint directions the table's joint values are kept."""
 
 ELIMINATED = 1e-2
-"""Least share of a column that free joints do not absorb. A column with a smaller share is set to zero."""
+"""Least share of a column that unmeasured joints do not absorb. A column with a smaller share is set to zero."""
 
 ROUNDING = 1e-7
-"""Singular value, relative to the largest, below which a combination is rounding error: √ of double precision."""
+"""Relative singular value below which a combination of parameters is rounding error: √ of double precision."""
 PRIOR_SIGMA = {"revolute": np.radians(1.0), "prismatic": 1e-3}
 """Standard deviation of approximate joint values if none is stated, rad and m: read from a scale by eye."""
 ROTATION_WEIGHT = 0.3
 """Weight of a radian of orientation, m: a typical lever from wrist to tool. The fit of a table replaces this typical
 weight by the ratio of the residuals."""
 MAX_ITERATIONS = 20
-"""Largest number of steps for the joint values of a pose; three are usual."""
+"""Largest number of steps for the joint values of a pose; three steps are usual."""
 STEP_TOLERANCE = 1e-9
-"""Size of the last step, rad or m: less than a nanometre at the tool."""
+"""Largest last step of the joint values, rad or m: less than a nanometre at the tool."""
 MINIMUM_POSES = 4
 """Least number of points that determine a sphere."""
 
 
 def free_joints(mechanism: Mechanism) -> tuple[int, ...]:
-    """Return the indices of the joints whose table values are approximate."""
+    """Return the numbers of the joints without a sensor, whose values in the table are approximate."""
     return tuple(i for i, joint in enumerate(mechanism.joints) if not joint.measured)
 
 
 def prior_sigmas(mechanism: Mechanism) -> Array:
-    """Return the prior standard deviations of the free joints, 1 deg or 1 mm. Only ratios of deviations matter."""
+    """Return the prior standard deviations of unmeasured joints, 1 deg or 1 mm; only their ratios matter."""
     return np.array([PRIOR_SIGMA[mechanism.joints[i].kind] for i in free_joints(mechanism)])
 
 
 def joint_columns(mechanism: Mechanism, observed: Observed) -> Array:
-    """Return the sensitivity of each pose's measurements to its free joints, through their drives."""
+    """Return the sensitivity of each pose's measurements to its unmeasured joints, through the drives of the joints."""
     free = free_joints(mechanism)
     out = np.zeros((len(observed.tip), observed.components, len(free)))
     for k, i in enumerate(free):
@@ -62,24 +62,24 @@ def joint_columns(mechanism: Mechanism, observed: Observed) -> Array:
 
 @dataclass(frozen=True)
 class Complement:
-    """Directions of each pose's measurements that its free joints do not move.
+    """Directions of each pose's measurements that its unmeasured joints do not move.
 
-    turn: orthonormal rows.
-    keep: mask of the rotated measurements that no free joint moves.
+    turn: orthonormal matrix of each pose, which rotates its measured components.
+    keep: mask, by pose, of the rotated components that no unmeasured joint moves.
     """
 
     turn: Array
     keep: Mask
 
     def rows(self, values: Array) -> Array:
-        """Return weighted measurements as the rows that free joints leave."""
+        """Return the rows of weighted measurements that unmeasured joints do not move."""
         turned: Array = np.einsum("nij,nj->ni", self.turn, values) if values.ndim == 2 else self.turn @ values
         return turned[self.keep]
 
 
 def complement(columns: Array, measured: Mask) -> Complement:
-    """Return the complement of weighted joint columns. Components that are not `measured` are
-    excluded."""
+    """Return the directions that unmeasured joints do not move. columns: derivatives by these joints, weighted.
+    measured: mask of measured components; others are excluded."""
     largest = np.linalg.norm(columns, axis=(1, 2))
     absent = np.where(measured, 0.0, np.where(largest > 0, largest, 1.0)[:, None])
     blocks = np.concatenate([columns, np.eye(measured.shape[1]) * absent[:, :, None]], axis=2)
@@ -89,9 +89,9 @@ def complement(columns: Array, measured: Mask) -> Complement:
 
 
 def eliminate(columns: Array, residual: Array, joints: Array) -> tuple[Array, Array, IntArray]:
-    """Eliminate each pose's joints from columns and residual.
+    """Eliminate the unmeasured joints of each pose from columns and residual. joints: derivatives by these joints.
 
-    Returns columns, residual and the pose of each row. A column that the joints absorb, up to
+    Returns columns, residual and the pose number of each row. A column that the joints absorb, up to a share
     ELIMINATED, is exactly zero. NaN in the residual means not measured.
     """
     measured = np.isfinite(residual)
@@ -102,13 +102,13 @@ def eliminate(columns: Array, residual: Array, joints: Array) -> tuple[Array, Ar
 
 
 def without_eliminated(rows: Array, sizes: Array) -> Array:
-    """Return columns, set to zero where their norm is below ELIMINATED of `sizes`, the norm before
-    elimination."""
+    """Return columns, set to zero where their norm is below ELIMINATED times `sizes`, the norms before elimination of
+    unmeasured joints."""
     return np.where(np.linalg.norm(rows, axis=0) > ELIMINATED * sizes, rows, 0.0)
 
 
 def observable(rows: Array, nominal: Array, sizes: Array) -> Array:
-    """Project out of columns the combinations that free joints absorb in the nominal mechanism.
+    """Project out of columns the combinations that unmeasured joints absorb in the nominal mechanism.
 
     nominal: columns without any effect, where an absorbed combination is zero up to rounding. With effects, an
     absorbed combination is small but not zero, and a fit would fit noise with it. sizes: column norms before
@@ -121,11 +121,11 @@ def observable(rows: Array, nominal: Array, sizes: Array) -> Array:
 
 
 def solve_joints(model: ErrorModel, poses: Poses, theta: Array, placement: Placement) -> Poses:
-    """Return the poses with their free joints solved against the measurements.
+    """Return the poses with the values of unmeasured joints solved against the measurements.
 
-    Solution per pose: the joint values nearest to the table's (in units of `prior_sigmas`) among those that fit the
-    measurements best, by truncated Gauss-Newton:  δ = σ (V S⁺ Uᵀ r + (I - V V⁺) (q_table - q) / σ).
-    Without a free joint, and in rows without a measurement, joint values are unchanged.
+    Solution per pose: the joint values q nearest to the table's (in units σ of `prior_sigmas`) among those that fit the
+    measurements best, by truncated Gauss-Newton:  δ = σ (V S⁺ Uᵀ r + (I - V V⁺) (q_table - q) / σ). r: residual.
+    U S Vᵀ: weighted derivatives by q / σ. Joint values in rows without a measurement are unchanged.
     """
     free = list(free_joints(model.mechanism))
     if not free:
@@ -157,9 +157,9 @@ def solve_joints(model: ErrorModel, poses: Poses, theta: Array, placement: Place
 
 
 def what_is_left(mechanism: Mechanism, observed: Observed, measured: Mask, values: Array) -> Array:
-    """Remove from measurements, in metres, or columns the part that each pose's free joints explain.
+    """Remove from measurements, m, or columns the part that each pose's unmeasured joints explain.
 
-    The result is unchanged if no joint is free. m: all measured components, or the first few of them.
+    The result is unchanged if every joint is measured. values: of all measured components, or of the first few.
     """
     if not free_joints(mechanism):
         return values
@@ -177,7 +177,7 @@ def check_points(dataset: Dataset) -> None:
 
 
 def points_flaw(dataset: Dataset) -> str | None:
-    """Return the reason why free joints explain every measured point; None if free joints do not."""
+    """Return the reason why unmeasured joints explain every measured point; None if unmeasured joints do not."""
     points = dataset.position[np.isfinite(dataset.position).all(axis=1)]
     if not len(points) and (dataset.has_rotation or dataset.distances or dataset.observations):
         return None

@@ -1,4 +1,4 @@
-"""Unobservable effects: effects that free joints absorb, and constants that stay at their nominal values."""
+"""Unobservable effects: effects that unmeasured joints absorb, and constants that stay at their nominal values."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -34,19 +34,19 @@ DRAWN = 400
 
 @dataclass(frozen=True)
 class Region:
-    """Measured region: the ball about the median of the measured points, with middle (3,) and radius, m."""
+    """Measured region: the ball about the median of the measured points, with its middle and radius, m."""
 
     middle: Array
     radius: float
 
     @classmethod
     def of(cls, points: Array) -> "Region":
-        """Return the ball that holds HELD of the points, m."""
+        """Return the ball about the median of points, m, that holds a share HELD of the points."""
         middle = np.median(points, axis=0)
         return cls(middle, float(np.quantile(np.linalg.norm(points - middle, axis=1), HELD)))
 
     def holds(self, points: Array) -> Mask:
-        """Return the mask of the points, m, inside the ball."""
+        """Return a mask of the points, m, inside the ball."""
         return np.asarray(np.linalg.norm(points - self.middle, axis=1) <= self.radius)
 
 
@@ -59,13 +59,13 @@ def anywhere(mechanism: Mechanism, dataset: Dataset) -> Dataset:
 
 
 def nominal_points(mechanism: Mechanism, poses: Poses) -> Array:
-    """Return the nominal position, m, of each row's measured link in the root frame, without a tool."""
+    """Return the nominal position of each row's measured link, m, in the root frame, without a tool."""
     frames = ErrorModel(mechanism, ()).frames(poses, np.zeros(0))
     return np.asarray(frames[poses.tip_slot, np.arange(len(poses)), :3, 3])
 
 
 def unobservable_effects(calibration: Calibration, poses: Poses, effects: Sequence[Effect]) -> tuple[bool, ...]:
-    """Return whether free joints absorb each effect's column at these poses; all False without free joints."""
+    """Return whether unmeasured joints absorb each effect's column at these poses; all False without such joints."""
     if not free_joints(calibration.model.mechanism) or not effects:
         return (False,) * len(effects)
     problem = problem_at(calibration, poses)
@@ -74,7 +74,7 @@ def unobservable_effects(calibration: Calibration, poses: Poses, effects: Sequen
 
 
 def unobservable_families(calibration: Calibration, poses: Poses) -> tuple[str, ...]:
-    """Return the names of constant effects and of catalogue families that free joints absorb completely."""
+    """Return the names of constant effects and of catalogue families that unmeasured joints absorb completely."""
     if not free_joints(calibration.model.mechanism):
         return ()
     pool = catalogue.candidates(calibration.model.mechanism, poses.states)

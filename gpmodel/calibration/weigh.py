@@ -1,4 +1,4 @@
-"""Weight of a pixel or a degree relative to a metre, from two fits; the second uses the weights of the first."""
+"""Weigh a pixel or a degree relative to a metre by two fits; the second fit uses weights estimated by the first."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ from gpmodel.table.dataset import Readings
 def hang_payload(mechanism: Mechanism, poses: Poses) -> tuple[Mechanism, Poses]:
     """Return the mechanism and its poses with the payload at the tool point, fitted with registration and tool alone.
 
-    The mechanism is unchanged if a centre of mass is given, no pose has a payload, or it is built in Python.
+    The mechanism is unchanged if a centre of mass is given, if no pose has a payload, or if it is built in Python.
     """
     if not isinstance(mechanism, LoadedMechanism) or mechanism.choice.payload_com is not None:
         return mechanism, poses
@@ -48,7 +48,7 @@ def _tool_point(mechanism: Mechanism, poses: Poses) -> Array:
 
 
 FITS = 2
-"""Number of fits; the second uses weights estimated by the first."""
+"""Number of fits; the second fit uses weights estimated by the first fit."""
 TRUSTED = 0.95
 """Share of the rows, with the smallest residuals, from which the noise is estimated. One row in twenty may be an
 outlier."""

@@ -1,1 +1,1 @@
-"""The catalogue of physical causes, which offers candidate effects for a mechanism and a table."""
+"""The catalogue of physical causes: candidate effects for a mechanism and the columns of its table."""

@@ -18,8 +18,8 @@ def effects_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effe
     """Return the effects of a catalogue name, of a whole family, or of a formula `slot:axis:expression`.
 
     `gear_harmonic J4` is one instance of a family; `gear_harmonic` is all instances if there are at most
-    MOST_INSTANCES. Raises InputError for an unknown name, slot, axis or input, or if the effect is not finite at some
-    pose.
+    MOST_INSTANCES. Raises InputError for an unknown name, slot (frame), axis or input, or if the effect is not finite
+    at some pose.
     """
     if "=" in name and name.count(":") != 2:
         raise InputError(
@@ -35,7 +35,7 @@ def effects_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effe
 
 
 def check_defined(effect: Effect, mechanism: Mechanism, states: States, name: str = "") -> None:
-    """Raise InputError if an effect has no term, has an unknown slot or input, or is not finite at some pose.
+    """Raise InputError if an effect has no term, an unknown slot (frame) or input, or is not finite at some pose.
 
     name: name of the effect in the message, if different from the effect's name.
     """
@@ -52,7 +52,7 @@ def check_defined(effect: Effect, mechanism: Mechanism, states: States, name: st
 
 
 def one_effect_named(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:
-    """Return the effects of a single instance: one effect, or a sine and its cosine.
+    """Return the effects of a single instance of a family: one effect, or a sine and its cosine.
 
     Raises InputError in the cases of `effects_named`, and for a family of several instances.
     """

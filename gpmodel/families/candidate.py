@@ -142,7 +142,7 @@ class Candidate:
 
     def amplitude(self, theta: Array, states: States) -> tuple[float, Array]:
         """Return the size of the candidate as one number, and the gradient of the size by the coefficients `theta`
-       .
+        .
 
         single: θ. harmonic: √(θ₁² + θ₂²). vector: length of the components that have the unit of the first effect.
         curve: RMS of Σ θ φ over the poses of `states`.

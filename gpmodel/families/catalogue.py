@@ -81,8 +81,8 @@ def installed() -> tuple[Family, ...]:
 Offer = Family | Candidate | Effect
 
 PLAIN_COST = 4.0
-"""Price of an effect without a stated price, nats: that of the simplest families. exp(4) = 55 is about the number of
-sites of a six-joint arm."""
+"""Price of an effect without a stated price, nats: the price of the simplest families. exp(4) = 55 is about the number
+of sites of a six-joint arm."""
 
 
 def distinct(offers: Iterable[object]) -> tuple[Offer, ...]:
@@ -102,7 +102,7 @@ def distinct(offers: Iterable[object]) -> tuple[Offer, ...]:
 def instances(offer: Offer, mechanism: Mechanism, states: States, *, search: bool = False) -> Iterator[Candidate]:
     """Yield the candidates of a family, candidate or effect on a mechanism, with the explanation of the family.
 
-    search: whether to yield the instances for a search, if the family has separate ones.
+    search: whether to yield the instances for a search, if the family has separate instances for a search.
     """
     match offer:
         case Candidate():
@@ -188,7 +188,7 @@ catalogue: tuple[Family, ...] = (*_OWN, *installed())
 
 
 def candidates(mechanism: Mechanism, states: States, offers: Iterable[Offer] = catalogue) -> tuple[Candidate, ...]:
-    """Return the candidates of all families that are not generic, as the mechanism and the columns of the table allow.
+    """Return the candidates of all families that name a cause, for a mechanism and the columns of its table.
 
     offers: families, candidates and single effects. Raises InputError for another type, or if two offers or two
     candidates have one name.
@@ -204,12 +204,12 @@ def candidates(mechanism: Mechanism, states: States, offers: Iterable[Offer] = c
 
 
 def names() -> tuple[str, ...]:
-    """Return the names of the families that are not generic."""
+    """Return the names of the families that name a cause, generic families excluded."""
     return tuple(f.name for f in catalogue if not f.generic)
 
 
 def family(name: str) -> Family | None:
-    """Return the family named `name`, or None."""
+    """Return the family with a given name, or None if there is no such family."""
     return next((f for f in catalogue if f.name == name), None)
 
 
@@ -220,11 +220,11 @@ def explained(name: str) -> str:
 
 
 def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]:
-    """Return the effects of a name as on a command line: `family`, `family JOINT`, or a full name of a candidate or
+    """Return the effects of a name as on a command line: `family`, `family JOINT`, or the full name of a candidate or
     effect.
 
     Raises InputError for an unknown name, for a family without an instance on this mechanism and table, or if words
-    without a joint fit instances at several sites. The family that a name begins with is searched first.
+    without a joint fit instances at several sites. The family with which the name begins is searched first.
     """
     first, *words = name.split() or [""]
     pool = of_family(first, mechanism, states)
@@ -246,7 +246,7 @@ def build(name: str, mechanism: Mechanism, states: States) -> tuple[Effect, ...]
 
 
 def of_family(name: str, mechanism: Mechanism, states: States) -> tuple[Candidate, ...]:
-    """Return all instances of the family named `name`. Empty for an unknown name or a generic family."""
+    """Return all instances of the family with a given name; empty for an unknown name or a generic family."""
     return candidates(mechanism, states, [f for f in catalogue if f.name == name])
 
 
@@ -256,7 +256,7 @@ def _of_full_name(name: str, pool: Sequence[Candidate]) -> tuple[Effect, ...]:
 
 
 def _with_constants(name: str, mechanism: Mechanism, states: States, pool: Sequence[Candidate]) -> tuple[Effect, ...]:
-    """Return the effects of a name with other constants than the candidates have, as `discover` prints the name."""
+    """Return the effects of a name with other constants than the candidates have, as `discover` prints names."""
     rates = (grid for f in catalogue for grid in f.grids(mechanism, states))
     known = [*(c.inner for c in pool if c.inner), *(i for g in rates if (i := g.at(float(g.rates[0])).inner))]
     for inner in {own.name: own for own in known}.values():
@@ -266,7 +266,7 @@ def _with_constants(name: str, mechanism: Mechanism, states: States, pool: Seque
 
 
 def _joints_by_word(mechanism: Mechanism) -> dict[str, str]:
-    """Return the names of joints by the words for a joint: its name, with or without a leading underscore, and its
+    """Map each word for a joint to the joint's name. Words are the name, with or without a leading underscore, and the
     number, as in J2."""
     named = {word: j.name for j in mechanism.joints for word in (j.name.removeprefix("_"), j.name)}
     return {f"J{i}": j.name for i, j in enumerate(mechanism.joints, 1)} | named

@@ -14,14 +14,14 @@ from gpmodel.model.sites import Site, sites_of
 from gpmodel.model.states import States
 
 FOLLOWING = (3, 1.5)
-"""Number of harmonics of an error curve over the angle of another joint, and the harmonic at which its prior falls off.
-An error curve over the angle of another joint is smoother than the error curve of a gear."""
+"""Number of harmonics of an error curve over the angle of another joint, and the number of the harmonic at which the
+prior falls off. An error curve over the angle of another joint is smoother than the error curve of a gear."""
 
 
 def continued(curve: Candidate) -> tuple[Effect, ...]:
     """Return as many further harmonics as a fine error curve has, with prior standard deviations falling as k^-1.5.
 
-    The result is empty for a candidate that is no fine error curve.
+    k is the number of the harmonic. The result is empty for a candidate that is no fine error curve.
     """
     count, last = len(curve.effects) // 2, curve.effects[-1]
     if count <= SMOOTH[0] or len(curve.inputs) > 1 or last.terms[0].basis != wave("cos", count, curve.inputs[0]):
@@ -41,7 +41,7 @@ def continued(curve: Candidate) -> tuple[Effect, ...]:
 def richest(count: int) -> tuple[int, float] | None:
     """Return the number of harmonics of the finest curve that `count` poses determine, and the corner of its prior.
 
-    The result is None below 100 poses.
+    The prior of the harmonics falls off from the corner on. The result is None below 100 poses.
     """
     return None if count < 100 else (20, 8.0) if count < 200 else (40, 15.0)
 

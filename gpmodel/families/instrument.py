@@ -81,9 +81,9 @@ def _polar(states: States) -> Seen | None:
 
 
 def or_beyond(build: Callable[[Mechanism, States], Iterator[Candidate]]) -> Callable[..., Iterator[Candidate]]:
-    """Extend a family by candidates beyond the specification, at the price of an instrument out of order.
+    """Extend a family of instrument errors by errors beyond the specification, at the price OUT_OF_ORDER.
 
-    Without a specification every candidate has that price.
+    Without a specification every candidate of the family has the price of an instrument out of order.
     """
 
     def offered(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
@@ -229,7 +229,7 @@ def instrument_walk(mechanism: Mechanism, states: States, waves: int = WAVES) ->
 
 
 def instrument_walks(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the walks for a search: with few waves, and with so many that no step remains for other effects."""
+    """Yield the random walks for a search: one of few waves, and one of so many that no step remains unexplained."""
     yield from instrument_walk(mechanism, states)
     waves = min(FINE_WAVES, len(states) // 4)
     for fine in instrument_walk(mechanism, states, waves) if waves > WAVES else ():
@@ -237,6 +237,6 @@ def instrument_walks(mechanism: Mechanism, states: States) -> Iterator[Candidate
 
 
 def _centred(column: str, values: Array) -> str:
-    """Write a column scaled to -1 to 1 over the measured volume."""
+    """Write a coordinate, scaled to -1 to 1 over the measured volume, as an expression."""
     middle, half = 0.5 * (values.max() + values.min()), max(0.5 * float(np.ptp(values)), 1e-3)
     return f"(({column} - {middle:.4g})/{half:.4g})"

@@ -56,8 +56,8 @@ def link_growth(
 
 
 def _lengths(mechanism: Mechanism, basis: Basis) -> Iterator[tuple[str, tuple[Term, ...]]]:
-    """Yield each slot with a length before it, and the terms that stretch the length: the offset from the previous
-    slot, and the travel of a prismatic joint, whose screw or scale grows."""
+    """Yield each slot (frame) with a length before the slot, and the terms that stretch the length: the offset from the
+    previous slot, and the travel of a prismatic joint, whose screw or scale grows."""
     fixed = links(mechanism)
     travels = {
         slot: Term(slot, axis, Expression(f"{joint.name}*({basis})"), weight)
@@ -90,7 +90,7 @@ def _steps(states: States) -> list[int]:
 
 
 def _moved_once(what: str, slot: str, axes: tuple[str, ...], family: str, states: States) -> Iterator[Candidate]:
-    """Yield a step after each row, along all axes together and along each axis alone."""
+    """Yield a step of one frame after each row, along all axes together and along each axis alone."""
     rows = _steps(states)
     name, basis = f"{what} after row {symbol()}", Expression(f"step(row - {symbol()})")
     effects = tuple(effect_at(f"{name}, {axis}", slot, axis, basis, family=family) for axis in axes)
@@ -299,10 +299,10 @@ def lagged_growth(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 def _following(
     mechanism: Mechanism, basis: Expression, where: str, kelvin: str
 ) -> Iterator[tuple[str, tuple[Effect, ...], float]]:
-    """Yield the effects that may follow a temperature, each effect with its name and price.
+    """Yield the effects that may follow a temperature with a lag, each effect with its name and price.
 
     The effects are the growth of the arm and of each link, the tilt of the base and of each axis, and the drift of each
-    zero.
+    joint zero.
     """
     family, cost = "lagged_growth", 4.0 + float(np.log(LAGS))
     for effect in arm_growth(f"growth of the arm {where}", mechanism, basis, f"1/{kelvin}", family, EXPANSION):

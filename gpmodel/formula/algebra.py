@@ -59,7 +59,7 @@ def to_sympy(program: Program) -> list[sympy.Expr]:
 
 
 def in_pieces(program: Program, largest: int | None) -> tuple[dict[sympy.Symbol, sympy.Expr], list[sympy.Expr]]:
-    """Return definitions of symbols for large subexpressions, and the outputs in terms of inputs and the new symbols.
+    """Return definitions of symbols for large subexpressions, and the outputs in terms of inputs and these symbols.
 
     No expression has more than about `largest` operators and leaves. The written-out form of a program with shared
     parts may be exponentially longer, and its algebra would not end. largest: largest size; None for no limit.
@@ -144,7 +144,7 @@ def _build(builder: Builder, expression: sympy.Expr, built: Mapping[sympy.Symbol
 
 
 def _chain(builder: Builder, expression: sympy.Expr, built: Mapping[sympy.Symbol, int]) -> int:
-    """Build a sum, with negative terms subtracted, or a product, with inverse factors as divisors."""
+    """Build the program of a sum, with negative terms subtracted, or of a product, with inverse factors as divisors."""
     join, invert = ("add", "subtract") if expression.is_Add else ("multiply", "divide")
     neutral = 0.0 if expression.is_Add else 1.0
     plain, inverse = [], []
@@ -186,7 +186,7 @@ _ONE_OPERATOR = 2
 
 MOST_TERMS = 64
 """Largest number of terms of an expanded expression that is simplified; a sine or cosine counts as two. Algebra on a
-longer expression takes seconds and hardly shortens any."""
+longer expression takes seconds and hardly shortens the expression."""
 
 
 def simplify(program: Program) -> Program:

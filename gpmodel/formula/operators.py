@@ -1,4 +1,4 @@
-"""The operators of Table 5.1 of Robertson (2003) and some more, with their exact meaning.
+"""Define the operators of formulas: Table 5.1 of Robertson (2003) and some more, with their exact meaning.
 
 The table in this module is the only definition of an operator. Programs, formulas in text, algebra and printing use
 this table. The kernels compute equal functions on rows of numbers and are tested against the table.
@@ -23,12 +23,12 @@ from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError, choices
 
 TABLE_CONSTANTS: tuple[float, ...] = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
-"""Constants of a program: input elements 9 to 15 of Table 5.1 of Robertson (2003)."""
+"""Constants that a program may use: input elements 9 to 15 of Table 5.1 of Robertson (2003)."""
 
 
 @dataclass(frozen=True)
 class Operator:
-    """An operator: its op-code, its function of one or two arguments and the partial derivatives of the function.
+    """An operator of formulas: op-code, name, function of one or two arguments, and its partial derivatives.
 
     code: op-code; ``WRITTEN`` or more for an operator that only users write and evolution does not use.
     smooth: whether the first derivative is continuous everywhere.
@@ -74,7 +74,7 @@ def _between(chosen: Mask) -> tuple[Array, Array]:
 
 
 INPUT, LOAD, STORE = 0, 1, 2
-"""Op-codes that move data and compute nothing."""
+"""Op-codes of the instructions that move data and compute nothing: input, load, store."""
 
 WRITTEN = 23
 """First op-code of the operators that are written, parsed and fitted, but not evolved."""

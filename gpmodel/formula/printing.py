@@ -19,9 +19,9 @@ _STEP, _NOT = sympy.Function("step"), sympy.Function("not")
 
 
 def latex(program: Program) -> str:
-    """Return the outputs in LaTeX, separated by commas, after the definitions of their parts if an output is long.
+    """Return the outputs of a program in LaTeX, separated by commas; definitions of parts precede a long output.
 
-    Numbers in the LaTeX text are rounded to DIGITS.
+    Numbers in the LaTeX text are rounded to DIGITS significant digits.
     """
     parts, outputs = latex_lines(program)
     return ";\\; ".join([*(f"{name} = {text}" for name, text in parts), ", ".join(outputs)])
@@ -30,7 +30,7 @@ def latex(program: Program) -> str:
 def latex_lines(
     program: Program, names: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[list[tuple[str, str]], list[str]]:
-    """Return names and definitions of the parts in LaTeX, and one text for each output. names: new input names."""
+    """Return names and LaTeX definitions of a program's parts, and one text for each output. names: new input names."""
     written = {sympy.Symbol(name, real=True): _symbol(names.get(name, name)) for name in program.inputs}
     pieces, outputs = _rounded(program)
 
@@ -54,16 +54,16 @@ def in_latex(name: str) -> str:
 
 
 def as_in_latex(program: Program) -> Program:
-    """Return the program with its numbers rounded to DIGITS, as its LaTeX shows them."""
+    """Return the program with its numbers rounded to DIGITS significant digits, as its LaTeX text shows them."""
     pieces, outputs = _rounded(program)
     return from_sympy(outputs, pieces)
 
 
 @lru_cache(maxsize=1)
 def _rounded(program: Program) -> tuple[dict[sympy.Symbol, sympy.Expr], list[sympy.Expr]]:
-    """Return pieces and outputs with numbers rounded to DIGITS.
+    """Return parts and outputs of a program with numbers rounded to DIGITS significant digits.
 
-    The last result is cached, since `latex` and `as_in_latex` need it one after the other.
+    The last result is cached, since `latex` and `as_in_latex` use it one after the other.
     """
 
     def rounded(expression: sympy.Expr) -> sympy.Expr:
@@ -74,7 +74,7 @@ def _rounded(program: Program) -> tuple[dict[sympy.Symbol, sympy.Expr], list[sym
 
 
 def inline(program: Program, language: Literal["numpy", "c99"], columns: Mapping[str, str]) -> str:
-    """Write the first output as one expression. C99 source needs <math.h>.
+    """Write the first output of a program as one expression. C99 source needs <math.h>.
 
     columns: name or source text of each input in the language.
     """

@@ -1,4 +1,4 @@
-"""A program: a small directed graph of operators over named inputs, which evolution makes or a text defines."""
+"""Programs: small directed graphs of operators over named inputs, which evolution makes or a text defines."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -19,15 +19,15 @@ _ATOM = 9
 
 
 class Named(Protocol):
-    """Named columns of values."""
+    """Named columns of values, one value per pose."""
 
     def __getitem__(self, name: str, /) -> Array: ...
 
 
 class Node(NamedTuple):
-    """An input with its name, a constant with its value, or an operator on earlier nodes.
+    """A node of a program: an input with its name, a constant with its value, or an operator on earlier nodes.
 
-    arguments: indices of the nodes to which the operator applies.
+    arguments: numbers of the nodes to which the operator applies.
     """
 
     operator: str
@@ -37,16 +37,16 @@ class Node(NamedTuple):
 
 @dataclass(frozen=True)
 class Program:
-    """A graph without dead code: every node reaches an output, equal nodes are merged, arguments come before their use.
+    """A graph of operators without dead code: every node reaches an output, equal nodes are merged.
 
-    A program evolved for a site has a few outputs, each a basis function.
+    Arguments come before their use. A program evolved for a site has a few outputs, each a basis function.
     """
 
     nodes: tuple[Node, ...]
     outputs: tuple[int, ...]
 
     def evaluate(self, inputs: Mapping[str, Array]) -> Array:
-        """Return the values (outputs, N) of the outputs, from a mapping of input name to array.
+        """Return the values of the outputs, one line an output. inputs: values of each input by its name.
 
         Raises InputError if an input of the program is missing.
         """
@@ -58,7 +58,7 @@ class Program:
         return np.array([values[k] for k in self.outputs]).reshape(-1, length)
 
     def values(self, columns: Named, length: int, constants: Iterable[float] | None = None) -> list[Array]:
-        """Return the values of every node, with N = ``length``, by the functions of ``gpmodel.formula.operators``.
+        """Return the values of every node, `length` values each, by the functions of ``gpmodel.formula.operators``.
 
         constants: values that replace the constants of the program. An undefined value is NaN or infinite, without a
         warning.
@@ -77,17 +77,17 @@ class Program:
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs, sorted."""
+        """Names of the inputs of the program, sorted."""
         return tuple(sorted(str(node.value) for node in self.nodes if node.operator == "input"))
 
     @cached_property
     def constants(self) -> tuple[float, ...]:
-        """Values of the constants, in node order."""
+        """Values of the constants of the program, in the order of its nodes."""
         return tuple(float(node.value or 0.0) for node in self.nodes if node.operator == "constant")
 
     @cached_property
     def input_counts(self) -> dict[str, int]:
-        """Number of uses of each input."""
+        """Number of uses of each input in the program."""
         counts: dict[str, int] = {}
         for index in self._references():
             if self.nodes[index].operator == "input":
@@ -97,7 +97,7 @@ class Program:
 
     @cached_property
     def operator_counts(self) -> dict[str, int]:
-        """Number of uses of each operator."""
+        """Number of uses of each operator in the program."""
         return dict(Counter(node.operator for node in self.nodes if node.arguments))
 
     @cached_property
@@ -112,7 +112,7 @@ class Program:
         yield from self.outputs
 
     def select(self, outputs: Iterable[int]) -> "Program":
-        """Return the program of some of the outputs, by index, without nodes that only other outputs need."""
+        """Return the program of some of the outputs, by their numbers, without nodes that only other outputs need."""
         return Builder(list(self.nodes)).program(self.outputs[k] for k in outputs)
 
     def with_constants(self, values: Iterable[float]) -> "Program":
@@ -126,7 +126,7 @@ class Program:
         )
 
     def with_leaves(self, nodes: Iterable[Node]) -> "Program":
-        """Return the program with replaced inputs and constants. Equal inputs and equal constants are merged.
+        """Return the program with replaced inputs and constants (leaves). Equal inputs and equal constants are merged.
 
         nodes: all nodes of the program, with the replacements. Raises InputError for a constant that is not finite.
         """
@@ -150,8 +150,8 @@ class Program:
     def rebuilt(self, build: "Build") -> "Program":
         """Return the program in which `build` replaces each node.
 
-        build: function of a builder, a node and the new indices of the earlier nodes; it returns the new index of the
-        node.
+        build: function that adds the replacement of a node to a builder, given the new numbers of the earlier nodes,
+        and returns the number of the replacement.
         """
         builder, copies = Builder(), list[int]()
         for node in self.nodes:
@@ -207,7 +207,7 @@ def _node_text(node: Node, texts: list[tuple[str, int]]) -> tuple[str, int]:
 
 @dataclass
 class Builder:
-    """Collect nodes, merge equal ones, and return programs without dead code."""
+    """Collect the nodes of a program, merge equal nodes, and return programs without dead code."""
 
     nodes: list[Node] = field(default_factory=list)
     _known: dict[Node, int] = field(default_factory=dict)
@@ -219,17 +219,17 @@ class Builder:
         return self._known[node]
 
     def input(self, name: str) -> int:
-        """Return the index of the node for an input."""
+        """Add a node for an input, unless an equal node exists, and return the node's number."""
         return self._intern(Node("input", (), name))
 
     def constant(self, value: float) -> int:
-        """Return the index of the node for a constant. Raises InputError if the constant is not finite."""
+        """Add a node for a constant and return the node's number. Raises InputError if the constant is not finite."""
         if not isfinite(value):
             raise InputError(f"program: constant {value} is not finite; expected a finite number")
         return self._intern(Node("constant", (), float(value)))
 
     def apply(self, operator: str, *arguments: int) -> int:
-        """Return the index of the node for an operator on earlier nodes. Raises InputError for an unknown operator."""
+        """Add an operator on earlier nodes and return the node's number. Raises InputError for an unknown operator."""
         if operator not in BY_NAME:
             raise InputError(f"program: unknown operator {operator!r}, available: {choices(operator, BY_NAME)}")
         if len(arguments) != BY_NAME[operator].arity:
@@ -237,11 +237,11 @@ class Builder:
         return self._intern(Node(operator, arguments))
 
     def add(self, node: Node, copies: list[int]) -> int:
-        """Add a node of another program and return its index. copies: new index of each earlier node."""
+        """Add a node of another program and return its new number. copies: new number of each earlier node."""
         return self._intern(Node(node.operator, tuple(copies[k] for k in node.arguments), node.value))
 
     def copy(self, program: Program) -> list[int]:
-        """Add all nodes of a program and return their new indices."""
+        """Add all nodes of a program and return their new numbers."""
         copies: list[int] = []
         for node in program.nodes:
             copies.append(self.add(node, copies))
@@ -267,14 +267,14 @@ class Builder:
 
 
 Build = Callable[[Builder, Node, list[int]], int]
-"""Function that adds the replacement of a node to a builder and returns the index of the replacement."""
+"""Function that adds the replacement of a node to a builder and returns the number of the replacement."""
 
 
 LINEAR = ("add", "subtract", "multiply", "divide")
 CURVED = frozenset(("sin", "cos", "tan", "atan", "exp", "log", "tanh", "asin", "reciprocal", "logistic"))
 NESTED = 2
-"""Additional price of a function inside a function, nodes. With this price the search for 40 random formulas of two
-inputs found two better formulas and none worse."""
+"""Additional length of a function inside a function, in nodes. With this addition, the search for 40 random formulas of
+two inputs found two better formulas and none worse."""
 
 
 def description_size(program: Program) -> int:

@@ -20,10 +20,10 @@ SETTLED = 1e-3
 class Tails:
     """Student's t distributions of the errors of independent coordinates, weighted by their evidence.
 
-    freedom: degrees of freedom.
-    scale: scales, in the unit of the errors.
-    weight: weights that sum to one.
-    uncertain: relative standard errors of the scales.
+    freedom: degrees of freedom of each distribution.
+    scale: scale of each distribution, in the unit of the errors.
+    weight: weight of each distribution; the weights sum to one.
+    uncertain: relative standard error of each scale.
     evidence: logarithm of the mean likelihood over the degrees of freedom.
     """
 
@@ -34,9 +34,9 @@ class Tails:
     evidence: float
 
     def drawn(self, shape: tuple[int, int, int], rng: np.random.Generator) -> Array:
-        """Draw errors: B simulated tables of N points, each with one distribution and one scale drawn.
+        """Draw the errors of simulated tables. shape: number of tables, and shape of the errors in a table.
 
-        A distribution is drawn by its weight, its scale log-normally with the relative standard error `uncertain`.
+        For each table a distribution is drawn by its weight, and its scale log-normally with deviation `uncertain`.
         """
         which = rng.choice(len(self.weight), shape[0], p=self.weight)
         scale = self.scale[which] * np.exp(self.uncertain[which] * rng.normal(size=shape[0]))
@@ -83,10 +83,10 @@ def with_far_ones(
 
     Two alternative models of the errors are weighted by their evidence. Either one distribution explains all errors, or
     outliers are failures, uniform up to the farthest distance. Every rate of failures has an equal prior probability,
-    so that the probability of F failures is F! M! / (F + M + 1)!.
+    so that F failures among F + M errors have the probability F! M! / (F + M + 1)!.
     inside, far: accepted errors and outliers, m.
     count: number of independent coordinates to which the accepted errors are equivalent.
-    blurs: and relative variances, as `blur` of `tails`.
+    blurs: relative variances added to accepted errors and to outliers, as `blur` of `tails`.
     """
     own, other = (np.repeat(np.broadcast_to(b, len(v)), 3) for b, v in zip(blurs, (inside, far), strict=True))
     alone = tails(inside.ravel(), count, own)
@@ -115,7 +115,7 @@ COVERAGE = 0.95
 
 
 def coverage_factor(freedom: float) -> float:
-    """Return k of an interval ± k σ of coverage COVERAGE, from Student's t.
+    """Return the factor k of an interval ± k σ of coverage COVERAGE, from Student's t.
 
     freedom: degrees of freedom of σ; infinite if σ is known. Source: JCGM 100 (2008), G.3.
     """
@@ -140,10 +140,10 @@ this significance level."""
 
 
 def holm(chances: Array) -> Array:
-    """Correct p-values of any shape for the number of tests, whether or not the tests are independent.
+    """Correct p-values for the number of tests, whether or not the tests are independent.
 
-    The k-th p-value p_(k), sorted upwards from k = 1, becomes max over j ≤ k of min(1, (n + 1 - j) p_(j)). Source: Holm
-    (1979).
+    Of n p-values, sorted upwards as p_(1) to p_(n), p_(k) becomes max over j ≤ k of min(1, (n + 1 - j) p_(j)). Source:
+    Holm (1979).
     """
     flat = chances.ravel()
     order = np.argsort(flat)
@@ -164,8 +164,8 @@ def chance_of_ratio(ratio: float, numbers: float, freedom: float) -> float:
 
 
 def chance_of_less(ratio: float, numbers: float, freedom: float) -> float:
-    """Return the probability that a mean square is at most `ratio` times an estimated
-    variance; see `chance_of_ratio`."""
+    """Return the probability that a mean square is at most `ratio` times an estimated variance. numbers, freedom: as in
+    `chance_of_ratio`."""
     if np.isinf(freedom):
         return float(special.chdtr(numbers, ratio * numbers))
     return float(special.fdtr(numbers, freedom, ratio))

@@ -1,4 +1,4 @@
-"""Parameters that a set of poses can identify: scaling, rank, unique shares."""
+"""Select the parameters that a set of poses can identify: scaling, rank, unique shares."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -44,9 +44,9 @@ def factored(gram: Array) -> tuple[Array, bool]:
 class Span:
     """Span of columns, some of which have priors.
 
-    plain: orthonormal columns.
-    rest: (M, b) columns with priors, orthogonal to the plain columns.
-    factor: Cholesky factor of restᵀ rest, for scipy's cho_solve.
+    plain: orthonormal basis of the columns without priors.
+    rest: columns with priors, orthogonal to the plain columns.
+    factor: Cholesky factor of the inner products of `rest`, for scipy's cho_solve.
     """
 
     plain: Array
@@ -79,7 +79,7 @@ class Span:
 
     @property
     def size(self) -> int:
-        """Number of columns that span the space."""
+        """Number of columns, with or without priors, that span the space."""
         return int(self.plain.shape[1] + (0 if self.rest is None else self.rest.shape[1]))
 
     def remove(self, columns: Array) -> Array:
@@ -91,7 +91,7 @@ class Span:
 
     @cached_property
     def basis(self) -> Array:
-        """Orthonormal basis (M, k + b) of the span."""
+        """Orthonormal basis of the span of all columns."""
         if self.rest is None:
             return self.plain
         upper = self.factor[0] if self.factor else np.zeros((0, 0))
@@ -121,7 +121,7 @@ class Ranking:
 
     fixed: orthonormal columns that are always included.
     candidates: columns of unit length.
-    order: indices of the candidates, the preferred first; candidates near zero are left out.
+    order: numbers of the candidates, the preferred first; candidates near zero are left out.
     """
 
     fixed: Array
@@ -129,7 +129,7 @@ class Ranking:
     order: IntArray
 
     def kept(self, condition_limit: float) -> IntArray:
-        """Select candidates in order of preference; return their sorted indices.
+        """Select candidate columns in order of preference; return their sorted numbers.
 
         A candidate is kept if at least 1 / condition_limit of its unit length is orthogonal to the fixed and the kept
         columns. The order of several dependent columns, not the poses, thereby decides which column is kept.
@@ -147,7 +147,7 @@ class Ranking:
 def rank(fixed: Array, candidates: Array, order: IntArray | None = None) -> Ranking:
     """Order candidate columns, given fixed columns, by preference.
 
-    order: indices of the candidates, the preferred first; by default in the order of the columns.
+    order: numbers of the candidates, the preferred first; by default in the order of the columns.
     Columns near zero are dropped before scaling. QR reduces the number of rows to the number of columns and keeps all
     inner products. Source: Golub and Van Loan, 5.2.
     """
@@ -161,7 +161,7 @@ def rank(fixed: Array, candidates: Array, order: IntArray | None = None) -> Rank
 
 @dataclass(frozen=True)
 class RankChoice:
-    """One point of the curve of cross-validated error against rank. spread: standard error of cv_rms over the folds."""
+    """Cross-validated error at one condition limit. spread: standard error of the error cv_rms over the folds."""
 
     condition_limit: NotNegative
     rank: Count
@@ -171,21 +171,20 @@ class RankChoice:
 
 @dataclass(frozen=True)
 class Folded:
-    """Columns and a target, reduced by QR to one triangle per fold, so that any subset of columns can be
-    cross-validated.
+    """Columns and a target, reduced by QR to one triangle per fold, for cross-validation of any subset of columns.
 
-    triangles: R per fold, with RᵀR = [columns, target]ᵀ [columns, target] of the rows of the fold.
-    rows: (folds,) number of rows of each fold.
+    triangles: triangular factor R of each fold, with RᵀR the inner products of columns and target over the rows of the
+    fold.
+    rows: number of rows of each fold.
     """
 
     triangles: tuple[Array, ...]
     rows: IntArray
 
     def squared(self, chosen: IntArray) -> Array:
-        """Return the sum of squared prediction errors (folds,) of each fold, with coefficients fitted to the other
-        folds.
+        """Return the sum of squared prediction errors of each fold, with coefficients fitted to the other folds.
 
-        chosen: indices of the fitted columns.
+        chosen: numbers of the fitted columns.
         """
         out = []
         for k, tested in enumerate(self.triangles):
@@ -206,12 +205,12 @@ def folded(columns: Array, target: Array, fold_of_row: IntArray) -> Folded:
 
 
 def triangle(columns: Array) -> Array:
-    """Return R (at most K rows, K) of the QR decomposition of columns; RᵀR are their inner products."""
+    """Return the triangular factor R of the QR decomposition of columns; RᵀR are their inner products."""
     return np.asarray(linalg.qr(columns, mode="r", check_finite=False)[0])[: columns.shape[1]]
 
 
 def rank_curve(ranking: Ranking, data: Folded, fixed: int) -> tuple[RankChoice, ...]:
-    """Return the cross-validated error at each of LIMITS; limits that keep the same columns share one point.
+    """Return the cross-validated error at each of LIMITS; limits that keep equal columns share one point.
 
     data: the fixed columns, followed by the candidates, and the target.
     fixed: number of fixed columns.

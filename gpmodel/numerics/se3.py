@@ -105,7 +105,7 @@ def shift(points: ArrayLike) -> Array:
 def along(axis: int, values: Array) -> Array:
     """Return transforms by values along or about a coordinate axis.
 
-    axis: index in a twist; 0 to 2 translate along x, y, z, m; 3 to 5 rotate about x, y, z, rad.
+    axis: number in a twist; 0 to 2 translate along x, y, z, m; 3 to 5 rotate about x, y, z, rad.
     """
     out = shift(np.zeros((len(values), 3)))
     if axis < 3:
@@ -144,10 +144,10 @@ def fit_rotation(source: Array, target: Array) -> tuple[Array, Array]:
 
 
 def without_registration(points: Array, columns: Array) -> Array:
-    """Project a common translation and rotation of points out of their displacements.
+    """Project a common translation and rotation of points out of their displacements by parameters.
 
-    For displacements by k parameters the result is minus the derivative of the residual of `fit_rotation`, without a
-    term that is proportional to the residual. Source: Kaufman (1975), variable projection.
+    The result is minus the derivative of the residual of `fit_rotation` by the parameters, without a term that is
+    proportional to the residual. Source: Kaufman (1975), variable projection.
     """
     columns, arms = columns - columns.mean(axis=0), hat(points - points.mean(axis=0)).reshape(-1, 3)
     flat = columns.reshape(len(arms), -1)
