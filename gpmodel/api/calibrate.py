@@ -54,7 +54,7 @@ COMMAND = "gpmodel.calibrate"
 
 @dataclass(frozen=True, repr=False)
 class CalibrationResult(FittedResult):
-    """Fits of registration, the standard model and each effect added; the last fit is repeated on all poses.
+    """Fits of registration, the standard model and each added effect; the last fit is repeated on all poses.
 
     note: additional sentences of the verdict, text.
     """
@@ -158,7 +158,7 @@ def _fleet_of(fleet: object, effects: tuple[object, ...]) -> FleetPart:
 
 
 def fleet_at(fleet: object, argument: str) -> FleetPart:
-    """Return the record of a fleet from a record, a file or a folder. Raises InputError as `read_fleet` does."""
+    """Return the record of a fleet from a record, a file or a folder. Raises InputError if none can be read."""
     return fleet if isinstance(fleet, FleetPart) else read_fleet(fleet_file(file_path(fleet, argument)))
 
 
@@ -202,7 +202,7 @@ def named_group(effect: object, mechanism: Mechanism, poses: Poses) -> tuple[str
 
 
 def split(dataset: Dataset, holdout: float, seed: int) -> tuple[IntArray, IntArray]:
-    """Return training rows and held-out rows as `hold_out`; no row is held out with a share of 0."""
+    """Return training rows and held-out rows; no row is held out if the held-out share `holdout` is 0."""
     if holdout == 0.0:
         return np.arange(len(dataset)), np.zeros(0, dtype=np.int64)
     return hold_out(dataset, holdout, np.random.default_rng(seed))

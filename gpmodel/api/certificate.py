@@ -58,7 +58,7 @@ class CertificateResult(Shown):
         return text(sheet)
 
     def report(self, folder: str | Path) -> None:
-        """Write certificate.html, a page for A4, into `folder`; raise InputError as `sheet`, or if writing fails."""
+        """Write certificate.html, a page for A4, into `folder`. Raises InputError if drawing or writing fails."""
         sheet = self.sheet
         from gpmodel.report.certificate import html
 

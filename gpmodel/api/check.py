@@ -72,7 +72,7 @@ def effects(mechanism: Mechanism) -> pd.DataFrame:
 
 @dataclass(frozen=True, repr=False)
 class CheckResult(Shown):
-    """Errors and warnings about a table. findings: errors first, each with `severity` and `text`."""
+    """Errors and warnings about a table. findings: list of them, errors first, each with `severity` and `text`."""
 
     _with_rows = False
     mechanism: str

@@ -194,7 +194,7 @@ def _started(known: FleetPart | None, arm: Mechanism, loop: "partial[Discovery]"
 
 
 def _type_of(like: object, joints: Sequence[str]) -> FleetPart | None:
-    """Return the record of the machine's type or None; raise InputError as `fleet_at`, or if joints are given too."""
+    """Return the record of the machine's type or None. Raises InputError if unreadable or if `joints` are given too."""
     if like is not None and joints:
         raise InputError("cannot be combined with joints; expected one of the two", "like")
     return None if like is None else fleet_at(like, "like")
@@ -203,7 +203,7 @@ def _type_of(like: object, joints: Sequence[str]) -> FleetPart | None:
 def _placed(
     arm: Mechanism, table: Dataset, geometry: tuple[Effect, ...], like: FleetPart | None
 ) -> tuple[Mechanism, Poses, FleetPart | None, str]:
-    """Return mechanism, poses of the table, prior of the machine's type (None without), and notes on them."""
+    """Return mechanism, poses of the table, prior of the machine's type (None without), and notes on the payload."""
     if like is None:
         return *checked_poses(arm, table, geometry), None, ""
     try:
@@ -271,7 +271,7 @@ inputs was missed if 62 poses were searched, and found with 84 (``experiments.ra
 
 
 def _split(holdout: object, folds: object, dataset: Dataset) -> tuple[float, int]:
-    """Return the share to hold out, and the number of folds, 0 for none. Raises InputError as `check_split` does."""
+    """Return the share to hold out, and the number of folds, 0 for none. Raises InputError if both are given."""
     check_split(holdout, folds)
     if folds is not None:
         return 0.0, whole(folds, "folds", 2)

@@ -65,7 +65,7 @@ time. At a slot (frame of an error), one formula of one input is sought, and sma
 GENERATIONS = 100
 """Generations of a run. The thesis gives no number; after 100 generations the programs of a population are alike."""
 UNLIMITED, NO_END = 1_000_000, 1e9
-"""Generations of a run with a time limit, and time limit, s, of a run with a number of generations."""
+"""Generations of a run with a time limit, and time limit of a run with a number of generations, s."""
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ class RecordedResult:
 
     @property
     def verdict(self) -> str:
-        """Verdict in one sentence."""
+        """Verdict on the result in one sentence."""
         return self.record.verdict
 
     @property
@@ -126,13 +126,13 @@ class FittedResult(RecordedResult, ABC):
         """The fit of the model to all poses, and the dataset of the poses."""
 
     def predict(self, poses: TableLike, *, as_measured: bool = False, in_order: bool = False) -> pd.DataFrame:
-        """Predict tool positions; see `Model.predict`."""
+        """Return the tool position predicted by the model for each pose; `Model.predict` documents the arguments."""
         return self.model.predict(poses, as_measured=as_measured, in_order=in_order)
 
     def verify(
         self, table: TableLike, *, tolerance: str | None = None, in_order: bool = False, **sights: Described
     ) -> VerifyResult:
-        """Verify the model; see `Model.verify`."""
+        """Test whether the model holds for a table measured later; `Model.verify` documents the arguments."""
         return self.model.verify(table, tolerance=tolerance, in_order=in_order, **sights)
 
     @property
@@ -150,7 +150,7 @@ class FittedResult(RecordedResult, ABC):
 
     @property
     def stderr(self) -> pd.Series:
-        """Standard errors of the parameters and effects by name, SI; NaN for a quantity that was not fitted."""
+        """Standard errors of the parameters and effects by name, SI units; NaN for a quantity that was not fitted."""
         return pd.Series(self.fit[0].stderr, index=self._names, name="stderr")
 
     @property

@@ -97,7 +97,7 @@ class Model(Shown):
     def judged(
         self, poses: TableLike, as_measured: bool, session: bool, in_order: bool, progress: Say = silent
     ) -> tuple[pd.DataFrame, Array]:
-        """Return the results of `predict` (positions) and `misses` (errors), computed together."""
+        """Return predicted positions, as `predict` does, and their errors, as `misses` does, computed together."""
         called(progress, "progress")
         as_measured, session = switch(as_measured, "as_measured"), switch(session, "session")
         in_order = switch(in_order, "in_order")
@@ -217,7 +217,7 @@ class Model(Shown):
     def misses(
         self, poses: TableLike, *, as_measured: bool = False, session: bool = False, in_order: bool = False
     ) -> Array:
-        """Return the distance, mm, between prediction and measurement, for the rows of `poses` with x, y and z."""
+        """Return the distance between predicted and measured point, mm, for the rows of `poses` with x, y and z."""
         return self.judged(poses, as_measured, session, in_order)[1]
 
     def of_its_session(self, *, session: bool = False) -> tuple[str, ...]:

@@ -78,7 +78,7 @@ also distinguish the others."""
 def next_questions(
     saved: SavedModel, record: Report | None, pool: Array, criterion: str | None, rng: np.random.Generator
 ) -> Asked:
-    """Return the experimental-design problem of selecting further poses from `pool` after a result.
+    """Return the experimental-design problem of selecting further poses among candidate joint values `pool`.
 
     criterion: "rivals", "effect", "i-optimal" or "spread"; None for the first applicable criterion. Raises InputError
     for a criterion that is not applicable.
@@ -118,8 +118,8 @@ def _rivals(outlook: Outlook, record: Report | None) -> tuple[dict[str, tuple[Qu
 def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, rng: np.random.Generator) -> Asked:
     """Return the experimental-design problem of lowering the error at a task and distinguishing alternatives.
 
-    pool: candidate poses. Each pose is selected for the goal farthest from its target: precision (WITHIN) or
-    distance of explanations (TOLD_APART). Raises InputError as `Model.compensate`, and for an unreachable target.
+    pool: joint values of candidate poses. Each pose is selected for the goal farthest from its target: precision
+    (WITHIN) or distance of explanations (TOLD_APART). Raises InputError for an invalid or unreachable target.
     """
     saved, arm = model.saved, model.mechanism
     _, text, path = frame_to_extend(task, arm, "task")
@@ -140,9 +140,9 @@ def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, r
 
 
 def of_rejected(saved: SavedModel, record: Report | None, pool: Array, number: int, rng: np.random.Generator) -> Asked:
-    """Return the experimental design for a decision on rejected candidate `number`, from 1, by poses `pool`.
+    """Return the experimental design of further poses among `pool` that decide on a rejected candidate.
 
-    Raises InputError for an invalid number, or a candidate without a name in the catalogue.
+    number: number of the candidate, from 1. Raises InputError if it is invalid, or the candidate is not catalogued.
     """
     rejected = record.rejected if record else ()
     if not 1 <= number <= len(rejected):
@@ -210,16 +210,16 @@ AFTER = ("rivals", "effect", "i-optimal", "spread")
 CONE = 30.0
 """Half-angle of the acceptance cone of a corner-cube reflector, degrees."""
 DRAWS = 5
-"""Random selections of candidate poses; the mean precision of the selections is printed for comparison."""
+"""Number of random selections of candidate poses; their mean precision is printed for comparison."""
 MOST = 10_000
 """Largest number of poses that may be requested: twice the number of poses that is selected in a minute."""
 ROWS = 9
-"""Rows of the printed curve of precision over the number of poses."""
+"""Number of rows of the printed table of precision by number of poses."""
 
 
 @dataclass(frozen=True, repr=False)
 class PosesResult(Shown):
-    """Proposed poses. q: joint values, rad and m, the most informative first. said: purpose of the poses, text.
+    """Proposed poses. q: joint values, rad and m, the most informative pose first. said: purpose of the poses, text.
     spacing: distance of the two most similar poses, as a share of joint ranges. curve: precision after each pose.
     limit: lower bound of the precision over all sets of as many candidate poses, in the unit of the curve. columns:
     joint names of the table. decided: for the names of two explanations, number of poses after which one explanation is

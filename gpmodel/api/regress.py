@@ -30,8 +30,8 @@ response."""
 class Regression(Shown):
     """Formulas of a response, shortest first; each formula fits better than all shorter formulas.
 
-    laws: the formulas. names: names of the columns of X. deviation: standard deviation of the response, in its unit.
-    seconds: duration of the search.
+    laws: the formulas. names: names of the columns of X (inputs). deviation: standard deviation of the response, in its
+    unit. seconds: duration of the search.
     """
 
     _with_rows = False
@@ -107,12 +107,12 @@ def regress(
 ) -> Regression:
     """Find a formula y = f(X) by genetic programming with several link functions, and fit its constants.
 
-    X: DataFrame, or array. The search works best if the values of the columns are of order one.
-    y: response.
+    X: inputs, as a DataFrame, or an array with one column per input. Column values of order one are searched best.
+    y: response, one number per row of X.
     names: names of the columns of an array; None for x1 ... xK.
     seconds: duration of the search, unless an exact formula is found earlier.
     seed: random seed; an exact formula depends on the seed alone, an approximate one also on the speed of the computer.
-    The search minimises the description length N/2 ln(1 - R²) + 3 (nodes + constants), nats.
+    The search minimises the description length rows/2 ln(1 - R²) + 3 (nodes + constants), nats.
     Raises InputError for inconsistent shapes, fewer than 5 rows, values that are not finite, or a constant y.
     Source: McCullagh, Nelder (1989), links; Rissanen (1978), description length.
     """
@@ -130,7 +130,7 @@ def regress(
 
 
 def _columns(table: pd.DataFrame | ArrayLike, names: tuple[str, ...] | None) -> tuple[tuple[str, ...], Array]:
-    """Return names and values of a table's columns; if `names` is given, only the named columns."""
+    """Return names and values of a table's columns; if `names` is given, only the columns with these names."""
     if isinstance(table, pd.DataFrame):
         named = tuple(str(name) for name in table.columns)
         if twice := [name for name in dict.fromkeys(named) if named.count(name) > 1]:
@@ -155,7 +155,7 @@ def _columns(table: pd.DataFrame | ArrayLike, names: tuple[str, ...] | None) -> 
 
 
 def _response(y: ArrayLike, rows: int) -> Array:
-    """Return y as numbers, one per row of X; raise InputError otherwise."""
+    """Return the response y as numbers, one per row of the inputs X; raise InputError for another shape."""
     response = _numbers(y, "y").reshape(-1) if np.ndim(y) < 2 or np.shape(y)[1:] == (1,) else _numbers(y, "y")
     if response.shape != (rows,):
         raise InputError(f"shape {response.shape}, expected one number for each of the {rows} rows of X", "y")

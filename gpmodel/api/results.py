@@ -46,8 +46,8 @@ def write_results(record: Report, folder: str | Path, *beside: Callable[[Path], 
 def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path, workers: Forks) -> None:
     """Write the report of a fit, model.json and every export that the model allows, in parallel.
 
-    look: function that returns the record. If writing the report fails, model.json is still written, so that the fit is
-    not lost. Raises InputError as `write_results` does.
+    look: function that returns the content of report.json. If writing the report fails, model.json is still written, so
+    that the fit is not lost. Raises InputError if a file cannot be written.
     """
     check_writable()
     from gpmodel.api.exports import ExportsResult

@@ -160,7 +160,7 @@ def _truth(made: Simulation) -> SavedModel:
 
 
 def _column(header: str, values: Values, count: int, rng: np.random.Generator) -> tuple[str, str, Array]:
-    """Return name, unit and values of a further column."""
+    """Return name, unit and values of a further column from its header and description."""
     name, unit = split_header(str(header))
     if not name or unit is None or not known_unit(unit):
         raise InputError(f"'{header}', expected a name with its unit, as in 'temperature [degC]'", "inputs")

@@ -140,7 +140,7 @@ def dataset_of(
 ) -> Dataset:  # fmt: skip
     """Read a table for a mechanism; accept poses without measurements if `need_measurement` is False.
 
-    argument: name of the argument in messages. Raises InputError as `read_table`, or for a dataset with other joints.
+    argument: name of the argument in messages. Raises InputError for a table that cannot be read, or with other joints.
     """
     payload = choice_of(mechanism).payload
     if isinstance(source, np.ndarray) and not need_measurement:
@@ -221,7 +221,7 @@ def with_numbers(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _frame_of_array(values: Array, mechanism: Mechanism, argument: str) -> pd.DataFrame:
-    """Return a data frame of joint values, rad and m; raise InputError for another shape."""
+    """Return a data frame of joint values, rad and m, one row a pose; raise InputError for another shape."""
     joints = mechanism.joints
     if values.ndim != 2 or values.shape[1] != len(joints) or values.dtype.kind not in "fiu":
         said = " x ".join(map(str, values.shape))

@@ -101,16 +101,16 @@ def verify_saved(
     """Test a saved model on a table. sights: cameras, boards and surfaces that differ from the descriptions in the
     model.
 
-    Raises InputError as `gpmodel.verify`.
+    Raises InputError if the table does not fit the model, has a new kind of measurement, or fewer than four poses.
     """
     return judged_by(saved, later_table(saved, table, sights), asked, tolerance, in_order)[0]
 
 
 def later_table(saved: SavedModel, table: TableLike, sights: Mapping[str, Described]) -> tuple[Dataset, Dataset | None]:
-    """Return the dataset at the actual joint values, and the dataset at the targets of `compensate` (None without
+    """Return the table at the actual joint values, and the table at the targets of `compensate` (None without
     targets).
 
-    Raises InputError as `gpmodel.verify`.
+    Raises InputError if the table does not fit the model.
     """
     told = described(**sights)
     dataset, targets = _driven(saved, table, told)
@@ -122,7 +122,7 @@ def judged_by(
     saved: SavedModel, later: tuple[Dataset, Dataset | None], asked: VerifyRequest, tolerance: str | None,
     in_order: bool, significance: float = SIGNIFICANCE,
 ) -> tuple[VerifyResult, Verified]:  # fmt: skip
-    """Test a saved model on a table measured later. significance: level of each of the two tests."""
+    """Test a saved model on a table measured later. significance: significance level of each of the two tests."""
     dataset, targets = later
     fresh = afterwards(saved, dataset)
     old = np.setdiff1d(np.arange(len(dataset)), fresh)
@@ -147,7 +147,7 @@ def _others(session: Session, dataset: Dataset, judged: IntArray) -> Others:
 def _driven(
     saved: SavedModel, table: TableLike, sights: Mapping[str, Mapping[str, object]]
 ) -> tuple[Dataset, Dataset | None]:
-    """Return the dataset at the actual joint values, and one at the targets of `compensate` if the table has any."""
+    """Return the table at the actual joint values, and one at the targets of `compensate` if the table has targets."""
     mechanism, known = saved.mechanism, {} if saved.measured is None else saved.measured.dataset.described
     if isinstance(table, Dataset):
         return dataset_of(

@@ -49,7 +49,7 @@ class RepairedModel(Shown):
         return None if self.found.more is None else _row(self.found.saved, self.found.more)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return one row per changed parameter: name, unit, value and standard error before and after, SI."""
+        """Return one row per changed parameter: name, unit, value and standard error before and after, SI units."""
         rows = [(n.name, n.unit, *n.before, *n.after) for n in self.found.numbers]
         return pd.DataFrame(rows, columns=["name", "unit", "before", "stderr before", "after", "stderr after"])
 
@@ -102,7 +102,7 @@ class NextCheck(Shown):
 
     @property
     def holds(self) -> bool | None:
-        """True if the model holds; None if not yet decided."""
+        """True if the model holds; None if the check is not yet decided."""
         return None if self.judged is None or not self.decided else self.judged.holds
 
     def summary(self) -> str:
@@ -149,7 +149,7 @@ def next_check(
 ) -> NextCheck:  # fmt: skip
     """Evaluate a pose-by-pose check on the poses of a table; without a table, propose the first pose of the check.
 
-    Raises InputError as `gpmodel.verify_next`.
+    Raises InputError if the table does not fit the model, or the model does not contain the table of its fit.
     """
     if table is None:
         return NextCheck(None, 0, np.nan, (), _row(saved, Pool.of(saved).next(np.zeros((0, 0)))))
@@ -169,7 +169,7 @@ def next_check(
 
 
 def _row(saved: SavedModel, q: Array) -> pd.DataFrame:
-    """Return poses or as a table with the headers of the fitted table."""
+    """Return joint values, rad and m, as a table with the headers of the fitted table."""
     return joint_table(saved.mechanism, np.atleast_2d(q), saved.columns)
 
 

@@ -45,7 +45,7 @@ FULL_TURN = float(np.radians(361.0))
 DAMPED_ITERATIONS = 12
 """Number of Levenberg-Marquardt steps with each damping."""
 DAMPINGS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
-"""Damping weights, m, of a radian of joint motion relative to tool orientation (times ROTATION_WEIGHT). Each further
+"""Damping weights of a radian of joint motion, m, relative to tool orientation (times ROTATION_WEIGHT). Each further
 weight reduces the joint motion about threefold."""
 
 
@@ -53,8 +53,8 @@ weight reduces the joint motion about threefold."""
 class TargetPoses:
     """Target poses of the tool in the root frame; joint values of `dataset` are the initial values.
 
-    whole: True for position and orientation, False for position only. unreachable: indices of targets that the nominal
-    mechanism cannot reach.
+    whole: True for position and orientation, False for position only. unreachable: row numbers of targets that the
+    nominal mechanism cannot reach.
     """
 
     dataset: Dataset
@@ -67,11 +67,11 @@ class TargetPoses:
 class Compensation:
     """Corrected joint values and the result for each target.
 
-    q: rad and m, NaN if the status has no corrected values.
+    q: corrected joint values, rad and m, NaN if the status has no corrected values.
     status: status text, one of seven.
-    residual: m, remaining position error; turn: rad, remaining orientation error, NaN if not requested.
-    correction: m, position error without compensation.
-    sigma: m, standard deviation of the reached point in the root frame.
+    residual: remaining position error, m; turn: remaining orientation error, rad, NaN if not requested.
+    correction: position error without compensation, m.
+    sigma: standard deviation of the reached point in the root frame, m.
     outside: inputs beyond the ranges of the model.
     residual to outside are NaN or empty for targets that the nominal mechanism cannot reach.
     """
@@ -155,8 +155,8 @@ def _table_names(saved: SavedModel, dataset: Dataset) -> tuple[str, ...]:
 def joint_targets(saved: SavedModel, dataset: Dataset) -> TargetPoses:
     """Return the tool poses of the nominal mechanism at given joint values, as targets.
 
-    A target is position and orientation with six or more joints, else the position. Raises InputError as
-    `matched_with_readings`.
+    A target is position and orientation with six or more joints, else the position. Raises InputError if the joint
+    values do not belong to the machine of the model.
     """
     fitting = remembered(saved, matched_with_readings(saved, dataset))
     return TargetPoses(fitting, tips(saved, fitting, nominal=True)[1].tip, len(saved.mechanism.joints) >= 6)
@@ -191,12 +191,11 @@ def cartesian_targets(saved: SavedModel, dataset: Dataset, rng: np.random.Genera
 
 
 def compensate(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MOVE) -> Compensation:
-    """Solve for the joint values nearest the initial values of each target, no joint moved by more than `max_move`,
-    rad.
+    """Return the joint values nearest to the initial values at which the real mechanism reaches each target.
 
-    A metre of a prismatic joint counts as 1 / ROTATION_WEIGHT rad. If, near a singular pose, the orientation needs a
-    larger move, the position is reached exactly and the orientation as far as the limit allows. Raises InputError if an
-    effect is infinite or undefined at a target.
+    No joint moves by more than `max_move`, rad; a metre of a prismatic joint counts as 1 / ROTATION_WEIGHT rad. If,
+    near a singular pose, the orientation needs a larger move, the position is reached exactly and the orientation as
+    far as the limit allows. Raises InputError if an effect is infinite or undefined at a target.
     """
     saved = of_the_mechanism(saved)
     targets = _closing_start(saved, targets)
@@ -226,7 +225,7 @@ def compensate(saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MO
 def _closing_start(saved: SavedModel, targets: TargetPoses) -> TargetPoses:
     """Mark targets as unreachable if the real mechanism's loops cannot close at the nominal joint values.
 
-    Unreachable targets get the joint values of another row.
+    Unreachable targets get the joint values of another row as initial values.
     """
     dataset = targets.dataset
     closes = closing(saved.model, dataset, saved.theta)
@@ -245,7 +244,7 @@ def _closing_start(saved: SavedModel, targets: TargetPoses) -> TargetPoses:
 def corrected(
     saved: SavedModel, targets: TargetPoses, max_move: float = MAX_MOVE, *, part: bool = True
 ) -> tuple[Array, Words]:
-    """Return joint values and status of each target as `compensate`, without a check of measured ranges.
+    """Return joint values and status of each target as `compensate` does, without a check of measured ranges.
 
     saved: model without the errors of the instrument. part: True to reach the orientation only partly near singular
     poses. Raises InputError if an effect is infinite or undefined at a target.
@@ -268,24 +267,24 @@ def corrected(
 
 
 def _moves(mechanism: Mechanism, change: Array) -> Array:
-    """Return the largest change of any joint, rad; a metre of a prismatic joint counts as 1 /
+    """Return the largest change of any joint at each pose, rad; a metre of a prismatic joint counts as 1 /
     ROTATION_WEIGHT rad."""
     scale = np.array([1.0 if joint.kind == "revolute" else 1.0 / ROTATION_WEIGHT for joint in mechanism.joints])
     return np.asarray(np.abs(change * scale).max(axis=1))
 
 
 def beyond_limits(mechanism: Mechanism, q: Array) -> Mask:
-    """Return the mask of the joint values with a joint beyond its limits."""
+    """Return whether any joint is beyond its limits, for each row of joint values, rad and m."""
     lower, upper = np.array([(j.lower, j.upper) for j in mechanism.joints]).T
     return np.asarray(((q < lower - ROUNDING) | (q > upper + ROUNDING)).any(axis=1))
 
 
 def _damped(saved: SavedModel, targets: TargetPoses, max_move: float) -> tuple[Array, Mask]:
-    """Return joint values that reach the position, and the mask of the targets for which some damping keeps within
+    """Return joint values that reach the position, and a mask of the targets for which a damping keeps the move within
     `max_move`.
 
-    The least damping that keeps within `max_move` is used for the orientation. Source: damped least squares in the null
-    space, Chiaverini (1997).
+    The least damping that keeps the move within `max_move` is used for the orientation. Source: damped least squares in
+    the null space, Chiaverini (1997).
     """
     count = len(targets.dataset)
     q, found = np.array(targets.dataset.q), np.zeros(count, dtype=bool)
@@ -300,11 +299,11 @@ def _damped(saved: SavedModel, targets: TargetPoses, max_move: float) -> tuple[A
 
 
 def _position_first(saved: SavedModel, targets: TargetPoses, rows: IntArray, damping: float) -> tuple[Array, Array]:
-    """Return joint values that reach the position, and the remaining position error, m.
+    """Return joint values q that reach the position, and the remaining position error, m, by steps dq.
 
         dq = J_p⁺ m_p + N z,   min_z |w (J_o dq - m_o)|² + damping² |N (q + dq - q_start)|²,   N = 1 - J_p⁺ J_p
 
-    with w = ROTATION_WEIGHT.
+    J_p, J_o: Jacobians of position and orientation. m_p, m_o: remaining errors. w: ROTATION_WEIGHT.
     """
     start, frames = targets.dataset.subset(rows), targets.frames[rows]
     q = np.array(start.q)

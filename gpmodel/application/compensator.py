@@ -1,4 +1,4 @@
-"""Search problems of evolution: a compensator of the tool point, or programs at the sites, for a residual."""
+"""Define search problems of evolution for a residual: a compensator of the tool point, or programs at the sites."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -51,17 +51,16 @@ def cartesian_task(
 
 
 def slot_task(fit: Calibration, mechanism: Mechanism, seen: Poses, seed: int) -> TrainingProblem:
-    """Return the search problem of programs at all sites of the mechanism; a node has the price as in `discover`."""
+    """Return the search problem of programs at all sites (frame and axis) of the mechanism, priced as in `discover`."""
     residual = residual_of(fit, seen, Criteria(), seed)
     return TrainingProblem(posed(residual, sites_of(mechanism), Search(), np.arange(len(residual.poses)))[0], None)
 
 
 def cartesian_problem(fit: Calibration, poses: Poses, rows: IntArray, norm: str = "max") -> CartesianProblem:
-    """Return the problem of thesis Fig 5.2: model points (x, y, z; mm, in the root frame) against measured points.
+    """Return the problem of a compensator, Fig 5.2 of Robertson (2003), from model points to measured points, mm.
 
-    The inputs are the inputs of Table 5.1 of the thesis: the point, the joint values, and every varying column.
-    Raises InputError if no pose has all three coordinates.
-    """
+    The points are in the root frame. The inputs are those of Table 5.1: the point, the joint values, and every varying
+    column. rows: poses. Raises InputError if no pose has all three coordinates."""
     rows = rows[np.isfinite(poses.dataset.position[rows]).all(axis=1)]
     if not len(rows):
         raise InputError(f"{poses.dataset.source}: no pose has x, y and z; expected all three for a compensator")
@@ -77,6 +76,6 @@ def cartesian_problem(fit: Calibration, poses: Poses, rows: IntArray, norm: str 
 
 
 def _in_root(register: Array, points: Array) -> Array:
-    """Transform points from the instrument's frame to the mechanism's root frame,."""
+    """Transform points, m, from the instrument's frame to the mechanism's root frame."""
     moved = np.einsum("nji,nj->ni", register[:, :3, :3], points - register[:, :3, 3])
     return np.ascontiguousarray(moved.T)

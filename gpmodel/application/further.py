@@ -61,8 +61,8 @@ class Bound:
 class ErrorBounds:
     """Distance between measured and predicted point at `poses` further poses within the measured joint ranges.
 
-    rms, within_95, largest: root mean square, 95th percentile and maximum. The confidence holds for each bound
-    separately.
+    rms, within_95, largest: root mean square, 95th percentile and maximum of the distance. The confidence holds for
+    each bound separately.
     """
 
     poses: Count
@@ -105,7 +105,7 @@ def further_poses(fit: Calibration, poses: Poses, spread: float | None = None) -
 
 
 def _coordinates(fit: Calibration, problem: Linearised, use: IntArray) -> float:
-    """Return the effective number of independent coordinates of the rows `use`, minus the unknowns."""
+    """Return the effective number of independent coordinates of the rows `use`, minus the number of unknowns."""
     fitted = problem.weights[use] > 0
     return float(fit.freedom * fitted[:, :3].sum() / max(fitted.sum(), 1))
 
@@ -129,10 +129,10 @@ def left_out(fit: Calibration, problem: Linearised, use: IntArray) -> tuple[Arra
 def _over_worlds(
     columns: Array, covariance: Array, noise: Tails, excess: float, rng: np.random.Generator
 ) -> ErrorBounds:
-    """Return bounds on the error by simulation.
+    """Return bounds on the error at further poses by simulation.
 
-    columns: derivatives of the predicted points by K unknowns. excess: factor on the standard deviation of
-    the noise.
+    columns: derivatives of the predicted points by the unknowns. covariance: of the unknowns. excess: factor on the
+    standard deviation of the noise.
     """
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -148,7 +148,7 @@ def _bound(worlds: Array) -> Bound:
 
 
 def shipped(found: Discovery) -> int:
-    """Return the index of the saved step: the last step if held-out poses confirm it, else the standard model."""
+    """Return the number of the saved step: the last step if held-out poses confirm it, else the standard model."""
     return len(found.steps) - 1 if found.confirmed else 1
 
 
@@ -163,7 +163,7 @@ def unseen_of(found: Discovery) -> tuple[Unseen, ...]:
 
 
 def predicted_errors(saved: SavedModel, poses: Poses, *, as_measured: bool) -> Array:
-    """Return the 3-D error, m, of a model at measured poses, predicted as by `predict`.
+    """Return the 3-D error of a model at each measured pose, m, predicted as by `predict`.
 
     as_measured: True to include the errors of the instrument and of the session, as for rows of the fitted session.
     """
@@ -171,7 +171,7 @@ def predicted_errors(saved: SavedModel, poses: Poses, *, as_measured: bool) -> A
 
 
 def unseen_errors(poses: Poses, parts: Sequence[Unseen], *, as_measured: bool) -> Array:
-    """Return the 3-D error, m, of every pose by the fit that excluded the pose; NaN without such a fit."""
+    """Return the 3-D error of every pose by the fit that excluded the pose, m; NaN without such a fit."""
     out = np.full(len(poses), np.nan)
     for part in parts:
         asked = part.known
@@ -207,7 +207,7 @@ def with_discrepancy(
 
 
 def _by_other_causes(saved: SavedModel, poses: Poses) -> float:
-    """Return the mean variance, m², of a fitted coordinate due to alternative causes of the findings."""
+    """Return the mean variance of a fitted coordinate due to alternative causes of the findings, m²."""
     if not len(saved.covariance.over_causes):
         return 0.0
     alone = replace(saved, covariance=replace(saved.covariance, others=(), over_causes=np.zeros((0, 0))))
@@ -221,7 +221,7 @@ def _whole(poses: Poses) -> IntArray:
 
 
 def _by_parameters(part: Unseen) -> tuple[Array, Array]:
-    """Return the squared errors, m², of held-out coordinates, and the variance due to the parameters."""
+    """Return the squared errors of held-out coordinates, and the variance due to the parameters, both m²."""
     asked = part.known
     asked = asked.subset(_whole(asked))
     if not len(asked):
@@ -233,7 +233,7 @@ def _by_parameters(part: Unseen) -> tuple[Array, Array]:
 
 
 def _one_left_out(fit: Calibration, poses: Poses) -> tuple[Array, Array]:
-    """Return squared errors and variances of every fitted pose, predicted by the fit without that pose."""
+    """Return squared errors and variances of every fitted pose, m², predicted by the fit without that pose."""
     rows = np.setdiff1d(_whole(poses), fit.outliers)
     if fit.freedom < FEWEST:
         return np.zeros((0, 3)), np.zeros((0, 3))
@@ -279,8 +279,8 @@ def noise_within(fit: Calibration, poses: Poses) -> float:
 def _restricted(rest: Array, kernel: Array, residual: Array) -> tuple[float, float]:
     """Return the ratio of the noise variances at the most likely γ and at γ = 0, and the odds of the two γ.
 
-    rest: orthonormal basis of the residual space of a fit. kernel: of mean variance one. residual:.
-    """
+    rest: orthonormal basis of the residual space of a fit. kernel: correlation matrix of the discrepancy, of mean
+    variance one. residual: residual of the fit. γ: variance of the discrepancy over the variance of the noise."""
     values, vectors = np.linalg.eigh(rest.T @ kernel @ rest)
     squares = (vectors.T @ (rest.T @ residual)) ** 2
     scaled = 1.0 + RATIOS[:, None] * np.maximum(values, 0.0)
@@ -291,7 +291,7 @@ def _restricted(rest: Array, kernel: Array, residual: Array) -> tuple[float, flo
 
 
 def _independent(fit: Calibration, poses: Poses) -> IntArray:
-    """Return the indices of fitted poses with x, y and z, one per repeated pose; at most MOST_POSES."""
+    """Return the row numbers of fitted poses with x, y and z, one per repeated pose; at most MOST_POSES."""
     use = np.setdiff1d(_whole(poses), fit.outliers)
     first = np.sort(np.unique(sharing(poses.dataset)[use], return_index=True)[1])
     chosen: IntArray = use[first[np.linspace(0, len(first) - 1, min(len(first), MOST_POSES)).astype(int)]]
@@ -299,10 +299,10 @@ def _independent(fit: Calibration, poses: Poses) -> IntArray:
 
 
 def _kernels(fit: Calibration, poses: Poses, problem: Linearised) -> Iterator[Array]:
-    """Yield K (3N, 3N) of mean variance one: Σ over axes of c cᵀ, each block times the correlation of two poses.
+    """Yield covariances of the discrepancy of all coordinates, of mean variance one: one by joint values, then others.
 
-    The twists depend on the joint values. Further matrices K add payload, row and further columns, one at a time.
-    """
+    A covariance is Σ c cᵀ over axes (c: displacement by an error twist), each block times the correlation of two poses.
+    The others add payload, row and further columns, one at a time."""
     effects = geometric_effects(fit.model.mechanism)
     columns = effect_columns(effects, fit.model, poses, problem.observed)[:, :3].reshape(-1, len(effects))
     size = np.linalg.norm(columns, axis=0)
@@ -317,7 +317,7 @@ def _kernels(fit: Calibration, poses: Poses, problem: Linearised) -> Iterator[Ar
 
 
 def alike(q: Array, lengths: Sequence[float] = LENGTHS, order: int = ORDER) -> Array:
-    """Return the correlation of an unknown function at two poses.
+    """Return the correlation of an unknown function of the joint values q at every two poses.
 
     The correlation is the mean over joints of exp(-d²/2), and its powers up to `order` (products of joints). lengths:
     correlation lengths as shares of a joint's range.

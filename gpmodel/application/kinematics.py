@@ -33,7 +33,7 @@ DAMPING = 1e-12
 LONGEST_STEP = 0.3
 """Largest change of a joint in one step, rad or m. For larger changes the linearisation is wrong."""
 POOL = 4096
-"""Size of the pool of random initial values for Cartesian targets: four values for each of six joints."""
+"""Number of random initial values for Cartesian targets: four values for each of six joints."""
 NEAREST = 6
 """Number of nearest initial values that are tried first for a target: the number of joints of most arms."""
 SEEDS = 24
@@ -56,7 +56,7 @@ def tips(saved: SavedModel, dataset: Dataset, *, nominal: bool) -> tuple[Poses, 
 
 
 def look_at(saved: SavedModel, dataset: Dataset, target: Array, *, nominal: bool) -> tuple[Array, Array]:
-    """Return the pose error, m and rad, to targets in the root frame, and its Jacobian.
+    """Return the error of each pose to its target in the root frame, m and rad, and the Jacobian of the error.
 
     The Jacobian is that of the nominal mechanism. For the calibrated mechanism, the relative error of the Jacobian is
     of the order of the geometric errors.
@@ -76,7 +76,7 @@ def _jacobian(mechanism: Mechanism, observed: Observed) -> Array:
 
 
 def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, nominal: bool) -> tuple[Array, Array]:
-    """Solve for joint values near those of `dataset`; also return the remaining error, m.
+    """Return joint values near those of `dataset` that reach the targets, and the remaining error, m.
 
     The solver is Levenberg-Marquardt for each row separately. Source: Moré (1978). whole: True for position and
     orientation, weighted by ROTATION_WEIGHT; False for position. The error is infinite if the loops of a mechanism
@@ -93,7 +93,7 @@ def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, no
 
 
 def look_where_closed(saved: SavedModel, dataset: Dataset, target: Array, nominal: bool) -> tuple[Array, Array]:
-    """Return error and Jacobian as `look_at`; infinite and zero for poses at which the loops of a mechanism cannot
+    """Return error and Jacobian as `look_at` does; infinite and zero for poses at which the loops of a mechanism cannot
     close."""
     model = ErrorModel(saved.mechanism, ()) if nominal else saved.model
     able = closing(model, dataset, saved.theta[: len(model.effects)])
@@ -128,10 +128,10 @@ def _levenberg(look: Callable[[Array, IntArray], tuple[Array, Array]], q: Array)
 def inverse(
     saved: SavedModel, dataset: Dataset, target: Array, whole: bool, rng: np.random.Generator
 ) -> tuple[Array, Mask]:
-    """Return nominal joint values for targets, and the mask of reached targets.
+    """Return nominal joint values for targets in the root frame, and a mask of the reached targets.
 
-    Of several solutions, the one nearest the middle of the joint ranges is returned. Initial values are the poses of a
-    random pool with the nearest tools, then random ones. Without a solution the nearest initial values are returned.
+    Of several solutions, the solution nearest the middle of the joint ranges is returned. Initial values are the poses
+    of a random pool with the nearest tools, then random values. Without a solution the nearest initial values remain.
     """
     pool = random_poses(saved.mechanism, POOL, rng)
     many = replace(dataset.subset(np.zeros(POOL, dtype=np.int64)), q=pool)
@@ -155,8 +155,8 @@ def _place(frames: Array, whole: bool) -> Array:
 
 
 def _best(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, starts: Array) -> tuple[Array, Array]:
-    """Return the best solution from initial values and its cost, at least UNSOLVED without a
-    solution."""
+    """Return the best solution from several initial values, and its cost; a cost of UNSOLVED or more means that no
+    initial value led to the target."""
     mechanism = saved.mechanism
     count, tries, joints = starts.shape
     each = np.repeat(np.arange(count), tries)
@@ -174,7 +174,7 @@ def _best(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, start
 
 
 LOADS = ("payload", "torque_", "moment_", "force_")
-"""Beginnings of the names of inputs that depend on the payload."""
+"""First letters of the names of inputs that depend on the payload."""
 
 
 def matched(saved: SavedModel, dataset: Dataset) -> Dataset:
@@ -209,7 +209,7 @@ def matched(saved: SavedModel, dataset: Dataset) -> Dataset:
 
 
 def matched_with_readings(saved: SavedModel, dataset: Dataset) -> Dataset:
-    """Return the dataset as `matched`, after checks that its joint values and positions are of the model's machine.
+    """Return the dataset as `matched` does, after a check that joint values and positions are of the model's machine.
 
     Raises InputError as `matched`, and if the residual of most positions exceeds POOR_LENGTH after a fit of
     registration and tool point.
@@ -253,7 +253,7 @@ def remembered(saved: SavedModel, dataset: Dataset) -> Dataset:
 
 
 def turned(saved: SavedModel, nominal: Array, corrected: Array) -> Mask:
-    """Return the mask of targets that a joint approaches from another side than without correction.
+    """Return a mask of the targets that a joint approaches from another side than without correction.
 
     The mask considers only joints whose direction of approach is an input of the model.
     """

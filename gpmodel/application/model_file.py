@@ -34,7 +34,7 @@ from gpmodel.texts import SEAL, parse_json, seal
 
 @dataclass(frozen=True)
 class Measured:
-    """A table, and the indices of its rows that were held out of selection."""
+    """A measured table, and the numbers of its rows that were held out of selection."""
 
     dataset: Dataset
     heldout: IntArray
@@ -106,7 +106,7 @@ def measured_from(record: MeasuredPart, mechanism: Mechanism) -> Measured:
 
 
 def counted(dataset: Dataset, metres: Mapping[str, float]) -> Dataset:
-    """Return the dataset with the weights of pixels and angles from `metres`, by name of the instrument."""
+    """Return the dataset with the weights of pixels and angles, m per pixel or radian, by name of the instrument."""
     return replace(
         dataset,
         observations=tuple(
@@ -119,7 +119,7 @@ def counted(dataset: Dataset, metres: Mapping[str, float]) -> Dataset:
 
 
 def _numbers(values: Sequence[object]) -> Array:
-    """Return numbers of JSON as an array, null as NaN."""
+    """Return JSON numbers as an array, with NaN for null."""
     return np.array(values, dtype=float)
 
 
@@ -127,8 +127,8 @@ def _numbers(values: Sequence[object]) -> Array:
 class SavedModel:
     """Fitted model as saved in model.json.
 
-    theta, stderr: in the effects' SI units, stderr NaN where not fitted. covariance: of registration, tool and
-    effects.
+    theta, stderr: values and standard errors of the effects in their SI units, stderr NaN where not fitted. covariance:
+    covariance of registration, tool and effects.
     rotation_weight: weight of a radian, m. sigma: residual standard deviation of one component, m. freedom: degrees of
     freedom of sigma, infinite if not estimated. pose: True if rotations were measured.
     input_units: units of the extra columns that the effects need.
@@ -181,7 +181,7 @@ class SavedModel:
 
 
 def saved_model(fit: Calibration, poses: Poses, heldout: IntArray | None = None) -> SavedModel:
-    """Reduce a calibration on `poses` to a saved model. heldout: rows that selection did not use."""
+    """Reduce a calibration on `poses` to a saved model. heldout: numbers of the rows that selection did not use."""
     dataset = poses.dataset
     read = needed(fit.model, dataset)
     columns = {*dataset.joints, *(name for effect in fit.model.effects for name in effect.inputs)}
@@ -218,7 +218,7 @@ def needed(model: ErrorModel, dataset: Dataset) -> set[str]:
 
 
 def _unknowns(key: str, values: Sequence[float]) -> Array:
-    """Return the unknowns of an observation; an earlier version saved no zero of a distance."""
+    """Return the unknowns of an instrument; files of an earlier version lack the zero of a distance, which is added."""
     if key.startswith("distance_") and len(values) not in (3, 4):
         raise InputError(f"anchors_m: {key} has {len(values)} numbers; expected x, y, z and the zero")
     return np.array((*values, 0.0) if key.startswith("distance_") and len(values) == 3 else values)
@@ -374,7 +374,7 @@ def _effects(parts: Sequence[EffectPart]) -> tuple[Effect, ...]:
 
 
 def _symmetric(rows: Sequence[Sequence[float]]) -> Array:
-    """Return a symmetric matrix from rows up to the diagonal, or longer."""
+    """Return a symmetric matrix from rows that end at the diagonal or later."""
     lower = np.zeros((len(rows), len(rows)))
     for k, row in enumerate(rows):
         lower[k, : k + 1] = row[: k + 1]

@@ -98,10 +98,10 @@ class EffectPart(msgspec.Struct, frozen=True):
 
 
 class MechanismPart(msgspec.Struct, frozen=True):
-    """Mechanism of the model.
+    """Mechanism of the model in model.json.
 
     name: built-in name, or name of the file with the text `description`.
-    tip_at_probe_m: tip position at one fixed pose, m, which identifies the mechanism.
+    tip_at_probe_m: position of the measured link at one fixed set of joint values, m, which identifies the mechanism.
     """
 
     name: FileName

@@ -1,8 +1,8 @@
 """Check a model pose by pose: select the pose to measure next, and decide when the check ends.
 
-The two tests with n poses share the significance FALSE_ALARM · 6 / (π² k²), k = n - 5. All tests together report a
-change for at most one unchanged machine in twenty (union bound, Σ 1/k² = π²/6). A check ends when a change is
-significant, or when any change of a joint zero that moves the tool by more than a limit would be significant.
+With n poses, each of the two tests of a model has the significance FALSE_ALARM · 6 / (π² k²), k = n - 5. All tests
+together report a change for at most one unchanged machine in twenty (union bound, Σ 1/k² = π²/6). A check ends when a
+change is significant, or when any change of a joint zero that moves the tool by more than a limit would be significant.
 """
 
 import math
@@ -37,7 +37,7 @@ SAME = 1e-4
 @dataclass(frozen=True)
 class HiddenChange:
     """A joint whose zero may have changed without being detected. moves: largest resulting displacement of the tool, m,
-    RMS."""
+    RMS over the poses."""
 
     joint: str
     moves: float
@@ -51,7 +51,7 @@ def significance(poses: int) -> float:
 
 @dataclass(frozen=True)
 class _Columns:
-    """Derivatives of the measured point by the registration and by the zero of each joint."""
+    """Derivatives of the measured point at each pose by the registration and by the zero of each joint."""
 
     placed: Array
     zeros: Array
@@ -66,7 +66,7 @@ class _Columns:
         return _Columns(placed, effect_columns(effects, saved.model, poses, observed)[:, :3])
 
     def part(self, k: int) -> "_Columns":
-        """Return the columns of pose k."""
+        """Return the columns (derivatives of the point) of pose number k."""
         return _Columns(self.placed[[k]], self.zeros[[k]])
 
     def beside(self, more: "_Columns") -> "_Columns":
@@ -75,12 +75,12 @@ class _Columns:
 
     @property
     def alone(self) -> Array:
-        """Sum of squares of the column of each joint zero."""
+        """Sum of squares of the displacements over the poses by each joint zero."""
         return np.asarray(np.sum(self.zeros**2, axis=(0, 1)))
 
     @property
     def information(self) -> Array:
-        """Sum of squares of each zero's column after the registration is projected out."""
+        """Sum of squares of each joint zero's displacements after the registration is projected out."""
         placed, zeros = (part.reshape(-1, part.shape[2]) for part in (self.placed, self.zeros))
         basis = np.linalg.qr(placed)[0]
         return np.asarray(np.sum((zeros - basis @ (basis.T @ zeros)) ** 2, axis=0))
@@ -88,9 +88,9 @@ class _Columns:
 
 @dataclass(frozen=True)
 class Pool:
-    """Candidate poses of a check: the poses of the fit, which the arm can reach.
+    """Candidate poses of a check: the poses of the model's fit, which the arm can reach.
 
-    session: the check so far; None with too few poses for a test. columns: derivatives, with the session's
+    session: the check so far; None with too few poses for a test. columns: derivatives of the point, with the session's
     registration.
     """
 
@@ -111,17 +111,17 @@ class Pool:
 
     @property
     def q(self) -> Array:
-        """Joint values."""
+        """Joint values of the candidate poses, rad and m."""
         return self.poses.dataset.q
 
     def not_among(self, taken: Array) -> IntArray:
-        """Return the indices of the poses not among `taken`; all indices if every pose is among `taken`."""
+        """Return the numbers of the candidate poses not among `taken`; all numbers if every pose is among `taken`."""
         there = np.array([len(taken) > 0 and (np.abs(taken - one) < SAME).all(axis=1).any() for one in self.q])
         return np.flatnonzero(~there) if not there.all() else np.arange(len(self.q))
 
     @property
     def able(self) -> Mask:
-        """Mask of the joints whose zero the poses of the pool determine in addition to the registration."""
+        """Mask of the joints whose zero the candidate poses determine in addition to the registration."""
         return np.asarray(self.columns.information > SEEN * self.columns.alone)
 
     def unseen(self, visible: Sequence[Visible], limit: float) -> tuple[HiddenChange, ...]:

@@ -30,9 +30,9 @@ LITTLE = 1e-9
 
 @dataclass(frozen=True)
 class Questioned:
-    """A finding and its alternatives. effects: indices of the effects of the finding in the model.
+    """A finding and its alternatives. effects: numbers of the effects of the finding in the model.
 
-    rivals: names and effects of alternative explanations, and odds of the finding against each.
+    rivals: names and effects of alternative explanations, and odds of the finding against each alternative.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Questioned:
 
 
 def closing_pool(saved: SavedModel | None, pool: Array) -> Array:
-    """Return the joint values at which the mechanism's loops close with fitted errors; all without a model.
+    """Return the candidate joint values at which the mechanism's loops close with fitted errors; all without a model.
 
     Raises InputError if the model of closed loops does not contain its table.
     """
@@ -61,8 +61,8 @@ class Outlook:
 
     @classmethod
     def over(cls, saved: SavedModel, pool: Array, rng: np.random.Generator) -> "Outlook":
-        """Make the pool from joint values. Rows of the pool follow the last measured row; other inputs are those
-        of random rows of the measured table.
+        """Make the candidate poses from joint values. Their rows follow the last measured row; other inputs come from
+        random rows of the measured table.
 
         Raises InputError if the model does not contain its table.
         """
@@ -106,7 +106,7 @@ class Outlook:
     def beside(self, finding: Questioned, rival: tuple[Effect, ...]) -> Question:
         """Return the experimental-design problem of a finding's amplitude given an alternative explanation.
 
-        1 / σ is the distance of the two explanations in standard errors.
+        With σ the standard error of the amplitude, 1 / σ is the distance of the two explanations in standard errors.
         """
         here, there = (self._amplitude_last(poses, finding, rival) for poses in (self.measured, self.pool))
         weight = np.zeros((there.shape[2], there.shape[2]))
@@ -117,9 +117,9 @@ class Outlook:
 
     @property
     def _believed(self) -> Array:
-        """Prior precision 1 / σ² of each parameter.
+        """Prior precision of each parameter: one over the variance.
 
-        Constants that the measured poses may not determine have the prior BUILT.
+        Constants that the measured poses may not determine have the prior standard deviation BUILT.
         """
         effects = self.saved.model.effects
         priors = np.array([min(e.prior, BUILT) if e.constant else e.prior for e in effects])
@@ -139,7 +139,7 @@ class Outlook:
         return {candidate.name: candidate.effects for candidate in pool}
 
     def _columns(self, poses: Poses, more: tuple[Effect, ...] = ()) -> Array:
-        """Return the columns of registration, tool, effects and `more`, over σ of a coordinate.
+        """Return the derivatives of the coordinates by registration, tool, effects and `more`, over the noise σ.
 
         The part that unmeasured joints absorb is projected out.
         """

@@ -89,7 +89,7 @@ def _handed(effect: Effect, theta: float, stderr: float, one: Ball, there: Ball)
 
 
 def _weights(terms: Sequence[Term], shift: Shift) -> Array | None:
-    """Return the weights of an effect along the terms of a shift; None if the effect acts elsewhere or across the
+    """Return the weights of an effect along the axes of a ball's shift; None if the effect acts elsewhere or across the
     shift."""
     given = {(term.slot, term.axis): term.weight for term in terms}
     if len({str(term.basis) for term in terms}) > 1 or not set(given) <= {(slot, axis) for slot, axis, _ in shift}:
@@ -108,7 +108,7 @@ errors adds a tenth to its variance."""
 class FittedCause:
     """An effect that replaces a finding: x = x₀ + towards w, w ~ N(values, covariance), x₀ the fit without the finding.
 
-    effects:. towards: change of the parameters of placement and model per unit of w, SI.
+    effects: effects with the unknowns w. towards: change of registration, tool and model per unit of w, SI units.
     """
 
     effects: tuple[Effect, ...]
@@ -164,9 +164,9 @@ def _stated(found: Discovery, fit: Calibration, findings: Sequence[Candidate]) -
 def place_of(
     residual: Residual, own: Candidate | None, pool: Sequence[Candidate], changes: Sequence[Effect] = ()
 ) -> CausesThere:
-    """Weigh the candidates of a pool as replacements of a finding `own`. residual: of the model with the finding.
+    """Return all candidates that may replace the finding `own`, with probabilities. residual: of the model with `own`.
 
-    changes: corrections of the constants inside the finding, which are also parameters of the model.
+    pool: candidates. changes: corrections of the constants inside the finding, which are also parameters of the model.
     """
     inside = (*(own.effects if own else ()), *changes)
     without = residual.without(inside) if inside else residual
@@ -185,7 +185,7 @@ def place_of(
 
 
 def _cause(residual: Residual, system: Array, effects: Sequence[Effect], probability: float) -> FittedCause:
-    """Fit effects to the residual of a model without the finding. system: columns of that model."""
+    """Fit effects to the residual of a model without the finding. system: columns of the model without the finding."""
     if not effects:
         return FittedCause((), probability, np.zeros((system.shape[1], 0)), np.zeros(0), np.zeros((0, 0)))
     columns = residual.columns(effects)
@@ -205,10 +205,10 @@ def _cause(residual: Residual, system: Array, effects: Sequence[Effect], probabi
 
 
 def _system_of_fit(residual: Residual) -> Array:
-    """Return the columns of placement and model, SI, above the rows of all priors of the fit.
+    """Return the derivatives by registration, tool and effects, SI units, above the rows of all priors of the fit.
 
-    Priors of tool and geometry decide among placements that the measurements do not distinguish. The residual does not
-    depend on this choice, but the values of the parameters do.
+    Priors of tool and geometry decide among parameter values that the measurements do not distinguish. The residual
+    does not depend on this choice, but the values of the parameters do.
     """
     fit, problem = residual.calibration, residual.problem
     kept = np.isin([e.name for e in fit.model.effects], residual.names)
@@ -258,7 +258,7 @@ def _effects(places: Sequence[CausesThere]) -> tuple[Effect, ...]:
 
 
 def _moments(fit: Calibration, places: Sequence[CausesThere]) -> Array:
-    """Return the second moment of all parameters about the fit, alternative causes last."""
+    """Return the second moment of all parameters about the fit, SI units; effects of alternative causes come last."""
     effects = (*fit.model.effects, *_effects(places))
     names = [*fit.covariance.placement, *(effect.name for effect in effects)]
     number, size = {name: k for k, name in enumerate(names)}, len(fit.covariance.values)
@@ -277,7 +277,7 @@ def _moments(fit: Calibration, places: Sequence[CausesThere]) -> Array:
 
 
 def _spanned(cause: FittedCause, rest: Sequence[int], number: Mapping[str, int]) -> tuple[Array, Array]:
-    """Return the change of all parameters by a cause, and the addition to the covariance."""
+    """Return the change of all parameters by a cause, and the covariance that the cause adds."""
     directions = np.zeros((len(number), len(cause.effects)))
     directions[rest] = cause.towards
     for k, effect in enumerate(cause.effects):

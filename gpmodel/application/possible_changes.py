@@ -44,7 +44,7 @@ HALF_WAVES, POSES_A_WAVE = 6, 16
 class PossibleChange:
     """One possible change of a machine since its fit.
 
-    columns: whitened derivatives by its k numbers, in `unit`; for kind `size`, relative to the model's value.
+    columns: whitened derivatives of the measurements by the change, in `unit`; for kind `size`, by a relative change.
     kind: `set-up` means that the instrument or a stationary object moved during the session, not the machine.
     share: share of the significance level. effects: effects that the change adds to the model. at: columns of the
     linear problem that the change moves, if the change adds no effect.
@@ -65,16 +65,16 @@ class PossibleChange:
         return u[:, kept], s[kept], v[kept]
 
     def explained(self, z: Array) -> tuple[float, int]:
-        """Return the part of |z|² (chi-square) that the change explains, and its number of parameters."""
+        """Return the part of the chi-square |z|² that the change explains, and the number of its parameters."""
         part = self._parts[0].T @ z
         return float(part @ part), len(part)
 
     def part_of(self, z: Array) -> Array:
-        """Return the part of z that the change explains."""
+        """Return the part of the whitened residual z that the change explains."""
         return z - rank.remove(self._parts[0], z)
 
     def fits_an_outlier(self, left: Recheck) -> bool:
-        """Return whether most of what the change explains is at one pose, and the other poses do not confirm it."""
+        """Return whether the explained part is mostly at one pose, and the other poses do not confirm the change."""
         limits, after = Criteria(), left.z - self.part_of(left.z)
         gained = np.asarray(np.bincount(left.pose, left.z**2 - after**2), dtype=float)
         if not limits.rests_on_one_pose(gained):
@@ -84,7 +84,7 @@ class PossibleChange:
         return _chance(others, *self.beside(others).explained(others.z)) / self.share > limits.confirmation
 
     def fitted(self, z: Array) -> tuple[float, float]:
-        """Return size and standard error of the change; for a change with several numbers, of the vector length."""
+        """Return size and standard error of the change; of the length of the vector for a change of several numbers."""
         u, s, v = self._parts
         values = v.T @ ((u.T @ z) / s)
         size = float(np.linalg.norm(values))
@@ -93,7 +93,7 @@ class PossibleChange:
         return (float(values[0]) if len(values) == 1 else size), deviation
 
     def beside(self, left: Recheck) -> "PossibleChange":
-        """Return the change with `removed` columns projected out; all zeros if nothing remains."""
+        """Return the change with the columns of other changes projected out; all zeros if nothing remains."""
         columns = self.columns - left.basis @ (left.basis.T @ self.columns)
         little = np.linalg.norm(columns) < LEAST * np.linalg.norm(self.columns)
         return replace(self, columns=np.zeros_like(columns) if little else columns)
@@ -105,7 +105,7 @@ def zero_of(joint: str) -> str:
 
 
 def possible_changes(found: Recheck) -> tuple[PossibleChange, ...]:
-    """Return all changes that these poses could reveal, each with its share of the significance."""
+    """Return all changes that the later poses could reveal, each with its share of the significance level."""
     all_of = [*_zeros(found), *_tools(found), *_sizes(found), *_geometry(found), *_of_the_catalogue(found)]
     counts = Counter(m.kind for m in all_of)
     return tuple(replace(m, share=SHARES[m.kind] / counts[m.kind]) for m in all_of)
@@ -191,8 +191,8 @@ def _of_the_catalogue(found: Recheck) -> Iterator[PossibleChange]:
 
 
 def wander(found: Recheck) -> Array:
-    """Return whitened columns of a set-up that drifts slowly: cosines of half waves along the rows, for each
-    axis."""
+    """Return whitened columns of a set-up that drifts slowly: cosines of half waves along the rows, for each axis of
+    motion."""
     rows = found.problem.poses.dataset.row
     waves = min(HALF_WAVES, len(rows) // POSES_A_WAVE)
     along = f"(row - {rows.min()})/{max(int(np.ptp(rows)), 1)}"
@@ -202,7 +202,7 @@ def wander(found: Recheck) -> Array:
 
 
 def _seen(found: Recheck, raw: PossibleChange) -> Iterator[PossibleChange]:
-    """Yield the change with whitened columns, if the poses could reveal the change."""
+    """Yield the change with whitened columns, unless the later poses could not reveal the change."""
     columns = found.whitened(raw.columns)
     whole, left = (np.linalg.norm(c) for c in (found.spread.whiten(found.blocks.means(raw.columns)), columns))
     if left > LEAST * whole and np.isfinite(left):
@@ -227,7 +227,7 @@ class NamedChange:
     """Identified change: value ± one standard error, in `unit`; for kind `size`, relative to the model's value.
 
     chance: probability of such a change by noise alone, corrected for all tested changes. rivals: names of other
-    changes that explain the poses as well.
+    changes that explain the later poses as well.
     """
 
     name: str
@@ -252,13 +252,13 @@ def changes(
     found: Recheck, tried: Sequence[PossibleChange], significance: float = SIGNIFICANCE
 ) -> tuple[tuple[NamedChange, ...], Recheck]:
     """Select the significant changes, the least probable first, each given the earlier ones; return the residual after
-    them.
+    these changes, too.
 
     Changes that the poses do not distinguish are one change, with the name that a repairer checks first.
 
-    The chance of a change is that of its F ratio over its share of the significance (weighted Bonferroni). A change
-    that fits an outlier is omitted. If the set-up drifts along the rows, a general slow drift is removed too; a change
-    that it explains as well counts as set-up.
+    The chance of a change is that of its F ratio over its share of the significance level (weighted Bonferroni). A
+    change that fits an outlier is omitted. If the set-up drifts along the rows, a general slow drift is removed too; a
+    change that the slow drift explains as well counts as set-up.
     """
     out: list[NamedChange] = []
     left, kinds = found, list(SHARES)

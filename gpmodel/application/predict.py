@@ -24,16 +24,15 @@ from gpmodel.table.units import joint_column, split_header
 
 
 def point_deviation(saved: SavedModel, poses: Poses, observed: Observed, *, placed: bool = True) -> Array:
-    """Return the standard deviation, m, of the predicted point: √ (trace(J Σ Jᵀ) + 3 d²).
+    """Return the standard deviation of each predicted point, m: √ (trace(J Σ Jᵀ) + 3 d²), NaN if not fitted.
 
-    Σ is the covariance of the parameters, over alternative explanations of the findings, and d the model discrepancy.
-    Noise of the instrument is not included. placed: True to include registration and tool. NaN if not fitted.
-    """
+    J: derivatives of the point. Σ: covariance of the parameters, over alternative explanations of the findings. d:
+    model discrepancy. Noise of the instrument is not included. placed: True to include registration and tool."""
     return np.asarray(np.linalg.norm(coordinate_deviations(saved, poses, observed, placed=placed), axis=1))
 
 
 def coordinate_deviations(saved: SavedModel, poses: Poses, observed: Observed, *, placed: bool = True) -> Array:
-    """Return the standard error of each coordinate along the axes of the instrument: √ (diag(J Σ Jᵀ) + d²)."""
+    """Return the standard deviation of each predicted coordinate in the axes of the instrument, m."""
     if len(saved.stderr) and not saved.covariance.placement:
         return np.full((len(poses), 3), np.nan)
     first = 0 if placed else len(saved.covariance.placement)
@@ -43,14 +42,14 @@ def coordinate_deviations(saved: SavedModel, poses: Poses, observed: Observed, *
 
 
 def point_columns(saved: SavedModel, poses: Poses, observed: Observed, more: Sequence[Effect] = ()) -> Array:
-    """Return the derivatives of the point by registration, tool, all effects of the model and `more`
-    effects."""
+    """Return the derivatives of each predicted point by registration, tool, all effects of the model and the effects
+    `more`."""
     effects = effect_columns((*saved.model.effects, *more), saved.model, poses, observed)[:, :3]
     return np.concatenate([placement_columns(saved, poses, observed), effects], axis=2)
 
 
 def placement_columns(saved: SavedModel, poses: Poses, observed: Observed) -> Array:
-    """Return the derivatives of the point by registration and tool, in the instrument's axes."""
+    """Return the derivatives of each predicted point by registration and tool, in the instrument's axes."""
     tip, labels = observed.tip, poses.dataset
     out = np.zeros((len(tip), 3, len(saved.covariance.placement)))
     arm = tip[:, :3, 3] - saved.covariance.centre
@@ -93,7 +92,7 @@ def predicted_columns(saved: SavedModel, dataset: Dataset, say: Say = silent) ->
 
 
 def batches(count: int) -> list[IntArray]:
-    """Return the row indices of a table, in order, in batches of at most AT_ONCE."""
+    """Return the row numbers of a table, in order, in batches of at most AT_ONCE."""
     return np.array_split(np.arange(count), -(-count // AT_ONCE))
 
 
@@ -141,7 +140,7 @@ def beside(frame: pd.DataFrame, columns: dict[str, Array]) -> pd.DataFrame:
 
 
 def misses(dataset: Dataset, columns: dict[str, Array]) -> Array:
-    """Return the distance, mm, between measured and predicted point of the rows with x, y and z."""
+    """Return the distance between measured and predicted point, mm, of the rows with x, y and z."""
     tip = np.column_stack([columns[f"{a} [mm]"] for a in "xyz"])
     error: Array = np.linalg.norm(1e3 * dataset.position - tip, axis=1)
     return error[np.isfinite(error)]

@@ -65,11 +65,11 @@ class Session:
 
     @property
     def errors(self) -> Array:
-        """3-D distance, m, between measured and predicted point, also of outliers."""
+        """3-D distance between measured and predicted point of each pose, m, also of outliers."""
         return pose_error(self.observed, self.poses.dataset)
 
     def anew(self, problem: Linearised) -> Mask:
-        """Return the mask of the columns that the later session fits.
+        """Return a mask of the columns that the later session fits.
 
         The session fits registration and stationary objects; if `tool` is True, also tool and objects on links.
         Effects and lenses keep the model's values.
@@ -81,7 +81,7 @@ class Session:
         return np.array(free + [False] * (problem.columns.shape[1] - len(free)), dtype=bool)
 
     def moved(self, problem: Linearised, step: Array) -> "Session":
-        """Return the session after a step of the placement, m and rad."""
+        """Return the session after a step of registration and tool, m and rad."""
         placement = placement_after(problem.observed, self.saved.placement, step)
         return replace(self, saved=replace(self.saved, placement=placement))
 
@@ -138,9 +138,9 @@ def _placed(saved: SavedModel, dataset: Dataset) -> SavedModel:
 
 
 def errors_at(session: Session, dataset: Dataset) -> Array:
-    """Return the 3-D distance, m, of the points of a table from the model, in the registration of a session.
+    """Return the 3-D distance of the points of a table from the model, m, in the registration of a session.
 
-    Raises InputError as `matched`.
+    Raises InputError for an unknown set-up or tool, or an input that is missing or in another unit.
     """
     saved = session.saved
     poses, parts = prepare(saved.mechanism, matched(saved, dataset)), []
@@ -158,22 +158,22 @@ LEAST_POSES, LEAST_FREEDOM = 4, 6
 
 @dataclass(frozen=True)
 class Spread:
-    """Covariance V = σ² (I + U s² Uᵀ): U (M, q) orthonormal, s (q,). The mean of the repeats of a pose is one row."""
+    """Covariance V = σ² (I + U s² Uᵀ), U orthonormal. The mean of the repeats of a pose is one row."""
 
     sigma: float
     u: Array
     s: Array
 
     def whiten(self, values: Array) -> Array:
-        """Return V^(-1/2) times values."""
+        """Return values times the inverse root of the covariance V."""
         return (values - self._within(values, 1.0 - 1.0 / np.sqrt(1.0 + self.s**2))) / self.sigma
 
     def restored(self, values: Array) -> Array:
-        """Return V^(1/2) times values."""
+        """Return values times the root of the covariance V."""
         return self.sigma * (values + self._within(values, np.sqrt(1.0 + self.s**2) - 1.0))
 
     def block(self, rows: IntArray) -> Array:
-        """Return the rows and columns of V with the given indices."""
+        """Return the rows and columns of the covariance V with the given numbers."""
         own = self.u[rows] * self.s
         return self.sigma**2 * (np.eye(len(rows)) + own @ own.T)
 
@@ -186,9 +186,9 @@ class Recheck:
     """Whitened residuals of a later session.
 
     z: whitened residual. basis: orthonormal basis of the projected-out span.
-    bundle: code of every pose, equal for repeats. pose: code of every row.
-    freedom: degrees of freedom of σ.
-    anew: names of the F columns that the session fits, and their covariance.
+    bundle: number of every pose, equal for repeats. pose: pose number of every row.
+    freedom: degrees of freedom of the noise σ.
+    anew: names of the columns that the session fits, and the covariance of their parameters.
     """
 
     session: Session
@@ -204,27 +204,27 @@ class Recheck:
 
     @property
     def degrees(self) -> int:
-        """Degrees of freedom of |z|²."""
+        """Degrees of freedom of the chi-square |z|² of the whitened residual z."""
         return len(self.z) - int(self.basis.shape[1])
 
     @property
     def chi_square(self) -> float:
-        """Chi-square statistic |z|²."""
+        """Chi-square statistic |z|² of the whitened residual z."""
         return float(self.z @ self.z)
 
     @property
     def chance(self) -> float:
-        """Probability of a chi-square |z|² at least as large, if the model holds."""
+        """Probability of a chi-square at least as large as |z|², if the model holds."""
         return chance_of_ratio(self.chi_square / self.degrees, *self._as_many)
 
     @property
     def chance_of_less(self) -> float:
-        """Probability of a chi-square |z|² at most as large, if the model holds and the noise is that of the fit."""
+        """Probability of a chi-square at most as large as |z|², if the model holds and the noise is that of the fit."""
         return chance_of_less(self.chi_square / self.degrees, *self._as_many)
 
     @property
     def _as_many(self) -> tuple[float, float]:
-        """Effective degrees of freedom of |z|² and of σ.
+        """Effective degrees of freedom of the chi-square |z|² and of the noise σ.
 
         A sum of squares of errors with kurtosis κ has 2 / (κ - 1) times the degrees of freedom of normal errors (Box
         1953).
@@ -236,9 +236,9 @@ class Recheck:
 
     @cached_property
     def by_pose(self) -> tuple[Array, Array]:
-        """Expected RMS 3-D error, m, of every pose, and the p-value of the actual error if the model holds.
+        """Expected RMS 3-D error of every pose, m, and the p-value of the actual error if the model holds.
 
-        The expectation includes V and the fitted registration. The values are NaN for excluded poses.
+        The expectation includes the covariance V and the fitted registration. The values are NaN for excluded poses.
         """
         promised, chance = (np.full(len(self.bundle), np.nan) for _ in range(2))
         left, fitted = self.spread.restored(self.z), self.spread.restored(self.basis)
@@ -306,7 +306,7 @@ def recheck(session: Session) -> Recheck:
 
 
 def _functions(session: Session, problem: Linearised) -> tuple[Array, Array]:
-    """Return `uncertain_functions` of the session; empty if the model has no functions of undeclared effects."""
+    """Return the effect of uncertain undeclared functions on the session's rows; empty if the model has none."""
     saved = session.saved
     if saved.measured is None or not has_functions(saved.model):
         return np.zeros((len(problem.residual), 0)), np.zeros((len(problem.residual), len(saved.covariance.values)))
@@ -317,7 +317,7 @@ def _functions(session: Session, problem: Linearised) -> tuple[Array, Array]:
 
 
 def in_covariance(saved: SavedModel, problem: Linearised) -> IntArray:
-    """Return the index of each column of the problem in the covariance of the model; -1 if not fitted."""
+    """Return the position of each column of the problem in the covariance of the model; -1 if not fitted."""
     names = saved.covariance.placement
     placed = [names.index(name) if name in names else -1 for name in problem.placement_names]
     fitted = np.isfinite(saved.stderr)

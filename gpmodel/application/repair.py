@@ -46,7 +46,7 @@ KEPT_LABELS = ("setup", "tool", "tip")
 
 @dataclass(frozen=True)
 class Renewed:
-    """A refitted parameter of the model, SI: value and standard error, before and after the refit."""
+    """A refitted parameter of the model, SI units: value and standard error, before and after the refit."""
 
     name: str
     unit: str
@@ -73,9 +73,9 @@ class Repaired:
 
 @dataclass(frozen=True)
 class _Fit:
-    """Refitted session. changed: D. left: (M, f + q) system of the last step.
+    """Refitted session. changed: columns D of the changed parameters. left: linear system of the last step.
 
-    step: (P + E, f + q), derivatives of all parameters by the unknowns ρ and u of the system.
+    step: derivatives of all parameters by the unknowns of the system.
     """
 
     session: Session
@@ -116,7 +116,7 @@ def repaired(found: Verified, pool: Pool) -> Repaired | None:
 
 
 def _fitted(near: Recheck, changes: Sequence[PossibleChange]) -> _Fit:
-    """Iterate to the posterior mode, excluding outliers at each step."""
+    """Iterate to the posterior mode of the changed model, excluding outliers at each step."""
     session, changed = _with(near.session, near.problem, changes)
     sigma, total = near.spread.sigma, np.zeros(0)
     for _ in range(PASSES):
@@ -139,7 +139,7 @@ def _fitted(near: Recheck, changes: Sequence[PossibleChange]) -> _Fit:
 
 
 def _with(session: Session, problem: Linearised, changes: Sequence[PossibleChange]) -> tuple[Session, Array]:
-    """Return the session with the effects that changes add, and D. Effects that the model has are not added again."""
+    """Return the session with the effects that changes add, each once, and the columns D of the changes."""
     saved, count = session.saved, problem.placement
     known, added = [effect.terms for effect in saved.model.effects], list[Effect]()
     columns: list[dict[int, float]] = []
@@ -164,7 +164,7 @@ def _with(session: Session, problem: Linearised, changes: Sequence[PossibleChang
 
 
 def _root(saved: SavedModel, problem: Linearised, held: Mask) -> Array:
-    """Return L (P + E, q), a root of the model's covariance of the columns `held`."""
+    """Return a root L of the model's covariance of the columns `held`, in the order of all parameters."""
     covariance = _before(saved, problem)
     covariance[~held] = covariance[:, ~held] = 0.0
     size = np.sqrt(np.diag(covariance))
@@ -176,8 +176,8 @@ def _root(saved: SavedModel, problem: Linearised, held: Mask) -> Array:
 
 
 def _before(saved: SavedModel, problem: Linearised) -> Array:
-    """Return the model's covariance in the order of a linear problem; zero for registration and new
-    effects."""
+    """Return the model's covariance in the order of a linear problem; zero for registration and for effects that the
+    changes add."""
     at = in_covariance(saved, problem)
     at = np.append(at, np.full(problem.columns.shape[1] - len(at), -1))
     at[: problem.placement][[name.startswith("registration") for name in problem.placement_names]] = -1

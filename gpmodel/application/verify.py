@@ -80,7 +80,7 @@ class Verified:
 
 
 def afterwards(saved: SavedModel, dataset: Dataset) -> IntArray:
-    """Return the rows of a table that differ from all rows of the fit; raise InputError if K = 0."""
+    """Return the rows of a table that differ from all rows of the fit; raise InputError if there is no such row."""
     every = np.arange(len(dataset))
     if saved.measured is None:
         return every
@@ -98,7 +98,7 @@ def afterwards(saved: SavedModel, dataset: Dataset) -> IntArray:
 
 
 def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFICANCE) -> Verified:
-    """Test a model on later poses `dataset`. significance: of each of the two tests.
+    """Test a model on later poses `dataset`. significance: significance level of each of the two tests.
 
     The model holds if neither the whole residual nor a possible change is significant; see `application.recheck` and
     `application.possible_changes`. Raises InputError if the poses do not fit the model, are too few, or have mixed-up
@@ -202,7 +202,7 @@ def _moved_tools(saved: SavedModel, found: Recheck) -> tuple[NamedChange, ...]:
 
 
 def misses_of(session: Session, targets: Dataset) -> Array:
-    """Return the distance, m, of the measured points from the targets of a compensation.
+    """Return the distance of the measured points from the targets of a compensation, m.
 
     The targets are the points of the nominal arm with the model's tool at the joint values of `targets`, in the
     registration of the session.

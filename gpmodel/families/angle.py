@@ -110,16 +110,16 @@ def cyclic_grids(mechanism: Mechanism, states: States) -> Iterator[FrequencyGrid
 
 CURVE_SPREAD = 5e-4
 CURVE_CORNER = 15.0
-"""Prior of the error curve of a joint: standard deviation of the sum of its harmonics, rad, and the harmonic at which
-the prior falls off."""
+"""Prior of the error curve of a joint: standard deviation of the sum of its harmonics, rad, and the number of the
+harmonic at which the prior falls off."""
 
 SMOOTH = (10, 3.0)
-"""Number of harmonics of a smooth error curve, and the harmonic at which its prior falls off. Eccentric and bent gears
-cause the first few harmonics."""
+"""Number of harmonics of a smooth error curve, and the number of the harmonic at which their prior falls off. Eccentric
+and bent gears cause the first few harmonics."""
 
 WOBBLE, RUN_OUT = 5e-5, 2e-5
-"""Tilt and radial run-out of a robot's crossed roller bearing, rad (10 arcsec) and m (ISO 230-7; Slocum 1992, ch.
-8)."""
+"""Prior tilt and radial run-out of a robot's crossed roller bearing, rad (10 arcsec) and m (ISO 230-7; Slocum 1992,
+ch. 8)."""
 
 LOBES = (2, 3, 4)
 """Numbers of lobes of a ball: three, as from centreless grinding, and the neighbouring numbers."""
@@ -146,14 +146,14 @@ def wave(function: str, number: int, angle: str) -> Expression:
 
 
 def spectrum(count: int, corner: float) -> Array:
-    """Return relative prior deviations of harmonics: 1 / (1 + (k / corner)^1.5), scaled to a sum of squares of
-    one."""
+    """Return the relative prior standard deviation of each harmonic k: 1 / (1 + (k / corner)^1.5), scaled to a sum of
+    squares of one."""
     shape = 1.0 / (1.0 + (np.arange(1, count + 1) / corner) ** 1.5)
     return np.asarray(shape / np.sqrt(np.sum(shape**2)))
 
 
 def harmonics(name: str, site: Site, angle: str, family: str, deviations: Array) -> Curve:
-    """Return effects sin(k angle) and cos(k angle), k = 1..K, at a site. deviations: prior of each, rad or m."""
+    """Return effects sin(k angle) and cos(k angle) at a site. deviations: prior of each harmonic k from 1, rad or m."""
     plain = [
         (site.effect(f"{name}, {f} {k}", wave(f, k, angle), "", family), float(s))
         for k, s in enumerate(deviations, 1)
@@ -165,7 +165,7 @@ def harmonics(name: str, site: Site, angle: str, family: str, deviations: Array)
 def joint_curve(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     """Yield the error curve of each joint, and one candidate of smooth curves of all joints together.
 
-    The candidate for all joints is for curves that are too weak one by one.
+    The candidate of all joints detects curves that are too weak to be detected one by one.
     """
     highest = 12 if len(states) < 150 else 40 if len(states) < 600 else 60
     fine, smooth = CURVE_SPREAD * spectrum(highest, CURVE_CORNER), CURVE_SPREAD / 4 * spectrum(*SMOOTH)
@@ -198,7 +198,7 @@ def axis_motion(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
 
 
 def backlash_approach(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield the play of each drive by the side of approach, ±1, for each column `approach...`.
+    """Yield the play of each drive by the side of approach, ±1, for each table column `approach...`.
 
     The joint that the column is named after has the lower price.
     """

@@ -1,4 +1,4 @@
-"""A candidate: effects that the model may lack and that enter the model together; common forms of candidates."""
+"""Define candidates: effects that the model may lack and that enter the model together; and common forms of them."""
 
 import math
 from collections.abc import Iterable
@@ -40,18 +40,18 @@ FORMULAS = FORMULA, FORMULA_OF_PROGRAM, *BRED
 
 
 def maker_of(representation: str) -> str:
-    """Return the value of `found_by` for a representation of programs, "linear" or "tree"."""
+    """Return the origin `found_by` of a candidate from its program's representation, "linear" or "tree"."""
     return {"linear": SEQUENCE}.get(representation, representation)
 
 
 def is_program(found_by: str) -> bool:
-    """Return whether genetic programming made a candidate, in any representation."""
+    """Return whether genetic programming made a candidate, in any representation. found_by: origin of the candidate."""
     return found_by not in {CATALOGUE, NAMED, SMOOTH_TERM, *FORMULAS}
 
 
 def formula_of(makers: Iterable[str], generation: int = 0) -> str:
-    """Return the value of `found_by` for a formula that replaces candidates of the given origins. generation:
-    generation of the formula, 0 if it is not bred."""
+    """Return the origin `found_by` of a formula that replaces candidates of the given origins. generation: generation
+    of the formula, 0 if the formula is not bred."""
     if generation:
         return BRED[generation - 1]
     unevolved = {CATALOGUE, NAMED, SMOOTH_TERM, FORMULA, *BRED}
@@ -91,7 +91,7 @@ class Candidate:
             raise InputError(f"candidate {self.name!r}: its cost is {self.cost}, expected finite nats")
 
     def at(self, inner: NonlinearParameters) -> "Candidate":
-        """Return the candidate with other constants in its basis functions, and its effects without priors."""
+        """Return the candidate with other constants in its basis functions, and with effects that have no priors."""
         effects = tuple(replace(e, prior=math.inf) for e in inner.effects)
         return replace(self, name=inner.full_name, effects=effects, inner=inner)
 
@@ -107,7 +107,7 @@ class Candidate:
 
     @property
     def place(self) -> Term:
-        """First term of the first effect: the slot, axis and basis function at which the candidate is listed."""
+        """First term of the first effect; its slot (frame), axis and basis function represent the candidate."""
         return self.effects[0].terms[0]
 
     @property
@@ -117,7 +117,7 @@ class Candidate:
 
     @property
     def bases(self) -> tuple[Basis, ...]:
-        """Basis function of the first term of each effect."""
+        """Basis function of the first term of each effect of the candidate."""
         return tuple(effect.terms[0].basis for effect in self.effects)
 
     @property
@@ -141,11 +141,11 @@ class Candidate:
         return "curve"
 
     def amplitude(self, theta: Array, states: States) -> tuple[float, Array]:
-        """Return the size of the candidate as one number, and the gradient of the size by the coefficients `theta`
-        .
+        """Return the size of the candidate as one number, and the derivative of the size by each coefficient `theta`.
 
-        single: θ. harmonic: √(θ₁² + θ₂²). vector: length of the components that have the unit of the first effect.
-        curve: RMS of Σ θ φ over the poses of `states`.
+        The size is the coefficient θ of a single effect, √(θ₁² + θ₂²) of a sine and cosine, the length of a vector (of
+        the components in the unit of the first effect), and the RMS over the poses of a curve Σ θ φ with basis
+        functions φ.
         """
         match self.kind:
             case "single":
@@ -165,7 +165,7 @@ class Candidate:
 
 
 def inside(inner: NonlinearParameters, family: str, cost: float) -> Candidate:
-    """Return the candidate of a template with the values of its constants."""
+    """Return the candidate of a template (symbols in place of constants) with the values of the constants."""
     return Candidate(inner.full_name, inner.effects, family, cost, inner=inner)
 
 
@@ -185,13 +185,13 @@ def pair(name: str, joint: Joint, argument: str, family: str, cost: float, prior
 
 
 def share_of_rows(states: States) -> str:
-    """Write an expression that rises from 0 at the first row to 1 at the last."""
+    """Write an expression of the row number that rises from 0 at the first row to 1 at the last row."""
     rows = states["row"]
     return f"((row - {np.min(rows):g})/{float(np.ptp(rows)) or 1.0:g})"
 
 
 def relative(states: States, column: str, unit: str) -> str:
-    """Write a column relative to a reference. The constants of a model describe the mechanism at the reference.
+    """Write a column relative to a reference value. The constants of a model describe the mechanism at the reference.
 
     The reference is 20 °C for temperatures (ISO 1). For other columns the reference is the measured value nearest to
     zero: zero itself, or the start of a clock.
@@ -208,17 +208,17 @@ def revolute(mechanism: Mechanism) -> list[Joint]:
 
 
 def across(joint: Joint) -> tuple[str, str]:
-    """Return the two axes at right angles to the axis of a joint."""
+    """Return the names of the two axes at right angles to the axis of a joint."""
     own = joint.drive[0][1][1]
     first, second = (a for a in "xyz" if a != own)
     return first, second
 
 
 def loaded(states: States, load: str) -> bool:
-    """Return whether the column of a load exists and is more than rounding and more than a negligible share; True for a
-    column in another unit.
+    """Return whether a load's column exceeds rounding and a negligible share of other loads; True in another unit.
 
-    Negligible: the torque about an axis through the centre of mass, or of a wrist that hangs down.
+    A load is negligible if the axis passes through the centre of mass, or if the wrist hangs down. Without a column the
+    result is False.
     """
 
     def most(name: str) -> float:

@@ -14,20 +14,20 @@ from gpmodel.model.effect import drive_effect
 from gpmodel.model.states import States
 
 CLOSER = 4
-"""Frequencies per 2π over the travel. At a quarter of that spacing from a frequency the gain falls by at most 5 %, 1
-- sinc²(1/8)."""
+"""Number of frequencies of a grid per 2π over the travel. Between two frequencies the gain falls by at most 5 %, 1 -
+sinc²(1/8)."""
 
 
 @dataclass(frozen=True)
 class FrequencyGrid:
-    """sin and cos of rate · (q - start) on a joint's drive, at each rate of a grid. A load may multiply sin and cos.
+    """Harmonics sin and cos of rate · (q - start) of a joint coordinate q on the joint's drive, for a grid of rates.
 
     template: candidate with a symbol for the number in its name. The price of the candidate is that of a named effect
     plus the log of the number of rates that the poses resolve.
     start: coordinate q at which the phase is zero, rad or m.
     rates: equally spaced rates, rad of the argument per rad or metre of the coordinate.
     value: function from a rate to the number in the name, which also converts back.
-    load: column of the load, empty if there is none. called: meaning and unit of the number in the name.
+    load: column of the load that multiplies the harmonic, empty if none. called: meaning and unit of the number.
     """
 
     template: Candidate
@@ -44,7 +44,7 @@ class FrequencyGrid:
         return float(self.rates[1] - self.rates[0])
 
     def at(self, rate: float, digits: int = 6) -> Candidate:
-        """Return the candidate at a frequency, with the number in its name rounded to `digits` significant digits."""
+        """Return the harmonic at a rate as a candidate, with the number in its name rounded to `digits` digits."""
         value = float(f"{self.value(rate):.{digits}g}")
         inner = NonlinearParameters(self.template.name, self.template.effects, (Constant(*self.called, value),))
         return replace(self.template, name=inner.full_name, effects=inner.effects, inner=inner)
@@ -62,7 +62,7 @@ def frequency_grid(
 
     The result is None if the travel is too short to resolve two rates of the range.
 
-    travel: lowest coordinate of the joint, and its range.
+    travel: lowest coordinate of the joint, and its range, rad or m.
     value, load: as in `FrequencyGrid`.
     """
     start, length = travel
@@ -115,7 +115,7 @@ def _loaded(mechanism: Mechanism, states: States) -> Iterator[tuple[Joint, str]]
 
 
 def _ripple(family: str, j: Joint, number: object, cost: float, load: str = "") -> Candidate:
-    """Return the sine and cosine of `number` periods per turn."""
+    """Return the sine and cosine of `number` periods per turn of a joint as a candidate. load: factor, a column."""
     name = f"{family.replace('_', ' ')}, {number} per turn, {j.name}"
     times, unit = (f"{load}*", "rad/Nm") if load else ("", "rad")
     waves = {f: Expression(f"{times}{f}({number}*{j.name})") for f in ("sin", "cos")}

@@ -1,6 +1,6 @@
 """Constants inside the basis functions of a candidate: a frequency, a time constant, a width, a row.
 
-A template is the candidate with a symbol in place of each constant.
+A template is the candidate with a symbol in the place of each constant.
 """
 
 import re
@@ -65,7 +65,7 @@ class FittedConstant:
 
 @dataclass(frozen=True)
 class NonlinearParameters:
-    """The constants of a candidate, and its name and effects with symbols in place of the constants."""
+    """The constants inside a candidate, and its name and effects with symbols in the place of the constants."""
 
     name: str
     template: tuple[Effect, ...]
@@ -77,12 +77,12 @@ class NonlinearParameters:
         return tuple(c.value for c in self.constants)
 
     def at(self, values: Sequence[float]) -> "NonlinearParameters":
-        """Return the template with other values of the constants inside its basis functions."""
+        """Return the template of the candidate with other values of the constants inside its basis functions."""
         constants = tuple(replace(c, value=v) for c, v in zip(self.constants, values, strict=True))
         return replace(self, constants=constants)
 
     def without(self, k: int) -> "NonlinearParameters":
-        """Return the template without constant `k` and without the effects that depend on the constant."""
+        """Return the template without constant number `k` and without the effects that depend on the constant."""
         symbol = self.constants[k].symbol
         left = tuple(e for e in self.template if not any(_reads(str(t.basis), symbol) for t in e.terms))
         unnamed = self.name == law_name(self.template)
@@ -95,8 +95,8 @@ class NonlinearParameters:
         return self._substituted(self.name)
 
     def read(self, name: str) -> tuple[float, ...] | None:
-        """Return the values of the constants in a full name, None if the name belongs to another candidate or lacks a
-        constant."""
+        """Return the values of the constants in a full name of the candidate; None if the name belongs to another
+        candidate or lacks a constant."""
         pattern = re.escape(self.name)
         for constant in self.constants:
             pattern = pattern.replace(constant.symbol, rf"(?P<c{constant.number}>{NUMBER})(?: \(\d+ to \d+\))?", 1)
@@ -150,7 +150,7 @@ def geometric(name: str, unit: str, span: tuple[float, float], count: int) -> It
 
 
 def law_name(effects: Sequence[Effect]) -> str:
-    """Name a formula without a name after its effects at one site: `f and g on slot axis`."""
+    """Return a name for an unnamed formula from its effects at one site: `f and g on slot axis`."""
     place = effects[0].terms[0]
     return f"{' and '.join(str(e.terms[0].basis) for e in effects)} on {place.slot} {place.axis}"
 
@@ -177,7 +177,7 @@ def remembered(name: str, effects: Sequence[Effect], unit: Callable[[str, str], 
     The result is None if no effect depends on a column with memory.
 
     name: name of the candidate.
-    unit: function from the kind of memory and the source column to the unit of the constant.
+    unit: function from the kind of memory (lag, play, stop) and the source column to the unit of the constant.
     """
     read = dict.fromkeys(column for effect in effects for column in effect.inputs if constant_of(column))
     constants, symbols = [], {}

@@ -31,7 +31,7 @@ LONGEST_TEXT = 50_000
 MOST_PARTS = 5_000
 """Largest number of operators, inputs and numbers of a formula."""
 DEEPEST = 300
-"""Largest nesting of a formula: the nesting of a sequence of 256 instructions whose results are each used once."""
+"""Largest nesting of a formula, as deep as a sequence of 256 instructions whose results are each used once."""
 _ALONE = threading.RLock()
 """Lock held while a text is parsed: Python 3.11 counts the depth of syntax trees for all threads together."""
 
@@ -102,7 +102,7 @@ class _Reader:
         self.names: dict[str, int] = {}
 
     def read(self, node: ast.expr) -> int:
-        """Return the index of the node that computes a part of the text."""
+        """Return the number of the program's node that computes a part of the text."""
         match node:
             case ast.Constant(value=str() as name):
                 return self.builder.input(name)
@@ -133,20 +133,20 @@ class _Reader:
         )
 
     def number(self, value: float) -> int:
-        """Return the index of a constant. Raises InputError if the constant is too large."""
+        """Return the number of the program's node for a constant. Raises InputError if the constant is too large."""
         if abs(value) > LARGEST_NUMBER:
             raise InputError(f"{self.whole}: a number is too large, expected at most {LARGEST_NUMBER:g}")
         return self.builder.constant(float(value))
 
     def call(self, name: str, arguments: list[ast.expr]) -> int:
-        """Return the index of a function call. Raises InputError for a wrong number of arguments."""
+        """Return the number of the program's node for a function call. Raises InputError for wrong arguments."""
         if len(arguments) != BY_NAME[name].arity:
             raise InputError(f"{self.whole}: {len(arguments)} arguments of {name}, expected {BY_NAME[name].arity}")
         return self.builder.apply(name, *(self.read(argument) for argument in arguments))
 
 
 def raise_to(builder: Builder, base: int, power: int) -> int:
-    """Return the index of ``base**power`` for a whole power of at least one, computed by squaring."""
+    """Return the number of the node of ``base**power``, for a whole power of at least one, computed by squaring."""
     if power == 1:
         return base
     half = raise_to(builder, base, power // 2)
@@ -159,21 +159,21 @@ LARGEST_WRITTEN = 50_000
 
 
 class Columns(Protocol):
-    """Named columns, with one value per pose. The length of the object is N."""
+    """Named columns with one value per pose. The length of the object is the number of poses."""
 
     def __getitem__(self, name: str, /) -> Array: ...
     def __len__(self) -> int: ...
 
 
 class Basis(Protocol):
-    """A basis function φ(s) of the states s. `str(basis)` is the expression of the basis function."""
+    """A basis function of the state columns of a pose. `str(basis)` is the expression of the basis function."""
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the state columns in the expression, in the order of first use."""
 
     def __call__(self, states: Columns) -> Array:
-        """Return the values at the poses of `states`."""
+        """Return the value of the basis function at each pose of `states`."""
 
 
 @dataclass(frozen=True)
@@ -205,13 +205,13 @@ class Expression:
 
     @cached_property
     def length(self) -> int:
-        """Number of operators, inputs and constants, as `gpmodel.formula.program.length` counts them."""
+        """Number of operators, inputs and constants; an input with an offset and a scale counts as one."""
         return length(self.program)
 
     @cached_property
     def call(self) -> tuple[str, str]:
-        """Name and argument of the outermost function of the expression, such as `sin` and `2*J4`. Name and argument
-        are empty without an outer function."""
+        """Name and argument of the outermost function of the expression, such as `sin` and `2*J4`; empty if there is no
+        such function."""
         program = self.program
         last = program.nodes[program.outputs[0]]
         if len(last.arguments) != 1:
@@ -228,7 +228,7 @@ class Expression:
 
 @lru_cache(maxsize=1 << 16)
 def _parsed(text: str) -> Program:
-    """Return the program of a text. The result is cached, because each round writes thousands of candidates anew."""
+    """Return the program of a text. The result is cached, because each round writes thousands of candidates again."""
     program = parse(text, "basis")
     if len(program.outputs) != 1:
         raise InputError(f"basis {text!r}: {len(program.outputs)} values; expected one, for example sin(2*J4)")

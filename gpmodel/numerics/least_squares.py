@@ -41,7 +41,7 @@ ALIKE = 0.5
 """Least cosine between two errors of one direction; a quarter of all pairs of directions have a larger cosine."""
 
 MAD_SIGMAS = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
+"""Ratio of the standard deviation of a normal distribution to its median absolute deviation."""
 
 
 def outlier_limit(errors: Array, sigmas: float = OUTLIER_SIGMAS) -> float:
@@ -51,7 +51,7 @@ def outlier_limit(errors: Array, sigmas: float = OUTLIER_SIGMAS) -> float:
 
 
 def among_worst(errors: Array, use: Mask | None = None) -> Mask:
-    """Mark the largest errors that may still be excluded as outliers.
+    """Mark the largest errors that may still be excluded as outliers, as a mask of poses.
 
     At most the share OUTLIER_SHARE of all poses, and at least one, is excluded altogether.
     use: poses that are not excluded yet; None for all poses.
@@ -63,12 +63,12 @@ def among_worst(errors: Array, use: Mask | None = None) -> Mask:
 
 
 def in_company(far: Mask, places: Array, errors: Array) -> Mask:
-    """Mark outliers whose nearest neighbours are mostly outliers with errors in the same direction.
+    """Mark outliers whose nearest neighbours are mostly outliers with errors in nearly one direction.
 
-    A wrong model causes such a region; excluding its poses would hide the model's error.
-    far: outliers.
-    places: joint values or positions, each column compared relative to its range.
-    errors:, NaN where nothing was measured.
+    A wrong model causes such a region of outliers; excluding its poses would hide the model's error.
+    far: mask of the outliers.
+    places: joint values or positions of the poses, each column compared relative to its range.
+    errors: error vectors of the poses, m, NaN where nothing was measured.
     """
     company = np.zeros(len(far), dtype=bool)
     span = np.ptp(places, axis=0)
@@ -89,7 +89,7 @@ normal equations regular."""
 
 
 def solve(system: Array, target: Array) -> Array:
-    """Return x or that minimises |A x - b|² for unit columns A.
+    """Return x that minimises |A x - b|² for unit columns A = `system` and b = `target`.
 
     Fewer than MANY_COLUMNS columns are solved by pivoted QR, more columns by normal equations, which priors keep
     regular.
@@ -126,7 +126,7 @@ in the span of the other columns."""
 
 @dataclass(frozen=True)
 class LeaveOneOut:
-    """Singular value decomposition of columns, from which the other columns can fit any one column.
+    """Singular value decomposition of columns, for fits of any one column by the other columns.
 
     The columns are U s Vᵀ times their norms; singular values at the level of rounding are left out. The part of
     column k orthogonal to the other columns lies along row k of the pseudo-inverse. Source: Golub and Van Loan, 5.5.
@@ -155,7 +155,7 @@ class LeaveOneOut:
         return cls(norms, u[:, :rank], s[:rank], vt[:rank].T)
 
     def alone(self, k: int) -> Array:
-        """Return the part of column k that is orthogonal to the other columns, zero if k is in their span."""
+        """Return the part of column number k that is orthogonal to the other columns, zero if k is in their span."""
         own = self.v[k]
         if own @ own < 1.0 - INSIDE:
             return np.zeros(len(self.u))
@@ -163,7 +163,7 @@ class LeaveOneOut:
         return np.asarray(along * self.norms[k] / (along @ along))
 
     def by_others(self, k: int, values: Array) -> Array:
-        """Return coefficients of the least-squares fit of values by all columns but column k.
+        """Return coefficients of the least-squares fit of values by all columns but column number k.
 
         The coefficient of column k is zero.
         """
@@ -176,10 +176,10 @@ class LeaveOneOut:
 class Omitted:
     """Residuals of rows that a fit omits, from the residuals of the fit to all rows.
 
-    With the orthonormal basis B of the columns and its omitted rows W, the residuals of the omitted rows
-    are A⁻¹ times their residuals in the fit to all rows, A = I - W Wᵀ. If there are fewer columns than rows, A⁻¹ = I +
+    With W the omitted rows of an orthonormal basis of the columns, the residuals of the omitted rows are A⁻¹ times
+    their residuals in the fit to all rows, A = I - W Wᵀ. If there are fewer columns than rows, A⁻¹ = I +
     W (I - WᵀW)⁻¹ Wᵀ.
-    rows: indices of the omitted rows.
+    rows: numbers of the omitted rows.
     there: omitted rows W of the basis.
     factor: Cholesky factor of A or, if smaller, I - WᵀW, for scipy's cho_solve.
     Source: Cook and Weisberg (1982), 2.2.
@@ -191,13 +191,13 @@ class Omitted:
 
     @classmethod
     def of(cls, rows: IntArray, basis: Array) -> "Omitted":
-        """Prepare the omission of `rows` from columns with the orthonormal basis."""
+        """Prepare the omission of `rows` from columns with an orthonormal basis."""
         there = basis[rows]
         square = there @ there.T if len(rows) <= basis.shape[1] else there.T @ there
         return cls(rows, there, factored(np.eye(len(square)) - square))
 
     def freed(self, values: Array) -> Array:
-        """Return A⁻¹ times values: residuals of omitted rows, from their residuals in the fit to all rows."""
+        """Return residuals of the omitted rows in a fit without them. values: residuals in the fit to all rows."""
         if len(self.rows) <= self.there.shape[1]:
             return np.asarray(linalg.cho_solve(self.factor, values, check_finite=False))
         inside = linalg.cho_solve(self.factor, self.there.T @ values, check_finite=False)

@@ -33,10 +33,10 @@ PROBES = 8
 
 @dataclass(frozen=True)
 class Chain:
-    """Serial chain T_s(q) = fixed_s · motion along or about axis_s by weights_s · q.
+    """Serial chain of frames T_s(q) = fixed_s · motion along or about axis_s by weights_s · q, q the joint values.
 
-    slots: names. fixed:, m. axes: one of AXES, or "" for a slot without motion.
-    weights: of the table's joint values.
+    slots: names of the frames s. fixed: constant transforms, m. axes: one of AXES, or "" for a frame without motion.
+    weights: factor of each joint value of the table in the motion of a frame.
     """
 
     slots: tuple[str, ...]
@@ -46,12 +46,12 @@ class Chain:
 
     @property
     def moving(self) -> tuple[int, ...]:
-        """Indices of the slots with a joint motion."""
+        """Numbers of the slots (frames) with a joint motion."""
         return tuple(i for i, axis in enumerate(self.axes) if axis)
 
     @property
     def motions(self) -> Array:
-        """Matrix from the table's joint values to all motions."""
+        """Matrix from the table's joint values to the motions of all frames."""
         return self.weights[list(self.moving)]
 
     def transforms(self, q: Array) -> Array:
@@ -198,7 +198,7 @@ def _sum(parts: list[str]) -> str:
 
 @dataclass(frozen=True)
 class Line:
-    """Term coefficient · basis of an error twist along an axis of a slot."""
+    """A term, coefficient times basis function, of an error twist along an axis of a slot (frame)."""
 
     slot: int
     axis: int
@@ -208,7 +208,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Forward:
-    """Forward model T_register · Π T_s exp(Σ lines) · T_tool, of the set-up, tool and arm `place`.
+    """Forward model T_register · Π T_s exp(Σ lines) · T_tool over the frames s, for the set-up, tool and arm `place`.
 
     computed: gravity loads that basis functions use, as arithmetic with `load` and `couple`.
     inputs: names and units of required inputs besides joint values.

@@ -59,7 +59,7 @@ class Grid:
 
 
 def lookup_grid(saved: SavedModel, place: Place, box: Array | None, count: int, rng: np.random.Generator) -> Grid:
-    """Return joint corrections on a grid of `count` nodes along each side of `box` (2, 3), m, in the root frame.
+    """Return joint corrections on a grid of `count` nodes along each side of `box`, its corners in m in the root frame.
 
     Orientation and arm configuration are those of the measured pose near the middle that is farthest from singular.
     Without a box, the largest cube of SIZES about a measured pose is used in which all points are reached and
@@ -105,7 +105,7 @@ def _state(held: "_Held") -> str:
 
 
 def _interpolated(text: str, points: Array) -> Array:
-    """Interpolate the corrections, rad and m, at points, m, linearly between the nodes of a table."""
+    """Interpolate the corrections, rad and m, of a lookup table linearly at points between its nodes, m."""
     table = pd.read_csv(io.StringIO(text))
     sides = [np.unique(table[f"{axis} [mm]"]) / 1e3 for axis in "xyz"]
     headers = [header for header in table if str(header).startswith("delta_")]
@@ -116,7 +116,7 @@ def _interpolated(text: str, points: Array) -> Array:
 
 
 def _nodes(box: Array, count: int) -> Array:
-    """Return the nodes (count³, 3), m, of a box."""
+    """Return the nodes, m, of a box with `count` nodes along each side."""
     sides = [np.linspace(low, high, count) for low, high in box.T]
     return np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
 
@@ -143,7 +143,7 @@ def _cube(pose: "_Held", half: float) -> Array:
 
 
 def _far_from_singular(saved: SavedModel, data: Dataset, points: Array, middle: Array) -> IntArray:
-    """Return the poses near the middle (3,), sorted by decreasing smallest singular value of their Jacobians."""
+    """Return the poses near a middle point, m, sorted by decreasing smallest singular value of their Jacobians."""
     near = np.argsort(np.linalg.norm(points - middle, axis=1))[:NEAR]
     frames = tips(saved, data.subset(near), nominal=True)[1].tip
     jacobian = look_at(saved, data.subset(near), frames, nominal=True)[1]
@@ -152,14 +152,14 @@ def _far_from_singular(saved: SavedModel, data: Dataset, points: Array, middle: 
 
 @dataclass(frozen=True)
 class _Held:
-    """Orientation `frame` (4, 4) and arm configuration of a measured pose `near`, kept at other points."""
+    """Orientation `frame` and arm configuration of a measured pose `near`, kept at other points."""
 
     saved: SavedModel
     near: Dataset
     frame: Array
 
     def targets(self, points: Array, q: Array | None = None) -> TargetPoses:
-        """Return the target poses at points, m, with initial joint values q, or the joint values of the
+        """Return the target poses at points, m. q: initial joint values; None for the joint values of the measured
         pose."""
         many = self.near.subset(np.zeros(len(points), dtype=np.int64))
         frames = np.repeat(self.frame[None], len(points), axis=0)
@@ -168,7 +168,7 @@ class _Held:
         return TargetPoses(dataset, frames, len(self.saved.mechanism.joints) >= 6)
 
     def nominal(self, points: Array) -> Array:
-        """Return nominal joint values, NaN if unreachable.
+        """Return nominal joint values at points, m, NaN if unreachable.
 
         Points are approached on straight lines from the measured pose, which keeps the arm configuration.
         """
@@ -180,9 +180,9 @@ class _Held:
         return q
 
     def corrections(self, points: Array, q: Array, part: bool) -> Array:
-        """Return the corrections of the nominal joint values q of points, NaN without a correction.
+        """Return the corrections, rad and m, of nominal joint values q at points, NaN without a correction.
 
-        part: as in `corrected`.
+        part: True to reach the orientation only partly near singular poses.
         """
         moves = np.full_like(q, np.nan)
         here = np.flatnonzero(np.isfinite(q).all(axis=1))
@@ -192,7 +192,7 @@ class _Held:
         return moves
 
     def misses(self, q: Array, points: Array) -> Array:
-        """Return the distance, m, of the real tool at q from points."""
+        """Return the distance of the real tool from points, m, at joint values q."""
         if not len(q):
             return np.zeros(0)
         tip = tips(self.saved, self.targets(points, q).dataset, nominal=False)[1].tip

@@ -34,7 +34,7 @@ from gpmodel.table.dataset import Dataset
 
 @dataclass(frozen=True)
 class PredictedPoints:
-    """Unmeasured poses, and their points, m, by `predict`."""
+    """Unmeasured poses, and their points, m, as `predict` computes them."""
 
     dataset: Dataset
     points: Array
@@ -47,7 +47,7 @@ class PredictedPoints:
         return cls(dataset, observe(kept.model, poses, kept.theta, kept.placement).tip[:, :3, 3])
 
     def errors(self, points: Array) -> tuple[float, float]:
-        """Return RMS and largest distance, m, of points from the predicted ones."""
+        """Return RMS and largest distance of points from the predicted points, m."""
         off = np.linalg.norm(points - self.points, axis=1)
         return root_mean_square(off), float(off.max())
 
@@ -129,7 +129,7 @@ def parts_of(
         check_finite(saved, prepare(saved.mechanism, saved.measured.dataset))
 
     def fresh() -> Dataset:
-        """Return equal poses on every call, because several parallel parts may call the function."""
+        """Return equal unmeasured poses on every call, because several parallel parts call the function."""
         return fresh_poses(saved, POSES, np.random.default_rng(seed))
 
     check = cache(lambda: Check.against(saved, place, place.poses(fresh())))
@@ -238,8 +238,8 @@ def _latex(file: str, check: Check) -> Export:
 
 
 def _executed(forward: Forward, check: Check) -> Array:
-    """Return the points, m, predicted by the NumPy source of a forward model, run without names from
-    the table."""
+    """Return the points, m, that the NumPy source of a forward model predicts; the source is run without names from the
+    table."""
     module = types.ModuleType("exported")
     exec(compile(numpy_text(nameless(forward), ""), "model.py", "exec"), module.__dict__)
     inputs = dict(zip(forward.inputs, check.inputs.T, strict=True))

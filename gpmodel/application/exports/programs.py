@@ -132,7 +132,7 @@ _NUMBER = re.compile(r"-?\d+\.?\d*(?:E\d+)?")
 
 
 def program_read(text: str) -> tuple[dict[int, Array], dict[int, Array]]:
-    """Return joint values (6,), degrees or mm, and frames (4, 4), m, by the row number of the target."""
+    """Return joint values, degrees or mm, and frames, m, of a robot program, by the row number of the target."""
     joints, frames = dict[int, Array](), dict[int, Array]()
     for said in _RAPID.finditer(text):
         numbers = np.array(_NUMBER.findall(said["value"]), dtype=float)

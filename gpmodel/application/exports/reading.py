@@ -31,7 +31,7 @@ _TOOL = re.compile(r"Tool point.* in (?P<link>.*), mm: (?P<point>.*)\.$", re.M)
 
 
 def points_read(file: str, text: str, rigid: Rigid, dataset: Dataset) -> Array:
-    """Return the tool points, m, in the instrument's frame, read from a text, at the joint values of a dataset.
+    """Return the tool points in the instrument's frame, m, read from an export, at the joint values of a dataset.
 
     rigid: refitted geometry, of which only registration, tool names and nominal mechanism are used.
     """
@@ -52,7 +52,7 @@ def points_read(file: str, text: str, rigid: Rigid, dataset: Dataset) -> Array:
 
 
 def _frames(file: str, text: str, link: str, rigid: Rigid, q: Mapping[str, Array]) -> Array:
-    """Return the frame, m, of a link in the root, read from an export."""
+    """Return the frame of a link in the root frame, m, at joint values q, read from an export."""
     suffix, nominal = Path(file).suffix, written(rigid.mechanism, {})[0] if file.endswith(".yaml") else ""
     match Path(file).name:
         case "robodk.csv":
@@ -105,8 +105,8 @@ def _with_origins(nominal: str, rows: Origins, *, ur: bool = False) -> str:
 
 
 def _robodk(text: str, q: Mapping[str, Array]) -> Array:
-    """Return the last frame, m, of RoboDK's table: base, rotx(rx) transl(tx, 0, tz) rotz(rz) per
-    row, tool."""
+    """Return the last frame of RoboDK's table, m: base, then rotx(rx) transl(tx, 0, tz) rotz(rz) per row, then
+    tool."""
     placed = {}
     for name in ("base", "tool"):
         numbers = [float(v) for v in text.partition(f"# {name}, x y z r p w: ")[2].partition("\n")[0].split()]

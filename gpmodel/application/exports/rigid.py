@@ -70,8 +70,7 @@ def refitted(saved: SavedModel) -> Rigid:
 
 
 def _held_out(model: ErrorModel, poses: Poses, saved: SavedModel) -> Array:
-    """Return the 3-D errors, m, on held-out poses or, if no poses were held out, of each pose by a fit without its
-    fold.
+    """Return the 3-D errors on held-out poses, m; if no poses were held out, of each pose by a fit without its fold.
 
     The outliers of the saved model are excluded, as in all errors of the report.
     """
@@ -167,7 +166,7 @@ def note_of(rigid: Rigid, file: str, link: str = "the measured link", at: Mappin
     """State the contents, the error and the omissions of the geometry, as comment lines for the head of a file.
 
     link: link of the tool point; for several arms all links, separated by commas.
-    at: pose (4, 4), m, of the measured link in the frame of `link`, by name; empty if `link` is the measured link.
+    at: pose of the measured link in the frame of `link`, m, by name; empty if `link` is the measured link.
     """
     lines = [f"Geometry of {harmless(rigid.mechanism.name)}, fitted without what a rigid description cannot hold."]
     if len(rigid.heldout):

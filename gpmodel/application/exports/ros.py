@@ -23,7 +23,7 @@ UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 
 @dataclass(frozen=True)
 class JointOrigin:
-    """Joint of a URDF. frame: (4, 4), m, its origin on the parent link. axis: direction of motion."""
+    """Joint of a URDF. frame: pose of its origin on the parent link, m. axis: direction of motion."""
 
     name: str
     kind: str
@@ -82,7 +82,7 @@ def ur_text(nominal: str, calibrated: str, note: str) -> str:
 
 
 def beyond(text: str, link: str, measured: str) -> Array:
-    """Return the measured link in the frame of an earlier link, (4, 4), m; all joints between must be fixed."""
+    """Return the pose of the measured link in the frame of an earlier link, m; all joints between must be fixed."""
     known = origins(text)
     return np.asarray(np.linalg.inv(_placed(known, link)) @ _placed(known, measured))
 
@@ -113,7 +113,7 @@ def _origin(joint: ET.Element) -> JointOrigin:
 
 
 def _placed(known: Mapping[str, JointOrigin], link: str) -> Array:
-    """Return a link in the root frame with every joint at zero, (4, 4), m."""
+    """Return the pose of a link in the root frame, m, with every joint at zero."""
     above, frame = {o.child: o for o in known.values()}, np.eye(4)
     while link in above:
         frame, link = above[link].frame @ frame, above[link].parent

@@ -84,7 +84,7 @@ def fresh_poses(saved: SavedModel, count: int, rng: np.random.Generator) -> Data
 
 
 def at_joint_values(data: Dataset, q: Array, rng: np.random.Generator) -> Dataset:
-    """Return unmeasured poses at q, with other inputs from random rows of `data`."""
+    """Return unmeasured poses at joint values q, with other inputs from random rows of `data`."""
     rows = rng.integers(0, len(data), len(q))
     blank = np.full((len(q), 3), np.nan)
     taken = data.subset(rows)
