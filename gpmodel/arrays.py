@@ -1,4 +1,4 @@
-"""Types of arrays and of bounded numbers used throughout."""
+"""Types of arrays and of bounded numbers used throughout the package."""
 
 from typing import Annotated
 

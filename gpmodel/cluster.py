@@ -25,7 +25,7 @@ class Cluster:
     client: "Client"
 
     def __call__(self, function: Callable[[Task], Found], tasks: Sequence[Task], /) -> Iterator[tuple[int, Found]]:
-        """Run the tasks; see Workers. Raises KilledWorker if a task loses its worker repeatedly."""
+        """Yield number and result of each task as it finishes; raise KilledWorker if a task keeps losing its worker."""
         from distributed import as_completed
 
         waiting = enumerate(tasks)
@@ -77,7 +77,7 @@ def _answering(connect: Callable[[], "Client"]) -> "Client":
 
 @contextmanager
 def scheduled(address: str | None, workers: int = 0) -> Iterator[Workers]:
-    """Yield the workers for an address.
+    """Yield the workers that an address names.
 
     None: copies of this process. `tcp://host:8786`: a running dask scheduler. `local:2`: two new dask processes.
     Raises InputError if dask is not installed or no scheduler answers.

@@ -59,7 +59,7 @@ class LayoutError(InputError):
 class OpenLoopsError(InputError):
     """Joint values, with the errors of a mechanism, at which its closed loops do not meet.
 
-    gap: what does not meet. pose: index of the joint values. where: file and row; by default the number of the pose.
+    gap: frames that do not meet. pose: number of the pose. where: file and row; by default the number of the pose.
     """
 
     def __init__(self, gap: str, pose: int, where: str = "") -> None:

@@ -37,7 +37,7 @@ ATTEMPTS = 3
 
 
 def read_only(columns: dict[str, object]) -> MappingProxyType[str, object]:
-    """Wrap columns read-only. Pickle calls this function in the receiving process."""
+    """Return read-only table columns. Pickle calls this function in the receiving process."""
     return MappingProxyType(columns)
 
 
@@ -48,8 +48,8 @@ class Workers(Protocol):
     """Function that runs tasks in parallel."""
 
     def __call__(self, function: Callable[[Task], Found], tasks: Sequence[Task], /) -> Iterator[tuple[int, Found]]:
-        """Yield (index in `tasks`, result) of each task as the task finishes; unstarted tasks are cancelled if the
-        caller stops."""
+        """Yield the number and result of each task as the task finishes; unstarted tasks are cancelled if the caller
+        stops."""
 
 
 def cores() -> int:
@@ -78,7 +78,7 @@ class Threads:
 
 
 def called(workers: Workers, calls: Sequence[Callable[[], Found]]) -> list[Found]:
-    """Return the results of calls made in parallel."""
+    """Return the results of function calls that workers made in parallel, in the order of the calls."""
     found = dict(workers(lambda call: call(), calls))
     return [found[number] for number in range(len(calls))]
 
@@ -90,7 +90,7 @@ def lost_replaced(
     ahead: int,
     call: Callable[[], None] | None = None,
 ) -> Iterator[tuple[int, Found]]:
-    """Yield (index, result) of tasks as they finish; open a new process pool if a process is lost.
+    """Yield number and result of tasks as they finish; open a new process pool if a process is lost.
 
     call: function called once in this process while the tasks run.
     Raises BrokenProcessPool after ATTEMPTS losses without a result between them.
@@ -116,7 +116,7 @@ def _as_finished(
     ahead: int,
     call: Callable[[], None] | None = None,
 ) -> Iterator[tuple[int, Found]]:
-    """Yield (index, result) of tasks as they finish, with at most `ahead` tasks queued.
+    """Yield number and result of tasks as they finish, with at most `ahead` tasks queued.
 
     call: function called once in this process after the first tasks are queued.
     """
@@ -172,11 +172,11 @@ class Forks:
     workers: int = 0
 
     def __call__(self, function: Callable[[Task], Found], tasks: Sequence[Task], /) -> Iterator[tuple[int, Found]]:
-        """Run the tasks; see Workers. Raises BrokenProcessPool if a task loses its process repeatedly."""
+        """Yield number and result of each task as it finishes. Raises BrokenProcessPool if a task loses processes."""
         yield from self._beside(function, tasks, None)
 
     def beside(self, call: Callable[[], None], calls: Sequence[Callable[[], Found]]) -> Iterator[tuple[int, Found]]:
-        """Run `calls` in copies and `call` in this process; yield (index, result) of `calls` after `call` has ended."""
+        """Run `calls` in copies and `call` in this process; then yield number and result of each of the `calls`."""
         yield from self._beside(lambda task: task(), calls, call)
 
     def _beside(

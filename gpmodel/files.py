@@ -104,7 +104,7 @@ def finished_folder(out: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write text in UTF-8 as `write_bytes` does. Surrogates, as of undecodable file names, are written as escapes."""
+    """Write text in UTF-8, so that the file is never half-written. Undecodable characters are written as escapes."""
     write_bytes(path, text.encode(errors="backslashreplace"))
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Progress:
-    """One line of progress. passing: the next line overwrites this line, as for a counter of runs."""
+    """One line of progress. passing: True if the next line overwrites this line, as for a counter of runs."""
 
     text: str
     passing: bool = False
@@ -19,7 +19,7 @@ Say = Callable[[Progress], None]
 
 
 def silent(progress: Progress) -> None:
-    """Ignore progress."""
+    """Ignore a progress message."""
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ def read_limited(path: Path, largest: int, expected: str) -> bytes:
 def read_text(path: Path, largest: int, expected: str) -> str:
     """Return the text of a UTF-8 file of at most `largest` bytes, without a byte-order mark.
 
-    Raises InputError as `read_limited`, and for a file that is not UTF-8.
+    Raises InputError if the file cannot be read, is too large or is not UTF-8; the message says what was `expected`.
     """
     try:
         return read_limited(path, largest, expected).decode("utf-8-sig")

@@ -11,7 +11,7 @@ WIDTH, NAME = 80, 24
 
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 OF_LISTS = {"m": (1e3, "mm"), "rad": (1e3, "mrad")}
-"""In a list of numbers: factor and unit of lengths and of angles."""
+"""Factor and unit in which a list of numbers shows lengths and angles."""
 _LEADING = re.compile(r"^(rad|m)(?=$|[/*·])")
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 UNKNOWN = "–"
@@ -125,7 +125,7 @@ def change(before: float | None, after: float | None) -> str:
 
 
 def counted(poses: int, rows: int, of: str = "") -> str:
-    """State the number of poses, and of table rows if a pose has several. poses: 0 if each row is a pose."""
+    """State the number of poses, and of table rows if a pose has several rows. poses: 0 if each row is a pose."""
     several = 0 < poses < rows
     return f"{poses if several else rows} poses{of and f' of {of}'}{f' in {rows} rows' if several else ''}"
 
@@ -150,7 +150,7 @@ def some(items: Sequence[object], most: int = 8) -> str:
 
 
 def left_out(rows: Sequence[int], of: int) -> str:
-    """State the number of excluded readings and their rows: `1 of 60 readings left out (row 18)`."""
+    """State the number of excluded measurements and their rows: `1 of 60 readings left out (row 18)`."""
     return f"{len(rows)} of {of} readings left out (row{'s' if len(rows) > 1 else ''} {some(rows)})"
 
 

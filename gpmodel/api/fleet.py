@@ -103,15 +103,15 @@ class FleetResult(Shown):
 
     @property
     def verdict(self) -> str:
-        """Verdict in one sentence."""
+        """Verdict on the machines of the fleet in one sentence."""
         return pages.verdict(self.shown)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return one row per machine and parameter or block of effects, SI.
+        """Return one row per machine and parameter or block of effects, SI units.
 
-        Columns: serial, parameter, unit, value and stderr, shrunken value and stderr (of effects that vary between
-        machines), mean and spread of the type, z, chance, outlier. Values of the noise are logarithms of metres. A
-        block of effects has no values; the spread of a block is relative to the spread of the prior.
+        Columns: serial, parameter, unit, value, stderr, shrunken value and stderr (of effects that vary between
+        machines), mean and spread of the type, z (deviation from other machines), chance, outlier. The noise is a
+        logarithm of metres. A block of effects has no values, and a spread relative to that of the prior.
         """
         return pd.DataFrame(
             [
@@ -249,7 +249,7 @@ def _judged(
 
 
 def _effects(given: tuple[object, ...] | None, search: FleetSearch) -> tuple[Models, Sequence[tuple[Effect, ...]], str]:
-    """Return the common groups of effects, further effects of each machine, and a sentence on their origin."""
+    """Return the common groups of effects, further effects of each machine, and a sentence on the effects' origin."""
     tasks = search.tasks
     if given is None and not all(len(task.rows[1]) for task in tasks):
         raise InputError(

@@ -97,14 +97,14 @@ class CompareResult:
 
     @property
     def verdict(self) -> str:
-        """Verdict in one sentence."""
+        """Verdict on the difference of the two calibrations in one sentence."""
         from gpmodel.report.compare import verdict
 
         return verdict(self.found)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Return one row per quantity of both results: kind, name, before, after, change, stderr of the change, chance,
-        unit; SI."""
+        """Return one row per quantity of both results: kind, name, before, after, change, its stderr and chance, unit;
+        values in SI units."""
         kinds = {"effect": self.found.effects, "parameter": self.found.parameters, "placement": self.found.placement}
         return pd.DataFrame(
             [
@@ -167,7 +167,7 @@ def _folder_of(result: object) -> Path | None:
 
 @dataclass(frozen=True, repr=False)
 class ExplainResult:
-    """Explanation of one finding. record: content of report.json. found: the explanation.
+    """Explanation of one finding. record: content of report.json. found: the explanation as text and numbers.
 
     tellable: names of alternative explanations that further poses could exclude; None if unknown.
     """

@@ -97,13 +97,13 @@ def _in_lines(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 class Deliverable(Protocol):
-    """Result with a text for the terminal and a page."""
+    """A result with a text for the terminal and a page for a folder."""
 
     def summary(self) -> str:
         """Return the text for a terminal."""
 
     def report(self, folder: Path) -> object:
-        """Write the files into a folder."""
+        """Write the files of the result into a folder."""
 
 
 def deliver(found: Deliverable, folder: Path | None, quiet: bool) -> None:

@@ -14,7 +14,7 @@ from gpmodel.errors import InputError
 
 
 class Number(click.ParamType):
-    """A finite number above a limit."""
+    """Type of an option that takes a finite number above a limit."""
 
     name = "number"
 
@@ -33,7 +33,7 @@ class Number(click.ParamType):
 
 
 class NamedPath(click.Path):
-    """Path that is not empty and has no control characters; an empty path would mean the current folder."""
+    """Type of an option that takes a path: not empty, since an empty path means the current folder, and printable."""
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:  # type: ignore[override]
         """Convert a text to a path; fail with a one-line message if the text is empty or has control characters."""

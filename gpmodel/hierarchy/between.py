@@ -37,13 +37,13 @@ class Shared:
 
 
 Judge = Callable[[Mask], tuple[Array, Array]]
-"""Function of the mask of machines that are no outliers. It returns z, the deviation of each machine from the
-others, and the chance of z."""
+"""Test of each machine against the others, as a function of the mask of machines that are no outliers. The function
+returns the deviation z of each machine from the others, and the chance of z."""
 
 
 @dataclass(frozen=True)
 class Deviations:
-    """Deviation of each of m machines from the others, in each of K parameters or blocks. All arrays are.
+    """Deviation of each machine from the others, in each parameter or block: a row a machine, a column a parameter.
 
     z: deviation in units of the standard deviation expected from the others.
     chance: probability of a deviation at least as large for any machine of a fleet without outliers.
@@ -56,7 +56,7 @@ class Deviations:
 
 
 def between(values: Array, variances: Array) -> Shared:
-    """Return mean and spread of estimates, m ≥ 2, with variances.
+    """Return mean and spread of one estimate for each of m ≥ 2 machines. variances: variance of each estimate.
 
     τ² solves Q(τ²) = m - 1 with Q = Σ w_i (y_i - μ)², w_i = 1 / (v_i + τ²), μ = Σ w y / Σ w (Paule and Mandel 1982;
     DerSimonian and Kacker 2007). At the ends of the interval of τ², Q is a quantile of χ² with m - 1 degrees of freedom
@@ -69,21 +69,21 @@ def between(values: Array, variances: Array) -> Shared:
 
 
 def _pooled(values: Array, variances: Array) -> tuple[float, float, float]:
-    """Return the mean over the machines, its standard error, and the spread τ."""
+    """Return the mean over the machines, its standard error, and the spread τ between machines."""
     variance = _variance(values, variances, len(values) - 1.0)
     mean, total, _ = _weighed(values, variances + variance)
     return mean, float(1.0 / np.sqrt(total)), float(np.sqrt(variance))
 
 
 def _weighed(values: Array, variances: Array) -> tuple[float, float, float]:
-    """Return the weighted mean, the sum of weights, and the weighted sum of squares Q."""
+    """Return the weighted mean of the machines, the sum of weights, and the weighted sum of squares Q."""
     weights = 1.0 / variances
     mean = float(weights @ values / weights.sum())
     return mean, float(weights.sum()), float(weights @ (values - mean) ** 2)
 
 
 def _variance(values: Array, variances: Array, wanted: float) -> float:
-    """Return τ² at which Q equals `wanted`, or zero if Q is smaller at τ² = 0."""
+    """Return the variance τ² between machines at which Q is `wanted`, or zero if Q is smaller at τ² = 0."""
     if _weighed(values, variances)[2] <= wanted:
         return 0.0
     most = float(np.sum((values - values.mean()) ** 2) / wanted)
@@ -116,7 +116,7 @@ def deviations(judges: Sequence[Judge], machines: int) -> Deviations:
 
 
 def residual(value: float, variance: float, mean: float, prior: float, machines: int) -> tuple[float, float]:
-    """Return z of a further machine by the mean and prior deviation of `machines` others, and the chance of z."""
+    """Return the deviation z of a further machine by mean and prior deviation of `machines` others, and its chance."""
     z = (value - mean) / float(np.hypot(np.sqrt(variance), prior))
     return z, chance_of(z, machines)
 
@@ -138,7 +138,7 @@ def in_normal(z: float, chance: float) -> float:
 
 
 def deleted(values: Array, variances: Array, inside: Mask) -> tuple[Array, Array]:
-    """Return deleted residuals z and their chances, for estimates and variances.
+    """Return the deviation z of each machine from the others, and the chance of z, from estimates and variances.
 
     Each machine is compared with the other machines that are `inside`: z_i = (y_i - μ) / √(v_i + τ² + stderr(μ)²). z_i
     has Student's t distribution with m - 2 degrees of freedom because τ is estimated (Viechtbauer and Cheung 2010;

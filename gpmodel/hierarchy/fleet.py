@@ -30,7 +30,7 @@ standard error of τ² with hundreds of machines."""
 
 @dataclass(frozen=True)
 class Information:
-    """Information of the poses of m machines about E effects: matrix Λ and vector η.
+    """Information of the poses of each machine about all effects b: matrix Λ and vector η.
 
     The likelihood of effects b is exp(ηᵀb - bᵀΛb / 2).
     """
@@ -86,8 +86,8 @@ def _size(own: Sequence[Calibration], name: str) -> float:
 def _information(fits: Sequence[Calibration], size: Array) -> Information:
     """Compute the information of the poses alone about the first effects of each fit, in units of `size`.
 
-    Λ = C⁻¹ - 1 and η = C⁻¹ θ, with θ, C of fits with `size` as prior. Later effects belong to one machine alone.
-    """
+    Λ = C⁻¹ - 1 and η = C⁻¹ θ, with θ and C the effects and covariance of fits with `size` as prior. Later effects
+    belong to one machine alone."""
     of_effects = [slice(first := len(fit.covariance.placement), first + len(size)) for fit in fits]
     own = [fit.covariance.values[at, at] for fit, at in zip(fits, of_effects, strict=True)]
     inverse = np.linalg.inv(np.array(own) / np.outer(size, size))
@@ -96,13 +96,12 @@ def _information(fits: Sequence[Calibration], size: Array) -> Information:
 
 
 def _expectation_maximisation(told: Information, kinds: IntArray, constant: Mask) -> tuple[Array, Array]:
-    """Return μ and the prior deviations of a further machine. Effects of one kind have one spread τ.
+    """Return the mean μ and the prior deviations of all effects of a further machine.
 
-    Expectation: C_i = (Λ_i + T⁻¹)⁻¹, b_i = C_i (η_i + T⁻¹ μ). Maximisation: μ is the mean of b_i with prior μ ~ N(0,
-    1), and τ² the mean of (b_i - μ)² + diag C_i. The precision of μ is P = 1 + Σ (1 + Λ_i T)⁻¹ Λ_i. The variance of μ
-    is diag P⁻¹. For a `constant` effect the variance of μ is 1 / diag P, the variance with all other constants
-    known, since several constants are equivalent.
-    """
+    Effects of one number in `kinds` have one spread τ. Expectation: C_i = (Λ_i + T⁻¹)⁻¹, b_i = C_i (η_i + T⁻¹ μ).
+    Maximisation: μ is the mean of b_i with prior μ ~ N(0, 1), and τ² the mean of (b_i - μ)² + diag C_i. The precision
+    of μ is P = 1 + Σ (1 + Λ_i T)⁻¹ Λ_i, its variance diag P⁻¹. For a `constant` effect the variance of μ is 1 / diag P,
+    the variance with all other constants known, since several constants are equivalent."""
     count = np.bincount(kinds)
     mean, variance = np.zeros(len(kinds)), np.ones(len(kinds))
     for _ in range(STEPS):
@@ -143,8 +142,8 @@ class Fleet:
     own: calibration of each machine by its poses alone, with the effects of the type.
     shrunken: calibration of each machine by its poses and the type's `prior`, with complete geometry.
     effects: effects without priors of their own.
-    values, stderr: values and standard errors of the effects and, last, of the logarithm of the noise.
-    shared: mean and spread of each of the K + 1 parameters over the machines.
+    values, stderr: of each machine, values and standard errors of the effects, last of the logarithm of the noise.
+    shared: mean and spread over the machines of each effect and, last, of the logarithm of the noise.
     blocks: effects with priors of their own.
     deviations: deviation of each machine in each parameter and block.
     left_out: names of effects that not every machine's poses determine.

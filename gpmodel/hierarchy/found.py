@@ -33,12 +33,12 @@ from gpmodel.table.bundles import JUDGED
 from gpmodel.wording import listed
 
 Residuals = Callable[[Sequence[Candidate]], Sequence[Residual]]
-"""Function of candidates to the residual of every machine, calibrated with the geometry and the candidates."""
+"""Function from candidates to the residual of every machine, calibrated with the geometry and the candidates."""
 
 
 @dataclass(frozen=True)
 class Pooled:
-    """A candidate group scored on all machines.
+    """A candidate group of effects, scored on all machines.
 
     nats: net gain at the best common prior variance, nats.
     typical: whether more than half of the machines gain at the common variance and the net gain without the best
@@ -93,14 +93,14 @@ def pooled(machines: Sequence[Residual], group: Group) -> Pooled:
 
 
 def _gains(machines: Sequence[Residual], group: Group, spectra: Sequence[tuple[Array, Array]]) -> Array:
-    """Return the gain of each machine at the best common variance, nats."""
+    """Return the gain of each machine by a group of effects at the best common prior variance, nats."""
     s, q = (np.concatenate(parts, axis=-1) for parts in zip(*spectra, strict=True))
     variance = float(best(s[None], q, np.array([group.cap]))[1][0])
     return np.array([_gain(of, variance, *own) for of, own in zip(machines, spectra, strict=True)])
 
 
 def _gain(of: Residual, variance: float, s: Array, q: Array) -> float:
-    """Return the gain of a group on one machine at a given variance, nats."""
+    """Return the gain of a group of effects on one machine at a given prior variance, nats."""
     ratio = 1.0 + variance * s
     gain = 0.5 * float(np.sum(variance * q[0] ** 2 / ratio - np.log(ratio)))
     fit = fitted(np.array([variance]), s[None], q)
@@ -108,8 +108,8 @@ def _gain(of: Residual, variance: float, s: Array, q: Array) -> float:
 
 
 def _spectrum(of: Residual, group: Group, trials: Array) -> tuple[Array, Array]:
-    """Return eigenvalues s and products q of a group for T residuals. trials: residuals, M
-    measurements and B prior rows."""
+    """Return eigenvalues of a group's XᵀX and products of the eigenvectors with Xᵀr, for each residual r in `trials`.
+    X: columns of the group, over the noise. A residual has measured rows and prior rows."""
     left, _ = of.projected(group.effects)
     x = left * np.linalg.norm(of.columns(group.effects), axis=0) * np.array(group.spreads) / of.sigma
     s, turn = np.linalg.eigh(x.T @ x)
@@ -117,7 +117,7 @@ def _spectrum(of: Residual, group: Group, trials: Array) -> tuple[Array, Array]:
 
 
 def _null(machines: Sequence[Residual], groups: Sequence[Group], rng: np.random.Generator, count: int) -> Array:
-    """Return the largest pooled net gain of any group on residuals permuted within each machine."""
+    """Return the largest pooled net gain of any group of effects on residuals permuted within each machine, nats."""
     trials, most = [of.shuffled(rng, count) for of in machines], np.full(count, -np.inf)
     for group in groups:
         spectra = [_spectrum(of, group, t) for of, t in zip(machines, trials, strict=True)]
@@ -160,7 +160,7 @@ def _passes(machines: Sequence[Residual], group: Group, nats: float, criteria: C
 
 
 def _common(candidate: Candidate, machines: Sequence[Residual]) -> Group | None:
-    """Return a candidate as one group for all machines, with averaged spreads. None if a machine does not admit it."""
+    """Return a candidate as one group for all machines, with averaged spreads; None if a machine excludes it."""
     try:
         groups = [group_of(candidate, Shapes(of.poses.states)) for of in machines]
     except InputError:
@@ -212,7 +212,7 @@ Rows = tuple[IntArray, IntArray]
 class Searched:
     """Data of the search on one machine, sent to a worker process.
 
-    rows: indices of the training and held-out poses.
+    rows: numbers of the training and held-out poses.
     known: effects in the machine's model from the start.
     """
 
@@ -254,8 +254,8 @@ class FleetSearch:
     criteria: Criteria = field(default_factory=Criteria)
 
     def found(self, places: Sequence[int], known: tuple[Candidate, ...] = ()) -> dict[int, Found]:
-        """Return the findings of some machines by their index, given the `known` effects. places: indices of the
-        machines."""
+        """Return the findings of some machines by number, given the effects `known` in their models. places: their
+        numbers."""
         names = {k: f"machine-{k + 1:04d}{'-again' if known else ''}" for k in places}
         done = {k: one for k, name in names.items() if (one := self.kept.machine(name)) is not None}
         left, which = [k for k in places if k not in done], "again, " if known else ""

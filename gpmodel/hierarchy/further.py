@@ -28,11 +28,11 @@ from gpmodel.numerics.interval import SIGNIFICANCE, holm
 from gpmodel.wording import length
 
 LARGEST = 1e3
-"""Upper bound of the distance ratio s, and of the ratio of σ to the noise of the type."""
+"""Upper bound of the ratio of a machine's distance to that of its type, and of its noise to the noise of the type."""
 
 DOUBTFUL, TWICE = 1e-3, 2.0
-"""Chance and distance ratio s from which a machine counts as different from its type. The chance neglects the error of
-the estimated prior, so that s has to be at least 2 as well."""
+"""Chance, and ratio of distances to the type's mean, from which a machine counts as different from its type. The chance
+neglects the error of the estimated prior, so that the ratio has to be at least 2 as well."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Likeness:
 
     @property
     def brother(self) -> bool:
-        """Whether the machine may be of its type: s is below TWICE or its chance above DOUBTFUL."""
+        """Whether the machine may be of its type: the distance ratio s is below TWICE or its chance above DOUBTFUL."""
         return self.times < TWICE or self.chance > DOUBTFUL
 
 
@@ -257,6 +257,6 @@ def _outlying(fleet: FleetPart, alone: Calibration, prior: ErrorModel, poses: Po
 
 
 def _known(fit: Calibration, poses: Poses) -> float:
-    """Return the RMS standard deviation, m, of the predicted point over poses."""
+    """Return the RMS over poses of the standard deviation of the predicted point, m."""
     observed = observe(fit.model, poses, fit.theta, fit.placement)
     return float(np.sqrt(np.mean(point_deviation(saved_model(fit, poses), poses, observed) ** 2)))

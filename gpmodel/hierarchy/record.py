@@ -127,7 +127,7 @@ def _said(path: Path) -> tuple[str | None, dict[str, str]]:
 
 KIND, SCHEMA, NAME = "gpmodel fleet", 2, "fleet.json"
 MACHINES = "machines"
-"""Name of the folder next to fleet.json, which has a folder for each machine."""
+"""Name of the folder next to fleet.json that has a folder for each machine."""
 NOISE = "noise of one coordinate"
 """Name of the last parameter of a fleet, the noise. Values of the noise parameter are logarithms of metres."""
 MOST_MACHINES = 10_000
@@ -162,12 +162,12 @@ class MachinePart(msgspec.Struct, frozen=True):
 class SharedPart(msgspec.Struct, frozen=True):
     """A parameter over the machines of a type.
 
-    mean, stderr, spread: of the parameter over the type. low, high: 95 % interval of the spread.
+    mean, stderr, spread: mean over the type, its standard error, spread between machines. low, high: 95 % interval of
+    the spread.
     values, stderrs: value and standard error of each machine alone.
-    shrunken: value of each machine with the prior of the type. The list is empty for geometry, whose prior has further,
-    equivalent constants.
+    shrunken: value of each machine with the prior of the type; empty for geometry, whose prior has further constants.
     z, chances: deviation of each machine from the others, and its chance for any machine of a fleet without outliers.
-    outliers: indices of outlying machines, which do not count for the mean and spread.
+    outliers: numbers of outlying machines, which do not count for the mean and spread.
     """
 
     name: Label
@@ -351,5 +351,5 @@ def fleet_file(path: Path) -> Path:
 
 
 def read_fleet(path: Path) -> FleetPart:
-    """Read the content of a fleet.json. Raises InputError in the cases of `read_sealed`."""
+    """Read the content of a fleet.json. Raises InputError for a missing, damaged or changed file."""
     return read_sealed(path, FILE)[0]

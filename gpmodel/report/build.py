@@ -1,4 +1,4 @@
-"""Builds every report from a sequence of fits and the final model."""
+"""Build every report from a sequence of fits and the final model."""
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -38,8 +38,8 @@ class Ladder:
     """Fits of successively larger models to the rows `train` of `poses`, and the final model.
 
     final: fit to all poses, or to the rows `final_rows`.
-    named: requested effects in addition to the standard model; they are not listed among its parameters.
-    saved: the content of model.json; None if no file is written. shipped: index of the step of the saved model.
+    named: requested effects in addition to the standard model, which are not listed among the parameters.
+    saved: the content of model.json; None if no file is written. shipped: number of the step of the saved model.
     parts: fits of the step `shipped`, one per fold, with the held-out poses of the fold; None for a single fit.
     """
 
@@ -80,7 +80,7 @@ class Ladder:
 
     @property
     def outliers(self) -> IntArray:
-        """Indices of the outliers of the final fit or of the last fit to training poses."""
+        """Row numbers of the outliers of the final fit or of the last fit to training poses."""
         of_final = self.final.outliers if self.final_rows is None else self.final_rows[self.final.outliers]
         return np.union1d(of_final, self.train[self.steps[-1].calibration.outliers])
 
@@ -175,8 +175,7 @@ def _judged(fit: Calibration, ladder: Ladder) -> Judged:
 
 
 def orientation_record(plots: PlotRecord, outliers: Collection[int]) -> tuple[ReadingRecord, ...]:
-    """Return the RMS angle, mrad, between measured and modelled orientation, after registration and after the last
-    step.
+    """Return the RMS angle between measured and modelled orientation, mrad, after registration and after the last step.
 
     The RMS is over the held-out poses, or over all poses if none were held out. The result is empty if no orientation
     was measured. outliers: row numbers in the table.
@@ -190,7 +189,7 @@ def orientation_record(plots: PlotRecord, outliers: Collection[int]) -> tuple[Re
 def reading_records(poses: Poses, steps: Sequence[Sequence[Judged]]) -> tuple[ReadingRecord, ...]:
     """Return the residuals after the first and the last step by kind of measurement; empty if only points were
     measured.
-    steps: for each of the two steps, fits and the poses at which their errors are computed."""
+    steps: for each of the two steps, fits and the poses at which the errors of the fits are computed."""
     if not poses.dataset.observations:
         return ()
     left, out = [_left(step) for step in steps], []

@@ -32,11 +32,11 @@ BINS, MOST_BINS = 12, 96
 Half as many bars hide the shape of the distribution."""
 
 Heads = tuple[str, bool]
-"""Heading of the errors before calibration; True if the errors after calibration are predicted."""
+"""Heading of the errors before calibration, and True if the errors after calibration are predicted."""
 
 
 def histogram(errors: Array, tolerance_mm: float | None, heads: Heads) -> Picture:
-    """Return a picture with histograms of the errors, mm, before and after calibration, over common bins."""
+    """Return a picture with histograms of the errors before and after calibration, mm, over common bins."""
     worst = errors.max(axis=0)
     return Picture(
         "errors", "Error before and after", 5.2, 1.9,
@@ -46,8 +46,8 @@ def histogram(errors: Array, tolerance_mm: float | None, heads: Heads) -> Pictur
 
 
 def bins_of(errors: Array, tolerance_mm: float | None) -> list[float]:
-    """Return the edges of the bars, mm, with a width for the errors after calibration, up to the largest error or
-    tolerance."""
+    """Return the edges of the histogram's bars, mm, up to the largest error or tolerance; the width of a bar suits the
+    errors after calibration."""
     largest = max(float(errors.max()), tolerance_mm or 0.0, 1e-9) * 1.0001
     count = np.clip(np.ceil(BINS * largest / max(float(errors[:, 1].max()), 1e-9)), BINS, MOST_BINS)
     return [float(edge) for edge in np.linspace(0.0, largest, int(count) + 1)]
@@ -78,15 +78,15 @@ STATISTICS: tuple[tuple[str, Callable[[Array], float]], ...] = (
 
 
 def statistics(errors: Array) -> tuple[tuple[str, str, str], ...]:
-    """Return the rows of the accuracy table: name, value before and after calibration, of errors, mm."""
+    """Return the rows of the accuracy table from errors, mm: name, value before and after calibration."""
     before, after = errors.T
     return tuple((name, millimetres(float(of(before))), millimetres(float(of(after)))) for name, of in STATISTICS)
 
 
 def errors_before_and_after(report: Report, every: bool = False) -> Array | None:
-    """Return the errors, mm, at held-out poses, or at fitted poses if none were held out; None for fewer than
-    two poses.
-    Errors before: registration and tool with the nominal geometry. every: include outliers."""
+    """Return the errors at held-out poses, mm, or at fitted poses if none were held out; None for fewer than two
+    poses.
+    Errors before calibration are those of registration and tool with the nominal geometry. every: include outliers."""
     first = report.ladder[0].step if report.ladder else ""
     steps = (pose_errors(report, (first, report.shipped))) if first else ()
     seen = [p for p in steps if p.heldout or not report.held]
@@ -96,7 +96,7 @@ def errors_before_and_after(report: Report, every: bool = False) -> Array | None
 
 Line = tuple[str, str]
 Parameter = tuple[str, str, str, str]
-"""Name, value, σ and unit of a parameter."""
+"""Name, value, standard error σ and unit of a parameter."""
 SMALL_PRINT = (
     "Accuracy in the manner of ISO 9283 (1998): distance between measured and predicted position of the tool point, "
     "one measurement a pose, at the stated poses. Mean, mean + 3 s and maximum are statistics of these distances. "
@@ -115,7 +115,7 @@ class Certificate:
     statistics: name, value before calibration, value after calibration.
     before: heading of the errors before calibration.
     predicted: True if the errors after calibration are predictions.
-    errors:, mm, before and after calibration; N = 0 if unknown.
+    errors: error of each pose before and after calibration, mm; no pose if unknown.
     """
 
     title: str
@@ -136,7 +136,7 @@ class Certificate:
 
     @property
     def answer(self) -> str:
-        """The accuracy in one sentence; empty if unknown."""
+        """The accuracy of the machine in one sentence; empty if unknown."""
         if len(self.errors) == 0:
             return ""
         before, after = (root_mean_square(errors) for errors in self.errors.T)
@@ -146,7 +146,7 @@ class Certificate:
 
     @property
     def heads(self) -> tuple[str, str]:
-        """Headings of the columns of the statistics."""
+        """Headings of the columns of the statistics before and after calibration."""
         return f"{self.before}, mm", "after, predicted, mm" if self.predicted else "after, mm"
 
 
@@ -317,7 +317,7 @@ def _accuracy(found: Certificate) -> Iterator[str]:
 
 
 def _lines(entries: Sequence[Line]) -> Iterator[str]:
-    """Yield the non-empty fields as lines, each name with its value."""
+    """Yield the non-empty fields of a certificate as lines, each name with its value."""
     for name, value in entries:
         if value and len(name) > NAME:
             yield f"    {name}"

@@ -83,7 +83,7 @@ def _side(report: Report, rungs: Sequence[StepRecord]) -> str:
 
 
 def _errors(report: Report) -> list[tuple[str, Array, str]]:
-    """Return title, errors (mm) at held-out poses and colour of each step."""
+    """Return title, errors at held-out poses, mm, and colour of each step of the model."""
     out = []
     for k, rung in enumerate(report.ladder):
         sides = report.plots.error_mm.get(rung.step)

@@ -80,7 +80,7 @@ def _of_search(report: Report) -> Iterator[Picture]:
 
 
 def _shown(histogram: Histogram) -> IntArray:
-    """Return the indices of the most referenced inputs, in the order of the histogram."""
+    """Return the numbers of the most referenced inputs, in the order of the histogram."""
     use = np.maximum(numbers(histogram.referring), numbers(histogram.referring_by_chance))
     most = np.argsort(-use, kind="stable")[:MOST_INPUTS]
     return np.sort(most[use[most] > 0]) if use.any() else most[:1]
@@ -154,7 +154,7 @@ def _search(figure: Figure, rounds: Sequence[RoundRecord], chosen: Collection[st
 
 
 COLOURS = (AFTER, BEFORE, INK)
-"""Colours of the outputs of a program."""
+"""Colours of the curves of a program's outputs."""
 MOST_PANELS = 6
 """Largest number of panels of the best program, three in a row."""
 
@@ -240,7 +240,7 @@ KINDS = (("parameters_angles", "Angles", "rad", 1e6, "µrad"), ("parameters_leng
 
 
 FEWEST_RANKS = 4
-"""Least number of points of a curve of error against rank."""
+"""Least number of points at which the curve of error against rank is drawn."""
 
 
 def _of_model(report: Report) -> Iterator[Picture]:

@@ -1,4 +1,4 @@
-"""Changes between two calibrations of a machine, as text and as a page."""
+"""List changes between two calibrations of a machine, as text and as a page."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Record = ParameterRecord | EffectRecord
 class Change:
     """A parameter in the first report (before) and in the second report (after).
 
-    before, after: value and standard error, SI.
+    before, after: value and standard error, SI units.
     stderr: standard error of the difference, None if both fits use equal rows.
     chance: probability of so large a difference without a change, corrected for all comparisons (Holm).
     """
@@ -47,22 +47,22 @@ class Change:
 
     @property
     def difference(self) -> float:
-        """Value after minus value before."""
+        """Value of the parameter in the second report minus its value in the first report."""
         return self.after[0] - self.before[0]
 
     @property
     def in_deviations(self) -> float:
-        """Difference in units of its σ; 0 if σ is None."""
+        """Difference of the two values in units of its standard error; 0 without a standard error."""
         return self.difference / self.stderr if self.stderr else 0.0
 
     @property
     def z(self) -> float:
-        """Magnitude of the difference in units of its σ."""
+        """Magnitude of the difference of the two values in units of its standard error."""
         return abs(self.in_deviations)
 
     @property
     def significant(self) -> bool:
-        """True if the change is significant."""
+        """True if the change of the parameter is significant."""
         return self.chance < SIGNIFICANCE
 
 
@@ -70,12 +70,10 @@ class Change:
 class Comparison:
     """Comparison of two reports.
 
-    parameters, effects, placement: changes of the quantities in both reports, largest change in σ first.
-    only_before, only_after: effects of one report.
-    incomparable: parameters that were fitted in one report only; in the other report, other parameters absorb the
-    error.
-    shared: number of rows to which both models were fitted.
-    sources: names of the two reports.
+    parameters, effects, placement: changes of the quantities in both reports, the largest change in standard errors
+    first. only_before, only_after: names of the effects that one report alone contains. incomparable: parameters that
+    were fitted in one report only; in the other report, other parameters absorb the error. shared: number of rows to
+    which both models were fitted. sources: names of the two reports.
     """
 
     before: Report
@@ -182,10 +180,10 @@ def _changes(
     """Return the change of every quantity in both reports, with its p-value by a two-sided Student's t test.
 
     shared: share of the rows of each report that the other report also has; shared rows correlate the estimates. For s
-    shared rows of n the covariance is the smaller (s / n) v of the two, with the variance v of the other. The
+    shared rows of n the covariance is the smaller (s / n) v of the two, with v the variance in the other report. The
     covariance is exact if one table contains the other (Hausman 1978: the variance of the difference is the difference
     of the variances).
-    freedoms: degrees of freedom (2, 1) of the σ of either report.
+    freedoms: degrees of freedom of the standard errors of each report.
     """
     pairs = [
         Change(name, a.unit, (a.value, a.stderr), (b.value, b.stderr), _of_difference(a.stderr, b.stderr, shared))
@@ -207,7 +205,7 @@ def _corrected(lists: Sequence[tuple[Change, ...]]) -> list[tuple[Change, ...]]:
 
 
 def _of_difference(before: float, after: float, shared: tuple[float, float]) -> float | None:
-    """Return the σ of the difference of two estimates, None if both use the same rows."""
+    """Return the standard error of the difference of two estimates, None if both estimates use equal rows."""
     if min(shared) >= 1.0:
         return None
     common = min(shared[0] * after**2, shared[1] * before**2)
@@ -246,13 +244,13 @@ def verdict(found: Comparison) -> str:
 
 
 def tables(found: Comparison) -> tuple[tuple[str, tuple[Change, ...]], ...]:
-    """Return the compared quantities by heading."""
+    """Return the changes of parameters, effects, and registration and tool, each list with its heading."""
     placed = "Tool in the flange, root in the instrument's frame"
     return ("Effects", found.effects), ("Parameters", found.parameters), (placed, found.placement)
 
 
 def text(found: Comparison) -> str:
-    """Return the comparison as text in 80 columns, with a star at changes beyond chance."""
+    """Return the comparison as text in 80 columns, with a star at significant changes."""
     sources = zip(SIDES, found.sources, strict=True)
     heads = f"    {'':16}{'before':>11} {'after':>11} {'change':>18} {'':10}{'in σ':>5}"
     said = (

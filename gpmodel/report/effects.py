@@ -33,7 +33,7 @@ from gpmodel.report.schema_search import EffectRecord, MovedRecord, ShapeRecord,
 
 @dataclass(frozen=True)
 class Quantity:
-    """Size of a finding: value ± stderr, times the basis function `basis`."""
+    """Size of a finding: value ± stderr, the factor of the basis function `basis`."""
 
     value: float
     stderr: float
@@ -43,15 +43,15 @@ class Quantity:
 
 
 def indices(calibration: Calibration, candidate: Candidate) -> list[int]:
-    """Return the indices of a candidate's effects in the model."""
+    """Return the numbers of a candidate's effects in the model."""
     at = {e.name: i for i, e in enumerate(calibration.model.effects)}
     return [at[e.name] for e in candidate.effects]
 
 
 def quantity(calibration: Calibration, candidate: Candidate, states: States) -> Quantity:
-    """Return the size of a finding as one number, the amplitude.
-    The standard error of the amplitude is propagated through the covariance. The basis of a harmonic is A sin(x + p)
-    with phase p."""
+    """Return the size of a finding as one number, the amplitude, with its standard error.
+    The standard error is propagated through the covariance of the effects. The basis function of a harmonic of argument
+    x is written sin(x + p), with phase p."""
     at = indices(calibration, candidate)
     theta = calibration.theta[at]
     deviation = np.nan_to_num(calibration.stderr[at])
@@ -84,8 +84,8 @@ def _curve_in_words(candidate: Candidate) -> str:
 
 
 def shape(calibration: Calibration, candidate: Candidate, states: States) -> Array:
-    """Return Σ θ φ of a finding over the poses of `states`, along the axis of its first term.
-    For one basis function along several axes, the value is φ times the length of the vector of the θ."""
+    """Return a finding at every pose of `states`: Σ θ φ, coefficients times basis functions, along its first axis.
+    For one basis function along several axes, the value is φ times the length of the vector of the coefficients θ."""
     if candidate.kind in ("single", "vector"):
         term = candidate.place
         return quantity(calibration, candidate, states).value * term.weight * term.basis(states)
@@ -111,8 +111,8 @@ def shape_record(
 ) -> ShapeRecord | None:
     """Return the partial residual of a candidate pose by pose: its contribution plus the residual along its column.
 
-    partial = θ φ + l·r / l·l. l: motion of the measured components per unit of the twist. r: residual. Motion and
-    residual are weighted as in the fit. The result is None if the candidate is not in the model.
+    The partial residual is θ φ + l·r / l·l: θ φ the contribution, l the motion of the measured components per unit of
+    the twist, r the residual, both weighted as in the fit. The result is None if the model lacks the candidate.
     """
     mechanism = final.model.mechanism
     poses = resolved(final, poses)
@@ -157,7 +157,7 @@ POSES = 400
 SHOWN = 120
 """Number of arrows in the picture of an effect."""
 Moved = tuple[Array, Array]
-"""Points, m, and their displacements, m, with the rotation of the tool, rad, in the root frame."""
+"""Points in the root frame, m, and their displacements, m, with the rotation of the tool, rad."""
 
 
 def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]) -> list[Moved | None]:
@@ -188,7 +188,7 @@ def _sizes(moved: Moved | None) -> ErrorsMm:
 
 
 def _picture(moved: Moved, anywhere: bool) -> MovedRecord:
-    """Return the displacements of the tool at equally spaced points, at most SHOWN."""
+    """Return the displacements of the tool at no more than SHOWN points, evenly spaced along the rows."""
     points, moves = (1e3 * values[:, :3][:: max(1, -(-len(values) // SHOWN))] for values in moved)
     return MovedRecord(anywhere, fitted.vectors(np.round(points, 1)), fitted.vectors(moves))
 

@@ -21,8 +21,8 @@ class Explanation:
     """A finding in words.
 
     number: number of the finding, from 1.
-    chain: slots with the site in brackets.
-    facts, advice, repair: sentences; repair is for whoever repairs the machine.
+    chain: frames of the arm in order, with the frame of the finding in brackets.
+    facts, advice, repair: sentences on the finding; repair is for whoever repairs the machine.
     """
 
     number: int

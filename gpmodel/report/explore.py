@@ -32,7 +32,7 @@ def drawable(report: Report) -> bool:
 
 
 def html(report: Report) -> str:
-    """Return the page as HTML, with the drawing library inside the file, so that the page opens offline."""
+    """Return the 3-D view as HTML, with the drawing library inside the file, so that the page opens offline."""
     from plotly.offline import get_plotlyjs
 
     figure, magnification = figure_of(report)
@@ -50,7 +50,7 @@ def _titles(report: Report) -> tuple[str, str]:
 
 
 def figure_of(report: Report) -> tuple[dict[str, object], float]:
-    """Return traces and layout for the drawing library, and the magnification of the residuals."""
+    """Return traces and layout of the 3-D view for the drawing library, and the magnification of the residuals."""
     plots = report.plots
     every = every_so_many(report)
     points, after = numbers(plots.points_mm)[::every], numbers(plots.residual_mm["final"])[::every]
@@ -88,7 +88,7 @@ def figure_of(report: Report) -> tuple[dict[str, object], float]:
 
 
 def _table_slots(report: Report) -> tuple[str, ...]:
-    """Return the names of the slots with the joint names of the table, if every pair of slots has one joint."""
+    """Return the names of the slots (frames) with the joint names of the table, if two slots belong to each joint."""
     slots, joints = report.plots.slots, report.mechanism.joints
     own = list(dict.fromkeys(s.partition(".")[0] for s in slots if "." in s))
     names = dict(zip(own, joints, strict=True)) if len(own) == len(joints) else {}
@@ -130,7 +130,7 @@ def _arrows(points: Array, residual: Array, magnification: float, name: str, col
 
 
 def _dots(points: Array, said: list[tuple[int, str]], error: Array) -> dict[str, object]:
-    """Return a dot per pose, coloured by the error after, mm; the colour scale ends at the 98th percentile."""
+    """Return a dot per pose, coloured by the error after calibration, mm, up to the 98th percentile."""
     most = float(np.nanpercentile(error, 98)) if np.isfinite(error).any() else 1.0
     return {
         "type": "scatter3d", "mode": "markers", "name": "poses", "hoverinfo": "text", "text": [t for _, t in said],

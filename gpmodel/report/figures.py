@@ -1,4 +1,4 @@
-"""Draws the pictures of a report: PNG files, and SVG with the colours of the page."""
+"""Draw the pictures of a report: PNG files, and SVG with the colours of the page."""
 
 from __future__ import annotations
 

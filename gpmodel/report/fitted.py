@@ -24,7 +24,7 @@ CHAIN_POSES = 300
 
 
 def statistics_mm(error: Array) -> ErrorsMm:
-    """Return mean, RMS and maximum, mm, of the known 3-D errors, m; all None if none is known."""
+    """Return mean, RMS and maximum, mm, of the known 3-D errors given in m; all None if no error is known."""
     mm = 1e3 * error[np.isfinite(error)]
     if len(mm) == 0:
         return ErrorsMm()
@@ -83,8 +83,8 @@ def tool_displacements(
 ) -> tuple[Array, list[Array]]:
     """Return the measured points, m, and their displacement by each group of effects, m and rad.
 
-    The last three numbers are the rotation of the tool. All numbers are in the root frame, at those K of N poses at
-    which the loops of the mechanism close with all effects and without each single group.
+    The last three numbers of a displacement are the rotation of the tool. All numbers are in the root frame, at the
+    poses at which the loops of the mechanism close with all effects and without each single group.
     """
     model, names = calibration.model, [{e.name for e in group} for group in groups]
     without = [np.where([e.name in own for e in model.effects], 0.0, calibration.theta) for own in names]
@@ -115,7 +115,7 @@ def moves_alone(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect
     """Return the RMS displacement, mm, by each group of effects that nothing else in the model absorbs.
 
     The value is the residual of the displacement projected on the columns of all other unknowns, registration and tool
-    included. The result is None with free joints, which absorb a part at every pose, and without a measured point.
+    included. The result is None with unmeasured joints, which absorb a part at every pose, and without measured points.
     """
     problem = problem_at(fit, poses)
     point = np.nonzero(problem.weights > 0)[1] < 3
@@ -148,7 +148,7 @@ def root_residual(calibration: Calibration, poses: Poses) -> Array:
 
 
 def turns(fits: Sequence[tuple[Calibration, Poses]], poses: Poses) -> Array:
-    """Return the angle, rad, between measured and modelled orientation, by the fit that is listed with each pose.
+    """Return the angle between measured and modelled orientation of each pose, rad, by the fit listed with the pose.
     The angle is NaN without a measurement, or for a set-up or tool that the fit does not contain."""
     out = np.full(len(poses), np.nan)
     for fit, some in fits:

@@ -136,7 +136,7 @@ def _scale(part: SharedPart) -> tuple[float, str]:
 
 
 def _drawn(part: SharedPart, values: Sequence[float], stderrs: Sequence[float], factor: float) -> np.ndarray:
-    """Return values and deviations in the unit of the axis."""
+    """Return values of a parameter and their standard errors in the unit of the axis."""
     return factor * np.array([in_words(part, v, e)[:2] for v, e in zip(values, stderrs, strict=True)]).T
 
 

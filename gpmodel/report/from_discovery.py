@@ -41,7 +41,7 @@ from gpmodel.table.bundles import JUDGED
 
 
 def in_the_table(counted: Histogram, names: Mapping[str, str]) -> Histogram:
-    """Return the histogram with the input names of the table."""
+    """Return the histogram of inputs with the input names of the table."""
     return replace(counted, inputs=tuple(names.get(x, x) for x in counted.inputs))
 
 
@@ -78,7 +78,7 @@ def compensation(runs: Sequence[Run], problem: Problem) -> CompensationRecord:
 
 def fronts(discovery: Discovery) -> list[tuple[FormulaRecord, ...]]:
     """Return for each finding the Pareto front of formulas at its site, shortest first; empty if it is no formula.
-    Gain in log likelihood: nats = dof/2 · -ln(1 - gain), given everything else in the model fitted to all poses."""
+    Gain in log likelihood: dof/2 · -ln(1 - gain), nats, given everything else in the model fitted to all poses."""
     found = discovery.fitted.candidates
     able = [one.found_by in FORMULAS and len(one.effects) == 1 for one in found]
     if not any(able):

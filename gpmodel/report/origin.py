@@ -61,7 +61,7 @@ def mechanism_record(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanis
 
 
 def data_record(poses: Poses, train: int, outliers: IntArray) -> DataRecord:
-    """Return the record of the table: file, split, joint ranges, and `outliers` by index of the pose."""
+    """Return the record of the table: file, split, joint ranges, and the row numbers `outliers`."""
     data = poses.dataset
     return DataRecord(
         file=data.source,
@@ -103,8 +103,8 @@ def floor_mm(
     """Return the 3-D RMS of the measurement noise, mm, and its source: repeats, stated noise, or specification.
 
     The first available source is used. Repeats are compared after subtraction of the fit, because the temperatures of
-    repeats may differ. A stated σ is the standard deviation of one coordinate; with c measured components the RMS is σ
-    √c. values: number of components that inform the model, if solved joint values absorb the others.
+    repeats may differ. A stated noise is the standard deviation σ of one coordinate; with c measured components the RMS
+    is σ √c. values: number of components that inform the model, if solved joint values absorb the others.
     """
     data = poses.dataset
     observed = observe(fit.model, resolved(fit, poses), fit.theta, fit.placement)
@@ -130,11 +130,11 @@ def instrument_record(data: Dataset) -> InstrumentRecord | None:
 FEWEST = 3
 """Least number of repeats of a pose for a standard deviation, and of poses for the spread between poses."""
 REPEATS = 30
-"""Repeats of every pose by ISO 9283, table 7."""
+"""Number of repeats of every pose by ISO 9283, table 7."""
 
 
 def repeatability(data: Dataset) -> Repeatability | None:
-    """Return the pose repeatability, 7.2.2: RP = l + 3 S_l over the repeats of a pose; None without repeats.
+    """Return the pose repeatability of ISO 9283, 7.2.2: RP = l + 3 S_l over repeats of a pose; None without repeats.
 
     l_j: distance of repeat j from the mean position of its pose. l, S_l: mean and standard deviation (n - 1) of l_j.
     The uncertainty of the mean over the poses is computed from the spread between poses. With fewer repeats than the 30
@@ -151,7 +151,7 @@ def repeatability(data: Dataset) -> Repeatability | None:
 
 
 def positioning(poses: Poses, train: IntArray, steps: Sequence[Step]) -> Positioning | None:
-    """Return the pose accuracy, 7.2.1: distance of the mean of a pose's repeats from its modelled position.
+    """Return the pose accuracy of ISO 9283, 7.2.1: distance of the mean of a pose's repeats from its modelled position.
 
     Before: nominal geometry with fitted registration and tool. After: model of the last step. The poses are held-out
     poses; with fewer than FEWEST held-out poses, fitted poses are used, with errors scaled as if left out. The result
@@ -187,7 +187,7 @@ def _repeats(data: Dataset) -> Iterator[IntArray]:
 
 
 def _left(fit: Calibration, poses: Poses, chosen: Sequence[IntArray]) -> Array:
-    """Return the ratio of residual variance to variance of the mean of a pose: 1 - leverage."""
+    """Return the variance of the residual over the variance of the mean of each pose: 1 - leverage."""
     problem, out = problem_at(fit, poses), []
     for rows in chosen:
         columns = problem.columns[np.isin(problem.pose_of_row, rows)]
@@ -224,7 +224,7 @@ class Particulars:
         return tuple((f.name.replace("_", " "), getattr(self, f.name)) for f in dataclasses.fields(self))
 
     def with_lines(self, said: Mapping[str, str]) -> "Particulars":
-        """Return the text fields with non-empty new values inserted. Raises InputError for an unknown field."""
+        """Return the particulars with non-empty new values inserted. Raises InputError for an unknown field."""
         known = [f.name for f in dataclasses.fields(self)]
         for name in said:
             if name not in known:

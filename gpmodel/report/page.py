@@ -26,13 +26,13 @@ MOST_POSES = 400
 
 
 def pictures(report: Report) -> Iterator[Picture]:
-    """Yield every picture for which the report has data."""
+    """Yield every picture of the report page for which the report has data."""
     yield from charts_errors.pictures(report)
     yield from charts_search.pictures(report)
 
 
 def html(report: Report, drawings: Mapping[str, str]) -> str:
-    """Return the page as HTML. drawings: inline SVG of the report's pictures by name, from `figures.draw`."""
+    """Return the report page as HTML. drawings: inline SVG of the report's pictures by name, from `figures.draw`."""
     poses = pose_errors(report)
     return render(
         "report.html.j2",

@@ -1,4 +1,4 @@
-"""Class of a picture of a report: name, size, description in words, and drawing function."""
+"""Define a picture of a report: name, size, description in words, and drawing function."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ GAP, FEW = 0.1, 9
 class Picture:
     """A picture of a report.
 
-    width, height: size in inches.
+    width, height: size of the picture, inches.
     alt: one sentence for readers who cannot see the picture.
     caption: how to read the picture.
-    draw: function that draws into an empty matplotlib Figure.
+    draw: function that draws the picture into an empty matplotlib Figure.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Picture:
 
 
 def numbers(values: Sequence[float | None] | Sequence[Sequence[float | None]]) -> Array:
-    """Return a list as floats, None as NaN."""
+    """Return a list of numbers as floats, with NaN for None."""
     return np.array(values, dtype=float)
 
 
@@ -96,8 +96,8 @@ def rows_only(axes: Axes, count: int, above: float = 0.75) -> None:
 
 
 def forest(axes: Axes, rows: Sequence[tuple[str, float, float, bool]], label: str) -> None:
-    """Draw values ± deviations, one per named row, with filled symbols for significant values.
-    rows: name, value, deviation, True if significant. label: label of the axis."""
+    """Draw values ± standard errors, one per named row, with filled symbols for significant values.
+    rows: name, value, standard error, True if significant. label: label of the axis."""
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.axvline(0, color=AXIS, lw=1)
     for row, (_, value, deviation, clear) in enumerate(rows):

@@ -78,8 +78,8 @@ class PredictedRecord:
 
 @dataclass(frozen=True)
 class StepRecord:
-    """Errors after one step of the model. effect: index in `effects` of the added effect. rank: effective number of
-    unknowns."""
+    """Errors after one step of the model. effect: number in `effects` of the effect that the step adds. rank: effective
+    number of unknowns."""
 
     step: str
     train: ErrorsMm = ErrorsMm()
@@ -90,12 +90,12 @@ class StepRecord:
 
     @property
     def beyond_standard(self) -> bool:
-        """True if the model contains more than the standard model."""
+        """True if the model of the step contains more than the standard model."""
         return self.step not in (REGISTRATION, STANDARD)
 
     @property
     def errors(self) -> ErrorsMm:
-        """Errors at the held-out poses, or at the training poses if no poses were held out."""
+        """Errors of the step at the held-out poses, or at the training poses if no poses were held out."""
         return self.heldout if self.heldout.known else self.train
 
 
@@ -135,8 +135,8 @@ class DataRecord:
 
 @dataclass(frozen=True)
 class MechanismRecord:
-    """The mechanism. joints: joint names in the table. sliding: names of prismatic joints.
-    tip_at_probe_m: tip position at one fixed pose, m, which identifies the mechanism."""
+    """The mechanism of a report. joints: joint names in the table. sliding: names of prismatic joints.
+    tip_at_probe_m: position of the measured link at fixed joint values, m, which identifies the mechanism."""
 
     name: str = ""
     joints: tuple[str, ...] = ()
@@ -146,7 +146,7 @@ class MechanismRecord:
 
 @dataclass(frozen=True)
 class ParameterRecord:
-    """One parameter of the fitted model, SI; stderr is None if the parameter was held at zero."""
+    """One parameter of the fitted model, SI units; stderr is None if the parameter was held at zero."""
 
     name: str
     value: float | None = None
@@ -259,20 +259,20 @@ class Report:
         return {REGISTRATION: "registration only", STANDARD: standard}.get(rung.step, rung.step)
 
     def turn_mrad(self, rung: StepRecord) -> float | None:
-        """Return the RMS angle, mrad, between measured and modelled orientation after a step of the calibration.
+        """Return the RMS angle between measured and modelled orientation after a step of the calibration, mrad.
         The angle is None without measured orientations, and for steps between standard model and last step."""
         last = self.ladder and rung.step == self.ladder[-1].step
         return self.plots.turned("final" if last else rung.step, self.data.outliers)[1]
 
     @property
     def orientation(self) -> tuple[float, float] | None:
-        """RMS orientation error, mrad, before and after calibration; None without measured orientations."""
+        """RMS orientation error before and after calibration, mrad; None without measured orientations."""
         kinds = (kind for kind in self.readings if kind.unit == "mrad")
         return next(((k.before, k.after) for k in kinds if k.before is not None and k.after is not None), None)
 
     def before_and_after(self) -> tuple[str, str]:
         """Return the names of the two compared steps: standard model and last step.
-        Without effects beyond the standard model: registration only and standard model."""
+        Without effects beyond the standard model, the steps are registration and standard model."""
         names = [rung.step for rung in self.ladder] or [STANDARD]
         before = STANDARD if self.ladder and self.ladder[-1].beyond_standard and STANDARD in names else names[0]
         return before, names[-1]

@@ -17,7 +17,7 @@ Vectors = tuple[tuple[float | None, ...], ...]
 
 @dataclass(frozen=True)
 class SideErrors:
-    """3-D errors, mm, of the training poses and of the held-out poses, each in the order of the rows."""
+    """3-D errors of the training poses and of the held-out poses, mm, each in the order of the rows."""
 
     train: tuple[float | None, ...] = ()
     heldout: tuple[float | None, ...] = ()
@@ -42,14 +42,14 @@ class ShapeRecord:
 
 @dataclass(frozen=True)
 class PlotRecord:
-    """Data of the pictures.
+    """Data of the pictures of a report.
 
-    rows: rows of the file.
+    rows: row numbers in the file.
     points_mm: nominal positions in the root frame.
-    residual_mm: measured minus modelled in the root frame, by step "registration", "standard" and "final".
+    residual_mm: measured minus modelled position in the root frame, by step "registration", "standard" and "final".
     turn_mrad: angle between measured and modelled orientation by step; empty without measured orientations.
     error_mm: 3-D errors by step.
-    chain_mm: origins of the slots at the poses `chain_poses`, to draw the arm; slots: their names.
+    chain_mm: origins of the arm's frames at the poses `chain_poses`, to draw the arm; slots: names of these frames.
     """
 
     rows: tuple[int, ...] = ()
@@ -103,7 +103,7 @@ class Repeatability:
 class Positioning:
     """Pose accuracy AP of ISO 9283 (1998): distance of the mean of a pose's repeats from the modelled position.
 
-    before: AP with the nominal geometry. after: AP with the model. Each has the mean over the poses with standard
+    before: AP with the nominal geometry. after: AP with the model. Each AP has the mean over the poses with standard
     uncertainty, and the maximum.
     heldout: True if the model was fitted without the poses of AP.
     """
@@ -180,7 +180,7 @@ class CauseRecord:
 
 @dataclass(frozen=True)
 class TermRecord:
-    """One term of an effect: weight times basis function, along an axis of a slot."""
+    """One term of an effect: weight times basis function, along an axis of a slot (frame)."""
 
     slot: str
     axis: str
@@ -283,13 +283,13 @@ class EffectRecord:
     moved: MovedRecord | None = None
 
     def __repr__(self) -> str:
-        """Return one line with name, size, site and basis function."""
+        """Return one line with name, size, site and basis function of the effect."""
         size = measured(self.value, self.stderr, self.unit)
         return f"<effect {self.name}: {size} at {self.slot} {self.axis}, {shortened(self.basis, 60)}>"
 
     @property
     def repair(self) -> RepairAdvice | None:
-        """Symptom, check by hand, clause of a standard and effect of compensation; None without a family."""
+        """Symptom, check by hand, clause of a standard, effect of compensation; None for an effect without a family."""
         return repair_advice().get(self.catalogue or "")
 
     @property
@@ -356,8 +356,8 @@ class CandidateRecord:
 
 @dataclass(frozen=True)
 class RoundRecord:
-    """One round of the search. null_nats: largest gain of each search on permuted residuals. dropped: findings removed
-    in the round."""
+    """One round of the search. null_nats: largest gain of each search on permuted residuals, nats. dropped: findings
+    removed in the round."""
 
     round: Count = 0
     candidates: tuple[CandidateRecord, ...] = ()
@@ -367,8 +367,8 @@ class RoundRecord:
 
 @dataclass(frozen=True)
 class CompensationRecord:
-    """Inputs and outputs of the best program at the N training poses.
-    columns: values of the inputs. values: values of the outputs."""
+    """Inputs and outputs of the best program at the training poses.
+    columns: values of the inputs at each pose. values: values of the outputs at each pose."""
 
     run: str = ""
     inputs: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""A Report as text of 80 columns, similar to lmfit's fit_report: held-out errors first, then findings."""
+"""Write a Report as text of 80 columns, similar to lmfit's fit_report: held-out errors first, then findings."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""The one-sentence verdict of a report, and the sentences after the verdict."""
+"""Write the one-sentence verdict of a report, and the sentences after the verdict."""
 
 import math
 import re
@@ -155,7 +155,7 @@ def _remarks(report: Report) -> str:
 
 
 def _beside_noise(report: Report, rms: float | None) -> str:
-    """Compare an error with the noise floor; empty if the floor is unknown.
+    """Compare an error, mm, with the noise floor; empty if the floor is unknown.
     An error is at the floor within two standard errors of an RMS over n poses, 1 / √(2 n) each."""
     floor = report.noise_floor_mm
     if floor is None or not rms:

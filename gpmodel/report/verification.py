@@ -1,4 +1,4 @@
-"""Records of verify.json, the test of a model on later poses; lengths in mm, all other values SI."""
+"""Records of verify.json, the test of a model on later poses; lengths in mm, all other values in SI units."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -66,7 +66,7 @@ class Others:
 
 @dataclass(frozen=True)
 class KindRecord:
-    """Measurements of one kind other than points: RMS in the unit of the kind. mm: millimetres with the weight of one
+    """Measurements of one kind other than points: RMS in the unit of the kind. mm: millimetres that correspond to one
     unit."""
 
     name: str
@@ -158,7 +158,7 @@ class Verification:
 
     @property
     def worst(self) -> tuple[int, float | None]:
-        """Number of the row with the largest error with the model, and the error, mm."""
+        """Number of the row with the largest error with the model, and this error, mm."""
         first = self.worst_first[0]
         pairs = list(zip(self.others.with_mm, self.others.rows, strict=True)) if self.others else []
         mm, row = max(pairs, default=(0.0, 0))
@@ -169,7 +169,7 @@ class Verification:
 class VerifyRequest:
     """Input of a verification.
 
-    missed: m, errors at compensated targets.
+    missed: error at each compensated target, m.
     rows: number of rows of the table.
     others: rows that are not tested.
     fitted: rows that are excluded because the fit used them.

@@ -1,4 +1,4 @@
-"""Sentences shared by text and pages: noise floor, confirmation, causes, tests of inputs, sites."""
+"""Write sentences for text and pages: noise floor, confirmation, causes, tests of inputs, sites."""
 
 import math
 from collections.abc import Iterator
@@ -311,7 +311,7 @@ def places(effect: EffectRecord) -> tuple[str, ...]:
 
 
 def place(slot: str, axis: str) -> str:
-    """Return a slot and an axis in words."""
+    """Return a slot (frame) and an axis in words."""
     if not slot or "," in slot or "," in axis:
         return ""
     joint, _, side = slot.partition(".")

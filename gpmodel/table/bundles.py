@@ -16,16 +16,16 @@ SAME_JOINT = 5e-4
 plus the motion of a servo at rest (0.02 deg)."""
 
 NEAR = 5.0
-"""Largest distance of neighbouring poses in a cluster, over the median distance to the nearest pose. For ten or twenty
-poses in a small box the ratio is three to five."""
+"""Largest distance of neighbouring poses in a cluster, relative to the median distance to the nearest pose. For ten or
+twenty poses in a small box the ratio is three to five."""
 
 HARDLY_MORE = 1.5
 """Largest growth of the number of pairs of poses within a distance, when the distance doubles, if poses lie in
 clusters. The growth is one in clusters and two along a line."""
 
 FAR_JOINT = 10 * SAME_JOINT
-"""Difference of joint values, rad or m, above which rows with one label are not repeats: 0.3 deg moves a tool by
-millimetres."""
+"""Difference of joint values, rad or m, above which rows with one `repeat` label are no repeats: 0.3 deg moves a tool
+by millimetres."""
 
 FAR_POINT = 0.05
 """Distance, m, above which two points were not measured at one pose: no play or slip is as large."""
@@ -42,9 +42,9 @@ SAMPLE = 50
 
 
 def bundles(dataset: Dataset) -> IntArray:
-    """Return the number of the bundle of each row, 0 to B - 1.
+    """Return the number of the block ("bundle") of each row, from 0.
 
-    A bundle (block) is a set of rows that no split separates. Rows with equal `group` or `repeat` labels form a bundle.
+    A bundle is a set of rows that no split separates. Rows with equal `group` or `repeat` labels form a bundle.
     A group of all rows is ignored, for example the session used for training if another session is held out. Rows that
     touched one point, bar or surface with at most FEW_TOUCHES touches form a bundle. Rows whose joint values agree
     within SAME_JOINT or lie in one cluster form a bundle, for any set-up and payload. Bundles are numbered by joint
@@ -62,7 +62,7 @@ def bundles(dataset: Dataset) -> IntArray:
 
 
 def replicates(dataset: Dataset, whatever: bool = False) -> IntArray:
-    """Return a number per row, equal for repeated measurements at one pose, payload, set-up and tool.
+    """Return a number for each row, equal for repeated measurements at one pose, payload, set-up and tool.
 
     whatever: True to treat rows of different measurements and set-ups as equal.
     Rows with one `repeat` label get one number. Without labels, rows with joint values within SAME_JOINT get one
@@ -75,7 +75,7 @@ def replicates(dataset: Dataset, whatever: bool = False) -> IntArray:
 
 
 def _of_one_pose(dataset: Dataset, whatever: bool = False) -> IntArray:
-    """Return a number per row, equal for rows with one label or pose; with `whatever`, also for copies."""
+    """Return a number for each row, equal for rows with one label or pose; with `whatever`, also for copies."""
     labels = dataset.label("repeat")
     same = np.arange(len(dataset)) if dataset.joints_approximate else _same_joints(dataset.q)
     if not whatever:
@@ -85,7 +85,7 @@ def _of_one_pose(dataset: Dataset, whatever: bool = False) -> IntArray:
 
 
 def numbered(keys: Array | IntArray) -> IntArray:
-    """Return a number per row of keys, equal where all K keys are equal."""
+    """Return a number for each row of keys, equal for rows in which all keys are equal."""
     return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
@@ -101,7 +101,7 @@ def different_readings(dataset: Dataset) -> Dataset:
 
 
 def sharing(dataset: Dataset) -> IntArray:
-    """Return a number per row, equal for rows with correlated errors (a shared deviation from any model).
+    """Return a number for each row, equal for rows with correlated errors (a shared deviation from any model).
 
     Errors are correlated within a cluster of poses, or within one pose if poses do not lie in clusters, for one set-up
     and tool and any payload.
@@ -113,10 +113,10 @@ def sharing(dataset: Dataset) -> IntArray:
 
 
 def noise_floor(dataset: Dataset) -> float | None:
-    """Return the RMS 3-D distance, m, of repeated measurements from the mean of their pose, or None without repeats.
+    """Return the RMS 3-D distance of repeated measurements from the mean of their pose, m; None without repeats.
 
-    σ² = Σ |p - mean|² / Σ (n - 1) over poses measured n times (see `replicates`). Poses with an outlying spread are
-    excluded, because a failed measurement is not noise.
+    σ² = Σ |p - mean|² / Σ (n - 1) over poses with n measured points p. Poses with an outlying spread are excluded,
+    because a failed measurement is not noise.
     """
     known = np.isfinite(dataset.position).all(axis=1)
     points = dataset.position[known]
@@ -159,7 +159,7 @@ def check_repeats(dataset: Dataset) -> None:
 
 
 def _same_label(dataset: Dataset, column: str, most: float = np.inf) -> IntArray:
-    """Return for each row the first row with equal text in a column.
+    """Return for each row the number of the first row with equal text in a column.
     A row without text, or with a text that more than `most` rows have, is its own first row."""
     labels = dataset.label(column)
     _, first, code, count = np.unique(labels, return_index=True, return_inverse=True, return_counts=True)
@@ -167,7 +167,7 @@ def _same_label(dataset: Dataset, column: str, most: float = np.inf) -> IntArray
 
 
 def _same_joints(q: Array) -> IntArray:
-    """Return the first row of the pose of each row: the earliest row within SAME_JOINT in every joint.
+    """Return for each row the number of the first row of its pose: the earliest row within SAME_JOINT in every joint.
 
     Rows are compared with the first row of the pose, not with the neighbouring row, so that a slow motion is not one
     pose.
@@ -188,7 +188,7 @@ def _same_joints(q: Array) -> IntArray:
 
 
 def _clusters(q: Array) -> IntArray:
-    """Return the first row of the cluster of each row; every row is alone if poses do not lie in clusters.
+    """Return for each row the number of the first row of its cluster; all rows are alone if poses are not in clusters.
 
     Joint values are scaled by their ranges, and r is NEAR times the median distance of a pose to the nearest pose.
     Poses lie in clusters if hardly more pairs of poses lie within 2 r than within r. For poses along a line, the number
@@ -234,7 +234,7 @@ def original(dataset: Dataset) -> IntArray:
 
 
 def _renumbered(codes: IntArray, order: IntArray) -> IntArray:
-    """Renumber codes from 0 in their order of appearance, with the rows in a given order."""
+    """Renumber codes of rows from 0 in their order of appearance, with the rows in a given order."""
     _, first, code = np.unique(codes[order], return_index=True, return_inverse=True)
     out = np.empty(len(codes), dtype=np.int64)
     out[order] = np.argsort(np.argsort(first))[code]
@@ -242,8 +242,8 @@ def _renumbered(codes: IntArray, order: IntArray) -> IntArray:
 
 
 FEWEST_HELD, USUAL = 5, 0.3
-"""Least number and usual share of held-out poses. With fewer held-out poses the p-value exceeds 3 % even if all
-improve."""
+"""Least number and usual share of held-out poses. With fewer held-out poses the p-value of a test exceeds 3 % even if
+all poses improve."""
 
 FOLDS = 5
 """Number of folds of a cross-validation that repeats a whole fit or search. Each repetition uses 80 % of the poses
@@ -255,7 +255,7 @@ search, so that held-out poses do not depend on the seed of the search (experime
 
 
 def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tuple[IntArray, IntArray]:
-    """Split a table into training rows and held-out rows, both sorted, without splitting bundles.
+    """Return the numbers of training rows and of held-out rows of a table, both sorted; bundles are not split.
 
     fraction: share of the poses to hold out, approximately.
     Raises InputError if all poses are one bundle, or if `fraction` leaves no training rows or too few held-out rows.
@@ -295,6 +295,6 @@ def folds(dataset: Dataset, count: int, rng: np.random.Generator) -> IntArray:
 
 
 def stretches(row: Array, count: int) -> IntArray:
-    """Return the part of each value `row`, if sorted values are divided into `count` nearly equal parts."""
+    """Return the part of each value of `row`, if the sorted values are divided into `count` nearly equal parts."""
     place = np.argsort(np.argsort(row, kind="stable"), kind="stable")
     return (place * count // len(row)).astype(np.int64)

@@ -90,7 +90,7 @@ LONGEST_HEADER = 100_000
 EMPTY = "{}: the file is empty; expected a header line and one row per pose"
 
 COMMENTS = ("#", "//", "%", "!")
-"""Prefixes of comment lines. No column name begins with one."""
+"""Prefixes of comment lines. No column name begins with one of these prefixes."""
 NAMES = "expected names with units, as J1 [deg]"
 MOST_ABOVE, FEWEST_UNITS = 50, 3
 """Number of lines in which the header line is searched, and least number of units in a header line: x, y and z have
@@ -193,8 +193,8 @@ def split(line: str, separator: str) -> list[str]:
 
 def separator_and_decimal(lines: Sequence[str], among: Sequence[str] = SEPARATORS) -> tuple[str, str]:
     """Choose the separator and the decimal sign that give most numbers in lines with equal numbers of cells.
-    Of equally good ones the most frequent separator in the first line, then the sign with the fewest thousands is
-    chosen: 126,983 between semicolons is no 126983."""
+    Of equally good pairs, the most frequent separator in the first line is chosen, then the sign with the fewest
+    thousands: 126,983 between semicolons is no 126983."""
     lines = [line for line in lines[:SNIFFED] if line.strip()] or [""]
     best = (-1, -1, 0, ",", ".")
     for separator in among:

@@ -34,17 +34,17 @@ class Specification:
     slope: float
 
     def distance(self, points: Array) -> float:
-        """Return the RMS distance, m, of points, m, from the instrument at the origin; points with NaN are
-        excluded."""
+        """Return the RMS distance of points from the instrument at the origin, m; points with NaN are excluded.
+        points: coordinates in the frame of the instrument, m."""
         whole = points[np.isfinite(points).all(axis=1)]
         return float(np.sqrt(np.mean(np.sum(whole**2, axis=1)))) if len(whole) else 0.0
 
     def at(self, points: Array) -> float:
-        """Return the permissible error U, m, at the RMS distance of points, m."""
+        """Return the permissible error of a coordinate at the RMS distance of points, m, from the instrument, m."""
         return self.offset + self.slope * self.distance(points)
 
     def noise(self, points: Array) -> float:
-        """Return the expected standard deviation, m, of a coordinate of points, m: U over COVERAGE."""
+        """Return the expected standard deviation of a coordinate of points, m: permissible error over COVERAGE."""
         return self.at(points) / COVERAGE
 
     def __str__(self) -> str:
@@ -82,7 +82,7 @@ READINGS = {"u": "px", "v": "px", "length": "m", "inclination_x": "rad", "inclin
 
 
 class Readings(Protocol):
-    """Measurements at N poses for which a Dataset has no columns: a gpmodel.model.observation.Observation."""
+    """Measurements of several poses for which a Dataset has no columns: a gpmodel.model.observation.Observation."""
 
     def subset(self, rows: IntArray) -> "Readings":
         """Return the measurements at some poses."""
@@ -90,22 +90,22 @@ class Readings(Protocol):
 
 @dataclass(frozen=True)
 class Dataset:
-    """N measured poses of a mechanism with n joints.
+    """Measured poses of a mechanism; every array has one row per pose.
 
-    q: joint values, rad or m, in the order of the mechanism.
-    position: in the frame of the instrument, m, NaN where not measured.
-    rotation: rotation vectors, rad, NaN where not measured.
+    q: joint values, rad or m, a column per joint in the order of the mechanism.
+    position: x, y, z in the frame of the instrument, m, NaN where not measured.
+    rotation: rotation vectors in the frame of the instrument, rad, NaN where not measured.
     row: number of the data row in the file, from 1.
-    payload: kg; payload_given: True if the table has a payload column.
-    distances: name -> measured distances, m.
+    payload: mass at the tool, kg; payload_given: True if the table has a payload column.
+    distances: measured distances, m, by name.
     readings: columns named in READINGS.
     described: content of the files of cameras, boards and surfaces, by "cameras", "board" and "surfaces".
     observations: measurements other than points, poses and distances.
-    labels: column -> text, "" where empty.
-    extras: further columns: name -> in `extra_units`; extra_names: their names in the table.
+    labels: text of each row, "" where empty, by column.
+    extras: further columns by name, in `extra_units`; extra_names: names of these columns in the table.
     sha256: digest of the bytes of the file.
     columns: names of the joints in the table, if they differ from those of the mechanism.
-    kinds: kind of each joint, "revolute" if empty.
+    kinds: kind of each joint (revolute or prismatic), "revolute" if empty.
     joints_approximate: True if a joint has no sensor, so that equal joint values need not be one pose.
     ignored: text columns that are no labels; empty_rows: number of empty rows in the file.
     in_order: True if rows are in the order of measurement, so that effects may depend on earlier rows.
@@ -187,11 +187,11 @@ class Dataset:
         return bool(np.isfinite(self.rotation).any())
 
     def label(self, column: str) -> NDArray[np.str_]:
-        """Return the text of a label column, "" if the table has no such column."""
+        """Return the text of each row in a label column, "" if the table has no such column."""
         return self.labels.get(column, np.full(len(self), "", dtype="<U1"))
 
     def codes(self, column: str) -> tuple[list[str], IntArray]:
-        """Return the distinct labels of a column in order of appearance, and the index of each row's label."""
+        """Return the distinct labels of a column in order of appearance, and for each row the number of its label."""
         if column not in self.labels:
             return [""][: len(self)], np.zeros(len(self), dtype=np.int64)
         labels = self.label(column)
@@ -200,7 +200,7 @@ class Dataset:
         return names, np.array([index[x] for x in labels.tolist()], dtype=np.int64)
 
     def subset(self, rows: IntArray | Sequence[int] | NDArray[np.bool_]) -> "Dataset":
-        """Return a table of some rows, given by index or mask."""
+        """Return a table of some rows, given by their numbers or by a mask."""
         take = np.asarray(rows)
         return replace(
             self,
@@ -236,7 +236,7 @@ def with_payload(dataset: Dataset, payload: float | None) -> Dataset:
 
 
 def unmeasured(joints: Sequence[str], q: Array, payload: Array | None = None) -> Dataset:
-    """Return a table of poses q, rad or m, without measurements. payload: kg, by default zero."""
+    """Return a table of joint values q, rad or m, without measurements. payload: kg for each pose, by default zero."""
     count = len(q)
     missing = np.full((count, 3), np.nan)
     return Dataset(

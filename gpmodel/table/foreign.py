@@ -68,7 +68,7 @@ def cells(values: Array) -> list[str]:
 
 
 def rotation_vectors(read: Callable[[Array], Rotation], numbers: Array) -> Array:
-    """Convert rows of numbers to rotation vectors, rad; NaN for a row with a missing number."""
+    """Convert rows of orientation numbers to rotation vectors, rad; NaN for a row with a missing number."""
     out, known = np.full((len(numbers), 3), np.nan), np.isfinite(numbers).all(axis=1)
     if known.any():
         out[known] = read(numbers[known]).as_rotvec()
@@ -271,7 +271,7 @@ def _rotation_vectors(sheet: Sheet, orientation: OrientationColumns, where: str)
 
 
 def _values(sheet: Sheet, text: str, where: str) -> tuple[Array, str | None]:
-    """Return the numbers of a column or a formula of columns, and the unit after the name or formula."""
+    """Return the numbers of a column or of a formula of columns, and the unit after the name or formula."""
     name, unit = split_header(text)
     if (column := find(sheet, name)) is not None:
         header = sheet.names[column]
@@ -305,7 +305,7 @@ def _numbers(sheet: Sheet, column: int, unit: str | None = None) -> Array:
 
 
 def column_of(sheet: Sheet, name: str, where: str) -> int:
-    """Return the index of a column. Raises InputError if no column has the name, or several have it."""
+    """Return the number of a column, from 0. Raises InputError if no column has the name, or several have it."""
     if (found := find(sheet, name)) is None:
         if sheet.names.count(name) > 1:
             numbers = ", ".join(f"c{i + 1}" for i, header in enumerate(sheet.names) if header == name)

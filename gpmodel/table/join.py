@@ -92,14 +92,14 @@ def joined(first: Sheet, second: Sheet, how: str) -> Sheet:
 
 
 def rows_side_by_side(pairs: IntArray) -> str:
-    """Format pairs of rows, counted from 0, as `joined` reads them: `rows 1-6 = 1-6, 8-40 = 7-39`."""
+    """Write pairs of row numbers, counted from 0, as `joined` reads them: `rows 1-6 = 1-6, 8-40 = 7-39`."""
     parts = np.split(pairs, np.flatnonzero((np.diff(pairs, axis=0) != 1).any(axis=1)) + 1)
     ends = [(part[0] + 1, part[-1] + 1) for part in parts]
     return ROWS + ", ".join(f"{a[0]}-{b[0]} = {a[1]}-{b[1]}" for a, b in ends)
 
 
 def _stretch(text: str) -> list[tuple[int, int]]:
-    """Parse `8-40 = 7-39` into pairs of rows, counted from 0. Raises InputError for other text."""
+    """Parse `8-40 = 7-39` into pairs of row numbers, counted from 0. Raises InputError for other text."""
     found = _STRETCH.match(text)
     numbers = [int(word) - 1 for word in found.groups()] if found else [0, 0, 0, 1]
     if numbers[1] - numbers[0] != numbers[3] - numbers[2]:

@@ -74,7 +74,7 @@ class Sheet:
     """Cells of a file as text.
 
     names: header of each column, "" without header.
-    cells: text (N, columns) with decimal points, missing where empty; columns are numbered from 0.
+    cells: text by row and column with decimal points, missing where empty; columns are numbered from 0.
     said: notes on how the file was read.
     """
 

@@ -89,14 +89,14 @@ def _given(joint: ET.Element, tag: str, key: str, default: str, file: str) -> li
 
 
 def origin_of(joint: ET.Element, file: str) -> Array:
-    """Return the transform (4, 4), m, from the parent link of a URDF joint to the joint. Raises InputError naming the
+    """Return the transform from the parent link of a URDF joint to the joint, m. Raises InputError naming the
     file."""
     turn = Rotation.from_euler("xyz", _given(joint, "origin", "rpy", "0 0 0", file)).as_matrix()
     return se3.frame(turn, _given(joint, "origin", "xyz", "0 0 0", file))
 
 
 def axis_of(joint: ET.Element, file: str) -> list[float]:
-    """Return the axis (3,) of a URDF joint. Raises InputError naming the file."""
+    """Return the direction of the axis of a URDF joint. Raises InputError naming the file."""
     return _given(joint, "axis", "xyz", "1 0 0", file)
 
 

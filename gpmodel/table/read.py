@@ -132,7 +132,7 @@ class _Cells:
 
 
 def _labels(column: pd.Series, where: str) -> NDArray[np.str_]:
-    """Return the texts of a column with single blanks between words.
+    """Return the text of each row of a column, with single blanks between words.
     Raises InputError naming the row of a label with control characters, double quotes or backslashes."""
     words = [" ".join(word.split()) for word in column.fillna("").astype(str)]
     if bad := next((row for row, word in enumerate(words, 1) if steers(word)), 0):

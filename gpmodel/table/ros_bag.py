@@ -30,7 +30,7 @@ APART = 0.05
 
 @dataclass(frozen=True)
 class _JointState:
-    """A joint state. time: s. values: joint name -> value, rad or m."""
+    """A joint state in a recording. time: s. values: joint name -> value, rad or m."""
 
     time: float
     values: dict[str, float]
@@ -38,7 +38,7 @@ class _JointState:
 
 @dataclass(frozen=True)
 class _Measured:
-    """A measurement. time: s. point: (3,) m. vector: rotation vector (3,), rad, NaN if not measured."""
+    """A measurement in a recording. time: s. point: m. vector: rotation vector, rad, NaN if not measured."""
 
     time: float
     point: Array
@@ -127,4 +127,4 @@ def _time(message: object) -> float:
 
 
 _part = getattr
-"""Field of a message, whose class rosbags creates from its definition."""
+"""Function that reads a field of a message, whose class rosbags creates from its definition."""

@@ -58,7 +58,7 @@ def check_family(
 def check_effect(
     effect: Effect, mechanism: Mechanism, *, inputs: Mapping[str, Array] | None = None, poses: int = 24, seed: int = 0
 ) -> None:
-    """Check a single effect as `check_family` checks the effects of a family."""
+    """Check a single effect: its values, its text form and its effect on the tool point."""
     _check_effect(effect, mechanism, *_scene(mechanism, inputs or {}, poses, seed))
 
 

@@ -203,7 +203,7 @@ def _payload_loads(mechanism: Mechanism, q: Array) -> dict[str, Array]:
 
 
 def _payload_centre(mechanism: Mechanism, q: Array, base: Array, moment: Array, weight: Array) -> Array:
-    """Fit the centre of mass of a payload in the tool frame (3,), m: (p + R c - o) × m g = moment."""
+    """Return the centre c of mass of a payload in the tool frame, m, from (p + R c - o) × m g = moment."""
     tool = chain(mechanism.transforms(q))[-1]
     arm = tool[:, :3, 3] - base[:, :3, 3]
     left = moment / PAYLOAD - np.cross(arm, weight)
@@ -226,7 +226,7 @@ def _slope(function: Callable[[Array], Array], q: Array, column: int) -> Array:
 
 
 def _rate(frame: Array, axis: str) -> Array:
-    """Return the change, in the root frame, of the poses of later frames by a unit twist of `frame`."""
+    """Return the change, in the root frame, of the poses of later frames by a unit twist of `frame`, one per pose."""
     return frame @ _twisted(np.eye(6)[None, AXES.index(axis)]) @ np.linalg.inv(frame)
 
 

@@ -44,7 +44,7 @@ def numpy_text(forward: Forward, note: str) -> str:
 def c_text(forward: Forward, note: str, cases: Array) -> str:
     """Return the source of a C99 file with gpmodel_predict and gpmodel_compensate.
 
-    cases: (K, joints + inputs + 3) joint values, inputs and predicted points, for the self-test of the file.
+    cases: joint values, inputs and predicted point of each test pose, one row a pose, for the self-test of the file.
     """
     joints, bodies = _joints(forward), _bodies(forward)
     lines = [f"const double s_{n} = q[{j}];" for j, n in enumerate(joints)]
@@ -88,7 +88,7 @@ def nameless(forward: Forward) -> Forward:
 
 
 def latex_text(forward: Forward) -> str:
-    """Write one equation per slot and axis for the error twist, m or rad, to DIGITS digits; common terms first."""
+    """Write one equation for each component of an error twist, m or rad, to DIGITS digits; common terms first."""
     places, program = equations(forward)
     names = forward.saved.names
     parts, outputs = latex_lines(program, names)
@@ -100,7 +100,7 @@ def latex_text(forward: Forward) -> str:
 
 
 def equations(forward: Forward) -> tuple[list[tuple[int, int]], Program]:
-    """Return the slots and axes with an error twist, and a program with one output for each, m or rad."""
+    """Return the slots (frames) and axes with an error twist, and a program with one output for each, m or rad."""
     builder, sums = Builder(), dict[tuple[int, int], int]()
     for line in forward.lines:
         basis = Expression(str(line.basis)).program
@@ -158,7 +158,7 @@ def _bodies(forward: Forward) -> tuple[Body, ...]:
 
 
 def _weights(forward: Forward, one: str, none: str) -> Iterator[tuple[str, list[str]]]:
-    """Yield the weight vectors of the bodies by name: for all bodies, and for each body with a separate load.
+    """Yield the weights of the bodies in a gravity load, by name: for all bodies, and for each with a separate load.
 
     The payload is the last body.
     """
