@@ -72,7 +72,7 @@ def _alike(names: list[str]) -> str:
 def block_information(fits: Sequence[Calibration], effects: tuple[Effect, ...]) -> BlockInformation:
     """Compute the information of each fit about a block of effects, given their priors and the noise.
 
-    Λ = C⁻¹ - 1 and Λ b̂ = C⁻¹ θ, with Λ = Rᵀ R and C the posterior covariance in units of the priors.
+    Information: Λ = C⁻¹ - 1 = Rᵀ R. Estimates b̂: Λ b̂ = C⁻¹ θ. C, θ: covariance and values of the fitted effects.
     """
     values, roots = [], []
     prior, mean = (np.array([getattr(e, k) for e in effects]) for k in ("prior", "mean"))

@@ -70,10 +70,11 @@ class Change:
 class Comparison:
     """Comparison of two reports.
 
-    parameters, effects, placement: changes of the quantities in both reports, the largest change in standard errors
-    first. only_before, only_after: names of the effects that one report alone contains. incomparable: parameters that
-    were fitted in one report only; in the other report, other parameters absorb the error. shared: number of rows to
-    which both models were fitted. sources: names of the two reports.
+    parameters, effects, placement: changes of the quantities in both reports, largest change in standard errors first.
+    only_before, only_after: names of the effects that one report alone contains.
+    incomparable: parameters that were fitted in one report only; other parameters absorb the error in the other report.
+    shared: number of rows to which both models were fitted.
+    sources: names of the two reports.
     """
 
     before: Report
