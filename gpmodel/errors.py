@@ -9,10 +9,10 @@ LONGEST = 1000
 QUOTED = 60
 """Largest number of characters of a quoted text; a longer text is cut."""
 _QUOTED = re.compile(rf"(?<!\w)'([^'/\\]{{{QUOTED}}})[^'/\\]+'(?!\w)")
-"""Pattern of a quoted text longer than QUOTED. It skips the text between two short quoted texts."""
+"""Pattern of a quoted text longer than QUOTED. The pattern skips the text between two short quoted texts."""
 
 LISTED, NEAREST = 6, 3
-"""Most names that a message lists in full, and number of similar names that it lists otherwise."""
+"""Largest number of names that a message lists in full, and number of similar names listed otherwise."""
 
 
 def choices(name: object, known: Iterable[object]) -> str:

@@ -27,10 +27,10 @@ Found = TypeVar("Found")
 
 SWITCH = 1e-4
 """Longest time, s, that a thread keeps the interpreter. A compiled loop of a generation takes about 1 ms; with Python's
-default of 5 ms a finished thread would wait longer than it computes."""
+default of 5 ms a finished thread would wait longer than its computing time."""
 
 AHEAD = 2
-"""Tasks queued per worker. Two keep every worker busy and memory independent of the number of tasks."""
+"""Number of tasks queued per worker. Two keep every worker busy and memory independent of the number of tasks."""
 
 ATTEMPTS = 3
 """Consecutive lost processes after which the task is assumed to kill them; dask calls this `allowed-failures`."""
@@ -225,7 +225,7 @@ ALONE = Forks(1)
 def called_beside(
     workers: Forks, call: Callable[[], Beside], calls: Sequence[Callable[[], Found]]
 ) -> tuple[Beside, list[Found]]:
-    """Run `call` in this process and `calls` in copies at the same time; return the result of `call` and of `calls`."""
+    """Run `call` in this process and `calls` in copies at the same time; return all results."""
     made: list[Beside] = []
     found = dict(workers.beside(lambda: made.append(call()), calls))
     return made[0], [found[number] for number in range(len(calls))]

@@ -162,7 +162,7 @@ def percent(share: float | None) -> str:
 
 
 def chance(probability: float | None, shuffles: int | None = None, of: str = "permutations") -> str:
-    """Write a probability with two digits and the number of permutations that it is estimated from.
+    """Write a probability with two digits and the number of permutations from which the probability is estimated.
 
     A probability below 1 / (permutations + 1) is marked as extrapolated. Below 1e-6 only that bound is stated, because
     the distribution fitted to the tail is not valid there.

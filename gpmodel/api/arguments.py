@@ -112,7 +112,7 @@ def switch(value: object, argument: str) -> bool:
 
 
 def text(value: object, argument: str, what: str) -> str:
-    """Return a text; raise InputError with the argument and what it should be otherwise."""
+    """Return a text; raise InputError with the argument and its expected content otherwise."""
     if not isinstance(value, str):
         raise InputError(f"{shown(value)}, expected {what} as text", argument)
     return str(value)

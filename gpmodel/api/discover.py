@@ -151,12 +151,12 @@ def discover(
     mechanism, table: objects, or names and paths. holdout: share of the poses that selection and fit do not use.
     folds: number of folds of a cross-validation in place of `holdout`. The selection uses all poses, and is repeated
     without each fold to measure the prediction error. Default: holdout 0.3, or 5 folds with few poses (ENOUGH_HELD).
-    seed: random seed of the evolution. Held-out poses, folds and permutations do not depend on it.
+    seed: random seed of the evolution. Held-out poses, folds and permutations are independent of the seed.
     search: effort of the search. criteria: tests that a candidate must pass to be accepted.
     candidates: families, candidates or single effects to test; () to test evolved formulas only. condition_limit:
     largest ratio of singular values; None: cross-validated. standard: patterns of the geometric constants to fit.
     noise: standard deviation of one measurement, "0.03 mm" or "0.1 px", if no pose is repeated.
-    instrument: specification, "15um + 6um/m", the largest error of a coordinate; the noise is taken as half of it.
+    instrument: specification, "15um + 6um/m", the largest error of a coordinate; the noise is half of this limit.
     joints: "BALL=RESULT" as in `calibrate`, added to the standard model. like: folder, file or record of a `fleet` of
     the type; the effects of the fleet, with mean and spread, replace the standard model.
     progress: function called with Progress messages, for example `print`. kept: finished runs of an interrupted search.
@@ -194,7 +194,7 @@ def _started(known: FleetPart | None, arm: Mechanism, loop: "partial[Discovery]"
 
 
 def _type_of(like: object, joints: Sequence[str]) -> FleetPart | None:
-    """Return the record of the machine's type or None. Raises InputError if unreadable or if `joints` are given too."""
+    """Return the record of the machine's type or None. Raises InputError if it is unreadable or `joints` are given."""
     if like is not None and joints:
         raise InputError("cannot be combined with joints; expected one of the two", "like")
     return None if like is None else fleet_at(like, "like")

@@ -142,7 +142,7 @@ def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, r
 def of_rejected(saved: SavedModel, record: Report | None, pool: Array, number: int, rng: np.random.Generator) -> Asked:
     """Return the experimental design of further poses among `pool` that decide on a rejected candidate.
 
-    number: number of the candidate, from 1. Raises InputError if it is invalid, or the candidate is not catalogued.
+    number: number of the candidate, from 1. Raises InputError for an invalid number or a candidate without a name.
     """
     rejected = record.rejected if record else ()
     if not 1 <= number <= len(rejected):

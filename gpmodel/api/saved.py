@@ -84,7 +84,7 @@ def _of_another_basis(effect: Effect, basis: Expression) -> Effect:
 
 
 def load_result(folder: str | Path) -> SavedResult:
-    """Load the result of `calibrate` or `discover` from a folder. Raises InputError if it is missing or damaged."""
+    """Load the result of `calibrate` or `discover` from a folder. Raises InputError if missing or damaged."""
     path = file_path(folder, "folder")
     return SavedResult(path, read_report(path))
 

@@ -89,7 +89,7 @@ def read_table(
     every row of the table.
     mechanism: object, name or file.
     in_order: the rows are in the order of measurement, so that an effect may depend on earlier poses. A time column
-    that never decreases implies it.
+    that never decreases implies this order.
     cameras, board, surfaces: descriptions of cameras, boards and touched surfaces, as TOML files or their content.
     Raises InputError for a missing or empty file, a column with an unknown or missing unit, missing or surplus joints,
     text among numbers, no measurement, or a payload column if the mechanism has a payload.
@@ -174,7 +174,7 @@ def in_metres(value: str | float, dataset: Dataset, name: str, most: Mapping[str
 
 
 def told_of_reading(source: TableLike, progress: Say) -> None:
-    """Announce that a table is being read, if it is large."""
+    """Announce that a large table is being read."""
     with suppress(OSError, ValueError):  # the reader reports such errors
         if isinstance(source, str | Path) and os.path.isfile(source) and Path(source).stat().st_size > LARGE:
             progress(Progress("reading the table"))

@@ -40,7 +40,7 @@ class RepairedModel(Shown):
 
     @property
     def model(self) -> Model:
-        """The repaired model; `save` writes it to a file."""
+        """The repaired model, which `save` writes to a file."""
         return Model(self.found.saved)
 
     @property
@@ -215,18 +215,18 @@ def verify_next(
 ) -> NextCheck:  # fmt: skip
     """Check a model pose by pose: test the measured poses, and propose the next pose until the result is decided.
 
-    Measure the pose `next`, add it to the table, and call again. A test with n poses has the significance 0.05 · 6 /
-    (π² (n - 5)²), so that at most one check in twenty of an unchanged machine ends with a change. The check ends when a
-    change is identified, or when a change of any joint zero that moves the tool by more than the tolerance would be
+    Measure the pose `next`, add its row to the table, and call again. A test with n poses has the significance 0.05 · 6
+    / (π² (n - 5)²), so that at most one check in twenty of an unchanged machine ends with a change. The check ends when
+    a change is identified, or when a change of any joint zero that moves the tool by more than the tolerance would be
     detected with probability 0.9. Without a tolerance, twice the expected error of the model is the limit. The proposed
-    pose is the pose of the fit that is most sensitive to the least determined joint zero.
-    If a change is identified, `repaired` is the model refitted to the poses of the check. The prior of the refit is the
-    former model, with the changed parameters free. `repaired.model.save(...)` writes the model; `repaired.more` are
-    further poses that the refit needs.
+    pose is the pose of the fit that is most sensitive to the least determined joint zero. If a change is identified,
+    `repaired` is the model refitted to the poses of the check. The prior of the refit is the former model, with the
+    changed parameters free. `repaired.model.save(...)` writes the model; `repaired.more` are further poses that the
+    refit needs.
 
     model, table, tolerance, in_order, cameras, board, surfaces: as in `verify`. Without a table, or with fewer than six
-    poses, a pose far from the others is proposed. Raises InputError as `verify`, and if the model does not contain the
-    table of its fit. Source: Robbins (1970), statistical methods related to the law of the iterated logarithm.
+    poses, a pose far from the others is proposed. Raises InputError as `verify` does, and if the model does not contain
+    the table of its fit. Source: Robbins (1970), statistical methods related to the law of the iterated logarithm.
     """
     judged = model_of(model, "model")
     name = Path(model).name if isinstance(model, str | Path) else "model"

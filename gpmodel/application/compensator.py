@@ -59,7 +59,7 @@ def slot_task(fit: Calibration, mechanism: Mechanism, seen: Poses, seed: int) ->
 def cartesian_problem(fit: Calibration, poses: Poses, rows: IntArray, norm: str = "max") -> CartesianProblem:
     """Return the problem of a compensator, Fig 5.2 of Robertson (2003), from model points to measured points, mm.
 
-    The points are in the root frame. The inputs are those of Table 5.1: the point, the joint values, and every varying
+    The points are in the root frame. Inputs, as in Table 5.1: the point, the joint values, and every varying
     column. rows: poses. Raises InputError if no pose has all three coordinates."""
     rows = rows[np.isfinite(poses.dataset.position[rows]).all(axis=1)]
     if not len(rows):

@@ -73,7 +73,7 @@ class ErrorBounds:
 
 
 def further_poses(fit: Calibration, poses: Poses, spread: float | None = None) -> ErrorBounds | None:
-    """Bound the errors of a model, fitted to `poses`, at further poses.
+    """Bound the errors that a model fitted to `poses` has at further poses.
 
     The result is None if joint values are approximate, positions are incomplete, inputs from earlier rows are unknown
     at further poses, or the measurements hardly outnumber the unknowns.

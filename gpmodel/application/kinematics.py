@@ -76,7 +76,7 @@ def _jacobian(mechanism: Mechanism, observed: Observed) -> Array:
 
 
 def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, nominal: bool) -> tuple[Array, Array]:
-    """Return joint values near those of `dataset` that reach the targets, and the remaining error, m.
+    """Return joint values near the values in `dataset` that reach the targets, and the remaining error, m.
 
     The solver is Levenberg-Marquardt for each row separately. Source: Moré (1978). whole: True for position and
     orientation, weighted by ROTATION_WEIGHT; False for position. The error is infinite if the loops of a mechanism
@@ -211,8 +211,8 @@ def matched(saved: SavedModel, dataset: Dataset) -> Dataset:
 def matched_with_readings(saved: SavedModel, dataset: Dataset) -> Dataset:
     """Return the dataset as `matched` does, after a check that joint values and positions are of the model's machine.
 
-    Raises InputError as `matched`, and if the residual of most positions exceeds POOR_LENGTH after a fit of
-    registration and tool point.
+    Raises InputError for unknown labels or inputs, and if the residual of most positions exceeds POOR_LENGTH after a
+    fit of registration and tool point.
     """
     if mixed := mixed_up(saved.mechanism, dataset):
         raise InputError(f"{dataset.source}: {mixed}; expected a table of {saved.mechanism.name}")

@@ -274,7 +274,7 @@ def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
 
 
 def model_text(saved: SavedModel, **more: object) -> str:
-    """Return the text of model.json. Raises InputError as `model_content`."""
+    """Return the text of model.json. Raises InputError for a basis function without text."""
     return to_json(model_content(saved, **more))
 
 

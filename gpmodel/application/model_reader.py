@@ -232,7 +232,7 @@ Part = TypeVar("Part")
 class Sealed(Generic[Part]):
     """Kind of file with a checksum.
 
-    kind, schemas: accepted entries of the file. part: structure of its content. word, expected: names for messages.
+    kind, schemas: accepted entries of the file. part: structure of the content. word, expected: names for messages.
     """
 
     kind: str
@@ -248,7 +248,7 @@ MODEL = Sealed(KIND, SCHEMAS, ModelPart, "model", "a model.json")
 def read_part(path: Path) -> ModelPart:
     """Return the content of a model.json.
 
-    Raises InputError as `read_sealed`, or if the report in the folder names another model. Files that are not named
+    Raises InputError for an unreadable file, or if the folder's report names another model. Files that are not named
     model.json, for example the true model of a simulation, need no report.
     """
     part, digest = read_sealed(path, MODEL)

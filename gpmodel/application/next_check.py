@@ -132,7 +132,7 @@ class Pool:
         return tuple(HiddenChange(v.joint, float(m)) for v, m, able in hidden if able and m > limit)
 
     def next(self, taken: Array) -> Array:
-        """Return the joint values of a pose that is not among `taken`.
+        """Return the joint values of the next pose to measure, none of the poses `taken`.
 
         The pose maximises the information on the least determined joint zero, relative to its displacement of the tool.
         Without a session, the pose farthest from `taken` is returned.

@@ -122,7 +122,7 @@ class FittedCause:
 class CausesThere:
     """A finding (or none), and all alternative causes of the part of the residual that the finding explains.
 
-    own: effects of the finding, with corrections of the constants inside it. names: parameters of the model
+    own: effects of the finding, with corrections of its constants. names: parameters of the model
     without the finding. stated: the finding, fitted.
     """
 

@@ -215,7 +215,7 @@ SIGNIFICANCE = 0.005
 MOST = 4
 """Largest number of identified changes. With more, the verdict is another machine."""
 AS_LIKELY = 4.0
-"""Part of the chi-square of a change below which another change need not explain it: two standard deviations."""
+"""Part of the chi-square of a change that another change need not explain: two standard deviations."""
 LARGEST = 0.01
 """Largest detectable shift of a joint zero, rad or m, that is reported. A larger shift is called undetectable."""
 POWER = 0.9

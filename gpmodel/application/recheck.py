@@ -266,7 +266,7 @@ class Recheck:
         return rank.remove(self.basis, self.spread.whiten(self.blocks.means(columns)))
 
     def without(self, columns: Array) -> "Recheck":
-        """Return the recheck with further whitened columns projected out."""
+        """Return the whitened residuals with further whitened columns projected out."""
         more = rank.orthonormal(columns)
         return replace(self, z=rank.remove(more, self.z), basis=np.hstack([self.basis, more]))
 

@@ -127,7 +127,7 @@ def placed_now(saved: SavedModel) -> SavedModel:
     """Return the model with registration and tool of the end of the session.
 
     A slip of the tool or a move of the set-up becomes part of tool and registration, so that compensation does not
-    correct it by joint values.
+    correct the slip or move by joint values.
     """
     slots, effects = saved.mechanism.slots, saved.model.effects
     ends = ((slots[0],), (slots[-1],))

@@ -81,7 +81,7 @@ def climb(
     mechanism: Mechanism, models: Models, seen: Poses, unseen: Poses, condition_limit: float | None = None,
     seed: int = 0,
 ) -> tuple[Step, ...]:  # fmt: skip
-    """Fit each model to the poses `seen`, starting from the previous fit, and evaluate it on the poses `unseen`."""
+    """Fit each model to the poses `seen`, starting from the previous fit; evaluate each fit on the poses `unseen`."""
     steps: list[Step] = []
     for name, of_model in models:
         start = without_outlier_marks(steps[-1].calibration) if steps else None

@@ -162,7 +162,7 @@ class Fitting:
 
 @dataclass(frozen=True)
 class Reached:
-    """Current parameter values of Gauss-Newton iterations. The columns of `problem` may be those of close values."""
+    """Current parameter values of Gauss-Newton iterations. The columns of `problem` may belong to close values."""
 
     placement: Placement
     theta: Array

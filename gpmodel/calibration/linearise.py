@@ -129,7 +129,7 @@ class Linearised:
         return np.array([n.startswith(("registration", "tool")) for n in self.placement_names], dtype=bool)
 
     def effect_rows(self, effects: Sequence[Effect], model: ErrorModel) -> Array:
-        """Return the derivative of each row by each of any effects, weighted like the residual.
+        """Return the derivatives of the measured rows by the coefficient of each effect, weighted like the residual.
 
         For effects of the instrument, the part that registrations and tools absorb is projected out.
         """
@@ -183,7 +183,7 @@ def add_effect_rows(
 ) -> Array:
     """Add the weighted derivatives of the measurements by each effect to `out`, one line per effect; return `out`.
 
-    weights: weights by pose and component; only components with a positive weight are rows. The values are those of
+    weights: weights by pose and component; only components with a positive weight are rows. The result equals
     `effect_columns`, but memory is used for one effect at a time: the sensitivity of a frame is computed in rows once.
     """
     rows = weights > 0

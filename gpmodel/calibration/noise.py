@@ -97,7 +97,7 @@ def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float)
     """Estimate the variance shared by the repeats of a pose over the variance of one measurement, after a fit.
 
     problem: linear problem whose residual was whitened by `ratio`. bundle: number of every pose, equal for repeats.
-    held: number of fitted effects. Returns `ratio` if no pose was measured twice.
+    held: number of fitted effects. If no pose was measured twice, `ratio` is returned.
     """
     noise = blocks_of(problem, bundle, ratio)
     return noise.estimated(noise.restored(problem.residual) / np.sqrt(1.0 + ratio), problem.placement + held).ratio

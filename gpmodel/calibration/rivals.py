@@ -114,7 +114,7 @@ class Rival:
     sizes: coefficients with which the candidate's effects displace the measurements like the constant.
     moves: RMS displacement, m, of the measured point by the candidate.
     apart: distance of the two explanations over all poses, in standard deviations of the noise.
-    poses: joint values, rad and m, where the two explanations differ most. difference: their distance there, m.
+    poses: joint values, rad and m, where the two explanations differ most. difference: distance at these poses, m.
     session: inputs of the candidate that joint values do not determine; `poses` is then empty.
     """
 

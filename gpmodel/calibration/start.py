@@ -81,7 +81,7 @@ GOOD_START = 1e-4
 which fits far worse."""
 
 TRIED_TOOLS = np.vstack([np.zeros(3), *(0.15 * sign * axis for axis in np.eye(3) for sign in (1.0, -1.0))])
-"""Initial tool points (7, 3), m: the flange, and 0.15 m from it in each direction."""
+"""Initial tool points, m: the flange, and 0.15 m from the flange in each direction."""
 
 
 def start_placements(poses: Poses) -> Iterator[Placement]:

@@ -21,7 +21,7 @@ from gpmodel.table.dataset import Readings
 def hang_payload(mechanism: Mechanism, poses: Poses) -> tuple[Mechanism, Poses]:
     """Return the mechanism and its poses with the payload at the tool point, fitted with registration and tool alone.
 
-    The mechanism is unchanged if a centre of mass is given, if no pose has a payload, or if it is built in Python.
+    The mechanism is unchanged if a centre of mass is given, no pose has a payload, or the mechanism is built in Python.
     """
     if not isinstance(mechanism, LoadedMechanism) or mechanism.choice.payload_com is not None:
         return mechanism, poses

@@ -33,7 +33,7 @@ class Number(click.ParamType):
 
 
 class NamedPath(click.Path):
-    """Type of an option that takes a path: not empty, since an empty path means the current folder, and printable."""
+    """Type of an option that takes a path: not empty, since this would mean the current folder, and printable."""
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> object:  # type: ignore[override]
         """Convert a text to a path; fail with a one-line message if the text is empty or has control characters."""

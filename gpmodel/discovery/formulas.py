@@ -220,7 +220,7 @@ def _best(residual: Residual, laws: Sequence[ShortLaw]) -> tuple[float, ShortLaw
 
 
 GROSS = 2.0
-"""Largest ratio of a pose's error without the function to the second largest: above it the measurement is bad."""
+"""Largest ratio of a pose's error without the function to the second largest; with more, the measurement is bad."""
 
 
 def doubtful(left: Residual, curve: Candidate) -> Mask:

@@ -34,7 +34,7 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_a
 
     Fine curves of a drive get as many harmonics as their evidence supports, and constants inside candidates are
     refitted. evolved_null: largest gain of any program on each permuted residual. An evolved term has to exceed the
-    null of evolution and of selection, because both searches selected it. errors_alone: omit the credible sets.
+    null of evolution and of selection, because both searches selected the term. errors_alone: omit the credible sets.
     """
     if not last.candidates:
         return Judged((), last.left.calibration)

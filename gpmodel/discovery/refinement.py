@@ -42,12 +42,12 @@ ROW_LOSS = -np.log1p(-np.sqrt(0.95))
 -2 ln(1 - √0.95) of the likelihood ratio of a threshold. Source: Hansen (2000), Econometrica 68(3), theorem 2."""
 
 WINDOW = 12
-"""Number of rows on either side of an event that are tested first, in addition to those up to the next offered row."""
+"""Number of rows on either side of an event that are tested first, besides the rows up to the next candidate row."""
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Log likelihood of an event, nats, if it occurs after each of some rows; its other constants are fixed."""
+    """Log likelihood of an event after each of some rows, nats, with the other constants of the event fixed."""
 
     rows: Array
     nats: Array

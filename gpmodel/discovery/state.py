@@ -79,7 +79,7 @@ class Discovery:
 
     fitted: all findings, fitted to all poses.
     confirmation: test of the findings on held-out poses; None without findings.
-    final: model to ship: the model of `fitted` if it is confirmed, else the standard model fitted to all poses.
+    final: model to ship: the model `fitted` if confirmed, else the standard model fitted to all poses.
     parts: results of the loop repeated without each fold; empty if a fixed set of poses is held out.
     alone: for a further machine of a type, the fit to its poses without the prior of the type.
     """

@@ -187,7 +187,7 @@ class Residual:
 
     @cached_property
     def placed_by_units(self) -> Array:
-        """Basis of the registration columns that one block of poses alone determines, such as those of a bar."""
+        """Basis of the registration columns that one block of poses alone determines, such as the columns of a bar."""
         columns = self.system[: self.measured]
         alone = of_one_fold(columns, self.unit_of_pose[self.problem.pose_of_row])
         return ident.orthonormal(columns[:, alone])

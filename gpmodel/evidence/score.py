@@ -130,7 +130,7 @@ def _noise(residual: Residual, s: Array, parts: Array) -> float:
 
 
 def fitted(variance: Array, s: Array, q: Array) -> Array:
-    """Compute Σ_i a q_i² / (1 + a s_i), by which a group of prior variance a, eigenvalues s, reduces the misfit."""
+    """Compute the misfit Σ_i a q_i² / (1 + a s_i) removed by each group of prior variance a and eigenvalues s_i."""
     return np.asarray(np.sum(variance[:, None] * q**2 / (1.0 + variance[:, None] * np.maximum(s, 0.0)), axis=1))
 
 

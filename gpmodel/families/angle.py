@@ -23,8 +23,8 @@ from gpmodel.model.sites import Site
 from gpmodel.model.states import States
 
 LENGTH, ANGLE = 5e-5, 5e-5
-"""Prior standard deviations of guideway errors over the travel, m and rad: between those of a machine tool (10 µm) and
-of a robot track (0.2 mm)."""
+"""Prior standard deviations of guideway errors over the travel, m and rad: between a machine tool (10 µm) and a
+robot track (0.2 mm)."""
 
 WAVES = 4
 """Number of half waves over the travel of a guideway: guideways bend and sag over a quarter of their length or more."""

@@ -206,7 +206,7 @@ def _measured_temperatures(states: States) -> list[str]:
 
 
 PLAY = 1e-4
-"""Half the play of a drive, rad. For a linear axis it is a tenth, in m: the play at a pitch radius of 0.1 m."""
+"""Half the play of a drive, rad. For a linear axis the play is a tenth, in m: the play at a pitch radius of 0.1 m."""
 
 WIDTHS = (0.02, 0.05, 0.1, 0.2)
 """Half-widths of stop operators, as shares of the travel of a joint or the span of a torque. A stop operator of smaller

@@ -160,7 +160,7 @@ def _passes(machines: Sequence[Residual], group: Group, nats: float, criteria: C
 
 
 def _common(candidate: Candidate, machines: Sequence[Residual]) -> Group | None:
-    """Return a candidate as one group for all machines, with averaged spreads; None if a machine excludes it."""
+    """Return a candidate as one group for all machines, with averaged spreads; None if one machine lacks it."""
     try:
         groups = [group_of(candidate, Shapes(of.poses.states)) for of in machines]
     except InputError:

@@ -130,7 +130,7 @@ class Further:
         return f"is unlike the machines of its type: {times} times as far from the mean, p {chance}"
 
     def in_words(self, poses: Poses) -> str:
-        """State the value of the prior as a number of poses, and the effects in which the machine differs from its
+        """State how many poses the prior is worth, and the effects in which the machine differs from its
         type."""
         found = f" This machine is unlike its type in {', '.join(self.outlying)}." if self.outlying else ""
         if self.no_brother:

@@ -49,7 +49,7 @@ EXPECTED = "mechanism = NAME and, below [serials], FILE = SERIAL"
 
 @dataclass(frozen=True)
 class Folder:
-    """The tables of a folder by the serial number of their machine, and the mechanism if fleet.toml states it."""
+    """The tables of a folder by the serial number of their machine, and the mechanism if fleet.toml states one."""
 
     tables: Mapping[str, Path]
     mechanism: str | None

@@ -86,7 +86,7 @@ def statistics(errors: Array) -> tuple[tuple[str, str, str], ...]:
 def errors_before_and_after(report: Report, every: bool = False) -> Array | None:
     """Return the errors at held-out poses, mm, or at fitted poses if none were held out; None for fewer than two
     poses.
-    Errors before calibration are those of registration and tool with the nominal geometry. every: include outliers."""
+    Errors before calibration: nominal geometry with registration and tool fitted. every: include outliers."""
     first = report.ladder[0].step if report.ladder else ""
     steps = (pose_errors(report, (first, report.shipped))) if first else ()
     seen = [p for p in steps if p.heldout or not report.held]

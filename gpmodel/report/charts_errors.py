@@ -1,4 +1,4 @@
-"""Pictures of the errors: size after each step, distribution, arrows in the workspace, residual by row."""
+"""Draw pictures of the errors: size after each step, distribution, arrows in the workspace, residual by row."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of the search, of evolved programs and of the fitted model."""
+"""Draw pictures of the search, of evolved programs and of the fitted model."""
 
 from __future__ import annotations
 

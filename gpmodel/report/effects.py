@@ -1,4 +1,4 @@
-"""Effects of a report, named or found: size as one number with its standard error, shape, displacement of the tool."""
+"""Record effects of a report, named or found: size as one number with standard error, shape, motion of the tool."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -163,7 +163,7 @@ Moved = tuple[Array, Array]
 def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]) -> list[Moved | None]:
     """Return the displacements of the tool by groups of effects, at random joint values within the limits.
 
-    Inputs other than joint values are those of random rows of the table. Far outside the range of an input, formulas
+    Inputs other than joint values come from random rows of the table. Far outside the range of an input, formulas
     outside the catalogue are held constant, as in `predict`. The result is None for effects of the session only, for a
     mechanism with unmeasured joints, or if the model depends on earlier rows whose order is not stated.
     """

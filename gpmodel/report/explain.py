@@ -181,7 +181,7 @@ MEASURES = {
 
 
 def kinds_of(name: str, unit: str, joints: Set[str]) -> tuple[str, ...]:
-    """Return the kinds of a column: clock, temperature, payload, load, approach, delay, speed; else empty."""
+    """Return the roles of an input column: clock, temperature, payload, load, approach, delay, speed; else empty."""
     derived = constant_of(name)
     if derived is not None:
         what, source, _ = derived

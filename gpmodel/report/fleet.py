@@ -276,7 +276,7 @@ def record_of(fleet: FleetPart) -> Iterator[str]:
 
 
 def machines_title(fleet: FleetPart) -> str:
-    """Return the heading of the table of machines, with its order if it is sorted."""
+    """Return the heading of the table of machines, with the order of a sorted table."""
     return "Machines" + (", the largest deviation first" if len(fleet.machines) >= FEWEST else "")
 
 

@@ -77,7 +77,7 @@ def compensation(runs: Sequence[Run], problem: Problem) -> CompensationRecord:
 
 
 def fronts(discovery: Discovery) -> list[tuple[FormulaRecord, ...]]:
-    """Return for each finding the Pareto front of formulas at its site, shortest first; empty if it is no formula.
+    """Return for each finding the Pareto front of formulas at its site, shortest first; empty if not a formula.
     Gain in log likelihood: dof/2 · -ln(1 - gain), nats, given everything else in the model fitted to all poses."""
     found = discovery.fitted.candidates
     able = [one.found_by in FORMULAS and len(one.effects) == 1 for one in found]

@@ -294,7 +294,7 @@ class EffectRecord:
 
     @property
     def probability(self) -> float | None:
-        """Probability of the finding and of causes indistinguishable from it; None if not computed."""
+        """Probability of the finding and of causes indistinguishable from the finding; None if not computed."""
         if self.causes is None:
             return None
         return next((cause.probability for cause in self.causes if cause.own), self.without_name)

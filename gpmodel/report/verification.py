@@ -83,7 +83,7 @@ class Verification:
     """The content of verify.json.
 
     verdict: holds, drifted or another machine.
-    sigma_mm: noise of one coordinate, by the model. noise_degrees: degrees of freedom of sigma_mm, None if it is given.
+    sigma_mm: noise of one coordinate, by the model. noise_degrees: degrees of freedom of sigma_mm, None if given.
     chi_square, degrees, chance: test of the residual of the model. chance_of_less: probability of so small a
     chi-square.
     instrument: True if the measurements include the instrument errors of the model.

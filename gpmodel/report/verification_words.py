@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 MOST_ROWS, MOST_PRINTED = 400, 8
-"""Number of rows on the page and on a terminal, the largest error first; verify.csv has all rows."""
+"""Number of rows listed on the page and on a terminal, the largest error first; verify.csv has all rows."""
 UNLIKELY = 0.001
 """Probability of a row's error below which the row is marked; one of fifty tables with twenty rows has a mark."""
 NOMINAL = "nominal, as driven"

@@ -58,7 +58,7 @@ class CredibleSet:
 
 
 def credible_set(model: Active, g: int, sites: Sequence[Site] = (), inputs: Sequence[str] = ()) -> CredibleSet:
-    """Compute the probability of each candidate effect to be the true cause of a finding; index g of its group."""
+    """Compute the probability of each candidate effect to be the true cause of a finding. g: number of its group."""
     near, groups = dict(_near(model, g)), model.pool.groups
     unnamed = _smooth_terms(model, g, sites, inputs) if _named(groups[g]) else np.zeros(0)
     total = float(logsumexp([*(trial.objective for trial in near.values()), *unnamed]))
@@ -97,7 +97,7 @@ def _motion(model: Active, g: int) -> dict[tuple[str, str, str], float]:
 
 
 def _near(model: Active, g: int) -> Iterable[tuple[int, Active]]:
-    """Yield each group that could replace group g, as its index and the model with the replacement; first g itself.
+    """Yield each group that could replace group g, as its number and the model with the replacement; first g itself.
 
     The smooth terms of other groups keep their prior variances during the replacement.
     """
@@ -130,7 +130,7 @@ def _smooth_terms(model: Active, g: int, sites: Sequence[Site], inputs: Sequence
 def _lines(model: Active, g: int, chance: dict[int, float]) -> list[tuple[float, tuple[int, ...]]]:
     """Merge groups of one kind, and groups that move the measured points equally, to one cause each.
 
-    Return the probability of each cause and one group of each kind in the cause, by index. chance: of each group.
+    Return the probability of each cause and numbers of its groups, one of each kind. chance: of each group.
     """
     fewer, groups, lines = model.without(g), model.pool.groups, list[tuple[dict[str, int], Array, list[float]]]()
     for h in sorted(chance, key=lambda h: (h != g, -round(chance[h], 6), groups[h].name)):

@@ -22,7 +22,7 @@ DECLARED_CAP = 0.3
 FEW = 2
 """Largest number of coefficients of a single effect: a number, or a sine and cosine. A smooth term has more."""
 FLAT = 1e-6
-"""Relative variance of a basis function below which it is constant and thus part of the geometry."""
+"""Relative variance below which a basis function counts as constant and thus as part of the geometry."""
 
 
 class Shapes:

@@ -113,7 +113,7 @@ CHUNK = 400
 
 @dataclass(frozen=True)
 class SizeClass:
-    """Groups with equally many effects. ids, index: group and effect numbers. inner, rhs: XᵀX and Xᵀy of columns X."""
+    """Groups with equally many effects. ids, index: numbers of groups, of their effects. inner, rhs: XᵀX, Xᵀy."""
 
     ids: IntArray
     index: IntArray
@@ -130,7 +130,7 @@ class GroupPool:
     """Candidate groups and their distinct effects, which groups may share. A group's columns are scaled by `spreads`.
 
     sizes: number of effects of each group. cost, price, reading: prices of description, entry and reading of each
-    group, nats. block: index of the joint group that contains each group, -1 for none. wholes: index of each joint
+    group, nats. block: number of the joint group that contains each group, -1 for none. wholes: number of each joint
     group. shared: description price that further parts of a joint group do not pay, nats: all but the log of the number
     of joints. square, rhs: sum of squares of the whitened target without registration, and its products with the unit
     columns. constant, reading_held, kinds_held: objective, reading prices and kinds of groups with fixed variance.

@@ -27,7 +27,7 @@ this least variance, and is deleted."""
 
 @dataclass(frozen=True)
 class Active:
-    """A linear model: groups of effects by index, with prior variances. chosen: effects of each group in the model."""
+    """A linear model: groups of effects by number, with prior variances. chosen: effects of each group in the model."""
 
     pool: GroupPool
     variances: dict[int, float]
@@ -171,7 +171,7 @@ class Active:
 
     @cached_property
     def gains(self) -> dict[int, tuple[float, float]]:
-        """Gain in log evidence, nats, of each group over the model without it, and its best prior variance."""
+        """Gain in log evidence, nats, of each group over the model without the group, and its best prior variance."""
         return self._gains(np.arange(len(self.variances)))
 
     def _gains(self, of: IntArray) -> dict[int, tuple[float, float]]:

@@ -31,7 +31,7 @@ class Kept:
     gain: log evidence of the model minus the log evidence without the group, before the price, nats.
     variance: prior variance of the group's coefficients.
     determined: effective number of the group's coefficients that the data determine.
-    shared: part of the group's price that another selected group of one kind with it pays already, nats.
+    shared: part of the group's price that another selected group of that kind pays already, nats.
     """
 
     group: Group

@@ -31,7 +31,7 @@ LENGTHS: tuple[tuple[float, ...], ...] = ((0.35,), (0.9,), (0.6, 0.6), (0.6, 1.5
 SCREENED = 300
 """Largest number of poses in the screening of smooth terms; the selection uses all poses."""
 SHORT_LIST, OFFERED, OF_ONE_PLACE = 40, 24, 4
-"""Number of pairs of site and inputs scored exactly after screening; of smooth terms proposed; of those at one site."""
+"""Number of pairs of site and inputs scored exactly after screening; of proposed smooth terms; of these at one site."""
 COARSE, COMPONENTS = 0.6, 5
 """Correlation length of the screening relative to half the range, and number of principal components used."""
 TYPICAL = 100.0

@@ -6,8 +6,8 @@
 X_g are the columns of group g, u_g its coefficients, a_g their prior variance. `grow` increases L by adding single
 groups. If two groups together describe an effect that a third describes alone, no single step leads from one model to
 the other: `exchange` removes groups, forbids them, and grows the model again. Models are compared by their utility: L
-minus the prices of smooth terms and formulas that are hard to read. Thus a formula replaces a smooth term if it
-explains nearly as much. Sources: Tipping and Faul (2003), MacKay (1992); tabu: Glover (1989).
+minus the prices of smooth terms and formulas that are hard to read. Thus a formula that explains nearly
+as much replaces a smooth term. Sources: Tipping and Faul (2003), MacKay (1992); tabu: Glover (1989).
 """
 
 from collections import defaultdict
@@ -206,7 +206,7 @@ def _together(net: Array) -> float:
 
 
 def _forbidden(pool: GroupPool, removed: frozenset[int]) -> list[int]:
-    """Return the removed groups, and each joint group of which only one part was removed, by index."""
+    """Return the removed groups, and each joint group of which only one part was removed, by number."""
     kinds = pool.block[list(removed)]
     return [*removed, *pool.wholes[np.flatnonzero(np.bincount(kinds[kinds >= 0]) == 1)].tolist()]
 

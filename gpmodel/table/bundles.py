@@ -21,7 +21,7 @@ twenty poses in a small box the ratio is three to five."""
 
 HARDLY_MORE = 1.5
 """Largest growth of the number of pairs of poses within a distance, when the distance doubles, if poses lie in
-clusters. The growth is one in clusters and two along a line."""
+clusters. The number is constant for clusters and doubles for poses along a line."""
 
 FAR_JOINT = 10 * SAME_JOINT
 """Difference of joint values, rad or m, above which rows with one `repeat` label are no repeats: 0.3 deg moves a tool

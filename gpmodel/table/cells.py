@@ -139,8 +139,8 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
 
 
 def excel_cells(raw: bytes, path: Path) -> list[list[list[str]]]:
-    """Return the cells of each sheet of an Excel file, row by row, "" where empty. Raises InputError if it is
-    unreadable."""
+    """Return the cells of each sheet of an Excel file, row by row, "" where empty. Raises InputError if the
+    file is unreadable."""
     try:
         _check_unpacked(raw, path)
         sheets = pd.read_excel(

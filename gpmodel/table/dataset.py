@@ -104,7 +104,7 @@ class Dataset:
     labels: text of each row, "" where empty, by column.
     extras: further columns by name, in `extra_units`; extra_names: names of these columns in the table.
     sha256: digest of the bytes of the file.
-    columns: names of the joints in the table, if they differ from those of the mechanism.
+    columns: names of the joints in the table, if the names in the mechanism differ.
     kinds: kind of each joint (revolute or prismatic), "revolute" if empty.
     joints_approximate: True if a joint has no sensor, so that equal joint values need not be one pose.
     ignored: text columns that are no labels; empty_rows: number of empty rows in the file.
@@ -222,7 +222,7 @@ SAME_MASS = 1e-9
 
 
 def with_payload(dataset: Dataset, payload: float | None) -> Dataset:
-    """Return the table with `payload` (kg) in every row, unchanged if it is None.
+    """Return the table with `payload` (kg) in every row; None leaves the table unchanged.
     Raises InputError if a payload column of the table holds another mass."""
     if payload is None:
         return dataset

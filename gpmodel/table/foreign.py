@@ -305,7 +305,7 @@ def _numbers(sheet: Sheet, column: int, unit: str | None = None) -> Array:
 
 
 def column_of(sheet: Sheet, name: str, where: str) -> int:
-    """Return the number of a column, from 0. Raises InputError if no column has the name, or several have it."""
+    """Return the number of a column, from 0. Raises InputError if no column or several columns have the name."""
     if (found := find(sheet, name)) is None:
         if sheet.names.count(name) > 1:
             numbers = ", ".join(f"c{i + 1}" for i, header in enumerate(sheet.names) if header == name)

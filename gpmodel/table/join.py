@@ -23,7 +23,7 @@ _LAST_NUMBER = re.compile(r"(\d+)\D*$")
 
 def sheets_of(paths: Sequence[Path], header: bool = True) -> list[Sheet]:
     """Read one file or two; one Excel file may hold two sheets.
-    Raises InputError as `read_sheets`, and if there are more than two files."""
+    Raises InputError for an unreadable file, and for more than two files."""
     sheets = [sheet for path in paths for sheet in read_sheets(path, header)[: max(2 // len(paths), 1)]]
     if len(paths) > 2:
         raise InputError(
@@ -33,7 +33,7 @@ def sheets_of(paths: Sequence[Path], header: bool = True) -> list[Sheet]:
 
 
 def read_files(paths: Sequence[Path], how: str, header: bool = True) -> Sheet:
-    """Read one file, or join two. Raises InputError as `sheets_of` and `joined`."""
+    """Read one file, or join two. Raises InputError for an unreadable file or an impossible join."""
     sheets = sheets_of(paths, header)
     if len(sheets) == 1 and how:
         raise InputError(f"{paths[0].name} alone; expected a second file that is joined by '{how}'", "join")

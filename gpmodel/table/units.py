@@ -59,10 +59,10 @@ def identifier(name: str) -> str:
 
 
 def _spelled(unit: str) -> str:
-    """Return the text of a unit if it is safe to parse.
+    """Return the text of a unit if the text is safe to parse.
 
-    Raises ValueError if it is too long or contains a power of anything but a name, as 9**9**9, which the units library
-    would evaluate.
+    Raises ValueError if the text is too long or contains a power of anything but a name, as 9**9**9, which the units
+    library would evaluate.
     """
     if len(unit) > QUOTED or len(_POWER.findall(unit)) != len(_RAISED.findall(unit)):
         raise ValueError(unit)

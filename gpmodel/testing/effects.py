@@ -92,7 +92,7 @@ def _check_effect(effect: Effect, mechanism: Mechanism, poses: Poses, placement:
 
 
 def _has(states: States, name: str) -> bool:
-    """Return whether the poses have a column or can derive it, as columns of time lags and instruments."""
+    """Return whether the poses have a column or can derive one, as columns of time lags and instruments."""
     try:
         return len(states[name]) == len(states)
     except InputError:

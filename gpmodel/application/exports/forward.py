@@ -82,7 +82,7 @@ def coupled(mechanism: Mechanism) -> dict[str, dict[str, float]]:
 def arm_of(mechanism: Mechanism, tip: str) -> Chain:
     """Return the chain that ends at a measured link `tip`, driven by all joint values; for one arm, the whole chain.
 
-    Raises InputError as `chain_of`, or if several arms do not have separate tools.
+    Raises InputError if the mechanism is no serial chain, or if several arms do not have separate tools.
     """
     tree = branched(mechanism)
     if tree is None:

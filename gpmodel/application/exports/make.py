@@ -62,7 +62,7 @@ class Check:
 
     @classmethod
     def against(cls, saved: SavedModel, place: Place, dataset: Dataset) -> "Check":
-        """Predict the points of a dataset and collect the inputs. Raises InputError as `forward_of`."""
+        """Predict the points of a dataset and collect the inputs. Raises InputError if no forward model exists."""
         forward, states = forward_of(saved, place), prepare(saved.mechanism, dataset).states
         columns = [dataset.payload if n == "payload" else states[n] for n in forward.inputs]
         return cls(forward, PredictedPoints.of(saved, dataset), np.column_stack(columns))
@@ -115,7 +115,7 @@ def exports_of(
 ) -> Exports:
     """Return every export of a model. place: set-up and tool for formats that contain only one set-up and tool.
 
-    box, nodes: of the lookup grid, as `lookup_grid`. Raises InputError if an effect is undefined at a fitted pose.
+    box, nodes: limits and nodes of the lookup grid. Raises InputError if an effect is undefined at a fitted pose.
     """
     return together([part() for part in parts_of(saved, place, box=box, nodes=nodes, seed=seed)])
 

@@ -54,7 +54,7 @@ def refitted(saved: SavedModel) -> Rigid:
 
     Values are kept if the mechanism has no other effects, or if the constants were fitted separately from undeclared
     effects. Effects of the instrument and of the session stay in the fit, so that the geometry does not absorb them.
-    Raises InputError as `measured_table`, or for a fit that fails.
+    Raises InputError if the model contains no table, or for a fit that fails.
     """
     poses = prepare(saved.mechanism, measured_table(saved))
     aside = {e.name for e in of_the_session(saved)}
@@ -122,7 +122,7 @@ def urdf_text(rigid: Rigid, note: str) -> str:
 def written(mechanism: Mechanism, twists: Mapping[str, Array]) -> tuple[str, str]:
     """Return the URDF text of a chain with constant error twists (6,), m and rad, by slot, and its measured link.
 
-    Raises InputError as `urdf_text`.
+    Raises InputError if the mechanism cannot be written as URDF.
     """
     bare = bare_of(mechanism)
     if not isinstance(bare, ExportsUrdf):

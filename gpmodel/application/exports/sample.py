@@ -75,7 +75,7 @@ def _named(known: Mapping[str, object], name: str | None, argument: str) -> str:
 def fresh_poses(saved: SavedModel, count: int, rng: np.random.Generator) -> Dataset:
     """Draw `count` poses, with joint values uniform over the measured ranges and other inputs of random rows.
 
-    The result has fewer poses if loops do not close with the fitted errors. Raises InputError as `measured_table`.
+    The result has fewer poses if loops do not close with the fitted errors. Raises InputError without a measured table.
     """
     data = measured_table(saved)
     q = drawn_between(saved.mechanism, data.q.min(axis=0), data.q.max(axis=0), count, rng)
