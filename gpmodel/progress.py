@@ -24,7 +24,7 @@ def silent(progress: Progress) -> None:
 
 @dataclass(frozen=True)
 class Teller:
-    """Function that sends text as Progress. heading: beginning of every line."""
+    """Function that sends a text as a progress message. heading: beginning of every line."""
 
     say: Say = silent
     heading: str = ""

@@ -164,8 +164,8 @@ def percent(share: float | None) -> str:
 def chance(probability: float | None, shuffles: int | None = None, of: str = "permutations") -> str:
     """Write a probability with two digits and the number of permutations from which the probability is estimated.
 
-    A probability below 1 / (permutations + 1) is marked as extrapolated. Below 1e-6 only that bound is stated, because
-    the distribution fitted to the tail is not valid there.
+    A probability below 1 / (permutations + 1) is marked as extrapolated. Below 1e-6 only the bound 1e-6 is stated,
+    because the distribution fitted to the tail is not valid there.
     """
     if probability is None or not math.isfinite(probability):
         return UNKNOWN

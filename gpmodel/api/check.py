@@ -25,7 +25,7 @@ from gpmodel.table.dataset import Dataset, unmeasured
 from gpmodel.wording import counted, wrapped
 
 POSES = 40
-"""Random poses at which the catalogue is applied to a mechanism; at 40, all candidates of a family appear."""
+"""Number of random poses at which families are applied to a mechanism; at 40, all candidates of a family appear."""
 
 INSTRUMENT_AT = (1.0, 3.5, -0.5)
 """Root of the mechanism in the instrument's frame, m: a typical tracker position."""

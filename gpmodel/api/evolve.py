@@ -328,7 +328,7 @@ def _task(start: Ladder, held: IntArray, norm: Norm, space: Space, seed: int) ->
 
 
 def _start(poses: Poses, train: IntArray, models: Models, how: tuple[Mechanism, bool, int]) -> Ladder:
-    """Fit the models to the training poses. how: mechanism, True if outliers are excluded, seed."""
+    """Fit the models to the training poses. how: mechanism, whether outliers are excluded, and random seed."""
     arm, robust, seed = how
     seen, unseen = poses.subset(train), poses.subset(np.setdiff1d(np.arange(len(poses)), train))
     fits = [(name, calibrate(ErrorModel(arm, of), seen, robust=robust, seed=seed)) for name, of in models]

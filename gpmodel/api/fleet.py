@@ -51,7 +51,7 @@ Machines = Mapping[str, tuple[Mechanism, Poses]]
 
 
 def machines_of(mechanism: MechanismLike | None, tables: str | Path | Mapping[str, TableLike]) -> Machines:
-    """Return the machines by serial number, with checked tables.
+    """Return the mechanism and the checked table of each machine, by serial number.
 
     Raises InputError for fewer than two machines, a repeated serial number or table, or an invalid table.
     """

@@ -46,7 +46,7 @@ DAMPED_ITERATIONS = 12
 """Number of Levenberg-Marquardt steps with each damping."""
 DAMPINGS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
 """Damping weights of a radian of joint motion, m, relative to tool orientation (times ROTATION_WEIGHT). Each further
-weight reduces the joint motion about threefold."""
+damping weight reduces the joint motion about threefold."""
 
 
 @dataclass(frozen=True)

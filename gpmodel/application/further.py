@@ -44,7 +44,7 @@ POSES = 1000
 WORLDS = 400
 """Number of simulated sessions. With 400 the 95 % quantile is known to about a percent."""
 LARGEST_LEVERAGE = 0.95
-"""Largest leverage of a pose whose residual is used. With a larger leverage, the residual is rounding."""
+"""Largest leverage of a pose whose residual is used. With a larger leverage, the residual is rounding error."""
 FEWEST = 10
 """Least degrees of freedom of the residuals for a bound on further poses, and to separate noise and discrepancy."""
 

@@ -29,7 +29,7 @@ FIRST = 6
 """
 SEEN = 1e-6
 """Least share of a joint zero's displacement that registration does not absorb. With a smaller share, the poses do not
-determine the zero."""
+determine the joint zero."""
 SAME = 1e-4
 """Largest difference of joint values of one pose, rad or m."""
 

@@ -213,7 +213,7 @@ SET_UP: Kind = "set-up"
 SIGNIFICANCE = 0.005
 """Significance level of each of the two tests (whole residual; named changes). The sum is 1 %."""
 MOST = 4
-"""Largest number of identified changes. With more, the verdict is another machine."""
+"""Largest number of identified changes. With more changes, the verdict is "another machine"."""
 AS_LIKELY = 4.0
 """Part of the chi-square of a change that another change need not explain: two standard deviations."""
 LARGEST = 0.01

@@ -74,7 +74,7 @@ AT_ONCE = 5000
 
 
 def predicted_columns(saved: SavedModel, dataset: Dataset, say: Say = silent) -> dict[str, Array]:
-    """Predict a table; return columns by header.
+    """Return predicted columns for a table of poses, by header.
 
     Columns: x y z [mm] and, if rotations were fitted, rx ry rz [deg], in the instrument's frame; distances [mm] to
     known anchors; solved approximate joint values with the residual [um], if points were measured; sigma [mm], the

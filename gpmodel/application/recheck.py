@@ -238,7 +238,7 @@ class Recheck:
     def by_pose(self) -> tuple[Array, Array]:
         """Expected RMS 3-D error of every pose, m, and the p-value of the actual error if the model holds.
 
-        The expectation includes the covariance V and the fitted registration. The values are NaN for excluded poses.
+        The expectation includes the covariance V and the fitted registration. Excluded poses have NaN.
         """
         promised, chance = (np.full(len(self.bundle), np.nan) for _ in range(2))
         left, fitted = self.spread.restored(self.z), self.spread.restored(self.basis)

@@ -97,7 +97,7 @@ class _Fit:
 def repaired(found: Verified, pool: Pool) -> Repaired | None:
     """Refit a model to the poses of a check that identified a change.
 
-    The result is None if no change is identified, or if no measurement is in an instrument's frame.
+    The repaired model is None if no change is identified, or if no measurement is in an instrument's frame.
     """
     data = found.session.poses.dataset
     if found.verdict != "drifted" or not found.changes or without_frame(observations(data)):

@@ -23,7 +23,7 @@ from gpmodel.table.bundles import sharing
 from gpmodel.table.dataset import Dataset
 
 STEPS = 10
-"""Largest number of Gauss-Newton steps of `split`; three are usual."""
+"""Largest number of Gauss-Newton steps that split the instrument's effects; three are usual."""
 
 SETTLED = 1e-8
 """Largest displacement of a measurement by the last step, m: a hundredth of an instrument's resolution."""
@@ -122,10 +122,10 @@ FREE_JOINTS_LIMIT = 50.0
 """Condition limit of a fit with unmeasured joints. Source: Robertson (2003), 3.4."""
 
 ATTEMPTS = 4
-"""Largest number of fits in the exclusion of outliers; each fit excludes the outliers of the previous fit."""
+"""Largest number of fits that exclude outliers; each fit excludes the outliers of the previous fit."""
 
 RATIO_SETTLED = 0.1
-"""Change of the log variance shared by the repeats of a pose below which the weights have converged. Such a change
+"""Change of the log variance shared by the repeats of a pose below which the weights have converged. A smaller change
 alters standard errors by less than a twentieth."""
 
 UNSETTLED = 1.1

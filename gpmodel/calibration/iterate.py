@@ -83,7 +83,7 @@ MAX_ITERATIONS = 30
 MAX_HALVINGS = 10
 """Largest number of halvings of a step. At a thousandth of a step, rounding decides whether the cost falls."""
 REGAINED = 2
-"""Halvings by which the next step starts longer than the last accepted step. Short steps come in long sequences."""
+"""Number of halvings by which the next step starts longer than the last one. Short steps come in long sequences."""
 SUFFICIENT = 0.5
 """Least decrease of the cost, as a share of the decrease that the linear problem predicts (Armijo 1966). Steps with a
 smaller decrease oscillate across a valley."""

@@ -37,7 +37,7 @@ ROUNDING = 1e-14
 class JointReadings:
     """Linear equations for approximate joint values in the table, in units of their prior standard deviations.
 
-    rows, off: left and right side. Rows are zero along joint directions that no pose determines.
+    rows, off: left and right side of the equations. Rows are zero along joint directions that no pose determines.
     shown: number of joint directions that the measurements determine.
     """
 
@@ -102,7 +102,7 @@ class Linearised:
     observed: predicted measurements.
     poses: the given poses, with joint values solved for unmeasured joints.
     sizes: norms of the weighted columns before unmeasured joints were eliminated.
-    weights: by pose and component, positive if measured; a rotation has the weight `rotation_weight`, m per rad.
+    weights: weight by pose and component, positive if measured; of a rotation `rotation_weight`, m per rad.
     left: rows after elimination of unmeasured joints; None if every joint is measured.
     ratio: noise over the prior standard deviation of a constant, 1/m; None if noise or deviation is unknown.
     """

@@ -135,7 +135,7 @@ class Calibration(Uncertainty):
         return round(self.rank - float(np.sum(held**2)))
 
     def values_of(self, effects: Sequence[Effect]) -> list[float]:
-        """Return the values of some of the model's effects, matched by name."""
+        """Return the fitted values of some of the model's effects, in SI units, matched by name."""
         values = dict(zip((e.name for e in self.model.effects), self.theta.tolist(), strict=True))
         return [values[effect.name] for effect in effects]
 
@@ -167,7 +167,7 @@ def errors_on(calibration: Calibration, poses: Poses) -> Array:
 
 
 def resolved(calibration: Calibration, poses: Poses) -> Poses:
-    """Return the poses with unmeasured joints solved against the measurements; unchanged if no joint is free."""
+    """Return the poses with unmeasured joints solved against the measurements; unchanged if all joints are measured."""
     return solve_joints(calibration.model, poses, calibration.theta, calibration.placement)
 
 

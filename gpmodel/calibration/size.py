@@ -88,7 +88,7 @@ def standing_for(
 ) -> tuple[Array, Array]:
     """Return the changes of the effects `held` that are equivalent to one unit of each of the effects `others`.
 
-    Also return the changes that are equivalent to a uniform scaling by 1. Effects are equivalent if they move the tool
+    Also return the changes of `held` per unit of uniform scaling. Effects are equivalent if they move the tool
     point of the nominal mechanism equally over the poses, up to rigid motions of the root and the tool.
     """
     count = len(problem.poses)

@@ -44,7 +44,7 @@ With other shares and rates from 1 to 4.5 the error outside is up to twice as la
 """
 MOST_ROWS, LARGEST = 400, 3000
 """Number of measurements from which variances are estimated, drawn evenly along the rows; and number up to which their
-covariance is inverted. With more measurements, the noise is taken as white."""
+covariance is inverted. With more than LARGEST measurements, the noise is taken as white."""
 STEPS = 20
 """Number of updates of the variances; with 40 no constant changes by a tenth of its standard error."""
 PASSES = 3
@@ -183,7 +183,7 @@ class Coloured:
     def left_among(self, problem: Linearised, model: ErrorModel, fitted: Linearised) -> tuple[Array, Array]:
         """Return a square root, m, of the posterior covariance that the unknown functions cause in other measurements.
 
-        The function also returns the share of each fitted unknown that the functions absorb at these measurements.
+        Also return the share of each fitted unknown that the unknown functions absorb at these measurements.
         """
         q, columns = problem.poses.dataset.q[problem.pose_of_row], _axes(problem, model)
         at, there = columns * self.unknown.sizes, self.waves.values(q)

@@ -95,7 +95,7 @@ class LawTask:
 
 
 def run_law_task(task: LawTask) -> tuple[Solution, ...]:
-    """Search formulas in the inputs of a smooth function. The result is equal on every worker."""
+    """Search formulas in the inputs of a smooth function. Every worker finds equal formulas."""
     return formulas_at(task.problem, 0, task.inputs)
 
 

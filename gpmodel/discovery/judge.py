@@ -1,4 +1,4 @@
-"""Test each selected group given all others, eliminate groups that fail, and weigh the causes of accepted groups."""
+"""Test each selected group of effects given all others, delete groups that fail, and find causes of the others."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

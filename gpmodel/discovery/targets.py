@@ -67,7 +67,7 @@ KINDS = {"m": "length", "Nm": "torque", "N": "force", "degC": "temperature", "K"
 
 ALIKE = 1e-4
 """Largest unexplained share of variance between two proportional columns: a hundredth of the spread. The weight of a
-wrist in the load of a carriage is as large."""
+wrist has as large a share in the load of a carriage."""
 
 
 def readable_inputs(states: States, rows: IntArray) -> tuple[Inputs, Mapping[str, str]]:

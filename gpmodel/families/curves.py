@@ -41,7 +41,7 @@ def continued(curve: Candidate) -> tuple[Effect, ...]:
 def richest(count: int) -> tuple[int, float] | None:
     """Return the number of harmonics of the finest curve that `count` poses determine, and the corner of its prior.
 
-    The prior of the harmonics falls off from the corner on. The result is None below 100 poses.
+    The prior of the harmonics falls off from the corner on. With fewer than 100 poses the result is None.
     """
     return None if count < 100 else (20, 8.0) if count < 200 else (40, 15.0)
 

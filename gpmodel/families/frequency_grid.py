@@ -22,8 +22,8 @@ sinc²(1/8)."""
 class FrequencyGrid:
     """Harmonics sin and cos of rate · (q - start) of a joint coordinate q on the joint's drive, for a grid of rates.
 
-    template: candidate with a symbol for the number in its name. The price of the candidate is that of a named effect
-    plus the log of the number of rates that the poses resolve.
+    template: harmonic as a candidate, with a symbol for the number in its name. The price of the candidate is that of a
+    named effect plus the log of the number of rates that the poses resolve.
     start: coordinate q at which the phase is zero, rad or m.
     rates: equally spaced rates, rad of the argument per rad or metre of the coordinate.
     value: function from a rate to the number in the name, which also converts back.

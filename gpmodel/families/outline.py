@@ -16,7 +16,7 @@ PRINTED = {"rad": (180.0 / math.pi, "deg"), "m": (1e3, "mm")}
 """Factor and unit in which lengths and angles are printed."""
 
 LINEAR = {"tanh": ("step", 1.0), "logistic": ("step", 2.0), "deadzone": ("dead zone", 2.0)}
-"""Word for the shape of each function of (x - at), and the width of the shape for a factor of one on x."""
+"""Word for the shape of each function of (x - at), and the width of the shape if x has the factor one."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ FILE = Path(__file__).with_name("repair_advice.toml")
 class RepairAdvice:
     """Four sentences of advice for whoever repairs the machine.
 
-    sign: what is visible on the machine.
+    sign: symptom of the effect that is visible on the machine.
     check: how to check the machine by hand.
     clause: clause of ISO 9283, ISO 230 or another standard whose test result changes.
     compensation: what corrected joint values can and cannot do.

@@ -115,7 +115,7 @@ LANGUAGE: tuple[Operator, ...] = (
         lambda a, b: (b * np.float_power(a, b - 1.0), np.float_power(a, b) * np.log(a)),
     ),
 )  # fmt: skip
-"""All operators that can be written in a formula."""
+"""All operators that a user can write in a formula."""
 
 BY_NAME: dict[str, Operator] = {operator.name: operator for operator in LANGUAGE}
 BY_CODE: dict[int, Operator] = {operator.code: operator for operator in ARITHMETIC}

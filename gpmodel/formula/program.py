@@ -241,7 +241,7 @@ class Builder:
         return self._intern(Node(node.operator, tuple(copies[k] for k in node.arguments), node.value))
 
     def copy(self, program: Program) -> list[int]:
-        """Add all nodes of a program and return their new numbers."""
+        """Add all nodes of another program and return their new numbers."""
         copies: list[int] = []
         for node in program.nodes:
             copies.append(self.add(node, copies))

@@ -38,7 +38,7 @@ class Shared:
 
 Judge = Callable[[Mask], tuple[Array, Array]]
 """Test of each machine against the others, as a function of the mask of machines that are no outliers. The function
-returns the deviation z of each machine from the others, and the chance of z."""
+returns the deviation z of each machine from the others, and the chance (p-value) of z."""
 
 
 @dataclass(frozen=True)

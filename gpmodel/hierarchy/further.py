@@ -104,7 +104,7 @@ class Further:
     """Fits of a further machine of a known type.
 
     steps: registration, the fit to its poses alone if there are enough, and the fit with the type's prior.
-    final: the last fit.
+    final: the last of the fits.
     alone: the fit to the machine's poses alone, None if the poses do not determine every effect.
     outlying: names of effects in which the machine differs from its type.
     likeness: comparison in the effects that are not outlying, or in all effects if at least half are outlying.

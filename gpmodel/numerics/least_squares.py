@@ -120,7 +120,7 @@ REGULAR = 1e-13
 errors."""
 
 INSIDE = 1e-6
-"""Largest share of a unit vector of coefficients in the null space of the columns. With a larger share the column lies
+"""Largest share of a unit vector of coefficients in the null space of the columns. With a larger share a column lies
 in the span of the other columns."""
 
 

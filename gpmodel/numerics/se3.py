@@ -146,8 +146,8 @@ def fit_rotation(source: Array, target: Array) -> tuple[Array, Array]:
 def without_registration(points: Array, columns: Array) -> Array:
     """Project a common translation and rotation of points out of their displacements by parameters.
 
-    The result is minus the derivative of the residual of `fit_rotation` by the parameters, without a term that is
-    proportional to the residual. Source: Kaufman (1975), variable projection.
+    The projected displacement is minus the derivative of the residual of `fit_rotation` by the parameters, without a
+    term that is proportional to the residual. Source: Kaufman (1975), variable projection.
     """
     columns, arms = columns - columns.mean(axis=0), hat(points - points.mean(axis=0)).reshape(-1, 3)
     flat = columns.reshape(len(arms), -1)

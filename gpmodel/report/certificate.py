@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 BINS, MOST_BINS = 12, 96
 """Number of bars up to the largest error after calibration; largest number of bars up to the largest of all errors.
-Half as many bars hide the shape of the distribution."""
+Half as many bars hide the shape of the error distribution."""
 
 Heads = tuple[str, bool]
 """Heading of the errors before calibration, and True if the errors after calibration are predicted."""

@@ -150,7 +150,7 @@ def _named_as(report: Report, joints: tuple[str, ...]) -> Report:
 
 def shared_rows(before: Report, after: Report) -> int:
     """Return the number of rows to which both models were fitted, from the digests of the rows.
-    Without digests, the number is that of all rows if the files are identical, else 0."""
+    Without digests, all rows of identical files count, and no row of other files."""
     if before.data.marks and after.data.marks:
         return (Counter(before.data.marks) & Counter(after.data.marks)).total()
     alike = before.data.sha256 == after.data.sha256 != ""

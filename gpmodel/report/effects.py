@@ -202,7 +202,7 @@ def effect_records(
 ) -> tuple[EffectRecord, ...]:
     """Return the records of candidates fitted to `poses`, with the displacement of the tool at measured and random
     poses.
-    names: joint names in the table. states: inputs at the poses."""
+    names: joint names in the table. states: inputs of basis functions at the poses."""
     groups = [candidate.effects for candidate in candidates]
     if not groups:
         return ()

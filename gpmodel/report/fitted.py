@@ -114,7 +114,7 @@ def of_specification(effects: Sequence[Effect], moved: ErrorsMm, data: Dataset) 
 def moves_alone(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]) -> list[float | None]:
     """Return the RMS displacement, mm, by each group of effects that nothing else in the model absorbs.
 
-    The value is the residual of the displacement projected on the columns of all other unknowns, registration and tool
+    The RMS is that of the displacement minus its projection on the columns of all other unknowns, registration and tool
     included. The result is None with unmeasured joints, which absorb a part at every pose, and without measured points.
     """
     problem = problem_at(fit, poses)

@@ -28,7 +28,7 @@ class PoseError:
 
 def pose_errors(report: Report, steps: tuple[str, str] | None = None) -> tuple[PoseError, ...]:
     """Return the errors of all poses, in order of decreasing error after calibration.
-    steps: names of the steps before and after; by default the steps that the report compares."""
+    steps: names of the steps before and after; by default the two steps that the report compares."""
     before, after = (_errors(report, step) for step in steps or report.before_and_after())
     rows = report.plots.rows or tuple(range(1, len(after) + 1))
     outliers = set(report.data.outliers)

@@ -192,7 +192,7 @@ class Report:
     placement: tool point in the flange frame and root in the instrument frame, number by number, rotations as vectors.
     unobservable: effects absorbed by joint values that are solved at every pose.
     hidden: sentences on effects equivalent to constants of the standard model; mimics: names of these pairs.
-    further: expected errors at further poses. predicted: errors of `predict`.
+    further: expected errors at further poses. predicted: errors of predictions.
     discrepancy_mm: standard deviation of one coordinate due to missing effects (model discrepancy).
     readings: residuals of measurements other than points, by kind; unseen: quantities that are not determined.
     sigma_mm: standard deviation of one component from the fit; freedom: degrees of freedom of sigma_mm.

@@ -103,7 +103,7 @@ class Repeatability:
 class Positioning:
     """Pose accuracy AP of ISO 9283 (1998): distance of the mean of a pose's repeats from the modelled position.
 
-    before: AP with the nominal geometry. after: AP with the model. Each AP has the mean over the poses with standard
+    before: AP with the nominal geometry. after: AP with the model. Stated are the mean AP over the poses with standard
     uncertainty, and the maximum.
     heldout: True if the model was fitted without the poses of AP.
     """

@@ -58,7 +58,7 @@ class Group(Candidate):
     for basis functions φ_k. √a is then the RMS motion of the group's site, rad or m. where: slot (frame of the chain)
     and axis of the site. cap: largest √a; for specified priors the specified value. always_included: exempt from
     deletion. parts: groups of one kind at several sites that form the group, empty for a plain group. inner: constants
-    inside basis functions; None also if an effect is deleted.
+    inside basis functions; None if there are none or an effect is deleted.
     """
 
     spreads: tuple[float, ...] = ()

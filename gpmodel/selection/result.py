@@ -124,7 +124,7 @@ def summarised(offered: Offered, active: Active, state: Expansion) -> Selection:
 
 
 MOST_NUMBERS = 1_000_000
-"""Largest number of products, of groups with permuted residuals, in memory at once: some ten megabytes."""
+"""Largest number of products of groups of effects with permuted residuals in memory at once: some ten megabytes."""
 
 
 def gain_null(

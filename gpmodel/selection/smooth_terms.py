@@ -165,7 +165,7 @@ def _best(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> Itera
 
 @dataclass(frozen=True)
 class SiteProducts:
-    """Inner products, given a model, of the motion by a unit twist at each site and each pose.
+    """Inner products, given a model, of the motion of the measured points by a unit twist at each site and pose.
 
     inner: products of the twists at two poses, by site, with the model projected out. rhs: products with the residual.
     """

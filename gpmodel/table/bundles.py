@@ -35,7 +35,7 @@ FEWEST_POSES = 20
 
 FEW_TOUCHES = 12
 """Largest number of touches of one surface, point or bar that form one block, because all touches are needed to locate
-the object. With more touches, any half of the touches suffices."""
+the object. With more touches, any half of the touches locates the object."""
 
 SAMPLE = 50
 """Number of poses that are searched for clusters first, so that a large table without clusters is recognised early."""

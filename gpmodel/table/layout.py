@@ -85,7 +85,7 @@ class Sheet:
 
     @property
     def columns(self) -> range:
-        """Numbers of the columns, from 0."""
+        """Numbers of the columns of the sheet, from 0."""
         return range(len(self.names))
 
     def part(self, rows: slice) -> "Sheet":

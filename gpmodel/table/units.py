@@ -134,7 +134,7 @@ def as_typed(text: str) -> str:
 
 
 def split_quantity(text: str) -> tuple[float, str] | None:
-    """Split a quantity into number and unit: `0.03 mm` gives (0.03, "mm"). The result is None if number or unit is
+    """Split a quantity into number and unit: `0.03 mm` gives (0.03, "mm"). Returns None if number or unit is
     missing."""
     text = as_typed(text)
     match = None if _NUMBER.match(text) else _QUANTITY.match(text)

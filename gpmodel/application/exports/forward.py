@@ -66,7 +66,7 @@ class Chain:
 def coupled(mechanism: Mechanism) -> dict[str, dict[str, float]]:
     """Return the joints that several values of the controller move, as by a parallelogram linkage.
 
-    The result maps a joint to the joints whose values move it, with factors; the first is the joint itself, factor 1.
+    Each joint maps to the joints whose values move the joint, with factors; the first is the joint itself, factor 1.
     """
     moves: dict[str, dict[str, float]] = {}
     for joint in mechanism.joints:

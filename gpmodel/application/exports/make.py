@@ -1,4 +1,4 @@
-"""Make all exports of a fitted model, each with its error against `predict` at unmeasured poses."""
+"""Make all exported files of a fitted model, each with its error against `predict` at unmeasured poses."""
 
 import re
 import shutil
@@ -113,7 +113,7 @@ class Exports:
 def exports_of(
     saved: SavedModel, place: Place, *, box: Array | None = None, nodes: int = NODES, seed: int = 0
 ) -> Exports:
-    """Return every export of a model. place: set-up and tool for formats that contain only one set-up and tool.
+    """Return all exported files of a model. place: set-up and tool for formats that contain only one set-up and tool.
 
     box, nodes: limits and nodes of the lookup grid. Raises InputError if an effect is undefined at a fitted pose.
     """

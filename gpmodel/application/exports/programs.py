@@ -28,7 +28,7 @@ LANGUAGES: tuple[Language, ...] = ("RAPID", "KRL")
 AXES = 6
 """Number of robot axes in RAPID and KRL; further axes are external axes."""
 NAME = 24
-"""Longest name in KRL, characters. RAPID allows 32."""
+"""Number of characters of the longest name in KRL. RAPID allows names of 32 characters."""
 
 
 def program_text(mechanism: Mechanism, corrected: pd.DataFrame, language: Language, name: str) -> str:
