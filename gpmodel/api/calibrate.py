@@ -56,7 +56,7 @@ COMMAND = "gpmodel.calibrate"
 class CalibrationResult(FittedResult):
     """Fits of registration, the standard model and each added effect; the last fit is repeated on all poses.
 
-    note: additional sentences of the verdict, text.
+    note: sentences added to the verdict of the report.
     """
 
     calibrated: Ladder

@@ -71,7 +71,7 @@ COMMAND = "gpmodel.discover"
 class DiscoveryResult(FittedResult):
     """Effects missing from the standard model.
 
-    found: result of the search. record: content of report.json. note: additional sentences of the verdict.
+    found: result of the search. record: content of report.json. note: sentences added to the verdict.
     alone: fit of a further machine of a type without the prior of the type; () if the machine has too few poses.
     """
 

@@ -101,12 +101,12 @@ def selecting(value: object, argument: str) -> SelectionScheme:
 
 
 def default_strategies(space: Space) -> tuple[Linear | Tree, ...]:
-    """Return the representations of programs: those of the thesis for Cartesian space, others for errors at a slot."""
+    """Return the program representations of Robertson (2003) for Cartesian space, others for errors at a slot."""
     return (Linear.thesis(), Tree.thesis()) if space == "cartesian" else (Linear(), Tree())
 
 
 def settings_for(space: Space, strategies: Sequence[Representation], effort: Effort) -> dict[str, Settings]:
-    """Return the settings of evolution by representation: those of the thesis for Cartesian space, else the defaults.
+    """Return the settings of evolution by representation: for Cartesian space of Robertson (2003), else the defaults.
 
     A run uses one thread, because several runs are executed in parallel. Raises InputError for a population too small
     for the selection.

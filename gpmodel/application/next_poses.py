@@ -71,7 +71,7 @@ class Outlook:
         return cls(saved, prepare(saved.mechanism, data), prepare(saved.mechanism, further))
 
     def of_the_point(self, at: Poses | None = None) -> Question:
-        """Return the experimental-design problem of the predicted point: its variance, m², over the pool or `at`
+        """Return the experimental-design problem of the predicted point: its variance, m², at candidate poses or `at`
         (I-optimal)."""
         here, there = self._columns(self.measured), self._columns(self.pool)
         over = there if at is None else self._columns(at)
@@ -150,7 +150,7 @@ class Outlook:
 
 
 def _question(here: Array, there: Array, weight: Array, believed: Array) -> Question:
-    """Return the experimental-design problem from columns at the measured poses and over the pool, scaled by
+    """Return the experimental-design problem from columns at the measured and candidate poses, scaled by
     information."""
     known, may_tell = np.einsum("pij,pik->jk", here, here) + np.diag(believed), np.einsum("pij,pij->j", there, there)
     scale = np.sqrt(np.maximum(np.diag(known), LITTLE * may_tell))

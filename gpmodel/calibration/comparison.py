@@ -26,7 +26,7 @@ CONDITION_LIMIT = 1e4
 def linearised_at_nominal(mechanism: Mechanism, effects: tuple[Effect, ...], data: Dataset) -> Linearised:
     """Return the linear problem of registration, tool, anchors and effects, all zero, at the poses of a table.
 
-    Of each measurement only its presence (finite or NaN) matters. The anchor of each distance is two metres away.
+    Of each measurement only its presence (finite or NaN) matters. Each measured distance has an anchor two metres away.
     """
     anchors = {name: np.array([2.0, 0.3 + i, 0.1, 0.0]) for i, name in enumerate(data.distances)}
     model, placement = ErrorModel(mechanism, effects), Placement({"": np.eye(4)}, {"": se3.shift(TOOL_POINT)}, anchors)

@@ -1,4 +1,4 @@
-"""Calibrate: fit registration, tool, anchors and all effects together by Gauss-Newton."""
+"""Calibrate: fit registration, tool, anchors of distances and all effects together by Gauss-Newton."""
 
 from dataclasses import dataclass, replace
 
@@ -158,8 +158,8 @@ def calibrate(
     condition_limit: geometric constants with a unique share below 1 / limit are dropped and listed. None: the condition
     limit is chosen by cross-validation over rank.LIMITS, or by the number of measurements if none determines the scale;
     lowered while the fit does not converge, unless σ grows by more than a tenth.
-    start: calibration whose placement and effect values are the initial values; without `start`, registration and tool
-    are fitted first.
+    start: calibration whose registration, tool and effects are the initial values; without `start`, registration and
+    tool are fitted first.
     robust: whether to exclude outliers. seed: random seed of the cross-validation folds.
     If the fit ends with a larger cost than its start, the initial values are kept and `status` says so.
     Raises InputError for fewer measurements than unknowns, or if all poses are equal.

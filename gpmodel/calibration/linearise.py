@@ -97,8 +97,8 @@ def joint_readings(
 class Linearised:
     """Weighted linear problem: columns · step ≈ residual, in metres; one row per measured component.
 
-    The first `placement` columns are registration, tool and anchors; the other columns are the model's effects.
-    pose_of_row: pose number of each row. placement_names: names of the columns of registration, tool and anchors.
+    The first `placement` columns are registration, tool and anchors of distances; the others are the model's effects.
+    pose_of_row: pose number of each row. placement_names: names of these first columns.
     observed: predicted measurements.
     poses: the given poses, with joint values solved for unmeasured joints.
     sizes: norms of the weighted columns before unmeasured joints were eliminated.

@@ -101,7 +101,7 @@ def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
 class Beliefs:
     """Rows and right side of all priors of a fit.
 
-    own: number of rows, from the first, that are priors of effects.
+    own: number of rows, counted from the first, that are priors of effects.
     single: number of rows, from the first, with one effect per row.
     geometry: prior rows of the geometric constants in terms of all effects.
     """

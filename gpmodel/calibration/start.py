@@ -85,7 +85,7 @@ TRIED_TOOLS = np.vstack([np.zeros(3), *(0.15 * sign * axis for axis in np.eye(3)
 
 
 def start_placements(poses: Poses) -> Iterator[Placement]:
-    """Yield initial placements: registration by Kabsch for each trial tool point, tool points by least squares.
+    """Yield initial values: registration by Kabsch for each trial tool point, tool points by least squares.
 
     If only balls were touched, each of TRIED_TOOLS gives one start, because the fit has several local minima: a ball of
     unknown position fits another tool with another radius. Starts without a valid ball are skipped.

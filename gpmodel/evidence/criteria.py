@@ -27,7 +27,7 @@ class Criteria:
         scored_share: least unique share of a column that is scored; with less, its coefficient is rounding error.
         largest_between: largest ratio of a basis function between poses to its size at the poses; more is a pole.
     Limits for naming:
-        head_start: gain, nats, by which an unnamed formula, which states no cause, has to exceed a named effect.
+        head_start: gain, nats, by which an unnamed formula, without a cause, has to exceed a named effect.
         naming_margin: price of an unnamed smooth term for which formulas are offered, nats.
         tie: difference in gain within which the shortest of equivalent formulas is used, nats.
     Selection of groups of effects:

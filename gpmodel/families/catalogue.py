@@ -36,7 +36,7 @@ class Family:
     source: publication that describes the effect.
     build: function that yields each instance for a mechanism and the columns of a table.
     grids: function that yields harmonics of the effect at any frequency of a range, for a search.
-    offered: function that yields the instances for a search, None if they are the instances of `build`.
+    offered: function that yields the instances for a search, None if `build` yields them.
     generic: whether the family describes the form of an error and names no part; only a search uses such a family.
     clamped: whether the effect's value is kept constant well beyond the fitted ranges.
     refit_constants: whether constants in the basis functions were selected from many and are refined in the last fit.

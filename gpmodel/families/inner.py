@@ -150,7 +150,7 @@ def geometric(name: str, unit: str, span: tuple[float, float], count: int) -> It
 
 
 def law_name(effects: Sequence[Effect]) -> str:
-    """Return a name for an unnamed formula from its effects at one site: `f and g on slot axis`."""
+    """Return a name for an unnamed formula from its effects at one site, as `f and g on slot axis`."""
     place = effects[0].terms[0]
     return f"{' and '.join(str(e.terms[0].basis) for e in effects)} on {place.slot} {place.axis}"
 

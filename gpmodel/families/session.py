@@ -48,7 +48,7 @@ def link_growth(
 ) -> Iterator[Effect]:
     """Yield an effect that stretches one length, for each link longer than SHORTEST and each prismatic joint.
 
-    name: name of the effect, with {slot} for the slot at the end of the length.
+    name: name of the effect, with {slot} for the frame at the end of the length.
     """
     for slot, terms in _lengths(mechanism, basis):
         if any(term.basis != basis for term in terms) or np.linalg.norm([term.weight for term in terms]) > SHORTEST:

@@ -44,10 +44,10 @@ def learned(
 ) -> tuple[Effect, ...]:
     """Return the effects with the mean of the type and the prior deviation √(τ² + var μ) of a further machine.
 
-    own: fits of the single machines. The noise of each fit weights the poses; the fits contain at least the effects
-    that are not constant. Constant effects of one unit have one spread τ, every other effect has its own τ. The mean of
-    a constant has a prior of WIDE about zero; the mean of any other effect the smaller of the effect's prior and its
-    size over the machines.
+    own: fit of each machine to its poses alone. The noise of each fit weights the poses; the fits contain at least the
+    effects that are not constant. Constant effects of one unit have one spread τ, every other effect has its own τ. The
+    mean of a constant has a prior of WIDE about zero; the mean of any other effect the smaller of the effect's prior
+    and its size over the machines.
     Source: Laird and Ware (1982), by the EM algorithm.
 
         b_i ~ N(μ, T),  T = diag(τ²)                                b_i: all effects of machine i, geometry complete

@@ -11,8 +11,8 @@ from gpmodel.arrays import Array, Count, IntArray, Mask, NotNegative
 NEGLIGIBLE = 1e-7
 """Relative norm below which a column is a rounding error: a few times the square root of double precision."""
 LIMITS = (1.0, 20.0, 50.0, 200.0, 1000.0, 1e4, 1e6)
-"""Condition limits among which cross-validation chooses. Between any two neighbours the rank of an arm's standard model
-changes."""
+"""Condition limits among which cross-validation chooses. Between two neighbouring limits the number of an arm's fitted
+constants changes."""
 
 
 def orthonormal(columns: Array) -> Array:

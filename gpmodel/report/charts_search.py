@@ -240,7 +240,7 @@ KINDS = (("parameters_angles", "Angles", "rad", 1e6, "µrad"), ("parameters_leng
 
 
 FEWEST_RANKS = 4
-"""Least number of points at which the curve of error against rank is drawn."""
+"""Least number of points at which the curve of error against the number of constants is drawn."""
 
 
 def _of_model(report: Report) -> Iterator[Picture]:

@@ -170,7 +170,7 @@ spreads are stated relative to the mean."""
 
 
 def verdict(fleet: FleetPart) -> str:
-    """Join the sentences of the verdict."""
+    """Return the verdict on the machines as one text."""
     return " ".join(sentences(fleet))
 
 

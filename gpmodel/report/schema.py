@@ -189,7 +189,7 @@ class Report:
     kind: the function that made the report. settings: settings of an evolution.
     noise_floor_mm: 3-D RMS of the instrument alone; noise_from: its source.
     stopped: reason for the end of the search.
-    placement: tool point in the flange frame and root in the instrument frame, number by number, rotations as vectors.
+    placement: tool point in the flange frame and root in the instrument's frame, as numbers; rotations as vectors.
     unobservable: effects absorbed by joint values that are solved at every pose.
     hidden: sentences on effects equivalent to constants of the standard model; mimics: names of these pairs.
     further: expected errors at further poses. predicted: errors of predictions.

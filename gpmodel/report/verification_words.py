@@ -42,7 +42,7 @@ def size(record: Verification, mm: float | None, bare: bool = False) -> str:
 
 
 def verdict(record: Verification) -> str:
-    """Join the sentences of the verdict."""
+    """Return the verdict on the model as one text."""
     return " ".join(sentences(record))
 
 

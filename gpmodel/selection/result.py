@@ -76,7 +76,7 @@ class Selection:
     """Groups of effects that were selected, and the model that contains the groups.
 
     kept: selected groups in order of decreasing gain.
-    offered: groups that were candidates of the selection.
+    offered: groups that were candidates.
     active: linear model with the posterior of the selected groups.
     state: fit of the exact kinematic chain with the selected groups.
     """

@@ -44,10 +44,10 @@ SAMPLE = 50
 def bundles(dataset: Dataset) -> IntArray:
     """Return the number of the block ("bundle") of each row, from 0.
 
-    A bundle is a set of rows that no split separates. Rows with equal `group` or `repeat` labels form a bundle.
+    A block is a set of rows that no split separates. Rows with equal `group` or `repeat` labels form a block.
     A group of all rows is ignored, for example the session used for training if another session is held out. Rows that
-    touched one point, bar or surface with at most FEW_TOUCHES touches form a bundle. Rows whose joint values agree
-    within SAME_JOINT or lie in one cluster form a bundle, for any set-up and payload. Bundles are numbered by joint
+    touched one point, bar or surface with at most FEW_TOUCHES touches form a block. Rows whose joint values agree
+    within SAME_JOINT or lie in one cluster form a block, for any set-up and payload. Blocks are numbered by joint
     values, so that the order of rows does not matter.
     """
     labels = [column for column in ("group", "repeat") if column == "repeat" or np.ptp(dataset.codes(column)[1])]
@@ -255,10 +255,10 @@ search, so that held-out poses do not depend on the seed of the search (experime
 
 
 def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tuple[IntArray, IntArray]:
-    """Return the numbers of training rows and of held-out rows of a table, both sorted; bundles are not split.
+    """Return the numbers of training rows and of held-out rows of a table, both sorted; blocks are not split.
 
     fraction: share of the poses to hold out, approximately.
-    Raises InputError if all poses are one bundle, or if `fraction` leaves no training rows or too few held-out rows.
+    Raises InputError if all poses are one block, or if `fraction` leaves no training rows or too few held-out rows.
     """
     if not 0.0 < fraction < 1.0:
         raise InputError(f"{fraction}, expected a share above 0 and below 1, as in 0.3", "holdout")
@@ -286,7 +286,7 @@ def hold_out(dataset: Dataset, fraction: float, rng: np.random.Generator) -> tup
 
 
 def folds(dataset: Dataset, count: int, rng: np.random.Generator) -> IntArray:
-    """Return the fold of each row for cross-validation; bundles are not split, folds have nearly equal size."""
+    """Return the fold of each row for cross-validation; blocks of rows are not split, folds have nearly equal size."""
     of_pose = bundles(dataset)
     n = int(of_pose.max()) + 1
     fold_of_bundle: NDArray[np.int64] = np.empty(n, dtype=np.int64)

@@ -93,7 +93,7 @@ def _normal(frame: Array) -> Across:
 
 
 def dh_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array], convention: Convention, note: str) -> str:
-    """Write a chain with constant error twists (6,), m and rad, by slot, as DH rows in TOML. note: first comment.
+    """Write a chain with constant error twists, m and rad, by slot (frame), as DH rows in TOML. note: first comment.
 
     Raises InputError if a joint drives its motion by a factor other than 1 or -1, or drives two motions.
     """
@@ -171,7 +171,7 @@ def _degrees(angle: float) -> str:
 
 
 def robodk_text(mechanism: Mechanism, chain: Chain, twists: Mapping[str, Array], note: str) -> str:
-    """Write a chain with constant error twists (6,), m and rad, by slot, as CSV for RoboDK. note: first comment.
+    """Write a chain with constant error twists, m and rad, by slot (frame), as CSV for RoboDK. note: first comment.
 
     Columns: rx, rz in deg, tx, tz in mm, and the joint whose value times its sign is added.
     Raises InputError if a joint is moved by several values, or the common normal of two axes is beyond FAR; DH rows in

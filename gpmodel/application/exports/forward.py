@@ -101,7 +101,7 @@ def arm_of(mechanism: Mechanism, tip: str) -> Chain:
 def chain_of(mechanism: Mechanism) -> Chain:
     """Return the chain of a mechanism.
 
-    Raises InputError for several arms, closed loops, or a slot that moves about more than one axis.
+    Raises InputError for several arms, closed loops, or a slot (frame) that moves about more than one axis.
     """
     if branched(mechanism) or closed(mechanism):
         what = "several arms" if branched(mechanism) else "closed loops"
@@ -132,7 +132,7 @@ _TORQUE = re.compile(r"torque_(?P<joint>\w+)$")
 
 @dataclass(frozen=True)
 class Body:
-    """A mass, kg, and its centre (3,), m, in the frame of a slot."""
+    """A mass, kg, and its centre of mass, m, in the frame of a slot of the chain."""
 
     slot: int
     mass: float
@@ -180,7 +180,7 @@ class Loads:
         return _sum(parts)
 
     def _drive(self, joint: str) -> list[tuple[float, int, int]]:
-        """Return weight, slot and axis of every motion that a joint drives."""
+        """Return weight, slot (frame) and axis of every motion that a joint drives, by number."""
         drive = next((j.drive for j in self.mechanism.joints if j.name == joint), ())
         return [(float(w), self.chain.slots.index(slot), AXES.index(axis)) for slot, axis, w in drive]
 

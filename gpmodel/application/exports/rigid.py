@@ -35,7 +35,7 @@ class Rigid:
     """Refitted geometry of a mechanism.
 
     placement: registration and tool at the end of the session.
-    twists: constant error twist (6,), m and rad, of every slot that has one.
+    twists: constant error twist, m and rad, of every slot (frame) that has one.
     heldout: 3-D errors on held-out rows, without outliers of the model, m.
     missing: omitted effects, with the names of the fitted table.
     tips: with several arms, the measured link of each tool.
@@ -94,7 +94,7 @@ def _held_out(model: ErrorModel, poses: Poses, saved: SavedModel) -> Array:
 
 
 def _constant_twists(fitted: SavedModel, one: Poses) -> dict[str, Array]:
-    """Return the constant error twists (6,) by slot. one: a pose, which may be any pose."""
+    """Return the constant error twists by slot (frame), m and rad. one: a pose, which may be any pose."""
     out: dict[str, Array] = {}
     for effect, value in zip(fitted.model.effects, fitted.theta.tolist(), strict=True):
         if effect.constant and value != 0.0:
@@ -120,7 +120,7 @@ def urdf_text(rigid: Rigid, note: str) -> str:
 
 
 def written(mechanism: Mechanism, twists: Mapping[str, Array]) -> tuple[str, str]:
-    """Return the URDF text of a chain with constant error twists (6,), m and rad, by slot, and its measured link.
+    """Return the URDF text of a chain with constant error twists, m and rad, by slot (frame), and its measured link.
 
     Raises InputError if the mechanism cannot be written as URDF.
     """
