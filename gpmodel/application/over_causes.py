@@ -123,7 +123,7 @@ class CausesThere:
     """A finding (or none), and all alternative causes of the part of the residual that the finding explains.
 
     own: effects of the finding, with corrections of its constants. names: parameters of the model
-    without the finding. stated: the finding, fitted.
+    without the finding. stated: the finding with its fitted coefficients.
     """
 
     own: tuple[str, ...]

@@ -165,7 +165,7 @@ class Spread:
     s: Array
 
     def whiten(self, values: Array) -> Array:
-        """Return values times the inverse root of the covariance V."""
+        """Return values whitened by the inverse root of the covariance V."""
         return (values - self._within(values, 1.0 - 1.0 / np.sqrt(1.0 + self.s**2))) / self.sigma
 
     def restored(self, values: Array) -> Array:

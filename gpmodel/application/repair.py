@@ -75,7 +75,7 @@ class Repaired:
 class _Fit:
     """Refitted session. changed: columns D of the changed parameters. left: linear system of the last step.
 
-    step: derivatives of all parameters by the unknowns of the system.
+    step: derivatives of all parameters of the model by the unknowns of the system.
     """
 
     session: Session

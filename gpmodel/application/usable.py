@@ -197,7 +197,7 @@ def _only(saved: SavedModel, kept: Mask) -> SavedModel:
 
 
 def _still_read(saved: SavedModel, model: ErrorModel) -> dict[str, str]:
-    """Return the units of the columns that a smaller model needs; all columns if an effect lags along a clock."""
+    """Return the units of the columns that a smaller model needs; all columns if an effect has a lag in time."""
     before, reads = ({name for effect in m.effects for name in effect.inputs} for m in (saved.model, model))
     unread = set() if any(name.startswith("lag_") for name in reads) else before - reads
     return {name: unit for name, unit in saved.input_units.items() if name not in unread}

@@ -36,7 +36,7 @@ smaller singular value, a millimetre of residual would move the tool by a metre.
 def with_taken_up(model: ErrorModel, known: ErrorModel) -> ErrorModel:
     """Return the model with the instrument's effects split into rigid motion and distortion as in a `known` model.
 
-    D: columns of the instrument's effects θ. P: columns of registrations and tools. G = P⁺ D. The error θ D of the
+    D: columns of the instrument's effects θ. P: columns of registrations and tools. With G = P⁺ D, the error θ D of the
     measurements is P G θ + (D - P G) θ. The first part moves robot and tool rigidly; the second part is distortion by
     the instrument. The measurements determine only the sum of rigid motion and distortion, so the split is copied from
     the known model.
@@ -101,7 +101,7 @@ def _least(columns: Array, target: Array) -> Array:
 def _with(effect: Effect, problem: Linearised, share: Array) -> Effect:
     """Return the effect with additional rigid motions `share`, m and rad, in its field `taken_up`.
 
-    A registration of the problem turns about the mean of the points, one of the effect about the instrument's origin.
+    Registrations of the problem turn about the mean of the points, those in `taken_up` about the instrument's origin.
     """
     known = {(r.of, r.label): np.array(r.twist) for r in effect.taken_up}
     names = [problem.placement_names[k] for k in np.flatnonzero(problem.rigid)]

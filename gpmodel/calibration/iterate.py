@@ -267,5 +267,5 @@ def _lower(fitting: Fitting, here: Reached, step: _Step, cut: int) -> tuple[Reac
 
 
 def _straight(fallen: Array, foreseen: Array) -> bool:
-    """Return whether a residual fell as its columns predicted, so that the columns remain valid."""
+    """Return whether a residual fell as a linear step predicted, so that the derivatives remain valid."""
     return bool(np.abs(fallen - foreseen).max() <= BENT * np.abs(foreseen).max())

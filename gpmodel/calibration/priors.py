@@ -141,7 +141,7 @@ class ReadJoints:
         """Select combinations of approximate joint values that determine an unknown better than the measurements do
         together with the prior rows `rows`.
 
-        free: mask of the fitted columns. sigma: noise of measurements, m. Without an unmeasured joint there is no row.
+        free: mask of the fitted columns. sigma: noise of measurements, m. If no joint is unmeasured, no row results.
         """
         if problem.left is None:
             return cls(np.zeros((0, 0)), 0.0)

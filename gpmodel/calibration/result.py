@@ -141,7 +141,7 @@ class Calibration(Uncertainty):
 
     @cached_property
     def partners(self) -> Mapping[str, tuple[tuple[str, float], ...]]:
-        """Map each fitted effect to the effects correlated with it above CORRELATED in absolute value."""
+        """Map each fitted effect to effects whose correlation with the effect exceeds CORRELATED in size."""
         names, kept = [e.name for e in self.model.effects], np.flatnonzero(self.kept)
         out: dict[str, list[tuple[str, float]]] = {names[i]: [] for i in kept}
         among = self.correlation[np.ix_(kept, kept)]

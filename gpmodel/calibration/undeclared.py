@@ -1,13 +1,13 @@
 """Separate constants from undeclared effects in measurements without an instrument's frame.
 
-Within the measured region, constants can imitate an undeclared effect; outside, their predictions differ. In
+Within the measured region, constants can imitate an undeclared effect; outside, predictions differ. Measurements r are
 
     r = F ρ + A θ + Σ_a c_a ∘ f_a(q) + e,   θ ~ N(0, τ² I),   f_a ~ N(0, γ_a² K),   e ~ N(0, n² I)
 
-r are the measurements, f_a unknown smooth functions of the joint values q, c_a the derivatives of r by axis a, A those
-by all constants θ, F those by registration, tool and declared effects ρ, e the noise. γ_a, τ and n maximise the
-restricted likelihood. Constants are fitted by generalised least squares with the covariance V of functions and noise.
-The conditional mean of the functions becomes a part of the model, with α = V⁻¹ (r - F ρ - A θ):
+where f_a are unknown smooth functions of the joint values q and e is the noise. c_a, A, F are the derivatives of r: by
+axis a; by all constants θ; by registration, tool and declared effects ρ. γ_a, τ and n maximise the restricted
+likelihood. Constants are fitted by generalised least squares with the covariance V of functions and noise. The
+conditional mean of the functions becomes a part of the model, with α = V⁻¹ (r - F ρ - A θ):
 
     f_a(q) = γ_a² Σ_m K(q, q_m) c_a,m α_m
 

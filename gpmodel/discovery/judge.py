@@ -79,7 +79,7 @@ def judge(problem: Problem, last: FittedSelection, evolved_null: Array, errors_a
 
 
 def _judged(residual: Residual, candidate: Candidate, kept: Kept, nulls: tuple[Array, Array]) -> Hypothesis:
-    """Test a selected group of effects. residual: without the group. nulls: nulls of selection and of evolution."""
+    """Test a selected group of effects. residual: without the group. nulls: gains on permuted residuals."""
     before = cross_validated(residual.at_own_noise(), ())
     nats = kept.gain - candidate.cost + kept.shared
     score = replace(scores(residual, [candidate])[0], nats=nats)

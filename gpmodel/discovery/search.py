@@ -11,7 +11,7 @@ from gpmodel.executor import Forks, Workers
 
 @dataclass(frozen=True)
 class Search:
-    """Settings of the effort of a discovery.
+    """Settings of the search that determine its computing effort.
 
     runs: evolution runs of each representation in a round; permuted residuals get at most as many runs, but at least
     three in the first round.

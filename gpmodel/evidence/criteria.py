@@ -42,7 +42,7 @@ class Criteria:
         folds: number of folds of cross-validation, the usual ten (Kohavi 1995).
         shuffles: number of permuted residuals on which the catalogue is scored.
         confirmation: largest one-sided p-value of the held-out test that the findings predict better than the standard
-            model; above it the standard model is shipped.
+            model; with a larger one the standard model is shipped.
         input_significance: largest p-value of an input in the histogram, corrected for the number of inputs.
     """
 

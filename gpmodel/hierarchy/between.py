@@ -47,7 +47,7 @@ class Deviations:
 
     z: deviation in units of the standard deviation expected from the others.
     chance: probability of a deviation at least as large for any machine of a fleet without outliers.
-    inside: whether the machine is no outlier.
+    inside: True if the machine is no outlier.
     """
 
     z: Array

@@ -146,7 +146,7 @@ class Fleet:
     shared: mean and spread over the machines of each effect and, last, of the logarithm of the noise.
     blocks: effects with priors of their own.
     deviations: deviation of each machine in each parameter and block.
-    left_out: names of effects that not every machine's poses determine.
+    left_out: names of effects that the poses of some machine do not determine.
     """
 
     alone: tuple[Calibration, ...]
@@ -168,7 +168,7 @@ def calibrate_fleet(
     """Estimate each machine alone, the mean and spread of the type, then each machine with the type as its prior.
 
     alone: fit of each machine alone, with `effects` first and then the effects of the machine alone. The effects of the
-    machine alone stay in all its fits.
+    machine alone stay in all fits of the machine.
     effects: effects of the type. The prior of an effect holds for a machine alone and for the mean of the type.
 
     A machine that is an outlier in an effect or a block keeps its own value of the effect or block. The type is learned

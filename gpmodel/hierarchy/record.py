@@ -215,7 +215,7 @@ class BlockPart(msgspec.Struct, frozen=True):
     effects: effects of the block with their own priors.
     spread, low, high: standard deviation between machines, as a share of the effects' priors, and its 95 % interval.
     z: RMS distance of each machine from the others in the directions that its poses determine.
-    chances, outliers: chances and outlying machines, as in SharedPart.
+    chances, outliers: p-value of the distance of each machine, and numbers of outlying machines.
     """
 
     name: Label
@@ -232,11 +232,11 @@ Part = SharedPart | BlockPart
 
 
 class FleetPart(msgspec.Struct, frozen=True):
-    """The content of fleet.json without its checksum (seal).
+    """The content of fleet.json without its checksum.
 
     columns: names of the joints in the tables, if all tables agree.
     chosen: text on the origin of the effects.
-    left_out: effects that not every machine's poses determine.
+    left_out: effects that the poses of some machine do not determine.
     parameters: geometry, effects without priors of their own, and the noise.
     prior: effects of a further machine and their priors, with complete geometry.
     """
@@ -340,7 +340,7 @@ def prior_parts(effects: tuple[Effect, ...]) -> tuple[PriorPart, ...]:
 
 
 def fleet_text(fleet: FleetPart) -> str:
-    """Return the text of fleet.json, with its seal."""
+    """Return the text of fleet.json with its checksum."""
     content = msgspec.to_builtins(fleet)
     return to_json(content | {SEAL: seal(content)})
 
