@@ -290,7 +290,7 @@ def choose_poses(
     like: folder, file or record of a `fleet`, for a further machine of the type before any measurement.
     above: lowest height of the tool point in the root frame, "200 mm". box: "800:1200,-200:200,300:700mm". instrument:
     position of the instrument in the root frame, "3000,0,1500mm" or m; the line of sight must be free and within `cone`
-    degrees (30) of the target's `normal` in the measured frame. tool_point: in the measured frame.
+    degrees (30) of the target's `normal` in the measured frame. tool_point: tool point in the measured frame.
     collisions: exclude poses in which the arm collides with itself, if its URDF has geometry. noise: standard deviation
     of one coordinate, for the curve before a result. count: None for 40, or as many as a decision needs.
     Raises InputError for too few poses for the criterion, too few admissible poses, or an unreachable target.

@@ -41,7 +41,7 @@ for a detailed field."""
 
 NEAREST, STEEPEST = 1.0, float(np.radians(85.0))
 """Least distance of a measured point from an instrument that measures angles and a distance, m; and the largest
-elevation, rad. A table in the frame of the robot has its origin inside the robot."""
+elevation, rad. The origin of a table in the robot's frame is inside the robot."""
 
 WAVES = 8
 """Number of sine waves of a random walk along the rows. The eighth wave has 1/225 of the variance of the first."""

@@ -72,7 +72,7 @@ def balancing_spring(mechanism: Mechanism, states: States) -> Iterator[Candidate
 
 
 def hardening(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
-    """Yield a stiffness that grows with the load: the cube of the torque divided by the largest torque."""
+    """Yield the error of a stiffness that grows with the load: the cube of the torque over the largest torque."""
     for j in mechanism.joints:
         torque = f"torque_{j.name}"
         if loaded(states, torque):

@@ -164,7 +164,7 @@ def over_the_workspace(final: Calibration, poses: Poses, groups: Sequence[Sequen
     """Return the displacements of the tool by groups of effects, at random joint values within the limits.
 
     Inputs other than joint values come from random rows of the table. Far outside the range of an input, formulas
-    outside the catalogue are held constant, as in `predict`. The result is None for effects of the session only, for a
+    outside the catalogue are held constant, as in `predict`. None stands for effects of the session only, for a
     mechanism with unmeasured joints, or if the model depends on earlier rows whose order is not stated.
     """
     if poses.dataset.joints_approximate:

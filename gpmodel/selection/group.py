@@ -111,7 +111,7 @@ def geometry_groups(effects: Iterable[Effect]) -> tuple[Group, ...]:
     """Group the effects of constant geometric errors: all lengths, all angles, all with priors; others are single.
 
     These groups of geometric errors are always in the model, with prior variances limited to the errors of a machine
-    description. Without the limit, a fitted wrist 29 cm off would imitate the error of two smooth functions.
+    description. Without the limit, a wrist 29 cm off in a hardly determined direction fits like two curves.
     """
     kinds: dict[str, list[Effect]] = {"geometry, lengths": [], "geometry, angles": [], "geometry, with priors": []}
     for e in effects:

@@ -33,9 +33,9 @@ FREE = 1e4
 SHORT_LIST = 100
 """Number of best groups that are scored again after a full scan, until none of these groups has a net gain."""
 TOGETHER, BEGIN, GO_ON = 3, 0.05, 0.33
-"""Number of best groups, and share of the utility lost by a removal that their gains must reach for growth to go on.
+"""Number of best groups, and shares of the utility lost by a removal that their gains must reach to begin and to go on.
 Two groups that share nothing gain little until the first is in the model and reduces the noise: a twentieth of the loss
-(a hinge by a line and a ramp, 12 %), then more than half. A limit of a third ends most exchanges on a measured robot.
+(a hinge by a line and a ramp, 12 %), then more than half. A limit of a third ends two of three exchanges on a robot.
 """
 
 
