@@ -9,7 +9,8 @@ from scipy.spatial import cKDTree
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.unmeasured_joints import ROTATION_WEIGHT
-from gpmodel.checks.mixed_up import FEWEST_OF_A_PART, MOST_ROWS, POOR_LENGTH, comparable_rows, mixed_up, typical
+from gpmodel.checks.mixed_up import FEWEST_OF_A_PART, MOST_ROWS, comparable_rows, mixed_up, typical
+from gpmodel.checks.notes import POOR_LENGTH
 from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.branches import branched, random_poses
 from gpmodel.mechanism.protocol import AXES, Mechanism

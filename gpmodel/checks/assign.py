@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.checks.mixed_up import FEWEST_ROWS, GOOD_SHARE, MOST_ROWS, POOR_LENGTH, typical
-from gpmodel.checks.notes import Registered, flange, least_misfit, registered, spread_of
-from gpmodel.checks.readings import LENGTHS, OF_ANOTHER_SIZE, Reading, of_joints, of_zeros_and_signs
+from gpmodel.checks.formulas import EQUALLY, of_formulas
+from gpmodel.checks.mixed_up import FEWEST_ROWS, GOOD_SHARE, MOST_ROWS, typical
+from gpmodel.checks.notes import POOR_LENGTH, Registered, flange, least_misfit, registered, spread_of
+from gpmodel.checks.readings import ALIKE, LENGTHS, MIRROR_IMAGE, OF_ANOTHER_SIZE, Reading, listed, of_joints
 from gpmodel.mechanism.protocol import Mechanism, closed
 from gpmodel.numerics.least_squares import OUTLIER_SHARE, root_mean_square
 from gpmodel.table.layout import Sheet, name_and_unit
@@ -113,6 +114,7 @@ class Fit:
     turned: factors of the joint columns and constants of the change, (joints, joints + 1), SI.
     rows: numbers of the compared rows.
     q: joint values (compared rows, joints), rad and m.
+    position: measured points (compared rows, 3), m.
     found: the registration.
     """
 
@@ -123,6 +125,7 @@ class Fit:
     left: float
     rows: IntArray
     q: Array
+    position: Array
     found: Registered
     reading: str = ""
     turned: Array | None = None
@@ -160,14 +163,11 @@ class Assigner:
         return []
 
     def turned(self) -> list[Fit]:
-        """Return the first fit of the columns with the joints' names, with other joint zeros or several changed signs.
-
-        About a thousand changes of zeros and signs are tried.
-        """
+        """Return the first fit of the columns with the joints' names, with other zeros, signs and couplings."""
         names = [axis.name for axis in self.axes]
         joints = list(dict.fromkeys(joint_families(names, self.mechanism, sorted(self.values))))
         points = list(dict.fromkeys(lettered(names, [i for i in sorted(self.values) if i in self.moving])))
-        return list(self._fits(joints[:1], points[:1], (of_zeros_and_signs,)))
+        return list(self._fits(joints[:1], points[:1], (of_formulas,)))
 
     def _fits(
         self, joints: Iterable[Columns], triples: Sequence[Columns], readings: Sequence[Readings | None]
@@ -210,16 +210,16 @@ class Assigner:
         q = np.column_stack([si_of(u, k) * self.values[i][rows] for i, u, k in zip(columns, units, kinds, strict=True)])
         if reread is None:
             if (best := self._registered(flange(self.mechanism, q), raw, points)) is not None:
-                yield Fit(columns, units, points, best[0], best[1], rows, q, best[2])
+                p = si_of(best[0], "prismatic") * raw
+                yield Fit(columns, units, points, best[0], best[1], rows, q, p, best[2])
             return
         for reading in reread(self.mechanism, q, raw):
             if (best := self._registered(flange(self.mechanism, reading.q), raw, points)) is not None:
+                p = si_of(best[0], "prismatic") * raw
                 yield Fit(
-                    columns, units, points, best[0], best[1], rows, reading.q, best[2], reading.meaning,
+                    columns, units, points, best[0], best[1], rows, reading.q, p, best[2], reading.meaning,
                     _formulas(q, reading.q),
                 )  # fmt: skip
-                if reread is of_zeros_and_signs:
-                    return
 
     def _registered(self, frames: Array, raw: Array, points: Columns) -> tuple[str, float, Registered] | None:
         """Return the unit of points (rows, 3), the residual and the registration, or None if no unit gives a small
@@ -240,6 +240,23 @@ class Assigner:
             if left < max(POOR_LENGTH, GOOD_SHARE * min(spread_of(p), reach) / 2) and (best is None or left < best[1]):
                 best = unit, left, registered(frames[most], p[most])
         return best
+
+
+def sign_doubts(mechanism: Mechanism, fit: Fit) -> list[str]:
+    """Return questions: two interpretations of the joints fit, or mirrored positions fit the signs of the file."""
+    equal = [fit.reading] if EQUALLY in fit.reading else []
+    if fit.turned is None or not (flipped := np.diag(fit.turned) < 0).any():
+        return equal
+    frames, mirrored = flange(mechanism, np.where(flipped, -fit.q, fit.q)), fit.position * [-1.0, 1.0, 1.0]
+    most, errors = typical(frames, mirrored)
+    if root_mean_square(errors[most]) > ALIKE * fit.left:
+        return equal
+    names = listed([joint.name for joint, wrong in zip(mechanism.joints, flipped.tolist(), strict=True) if wrong])
+    return [
+        *equal,
+        f"opposite signs of {names} are inferred, but the positions fit as well if {MIRROR_IMAGE}; expected corrected "
+        "positions in the file in the second case",
+    ]
 
 
 def header_of(sheet: Sheet, column: int) -> Axis:

@@ -10,9 +10,9 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.checks.assign import SI_UNIT, Assigner, Columns, Fit, header_of, said_to_be, si_of, windows
-from gpmodel.checks.mixed_up import COARSE, FAR_BETTER, FEWEST_ROWS, POOR_LENGTH, PROPER, TAIT_BRYAN, miss
-from gpmodel.checks.notes import flange
+from gpmodel.checks.assign import SI_UNIT, Assigner, Columns, Fit, header_of, said_to_be, si_of, sign_doubts, windows
+from gpmodel.checks.mixed_up import COARSE, FAR_BETTER, FEWEST_ROWS, PROPER, TAIT_BRYAN, miss
+from gpmodel.checks.notes import POOR_LENGTH, flange
 from gpmodel.checks.readings import ENOUGH, FINEST, rounding
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
@@ -123,7 +123,7 @@ def _by_pose(first: Sheet, second: Sheet, mechanism: Mechanism) -> Iterator[str]
 def guess(sheet: Sheet, mechanism: Mechanism, turned: bool = False) -> Guess:
     """Assign the columns of a sheet by their names and by the residual of a registration.
 
-    turned: True to try other zeros and several other signs of joints. Raises InputError if no assignment fits the
+    turned: True to try other zeros, signs and couplings of several joints. Raises InputError if no assignment fits the
     mechanism, or if the positions are computed and not measured.
     """
     label, fits = _fits(sheet, mechanism, turned)
@@ -219,7 +219,7 @@ def _measured(sheet: Sheet, mechanism: Mechanism, fits: list[Fit], lines: dict[i
     """Return the fits whose points are not computed from joint values. Raises InputError if all are computed."""
     left = []
     for fit in fits:
-        if _computed(sheet, mechanism, fit):
+        if _computed(mechanism, fit):
             lines |= dict.fromkeys(fit.points, "left out: computed by the controller, not measured")
         else:
             left.append(fit)
@@ -232,17 +232,16 @@ def _measured(sheet: Sheet, mechanism: Mechanism, fits: list[Fit], lines: dict[i
     return left
 
 
-def _computed(sheet: Sheet, mechanism: Mechanism, fit: Fit) -> bool:
+def _computed(mechanism: Mechanism, fit: Fit) -> bool:
     """Return True if the points are computed: the residual of a registration is as small as the rounding of the digits.
 
     Positions are also computed if the residual of the standard model is below the noise of every instrument.
     """
-    p = np.column_stack([si_of(fit.unit, "prismatic") * numbers_of(sheet, i)[fit.rows] for i in fit.points])
-    data = replace(unmeasured([joint.name for joint in mechanism.joints], fit.q), position=p)
+    data = replace(unmeasured([joint.name for joint in mechanism.joints], fit.q), position=fit.position)
     if fit.left < max(FINEST, min(ENOUGH * rounding(data), COARSEST)):
         return True
     effects = geometric_effects(mechanism)
-    if 2 * p.size < 3 * len(effects) + 18:
+    if 2 * fit.position.size < 3 * len(effects) + 18:
         return False
     return root_mean_square(calibrate(ErrorModel(mechanism, effects), prepare(mechanism, data)).fitted_error) < FINEST
 
@@ -315,6 +314,7 @@ def _joints(sheet: Sheet, mechanism: Mechanism, fit: Fit, doubts: list[str], lin
         )
     if fit.reading:
         lines[fit.joints[0]] += f"; {fit.reading}"
+    doubts += sign_doubts(mechanism, fit)
     if fit.left > POOR_LENGTH:
         doubts.append(f"after registration and tool {1e3 * fit.left:.3g} mm remain, more than the error of an arm")
     return out

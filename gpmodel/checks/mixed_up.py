@@ -8,8 +8,28 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.checks.notes import Registered, core, flange, gross, least_misfit, registered, spread_of
-from gpmodel.checks.readings import Reading, of_joints, of_lengths, of_orders, of_signs, of_the_mechanism, of_two_joints
+from gpmodel.checks.formulas import of_formulas
+from gpmodel.checks.notes import (
+    POOR_LENGTH,
+    POOR_SHARE,
+    Registered,
+    core,
+    flange,
+    gross,
+    least_misfit,
+    registered,
+    spread_of,
+)
+from gpmodel.checks.readings import (
+    ALIKE,
+    SCREENED,
+    Reading,
+    of_joints,
+    of_lengths,
+    of_orders,
+    of_signs,
+    of_the_mechanism,
+)
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Mechanism, closed
 from gpmodel.numerics import se3
@@ -19,16 +39,9 @@ from gpmodel.wording import some
 
 TURNS = 4 * np.pi
 """Largest joint angle, rad: no joint of a robot makes more than two turns in one direction."""
-POOR_SHARE, POOR_LENGTH = 0.02, 0.01
-"""Residual of registration and tool, as a share of the workspace and as a length, m, from which other interpretations
-of columns are tried: ten times the errors of a bad robot. `checks.weak_columns` tests smaller residuals."""
 FAR_BETTER = 5.0
 """Least factor by which an alternative interpretation has to reduce the residual. With a wrong description of a
 mechanism, no alternative reduces the residual as much by chance."""
-ALIKE = 1.5
-"""Ratio to the smallest residual up to which an alternative interpretation is equally likely and is also named."""
-SCREENED = 200
-"""Number of interpretations of the columns whose frames are computed at once."""
 GOOD_SHARE = 0.05
 """Largest residual of the correct interpretation of columns, as a share of the spread of the points."""
 HOPELESS_SHARE, HOPELESS_LENGTH = 0.1, 0.03
@@ -86,7 +99,7 @@ def _better(
 
     now: residual of the unchanged table, m.
     sizes: spread of the points and of the flange, m.
-    hopeless: True to try changes of two columns, and of the order of all columns.
+    hopeless: True to try changes of several columns together, and of the order of all columns.
     """
     longest = float(np.abs(mechanism.transforms(q)[..., :3, 3]).max())
     kinds = [of_lengths(q, p, *sizes)]
@@ -96,8 +109,8 @@ def _better(
         kinds = [of_the_mechanism(mechanism.name, q, p)]
     found = [fit for kind in kinds if (fit := _best_of(mechanism, kind, now / FAR_BETTER))]
     if not found and hopeless and not closed(mechanism):
-        several = chain(of_two_joints(mechanism, q, p), of_orders(mechanism, q, p))
-        found = [fit for fit in [_best_of(mechanism, several, now / FAR_BETTER)] if fit]
+        several, limit = (of_formulas(mechanism, q, p), of_orders(mechanism, q, p)), now / FAR_BETTER
+        found = [fit for kind in several if (fit := _best_of(mechanism, kind, limit))]
     if not found:
         return None
     least = min(left for left, _ in found)

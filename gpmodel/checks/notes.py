@@ -23,6 +23,9 @@ from gpmodel.table.bundles import different_poses
 from gpmodel.table.dataset import Dataset, unmeasured
 from gpmodel.table.units import identifier, split_header
 
+POOR_SHARE, POOR_LENGTH = 0.02, 0.01
+"""Residual of registration and tool, as a share of the workspace and as a length, m, from which other interpretations
+of columns are tried: ten times the errors of a bad robot. `checks.weak_columns` tests smaller residuals."""
 CLOSE = 0.01
 """RMS residual, m, below which a fit is not restarted from another side of the flange."""
 COARSE, FINE, FINER = 0.3, 1e-3, 0.3

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations, permutations, product
+from itertools import combinations, permutations
 
 import numpy as np
 
@@ -75,8 +75,11 @@ LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "cm": 1e-2}
 """Units of length in tables, and their size in metres."""
 OF_ANOTHER_SIZE = 5.0
 """Largest ratio of the spread of measured points to the workspace, or of the workspace to the spread."""
-QUARTERS = (0.0, 90.0, -90.0, 180.0)
-"""Differences between the joint zeros of a controller and of a description, deg, in multiples of a right angle."""
+MIRROR_IMAGE = "two of the columns x, y, z look swapped, or one has the wrong sign"
+ALIKE = 1.5
+"""Ratio to the smallest residual up to which an alternative interpretation is equally likely and is also named."""
+SCREENED = 200
+"""Number of interpretations of the columns whose frames are computed at once."""
 MOST_ORDERED = 6
 """Largest number of joints of which all orders are tried: 720."""
 
@@ -136,13 +139,7 @@ def of_signs(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
     for size in range(2, len(names) + 1):
         for chosen in combinations(range(len(names)), size):
             flipped = np.where(np.isin(np.arange(len(names)), chosen), -q, q)
-            yield Reading(f"columns {_listed([names[i] for i in chosen])} probably have the opposite sign", flipped, p)
-
-
-def of_zeros_and_signs(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
-    """Yield interpretations with other zeros or signs of one or two joints, then with several opposite signs."""
-    yield from of_two_joints(mechanism, q, p)
-    yield from of_signs(mechanism, q, p)
+            yield Reading(f"columns {listed([names[i] for i in chosen])} probably have the opposite sign", flipped, p)
 
 
 def of_orders(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
@@ -152,57 +149,12 @@ def of_orders(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
     yield Reading("the joint columns look in reverse order", q[:, ::-1], p)
     orders = permutations(range(count)) if count <= MOST_ORDERED else (np.roll(first, k) for k in range(1, count))
     for order in map(list, orders):
-        held = _listed([names[order.index(i)] for i in range(count)])
+        held = listed([names[order.index(i)] for i in range(count)])
         yield Reading(f"the joint columns look to hold, in this order, {held}", q[:, order], p)
 
 
-def of_two_joints(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
-    """Yield interpretations with another zero or sign of one or two joints, or with a coupling to a neighbour.
-
-    The zeros of the first and of the last joint are not changed: registration and tool absorb them.
-    """
-    count = len(mechanism.joints)
-    turning = [i for i, joint in enumerate(mechanism.joints) if joint.kind == "revolute"]
-    changes: list[tuple[int, Array]] = []
-    for i in turning:
-        inner = 0 < i < count - 1
-        for sign, zero in product((1.0, -1.0), QUARTERS if inner else QUARTERS[:1]):
-            changes += [] if (sign, zero) == (1.0, 0.0) else [(i, _row(count, {i: sign}, zero))]
-        near = [k for k in (i - 1, i + 1) if k in turning]
-        changes += [(i, _row(count, {i: 1.0, k: sign}, 0.0)) for k, sign in product(near, (1.0, -1.0))]
-    changes.sort(key=lambda change: bool(change[1][-1]))  # signs first: a wrist turned by 180 deg is a flipped joint
-    for size in (1, 2):
-        for some in combinations(changes, size):
-            chosen = sorted(some, key=lambda change: change[0])
-            if len({i for i, _ in chosen}) == size:
-                turned = q.copy()
-                for i, row in chosen:
-                    turned[:, i] = q @ row[:-1] + np.radians(row[-1])
-                yield Reading(_formulas(mechanism, chosen), turned, p)
-
-
-def _row(count: int, factors: dict[int, float], zero: float) -> Array:
-    """Return the factors of all joint columns in a formula, followed by the joint zero, deg."""
-    row = np.zeros(count + 1)
-    row[list(factors)], row[-1] = list(factors.values()), zero
-    return row
-
-
-def _formulas(mechanism: Mechanism, chosen: Sequence[tuple[int, Array]]) -> str:
-    """Describe each changed joint as a formula of the columns."""
-    names = [joint.name for joint in mechanism.joints]
-    said = []
-    for i, row in chosen:
-        own_first = sorted(np.flatnonzero(row[:-1]).tolist(), key=lambda k: k != i)
-        terms = [f" {'-' if row[k] < 0 else '+'} '{names[k]}'" for k in own_first]
-        terms += [f" {'-' if row[-1] < 0 else '+'} {abs(row[-1]):g} deg"] * bool(row[-1])
-        formula = f"{terms[0].replace(' + ', '').replace(' - ', '-')}{''.join(terms[1:])}"
-        said.append(f"column '{names[i]}' should probably be {formula}")
-    zero = ": the description has another joint zero" * any(bool(row[-1]) for _, row in chosen)
-    return f"{' and '.join(said)}{zero}"
-
-
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """Return the quoted names as a list in words."""
     quoted = [f"'{name}'" for name in names]
     return " and ".join([", ".join(quoted[:-1]), quoted[-1]] if len(quoted) > 1 else quoted)
 
@@ -219,7 +171,7 @@ def of_lengths(q: Array, p: Array, spread: float, reach: float) -> Iterator[Read
             if ratio in (1e3, 1e-3, 25.4, 1 / 25.4):
                 yield Reading(f"column '{axis}' looks {_wrong_by(ratio)}", q, _scaled(p, k, ratio))
     mirrored = p * np.array([-1.0, 1.0, 1.0])
-    yield Reading("two of the columns x, y, z look swapped, or one has the wrong sign", q, mirrored)
+    yield Reading(MIRROR_IMAGE, q, mirrored)
 
 
 def of_the_mechanism(name: str, q: Array, p: Array) -> Iterator[Reading]:

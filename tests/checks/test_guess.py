@@ -141,7 +141,8 @@ def test_the_coupling_of_a_pendant_is_undone(tmp_path: Path) -> None:
         pytest.param((1, 1, 1, 1, 1, 1), (0, 90, 0, 0, 0, 0), "another joint zero", marks=pytest.mark.long),
         pytest.param((1, 1, 1, 1, -1, 1), (0, -90, 0, 0, 0, 0), "another joint zero", marks=pytest.mark.long),
         pytest.param((1, 1, 1, 1, 1, 1), (0, 90, -90, 0, 0, 0), "another joint zero", marks=pytest.mark.long),
-        ((1, -1, 1, 1, -1, 1), (0, 0, 0, 0, 0, 0), "be -"),
+        pytest.param((1, -1, 1, 1, -1, 1), (0, 0, 0, 0, 0, 0), "the opposite sign", marks=pytest.mark.long),
+        ((1, -1, -1, 1, -1, 1), (0, 90, -90, 0, 0, 0), "another joint zero"),
     ],
 )
 def test_zeros_and_signs_of_a_controller_are_undone(
@@ -266,10 +267,24 @@ def doubtful() -> dict[str, tuple[Callable[[Path], Path], str]]:
         "a unit against the header": (
             text_of(q, p, head=[*numbered("J{} [rad]"), "x", "y", "z"]), "fits as [deg], but the header has [rad]"),
         "joints swapped": (text_of(q, p, head=swapped), "look swapped, which contradicts the names"),
+        "x and y exchanged": (
+            text_of(q, p[:, [1, 0, 2]], head=[*numbered("J{}"), *"xyz"]), "fit as well if two of the columns"),
+        "signs and zeros of KUKA": (
+            text_of(q * (-1, 1, 1, -1, 1, -1) + (0, -90, 90, 0, 0, 0), p, head=[*numbered("A{}"), *"xyz"]),
+            "opposite signs of 'J1', 'J4' and 'J6' are inferred"),
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", ["two sets of joints", "a unit against the header", "joints swapped"])
+DOUBTS = (
+    "two sets of joints",
+    "a unit against the header",
+    "joints swapped",
+    "x and y exchanged",
+    "signs and zeros of KUKA",
+)
+
+
+@pytest.mark.parametrize("case", some(DOUBTS, "a unit against the header", "signs and zeros of KUKA"))
 def test_a_doubt_that_matters_is_named(case: str, tmp_path: Path) -> None:
     make, said = doubtful()[case]
     _, found = guess_files((make(tmp_path),), measured()[0], None)

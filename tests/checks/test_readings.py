@@ -84,6 +84,15 @@ CASES: dict[str, tuple[Callable[[Simulation], Dataset], str]] = {
         columns(lambda q: q - zeros(2) + np.outer(q[:, 1] - np.pi / 2, np.eye(6)[2])),
         LOOKS.format(2, "'joint_2' + 90 deg"),
     ),
+    "KUKA's signs and zeros": (
+        columns(lambda q: flip(q) - zeros(2) + zeros(3)),
+        "or equally well columns 'joint_1', 'joint_4' and 'joint_6' probably have the opposite sign and column "
+        "'joint_2' should probably be 'joint_2' + 90 deg and column 'joint_3' should probably be 'joint_3' - 90 deg",
+    ),
+    "coupled before a zero": (
+        columns(lambda q: q - zeros(2) + np.outer(q[:, 1], np.eye(6)[2])),
+        LOOKS.format(3, "'joint_3' - 'joint_2' - 90 deg"),
+    ),
     "a late column": (columns(late), "column 'joint_4' is probably a row late"),
     "two stands": (two_stands, "two set-ups or tools in one table: 25 rows"),
 }
@@ -95,6 +104,7 @@ LIKE_OTHERS = {
     "a zero",
     "a zero and a sign",
     "coupled from another zero",
+    "coupled before a zero",
     "one reading lost",
 }
 
