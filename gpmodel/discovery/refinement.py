@@ -204,8 +204,9 @@ def _left(residual: Residual, effects: Sequence[Effect]) -> float:
 STEP = 1e-3
 """Step for the central difference by a constant inside a formula, relative to the constant."""
 
-OWN = 0.05
-"""Least unique share of the derivative by a constant in a formula; a scale only rescales the coefficient."""
+OWN = 0.005
+"""Least unique share of the derivative by a constant in a formula; a scale only rescales the coefficient. The differences
+that approximate the derivatives are exact to a tenth of this share."""
 
 MOST = 0.3
 """Prior standard deviation of a constant's change: 30 % RMS of the formula; larger changes are not linear."""
@@ -243,12 +244,14 @@ def inner_changes(candidate: Candidate, theta: Sequence[float], states: States) 
     standard error. A constant has no effect if the coefficient or the geometry can replace the constant. theta: fitted
     coefficient θ of each basis function φ of the candidate. Source: Seber and Wild (1989), 2.1.
     """
-    law = _shape(candidate.effects, theta, states)
-    taken = [np.ones(len(states)), *(_shape([e], [1.0], states) for e in candidate.effects)]
+    sites = tuple(dict.fromkeys((t.slot, t.axis) for e in candidate.effects for t in e.terms))
+    law = _motion(candidate.effects, theta, states, sites)
+    constant = np.kron(np.eye(len(sites)), np.ones(len(states)))
+    taken = [*constant, *(_motion([e], [1.0], states, sites) for e in candidate.effects)]
     out: list[InnerChange] = []
     for moved in _moved(candidate):
         effect = _change(candidate, theta, moved)
-        column = _shape([effect], [1.0], states)
+        column = _motion([effect], [1.0], states, sites)
         size = float(np.sqrt(np.mean(column**2)))
         own = np.column_stack(taken)
         left = column - own @ np.linalg.lstsq(own, column, rcond=None)[0]
@@ -345,7 +348,12 @@ def _change(candidate: Candidate, theta: Sequence[float], moved: _Moved) -> Effe
     return Effect(f"{candidate.name}, change of {of}", tuple(terms), "1", candidate.family)
 
 
-def _shape(effects: Sequence[Effect], theta: Sequence[float], states: States) -> Array:
-    """Compute at each pose the sum over effects of coefficient times first basis function."""
-    pairs = zip(effects, theta, strict=True)
-    return np.asarray(np.sum([value * e.terms[0].weight * e.terms[0].basis(states) for e, value in pairs], axis=0))
+def _motion(
+    effects: Sequence[Effect], theta: Sequence[float], states: States, sites: Sequence[tuple[str, str]]
+) -> Array:
+    """Compute Σ θ φ of effects at each site (frame and axis) as one vector, the poses of one site after another."""
+    out = np.zeros((len(sites), len(states)))
+    for effect, value in zip(effects, theta, strict=True):
+        for term in effect.terms:
+            out[sites.index((term.slot, term.axis))] += value * term.weight * term.basis(states)
+    return out.ravel()

@@ -72,7 +72,8 @@ def _basis_in_words(candidate: Candidate, theta: Array) -> str:
         return first
     if len(candidate.bases) > LISTED:
         return _curve_in_words(candidate)
-    return " + ".join(f"{t:.4g}*{b}" for t, b in zip(theta, candidate.bases, strict=True)).replace("+ -", "- ")
+    bases = (f"({b})" if any(sign in str(b) for sign in (" + ", " - ")) else b for b in candidate.bases)
+    return " + ".join(f"{t:.4g}*{b}" for t, b in zip(theta, bases, strict=True)).replace("+ -", "- ")
 
 
 def _curve_in_words(candidate: Candidate) -> str:
