@@ -15,8 +15,10 @@ from gpmodel.calibration.rivals import ROW
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import without_phase
+from gpmodel.families.load import mass_at_tool
 from gpmodel.formula.expression import ONE, Expression
 from gpmodel.mechanism.protocol import AXES, INSTRUMENT
+from gpmodel.mechanism.source import choice_of
 from gpmodel.model import lens
 from gpmodel.model.effect import Effect, drive_effect, effect_at
 from gpmodel.model.memory import clock_of
@@ -127,6 +129,21 @@ def _tools(found: Recheck) -> Iterator[PossibleChange]:
         if at:
             yield from _seen(found, PossibleChange(f"{title} point", "tool", "m", columns[:, at], at=tuple(at)))
     yield from _carried(found)
+    yield from _mass(found)
+
+
+def _mass(found: Recheck) -> Iterator[PossibleChange]:
+    """Yield a change of the mass at the tool, which displaces every compliant joint of the model.
+
+    Without a declared centre of mass, the mass is at the tool point.
+    """
+    saved, states = found.session.saved, found.session.poses.states
+    point = np.mean([frame[:3, 3] for frame in saved.placement.tool.values()], axis=0)
+    com = None if choice_of(saved.mechanism).payload_com else point
+    effect = mass_at_tool(saved.mechanism, states, saved.model.effects, saved.theta, com)
+    if effect is not None:
+        raw = found.problem.effect_rows([effect], saved.model)
+        yield from _seen(found, PossibleChange(effect.name, "tool", effect.unit, raw, effects=(effect,)))
 
 
 def _carried(found: Recheck) -> Iterator[PossibleChange]:

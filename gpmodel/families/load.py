@@ -1,6 +1,6 @@
 """Families of effects that follow the loads: bending, twist, tilt and sag, under known or unknown weights."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -194,10 +194,17 @@ def other_loads(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
         ]
         if not min(spread) > 0.0:
             continue
-        size = 1.0 if unit == "1" else max(float(np.std(states[f"torque_{j.name}"])) for j in two) / max(spread)
+        largest = max(np.std(states[f"torque_{j.name}"]) for j in two)
+        size = 1.0 if unit == "1" else float(largest / max(spread))
         name = f"compliance of {two[0].name} and {two[1].name} with {what}"
         effects = tuple(
-            drive_effect(f"{name}: {j.name}", j, Expression(_with_more(j.name, m)), "rad/Nm", "other_loads")
+            drive_effect(
+                f"{name}: {j.name}",
+                j,
+                Expression(f"torque_{j.name} + {symbol()}*({_weighted(f'torque_{j.name}', m)})"),
+                "rad/Nm",
+                "other_loads",
+            )
             for j, m in zip(two, more, strict=True)
         )
         for change in CHANGES:
@@ -213,18 +220,18 @@ NEGLIGIBLE = 1e-9
 """Lever of a mass, m, below which the lever is a rounding error."""
 
 
-def _with_more(joint: str, parts: Mapping[str, float]) -> str:
+def _weighted(load: str, parts: Mapping[str, float]) -> str:
     factors = (
         "" if weight == 1.0 else f"{weight:.5g}*" if weight > 0.0 else f"({weight:.5g})*" for weight in parts.values()
     )
-    terms = " + ".join(f"{factor}torque_{joint}_of_{part}" for factor, part in zip(factors, parts, strict=True))
-    return f"torque_{joint} + {symbol()}*({terms})"
+    return " + ".join(f"{factor}{load}_of_{part}" for factor, part in zip(factors, parts, strict=True))
 
 
-def _changeable(mechanism: Mechanism) -> Iterator[tuple[str, str, Mapping[str, float]]]:
+def _changeable(mechanism: Mechanism, com: Array | None = None) -> Iterator[tuple[str, str, Mapping[str, float]]]:
     """Yield the loads that a description or a declaration may state wrongly: name, unit, and unit loads with weights.
 
     A mass at the tool is the sum of first moments of mass, one per link: the mass times the lever to the next link.
+    com: centre of this mass in the measured frame, m; None for that of the payload.
     """
     bare = bare_of(mechanism)
     if not isinstance(bare, Massive) or not all(j.kind == "revolute" for j in bare.joints):
@@ -233,7 +240,7 @@ def _changeable(mechanism: Mechanism) -> Iterator[tuple[str, str, Mapping[str, f
     moving = [k for k, slot in enumerate(bare.slots) if slot.endswith(".moving")]
     links = [bare.slots[k].removesuffix(".moving") for k in moving]
     levers = [fixed[k + 1][:3, 3] for k in moving[:-1]]
-    levers.append(fixed[-1][:3, :3] @ np.asarray(bare.payload_com) + fixed[-1][:3, 3])
+    levers.append(fixed[-1][:3, :3] @ np.asarray(bare.payload_com if com is None else com) + fixed[-1][:3, 3])
     mass = zip(links, levers, strict=True)
     yield f"{symbol()} kg more at the tool", "kg", _moments(mass)
     for k, axis in enumerate("xyz"):
@@ -245,6 +252,29 @@ def _changeable(mechanism: Mechanism) -> Iterator[tuple[str, str, Mapping[str, f
     for slot in bare.bodies:
         link = slot.removesuffix(".moving")
         yield f"{symbol()} times the weight of {link} more", "1", {link: 1.0}
+
+
+MASS = "mass at the tool"
+"""Name of a change of the mass that the tool carries."""
+
+
+def mass_at_tool(
+    mechanism: Mechanism, states: States, effects: Sequence[Effect], theta: Array, com: Array | None
+) -> Effect | None:
+    """Return the displacement, m and rad per kg, that a further mass at the tool causes by the compliances of a model.
+
+    effects, theta: effects of the model and their values. com: centre of the mass in the measured frame, m; None for
+    that of the payload. None without a compliance or without known masses.
+    """
+    loads = _unit_loads(states)
+    mass = next((parts for _, unit, parts in _changeable(mechanism, com) if unit == "kg"), {})
+    terms = []
+    for effect, value in zip(effects, theta.tolist(), strict=True):
+        for t in effect.terms if value else ():
+            own = {part: lever for part, lever in mass.items() if f"{t.basis}_of_{part}" in loads}
+            if own:
+                terms.append(Term(t.slot, t.axis, Expression(_weighted(str(t.basis), own)), t.weight * value))
+    return Effect(MASS, tuple(terms), "kg", "other_loads") if terms else None
 
 
 def _moments(levers: Iterable[tuple[str, Array]]) -> Mapping[str, float]:

@@ -105,7 +105,7 @@ def change(found: NamedChange) -> str:
     if found.kind == "size":
         more, by = ("more" if found.value > 0 else "less"), abs(found.value)
         return f"{found.name}: {wording.percent(by)} ± {wording.percent(found.stderr)} {more} than before{instead}"
-    moved = " moved" if found.kind in ("zero", "tool") else ""
+    moved = " changed" if found.unit == "kg" else " moved" if found.kind in ("zero", "tool") else ""
     return f"{found.name}{moved} by {wording.measured(found.value, found.stderr, found.unit)}{instead}"
 
 

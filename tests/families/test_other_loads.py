@@ -56,6 +56,22 @@ def test_an_arm_of_sliding_joints_or_without_masses_has_no_other_loads() -> None
     assert list(other_loads(weightless, states)) == []
 
 
+@pytest.mark.parametrize("kilograms", [0.0, 40.0])
+def test_verify_names_a_mass_at_the_tool_that_the_later_table_does_not_declare(kilograms: float) -> None:
+    arm, weak = gp.load_mechanism("irb6400r"), ["joint_compliance J2=1e-6", "joint_compliance J3=2e-6"]
+    both = gp.simulate(arm, weak, poses=160, seed=4, noise="0.02 mm", inputs={"payload [kg]": f"0|{kilograms:g}"}).table
+    loaded = np.flatnonzero(both.payload == kilograms)[-30:]
+    empty = np.setdiff1d(np.flatnonzero(both.payload == 0.0), loaded)
+    model = gp.calibrate(arm, carrying(both.subset(empty), 0.0), effects=["joint_compliance"], holdout=0.0).model
+    record = gp.verify(model, carrying(both.subset(loaded), 0.0)).record
+    if kilograms:
+        (change,) = record.changes
+        assert change.name == "mass at the tool"
+        assert change.value == pytest.approx(kilograms, abs=3.5 * change.stderr)
+    else:
+        assert (record.verdict, record.changes) == ("holds", ())
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("declared", "named"), [(100.0, True), (180.0, False)])
 def test_a_payload_that_is_declared_wrongly_is_named_with_its_mass(declared: float, named: bool) -> None:
