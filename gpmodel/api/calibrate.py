@@ -27,7 +27,7 @@ from gpmodel.application.further import with_discrepancy
 from gpmodel.application.model_file import check_table, load_model, saved_model
 from gpmodel.application.over_causes import of_the_ball
 from gpmodel.arrays import IntArray
-from gpmodel.calibration.comparison import climb, growing
+from gpmodel.calibration.comparison import Step, climb, growing
 from gpmodel.calibration.gauss_newton import calibrate as fit_model
 from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.undeclared import apart_from_effects
@@ -111,6 +111,7 @@ def calibrate(
     holdout: share of the poses excluded from every fit but the final fit; 0 for none. seed: seed of split and folds.
     instrument: specification, "15um + 6um/m", the largest error of a coordinate, a bound of instrument errors.
     fleet: fleet.json of a fleet, or the record of a `FleetResult`; a prior that replaces the standard model.
+    A machine that is unlike the fleet is fitted without the prior, with the effects of the fleet.
     joints: "BALL=RESULT" of ball joints measured alone; the posterior of RESULT is the prior of ball BALL.
     command: command line recorded in the report. Raises InputError for an invalid table, an unknown effect, or a
     diverging fit.
@@ -137,9 +138,7 @@ def calibrate(
         final = fit_model(ErrorModel(arm, models[-1][1]), poses, condition_limit=condition_limit, seed=seed)
         final = apart_from_effects(final, poses)
     else:
-        steps = further_machine(known, arm, seen, unseen, seed).steps
-        machine = further_machine(known, arm, poses, unseen, seed)
-        final, note = machine.final, translate(machine.in_words(poses), names_of(poses.dataset))
+        steps, final, note = _by_the_type(known, arm, poses, seen, unseen, seed)
         groups = [(e.name, (e,)) for e in final.model.effects if not e.constant]
     for step, tried in [*((s.name, s.calibration) for s in steps), ("all poses", final)]:
         if tried.status == "diverged":
@@ -148,6 +147,21 @@ def calibrate(
     named = tuple(effect for _, group in groups for effect in group)
     made = Origin(command, seed, time.perf_counter() - started)
     return CalibrationResult(Ladder(poses, train, steps, final, named), made, note)
+
+
+def _by_the_type(
+    known: FleetPart, mechanism: Mechanism, poses: Poses, seen: Poses, unseen: Poses, seed: int
+) -> tuple[tuple[Step, ...], Calibration, str]:
+    """Return the steps on `seen`, the fit to all poses, and a note, with the prior of the machine's type.
+
+    If the machine is unlike its type, the effects of the type are fitted without the prior. Raises InputError if the
+    poses are too few without the prior.
+    """
+    steps = further_machine(known, mechanism, seen, unseen, seed).steps
+    machine = further_machine(known, mechanism, poses, unseen, seed)
+    if note := machine.without_prior(poses, "fleet"):
+        return steps[:-1], machine.steps[-2].calibration, note
+    return steps, machine.final, translate(machine.in_words(poses), names_of(poses.dataset))
 
 
 def _fleet_of(fleet: object, effects: tuple[object, ...]) -> FleetPart:

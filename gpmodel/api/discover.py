@@ -214,13 +214,10 @@ def _placed(
     machine = further_machine(like, placed, poses, poses.subset(np.zeros(0, dtype=np.int64)))
     names = [name for name, _ in blocks([e for e in machine.final.model.effects if not e.constant])]
     has = f", which has {wording.listed(names)}" if names else ""
-    if not machine.no_brother:
+    if not (unlike := machine.without_prior(poses, "like")):
         said = f"Prior of {len(like.machines)} machines of the type{has}. {machine.in_words(poses)}"
         return placed, poses, like, translate(said, names_of(table))
-    said = f"This machine {machine.no_brother}; the prior of the type is not used."
-    if machine.too_few:
-        raise InputError(f"{said} Without the prior, {len(poses)} poses are too few; expected more poses", "like")
-    return *checked_poses(arm, table, geometry), None, said
+    return *checked_poses(arm, table, geometry), None, unlike
 
 
 def _geometry(arm: Mechanism, standard: Sequence[str]) -> tuple[Effect, ...]:

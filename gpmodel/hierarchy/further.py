@@ -129,12 +129,21 @@ class Further:
         times, chance = wording.significant(self.likeness.times, 2), wording.chance(self.likeness.chance)
         return f"is unlike the machines of its type: {times} times as far from the mean, p {chance}"
 
+    def without_prior(self, poses: Poses, argument: str) -> str:
+        """State that the prior is not used; empty if the machine may be of the type.
+
+        Raises InputError for `argument` if the poses are too few without the prior.
+        """
+        if not self.no_brother:
+            return ""
+        said = f"This machine {self.no_brother}; the prior of the type is not used."
+        if self.too_few:
+            raise InputError(f"{said} Without the prior, {len(poses)} poses are too few; expected more poses", argument)
+        return said
+
     def in_words(self, poses: Poses) -> str:
-        """State how many poses the prior is worth, and the effects in which the machine differs from its
-        type."""
+        """State how many poses the prior is worth, and the effects in which a machine of the type differs from it."""
         found = f" This machine is unlike its type in {', '.join(self.outlying)}." if self.outlying else ""
-        if self.no_brother:
-            return f"This machine {self.no_brother}.{found}"
         if self.alone is None:
             return f"These {len(poses)} poses alone do not determine the model.{found}"
         both = _known(self.final, poses)

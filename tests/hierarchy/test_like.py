@@ -86,6 +86,17 @@ def test_a_machine_that_is_no_brother_is_searched_without_the_prior(arms: Path) 
     assert [rung.step for rung in found.record.ladder] == ["registration", "standard"]
 
 
+def test_a_machine_that_is_no_brother_is_calibrated_without_the_prior(arms: Path) -> None:
+    table = further(arms, 240, GEAR, geometry=30.0 * GEOMETRY)
+    few, later = table.subset(np.arange(12)), table.subset(np.arange(40, 240))
+    known, alone = (gp.calibrate(arms / "arm.toml", few, **how, holdout=0.0) for how in (
+        {"fleet": arms}, {"effects": ["gear_harmonic J2"]}))  # fmt: skip
+    assert "is unlike the machines of its type" in known.verdict
+    assert "the prior of the type is not used" in known.verdict
+    assert [rung.step for rung in known.record.ladder] == ["registration", "standard"]
+    np.testing.assert_allclose(known.model.misses(later), alone.model.misses(later), rtol=0.2, atol=1e3 * NOISE)
+
+
 def test_bad_input_is_one_line(arms: Path, tmp_path: Path) -> None:
     gp.simulate("ur5", poses=12).save(tmp_path / "other.csv")
     said = "--mechanism", "ur5", "--out", tmp_path / "out", "--like"
