@@ -272,11 +272,17 @@ def _check_names(header: list[str], path: Path) -> None:
             raise LayoutError(f"{path.name}: column '{name}' appears twice; expected each name once")
 
 
+_TIME_OF_DAY = r"(?i)\s*\d{1,2}:\d\d(:\d\d([.,]\d+)?)?\s*([ap]\.?m\.?)?\s*"
+"""A time without a date."""
+HALF_A_DAY = 43200.0
+"""Half a day, s."""
+
+
 def clock_seconds(cells: "pd.Series[Any]") -> "pd.Series[float] | None":
     """Return clock times of cells, with or without dates, as seconds after the first time; None for other cells.
 
-    Dates with slashes are read only if all dates are equal, because the order of day and month differs between
-    countries.
+    Times without dates continue past midnight if they never fall by less than half a day from a row to the next. Dates
+    with slashes are read only if all dates are equal, because the order of day and month differs between countries.
     """
     known = cells.dropna().astype(str)
     if known.empty or not known.str.contains(r"\d:\d\d").all():
@@ -285,7 +291,13 @@ def clock_seconds(cells: "pd.Series[Any]") -> "pd.Series[float] | None":
         return None
     days_first = bool(known.str.contains(r"\d\.\d").all() and not known.str.match(r"\d{4}-").any())
     stamps = pd.to_datetime(cells, errors="coerce", format="mixed", dayfirst=days_first, utc=True)
-    return None if stamps.isna().any() else (stamps - stamps.min()).dt.total_seconds()
+    if stamps.isna().any():
+        return None
+    seconds = (stamps - stamps.min()).dt.total_seconds()
+    falls = seconds.diff() < 0.0
+    if known.str.fullmatch(_TIME_OF_DAY).all() and (seconds.diff()[falls] < -HALF_A_DAY).all():
+        seconds += 2.0 * HALF_A_DAY * falls.cumsum()
+    return seconds - seconds.min()
 
 
 def numbers(column: pd.Series, where: str) -> Array:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from gpmodel.api.table import dataset_of, read_table
 from gpmodel.errors import InputError
 from gpmodel.mechanism.source import load_mechanism
-from gpmodel.table.cells import frame_of, read_frame, separator_and_decimal
+from gpmodel.table.cells import clock_seconds, frame_of, read_frame, separator_and_decimal
 from gpmodel.table.dataset import LABELS
 from gpmodel.table.units import identifier
 
@@ -245,13 +245,26 @@ def test_axes_called_like_coordinates_in_capitals() -> None:
 @pytest.mark.parametrize(
     "stamps",
     [("2026-11-28T23:59:58.5Z", "2026-11-29T00:00:00.25Z"), ("2026-03-02 10:00:00.5Z", "2026-03-02 10:00:02.25Z"),
-     ("10:00:00.5", "10:00:02.25"), ("02.03.2026 10:00:00.5", "02.03.2026 10:00:02.25")],
+     ("10:00:00.5", "10:00:02.25"), ("02.03.2026 10:00:00.5", "02.03.2026 10:00:02.25"), ("23:59:58.5", "00:00:00.25"),
+     ("11:59:58.5 PM", "12:00:00.25 AM")],
 )  # fmt: skip
 def test_clock_times_are_seconds_after_the_first(stamps: tuple[str, str]) -> None:
     columns = {f"J{k} [deg]": [1.0, 2.0] for k in range(1, 7)} | {"measured at": list(stamps), "operator": ["a", "b"]}
     read = dataset_of(pd.DataFrame(columns), load_mechanism("irb6400r"), need_measurement=False)
     np.testing.assert_allclose(read.extras["measured_at"], [0.0, 1.75])
     assert (read.extra_units["measured_at"], read.ignored) == ("s", ("operator",))
+
+
+@pytest.mark.parametrize(
+    ("stamps", "seconds"),
+    [(("23:00", "10:30", "20:00", "01:00"), (0.0, 41400.0, 75600.0, 93600.0)),
+     (("10:00", "09:00", "17:00"), (3600.0, 0.0, 28800.0)),
+     (("2026-03-03 10:00", "2026-03-02 09:00", "2026-03-02 11:00"), (90000.0, 0.0, 7200.0))],
+)  # fmt: skip
+def test_only_times_that_fall_by_more_than_half_a_day_are_of_the_next_day(
+    stamps: tuple[str, ...], seconds: tuple[float, ...]
+) -> None:
+    np.testing.assert_allclose(clock_seconds(pd.Series(stamps)), seconds)
 
 
 @pytest.mark.parametrize(
