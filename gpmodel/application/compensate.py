@@ -27,6 +27,7 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import closing, prepare
 from gpmodel.numerics import se3
+from gpmodel.table.bundles import poses_of_tips
 from gpmodel.table.cells import with_results
 from gpmodel.table.dataset import Dataset
 from gpmodel.table.read import dataset_from
@@ -155,11 +156,12 @@ def _table_names(saved: SavedModel, dataset: Dataset) -> tuple[str, ...]:
 def joint_targets(saved: SavedModel, dataset: Dataset) -> TargetPoses:
     """Return the tool poses of the nominal mechanism at given joint values, as targets.
 
-    A target is position and orientation with six or more joints, else the position. Raises InputError if the joint
-    values do not belong to the machine of the model.
+    A target is position and orientation with at least six joints for each tip of a pose, else the position. Raises
+    InputError if the joint values do not belong to the machine of the model.
     """
     fitting = remembered(saved, matched_with_readings(saved, dataset))
-    return TargetPoses(fitting, tips(saved, fitting, nominal=True)[1].tip, len(saved.mechanism.joints) >= 6)
+    whole = len(saved.mechanism.joints) >= 6 * np.bincount(poses_of_tips(fitting)).max(initial=1)
+    return TargetPoses(fitting, tips(saved, fitting, nominal=True)[1].tip, bool(whole))
 
 
 def cartesian_targets(saved: SavedModel, dataset: Dataset, rng: np.random.Generator) -> TargetPoses:
@@ -255,7 +257,9 @@ def corrected(
     far = _moves(saved.mechanism, q - start) > max_move
     status = np.where(left < REACHED, np.where(far, LARGE, OK), LOST).astype(object)
     status[targets.unreachable] = LOST
-    again = np.setdiff1d(np.flatnonzero(status != OK), targets.unreachable)
+    pose = poses_of_tips(dataset)
+    alone = np.bincount(pose)[pose] == 1  # near a singular pose, several tips have no common damping
+    again = np.setdiff1d(np.flatnonzero((status != OK) & alone), targets.unreachable)
     if part and targets.whole and len(again):
         within = TargetPoses(dataset.subset(again), targets.frames[again], True)
         damped, reached = _damped(saved, within, max_move)

@@ -21,7 +21,7 @@ from gpmodel.model.observed import Observed
 from gpmodel.model.states import States, states_of, tip_slots
 from gpmodel.numerics import se3
 from gpmodel.numerics.least_squares import root_mean_square
-from gpmodel.table.bundles import SAME_JOINT
+from gpmodel.table.bundles import SAME_JOINT, poses_of_tips
 from gpmodel.table.dataset import Dataset, with_payload
 
 REACHED = 1e-7
@@ -79,18 +79,30 @@ def _jacobian(mechanism: Mechanism, observed: Observed) -> Array:
 def solve(saved: SavedModel, dataset: Dataset, target: Array, whole: bool, *, nominal: bool) -> tuple[Array, Array]:
     """Return joint values near the values in `dataset` that reach the targets, and the remaining error, m.
 
-    The solver is Levenberg-Marquardt for each row separately. Source: Moré (1978). whole: True for position and
+    The solver is Levenberg-Marquardt for each pose separately. Source: Moré (1978). Rows of different tips with equal
+    initial joint values are one pose, whose joint values reach the targets of all tips. whole: True for position and
     orientation, weighted by ROTATION_WEIGHT; False for position. The error is infinite if the loops of a mechanism
     cannot close.
     """
     weight = np.array([1.0] * 3 + [ROTATION_WEIGHT if whole else 0.0] * 3)
+    pose = poses_of_tips(dataset)
+    order = np.argsort(pose, kind="stable")
+    first, count = np.unique(pose[order], return_index=True, return_counts=True)[1:]
 
-    def look(q: Array, rows: IntArray) -> tuple[Array, Array]:
-        miss, slopes = look_where_closed(saved, replace(dataset.subset(rows), q=q.copy()), target[rows], nominal)
-        miss[np.isfinite(miss).all(axis=1)] *= weight
-        return miss, slopes * weight[:, None]
+    def look(q: Array, poses: IntArray) -> tuple[Array, Array]:
+        miss = np.zeros((len(poses), count.max(initial=1), 6))
+        slopes = np.zeros((*miss.shape, q.shape[1]))
+        for k in range(miss.shape[1]):
+            here = np.flatnonzero(count[poses] > k)
+            rows = order[first[poses[here]] + k]
+            at = replace(dataset.subset(rows), q=q[here].copy())
+            errors, jacobian = look_where_closed(saved, at, target[rows], nominal)
+            errors[np.isfinite(errors).all(axis=1)] *= weight
+            miss[here, k], slopes[here, k] = errors, jacobian * weight[:, None]
+        return miss.reshape(len(poses), -1), slopes.reshape(len(poses), -1, q.shape[1])
 
-    return _levenberg(look, np.array(dataset.q))
+    q, left = _levenberg(look, np.array(dataset.q[order[first]]))
+    return q[pose], left[pose]
 
 
 def look_where_closed(saved: SavedModel, dataset: Dataset, target: Array, nominal: bool) -> tuple[Array, Array]:
@@ -115,7 +127,7 @@ def _levenberg(look: Callable[[Array, IntArray], tuple[Array, Array]], q: Array)
         if len(active) == 0:
             break
         columns = jacobian[active]
-        square = columns @ np.swapaxes(columns, 1, 2) + damping[active, None, None] * np.eye(6)
+        square = columns @ np.swapaxes(columns, 1, 2) + damping[active, None, None] * np.eye(miss.shape[1])
         step = (np.swapaxes(columns, 1, 2) @ np.linalg.solve(square, miss[active][:, :, None]))[:, :, 0]
         step *= np.minimum(1.0, LONGEST_STEP / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-12))
         tried, slopes = look(q[active] + step, active)

@@ -84,6 +84,16 @@ def _of_one_pose(dataset: Dataset, whatever: bool = False) -> IntArray:
     return numbered(np.column_stack([np.where(labels != "", _same_label(dataset, "repeat"), same), labels != ""]))
 
 
+def poses_of_tips(dataset: Dataset) -> IntArray:
+    """Return a number for each row, equal for rows of different tips of a mechanism of several arms at one pose."""
+    same = _same_joints(dataset.q)
+    alike = numbered(np.column_stack([same, dataset.codes("tip")[1]]))
+    order = np.argsort(alike, kind="stable")
+    again = np.empty(len(alike), dtype=np.int64)
+    again[order] = np.arange(len(alike)) - np.searchsorted(alike[order], alike[order])
+    return numbered(np.column_stack([same, again]))
+
+
 def numbered(keys: Array | IntArray) -> IntArray:
     """Return a number for each row of keys, equal for rows in which all keys are equal."""
     return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)

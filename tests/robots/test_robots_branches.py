@@ -168,6 +168,25 @@ def test_a_bar_reads_its_length_and_its_columns_are_derivatives(file: Path) -> N
     np.testing.assert_allclose(after, foreseen, atol=1e-10)
 
 
+def test_one_pose_of_two_arms_has_one_set_of_corrected_joints(file: Path) -> None:
+    """Rows of one arm alone do not move the joints of the other arm."""
+    made = two_arms_at_once(file, 30)
+    arms = gp.load_mechanism(str(file), frame=TIPS)
+    model, angles = gp.calibrate(arms, made.table, holdout=0.0).model, [f"{j.name} [deg]" for j in arms.joints]
+    targets = made.to_dataframe()[[*angles, "tip", "tool"]]
+    for rows in (targets, targets.iloc[::2]):
+        found = model.compensate(rows)
+        assert set(found["status"]) <= {"ok", "outside the measured range", "near singular"}
+        assert found["residual [mm]"].astype(float).max() < 1e-3
+        corrected = found[[f"corrected_{name}" for name in angles]].astype(float).to_numpy()
+        moved = np.abs(corrected - rows[angles].astype(float).to_numpy())
+        assert moved[:, 0].min() > 0.0
+        if len(rows) == 60:
+            np.testing.assert_array_equal(corrected[::2], corrected[1::2])
+        else:
+            assert moved[:, [angles.index(f"right_{k} [deg]") for k in range(5)]].max() < 1e-5
+
+
 def test_rows_that_touch_nothing_of_a_kind_read_nothing(file: Path) -> None:
     data = gp.read_table(pairs_of(two_arms_at_once(file, 6)), gp.load_mechanism(str(file), frame=TIPS))
     (none,) = (o.subset(np.zeros(0, dtype=np.int64)) for o in data.observations)
