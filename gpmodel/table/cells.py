@@ -87,6 +87,8 @@ MOST_COLUMNS = 1000
 LONGEST_HEADER = 100_000
 """Largest number of characters of the first line of a file: a hundred per column."""
 
+MISSING = {"", "-", "--", "---", "nan", "n/a", "na", "#n/a", "null", "none", "-nan", "-nan(ind)"}
+"""Texts of cells that mean "not measured"."""
 EMPTY = "{}: the file is empty; expected a header line and one row per pose"
 
 COMMENTS = ("#", "//", "%", "!")
@@ -139,8 +141,10 @@ def read_frame(path: Path) -> tuple[pd.DataFrame, str]:
 
 
 def excel_cells(raw: bytes, path: Path) -> list[list[list[str]]]:
-    """Return the cells of each sheet of an Excel file, row by row, "" where empty. Raises InputError if the
-    file is unreadable."""
+    """Return the cells of each sheet with numbers of an Excel file, else of the first sheet, row by row.
+
+    Empty cells are "". Decimal commas become points. Raises InputError if the file is unreadable.
+    """
     try:
         _check_unpacked(raw, path)
         sheets = pd.read_excel(
@@ -152,7 +156,13 @@ def excel_cells(raw: bytes, path: Path) -> list[list[list[str]]]:
         raise
     except Exception as error:  # zip, xml and openpyxl errors of many kinds
         raise InputError(f"{path.name}: is no readable Excel table ({error})") from None
-    return [sheet.fillna("").to_numpy(dtype=str).tolist() for sheet in sheets.values()]
+    cells = [_with_points(sheet.fillna("")).to_numpy(dtype=str).tolist() for sheet in sheets.values()]
+    return [rows for rows in cells if any(is_number(cell, ".") for row in rows for cell in row)] or cells[:1]
+
+
+def _with_points(frame: pd.DataFrame) -> pd.DataFrame:
+    """Return text cells with decimal points instead of decimal commas."""
+    return frame.map(lambda x: x.replace(",", ".") if isinstance(x, str) and _NUMBER.match(x.strip()) else x)
 
 
 def _check_unpacked(raw: bytes, path: Path) -> None:
@@ -240,9 +250,7 @@ def _read_text(raw: bytes, path: Path) -> pd.DataFrame:
         raise LayoutError(f"{path.name}: rows and header do not agree ({str(error).strip()})") from None
     if len(frame) > 1 and not text.endswith(("\n", "\r")):
         _check_end(frame, text.splitlines()[-2:], separator, path)
-    if separator != ",":
-        frame = frame.map(lambda x: x.replace(",", ".") if isinstance(x, str) and _NUMBER.match(x.strip()) else x)
-    return frame
+    return frame if separator == "," else _with_points(frame)
 
 
 def _header_line(text: str) -> str:
@@ -302,13 +310,15 @@ def clock_seconds(cells: "pd.Series[Any]") -> "pd.Series[float] | None":
 
 def numbers(column: pd.Series, where: str) -> Array:
     """Return the cells of a column as numbers, NaN where empty.
-    Raises InputError naming `where` for other cells."""
+    Raises InputError naming `where` for other cells, LayoutError for cells that an import can read."""
     text = column.astype("string")
     values = pd.to_numeric(text, errors="coerce")
     unread = np.flatnonzero((values.isna() & text.notna()).to_numpy())
     for row, word in zip(unread.tolist(), text.iloc[unread].str.strip().tolist(), strict=True):
         if word:
-            raise InputError(f"{where}, row {row + 1}: '{word}' is no number; expected a number or an empty cell")
+            known = word.lower() in MISSING or is_number(word, ",") or is_number(word, ".")
+            kind = LayoutError if known else InputError
+            raise kind(f"{where}, row {row + 1}: '{word}' is no number; expected a number or an empty cell")
     out: Array = np.asarray(values.astype("float64").to_numpy(dtype=float, na_value=np.nan), dtype=np.float64)
     if np.isinf(out).any():
         raise InputError(f"{where}, row {int(np.flatnonzero(np.isinf(out))[0]) + 1}: infinite; expected a number")

@@ -14,6 +14,7 @@ from gpmodel.table.cells import (
     EMPTY,
     FEWEST_NUMBERS,
     LARGEST_FILE,
+    MISSING,
     MOST_COLUMNS,
     SNIFFED,
     clock_seconds,
@@ -30,8 +31,6 @@ MOST_HEADERS = 4
 """Largest number of header lines: names, kinds and units in separate lines."""
 LONGEST_NAME = 200
 """Number of characters of a column name that are searched for a unit."""
-MISSING = {"", "-", "--", "---", "nan", "n/a", "na", "#n/a", "null", "none", "-nan", "-nan(ind)"}
-"""Texts of cells that mean "not measured"."""
 UNITS = {
     "°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad", "millimeters": "mm",
     "millimetres": "mm", "millimeter": "mm", "meter": "m", "meters": "m", "micron": "um", "microns": "um",
@@ -111,8 +110,7 @@ def read_sheets(path: Path, header: bool = True) -> list[Sheet]:
     if not raw.strip():
         raise InputError(EMPTY.format(path.name))
     if path.suffix.lower() in (".xlsx", ".xls"):
-        parts = [rows for rows in excel_cells(raw, path) if any(is_number(cell, ".") for row in rows for cell in row)]
-        return [_sheet(rows, ".", path, header) for rows in parts] or [_sheet([], ".", path, header)]
+        return [_sheet(rows, ".", path, header) for rows in excel_cells(raw, path)]
     text, encoding = decoded(raw, path)
     lines = text.splitlines()
     if _programmed(lines[:SNIFFED]):

@@ -75,7 +75,11 @@ TABLES: dict[str, tuple[Callable[[], pd.DataFrame], tuple[str, ...]]] = {
     "too large to be measured": (cell("x [mm]", 2, "1e300"), ("column 'x'", "row 3", "1e+300")),
     "column without a name": (lambda: GOOD.assign(**{"": "1"}), ("column 10 has no name",)),
     "column twice": (renamed(y_mm="x [m]"), ("column 'x' appears twice",)),
-    "text in numbers": (cell("z [mm]", 6, "n/a"), ("column 'z'", "row 7", "'n/a' is no number")),
+    "text in numbers": (
+        cell("z [mm]", 6, "n/a"),
+        ("column 'z'", "row 7", "'n/a' is no number", "or try gpmodel import"),
+    ),
+    "thousands": (cell("z [mm]", 6, "2.317,286"), ("row 7", "'2.317,286' is no number", "or try gpmodel import")),
     "a line break in a cell": (cell("z [mm]", 6, "n/a\n1"), ("row 7", "'n/a 1' is no number")),
     "text in a joint": (cell("J5 [deg]", 0, "abc"), ("column 'J5'", "row 1", "'abc' is no number")),
     "NaN in a joint": (cell("J5 [deg]", 2, "NaN"), ("column 'J5'", "row 3")),

@@ -101,10 +101,15 @@ def test_joints_go_by_their_names_or_by_number(tmp_path: Path) -> None:
         np.testing.assert_allclose(read_table(path, mechanism).q, q)
 
 
-def test_excel_tables_are_read(tmp_path: Path) -> None:
+@pytest.mark.parametrize("texts", [False, True])
+def test_excel_tables_are_read_from_the_first_sheet_with_numbers(texts: bool, tmp_path: Path) -> None:
     mechanism, made = robot(5)
     path = tmp_path / "measured.xlsx"
-    frame_of(made.dataset, mechanism).to_excel(path, index=False)
+    frame = frame_of(made.dataset, mechanism)
+    commas = frame.map(lambda cell: str(cell).replace(".", ","))
+    with pd.ExcelWriter(path) as book:
+        pd.DataFrame({"operator": ["nobody"]}).to_excel(book, sheet_name="notes", index=False)
+        (commas if texts else frame).to_excel(book, sheet_name="poses", index=False)
     np.testing.assert_allclose(read_table(path, mechanism).position, made.dataset.position, atol=1e-9)
 
 
