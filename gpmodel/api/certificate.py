@@ -85,7 +85,7 @@ def certificate(
     instrument_calibrated, operator, date, temperature, payload, remarks. said: the fields of `particulars` as keywords;
     fields without a value stay blank.
     tolerance: largest allowed error of a pose, "0.1 mm", for pass or fail.
-    Raises InputError if `result` is not a result or a folder.
+    Raises InputError if `result` is not a result or a folder, or if no positions were measured.
     """
     limit = None if tolerance is None else 1e3 * quantity(tolerance, "length", "tolerance", positive=True)
     if not isinstance(particulars, str | Path | Particulars | None):
@@ -97,7 +97,7 @@ def certificate(
 
 
 def _record(result: object) -> Report | Verification:
-    """Return the record to certify; raise InputError if the positions of the record were computed, not measured."""
+    """Return the record to certify; raise InputError if its positions were computed, or if none were measured."""
     verified = result.record if isinstance(result, VerifyResult) else None
     if isinstance(result, str | Path):
         verified = read_verification(file_path(result, "result"))
@@ -110,6 +110,11 @@ def _record(result: object) -> Report | Verification:
             )
         return verified
     record = record_of(result, "result")
+    if record.unseen:
+        raise InputError(
+            f"{record.data.file}: no positions were measured ({record.data.counted}), so that no accuracy of positions "
+            "can be certified; expected a table with x, y and z"
+        )
     if isinstance(result, str | Path):
         with suppress(InputError):  # a folder without a model, or whose mechanism was moved
             result = load_model(result)

@@ -16,6 +16,7 @@ from gpmodel.calibration.start import placement_after, start_placements
 from gpmodel.calibration.unmeasured_joints import ROTATION_WEIGHT, check_points, free_joints
 from gpmodel.model.effect import REGISTRATION, TOOL, Effect, TakenUp
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, pose_error
+from gpmodel.model.instruments import METRES_A_RADIAN
 from gpmodel.model.observed import Observed
 from gpmodel.numerics.least_squares import among_worst, in_company, outlier_limit
 from gpmodel.numerics.rank import LIMITS, RankChoice
@@ -125,8 +126,8 @@ ATTEMPTS = 4
 """Largest number of fits that exclude outliers; each fit excludes the outliers of the previous fit."""
 
 RATIO_SETTLED = 0.1
-"""Change of the log variance shared by the repeats of a pose below which the weights have converged. A smaller change
-alters standard errors by less than a twentieth."""
+"""Change of the log variance shared by the repeats of a pose, or of the log weight of a rotation, below which the
+weights have converged. A smaller change alters standard errors by less than a twentieth."""
 
 UNSETTLED = 1.1
 """Factor on σ by which an unconverged fit counts as worse than a converged fit with another condition limit."""
@@ -188,8 +189,7 @@ def _calibrate(
         fitting = replace(fitting, model=with_taken_up(model, start.model))
         before = dict(zip((e.name for e in start.model.effects), start.theta.tolist(), strict=True))
     theta = np.array([before.get(e.name, 0.0) for e in model.effects])
-    fresh = poses.dataset.has_rotation and start is None
-    manner = _Manner(robust, fresh, seed)
+    manner = _Manner(robust, seed)
     tried = [_fit(fitting, theta, placement, condition_limit, manner)]
     limits = [c.condition_limit for c in tried[0].rank_curve] or LIMITS
     for lower in sorted(limits if condition_limit is None else (), reverse=True):
@@ -207,17 +207,16 @@ def _placed(bare: Fitting) -> Placement:
 
 @dataclass(frozen=True)
 class _Manner:
-    """Options of a fit. robust: exclude outliers. weigh: estimate the weight of rotations. seed: seed of the folds."""
+    """Options of a fit. robust: exclude outliers. seed: seed of the folds."""
 
     robust: bool
-    weigh: bool
     seed: int
 
 
 def _fit(
     fitting: Fitting, theta: Array, placement: Placement, condition_limit: float | None, manner: _Manner
 ) -> Calibration:
-    """Choose the effects to fit, iterate and exclude outliers; repeat until no new outlier is found.
+    """Choose the effects to fit, iterate, weigh rotations and exclude outliers; repeat until no new outlier is found.
 
     If outliers prevent convergence, the next attempt begins again from the initial values.
     """
@@ -234,11 +233,12 @@ def _fit(
         if manner.robust:
             use = without_outliers(fitted.problem.observed, fitting.poses.dataset, use)
         weight = fitting.rotation_weight
+        if fitting.poses.dataset.has_rotation and attempt == 0:
+            weight = _rotation_weight(fitted.problem, fitting.poses)
         ratio = pose_ratio(fitted.problem, fitting.bundle, fitting.ratio, float(choices.kept.sum()))
         fewer, settled = not np.array_equal(use, fitting.use), fitted.status == "converged"
-        again = fewer or (settled and abs(np.log1p(ratio) - np.log1p(fitting.ratio)) > RATIO_SETTLED)
-        if manner.weigh and attempt == 0:
-            weight, again = _rotation_weight(fitted.problem, fitting.poses), settled or fewer
+        changed = np.log1p(ratio) - np.log1p(fitting.ratio), np.log(weight / fitting.rotation_weight)
+        again = fewer or (settled and np.max(np.abs(changed)) > RATIO_SETTLED)
         if not again or attempt + 1 == ATTEMPTS:
             break
         if settled:
@@ -292,9 +292,13 @@ def without_outliers(observed: Observed, dataset: Dataset, use: Mask) -> Mask:
 
 
 def _rotation_weight(problem: Linearised, poses: Poses) -> float:
-    """Return the weight of a radian, m: ratio of the median absolute residuals of lengths and of angles."""
-    residual, turns = measured_minus(problem.observed, poses.dataset), problem.observed.turns
-    lengths, angles = np.nanmedian(np.abs(residual[:, ~turns])), np.nanmedian(np.abs(residual[:, turns]))
+    """Return the weight of a radian, m: ratio of the median absolute residuals of lengths and of angles; without
+    lengths, METRES_A_RADIAN."""
+    residual, turns = np.abs(measured_minus(problem.observed, poses.dataset)), problem.observed.turns
+    both = [part[np.isfinite(part)] for part in (residual[:, ~turns], residual[:, turns])]
+    if not len(both[0]):
+        return METRES_A_RADIAN
+    lengths, angles = map(np.median, both)
     return float(np.clip(lengths / angles, 0.01, 10.0)) if lengths > 0 and angles > 0 else ROTATION_WEIGHT
 
 

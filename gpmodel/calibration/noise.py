@@ -103,8 +103,8 @@ def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float)
     return noise.estimated(noise.restored(problem.residual) / np.sqrt(1.0 + ratio), problem.placement + held).ratio
 
 
-def freedom(problem: Linearised, bundle: IntArray, ratio: float, rank: int) -> float:
-    """Return the degrees of freedom of the variance of one measurement about a model of `rank` unknowns.
+def freedom(problem: Linearised, bundle: IntArray, ratio: float, rank: float) -> float:
+    """Return the degrees of freedom of the variance of one measurement about a model of effectively `rank` unknowns.
 
     For M independent measurements the degrees of freedom are M - rank. For B blocks of n measurements with variance
     ratio ρ, they are Satterthwaite's for the sum of both variances: 2 (1 + ρ)² / V with V = (2 (1 + n ρ)² / (B - rank)

@@ -6,7 +6,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.size import TOLERANCE, relative, size_hidden, spread, standing_for
+from gpmodel.calibration.size import TOLERANCE, of_the_description, relative, size_hidden, spread, standing_for
 from gpmodel.model.error_model import ErrorModel, Placement
 from gpmodel.numerics import rank as ident
 
@@ -37,11 +37,6 @@ def _one_each(problem: Linearised, effects: IntArray, weights: Array) -> Array:
 def off_mean(model: ErrorModel, theta: Array) -> Array:
     """Return the values of the effects minus their prior means."""
     return theta - np.array([e.mean for e in model.effects], np.float64)
-
-
-def of_the_description(model: ErrorModel) -> Mask:
-    """Return a mask of the effects that are constants of the nominal geometry without a prior of their own."""
-    return np.array([e.constant and e.prior == np.inf for e in model.effects], dtype=bool)
 
 
 def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray) -> Array:

@@ -11,6 +11,7 @@ from gpmodel.calibration.iterate import Fitted, Fitting
 from gpmodel.calibration.linearise import Linearised, linearise
 from gpmodel.calibration.noise import freedom
 from gpmodel.calibration.priors import ReadJoints, beliefs
+from gpmodel.calibration.size import held_unseen
 from gpmodel.calibration.unmeasured_joints import solve_joints
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.effect import Effect
@@ -127,12 +128,17 @@ class Calibration(Uncertainty):
         return tuple(e.name for e, k in zip(self.model.effects, self.kept, strict=True) if not k)
 
     @property
+    def prior_errors(self) -> Array:
+        """Standard deviation of each dropped effect that the measurements do not show, SI units; NaN of other
+        effects."""
+        deviation = np.sqrt(np.diag(self.covariance.values)[len(self.covariance.placement) :])
+        return np.where(self.kept | (deviation == 0.0), np.nan, deviation)
+
+    @property
     def effective(self) -> int:
         """Effective number of unknowns; an unknown with a prior counts 1 - (stderr / prior)². Source: MacKay (1992)."""
-        prior = np.array([e.prior for e in self.model.effects])
         fitted = np.sqrt(np.diag(self.covariance.values)[len(self.covariance.placement) :])
-        held = np.clip(fitted[self.kept] / prior[self.kept], 0.0, 1.0)
-        return round(self.rank - float(np.sum(held**2)))
+        return round(self.rank - known_before(self.model, np.where(self.kept, fitted, np.nan)))
 
     def values_of(self, effects: Sequence[Effect]) -> list[float]:
         """Return the fitted values of some of the model's effects, in SI units, matched by name."""
@@ -149,6 +155,12 @@ class Calibration(Uncertainty):
         for a, b in np.argwhere(near).tolist():
             out[names[kept[a]]].append((names[kept[b]], float(among[a, b])))
         return {name: tuple(partners) for name, partners in out.items()}
+
+
+def known_before(model: ErrorModel, stderr: Array) -> float:
+    """Return the number of unknowns that the priors of the effects determine, Σ (stderr / prior)²; NaN counts 0."""
+    prior = np.array([e.prior for e in model.effects])
+    return float(np.sum(np.nan_to_num(np.clip(stderr / prior, 0.0, 1.0)) ** 2))
 
 
 def problem_at(calibration: Calibration, poses: Poses) -> Linearised:
@@ -213,12 +225,26 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     correlation[np.ix_(at, at)] = (covariance / np.outer(safe, safe))[effects, effects]
     whole = np.zeros((len(free), len(free)))
     whole[np.ix_(free, free)] = covariance
-    unseen = np.flatnonzero(problem.sizes <= ident.NEGLIGIBLE)
+    _add_unseen(whole, fitting, fitted, kept, sigma)
+    unseen = np.flatnonzero(problem.sizes[: problem.placement] <= ident.NEGLIGIBLE)
     whole[unseen], whole[:, unseen] = 0.0, 0.0
     everything = Covariance(whole, problem.placement_names, problem.observed.tip[:, :3, 3].mean(axis=0))
     placed = placed_numbers(fitted.placement, problem, covariance[: problem.placement, : problem.placement])
-    known = freedom(fitted.problem, fitting.bundle, fitting.ratio, rank)
+    known = freedom(problem, fitting.bundle, fitting.ratio, rank - known_before(fitting.model, stderr))
     return Uncertainty(stderr, correlation, everything, share, placed, sigma, known, rank)
+
+
+def _add_unseen(whole: Array, fitting: Fitting, fitted: Fitted, kept: Mask, sigma: float) -> None:
+    """Add dropped constants that the measurements do not show to a covariance, SI units, with their prior."""
+    problem, model = fitted.problem, fitting.model
+    unseen = held_unseen(model, problem, fitted.placement, kept)
+    if not unseen.any():
+        return
+    free = problem.free(kept | unseen)
+    rows = beliefs(model, problem, fitted.theta, fitted.placement, kept | unseen).rows
+    columns = np.vstack([problem.columns, rows])[:, free]
+    scale = _or_one(np.linalg.norm(columns, axis=0))
+    whole[np.ix_(free, free)] = sigma**2 * inverse_gram(columns / scale) / np.outer(scale, scale)
 
 
 def _or_one(norms: Array) -> Array:
@@ -251,20 +277,21 @@ def placed_numbers(placement: Placement, problem: Linearised, covariance: Array)
 
 
 def _frame(name: str, frame: Array, turn: Array, problem: Linearised, covariance: Array) -> list[Placed]:
-    """Return position and rotation of one frame as numbers; empty if no measurement depends on the frame.
+    """Return position and rotation of one frame as numbers, except for a part on which no measurement depends.
 
     turn: (6, 6) map from a step of the frame to a shift and a rotation about the axes of the outer frame.
     """
     names = [f"{name} {axis}" for axis in AXES]
     at = [problem.placement_names.index(n) for n in names if n in problem.placement_names]
-    if np.all(problem.sizes[at] <= ident.NEGLIGIBLE):
-        return []
     values = np.concatenate([frame[:3, 3], se3.rotation_vector(frame[:3, :3])])
     change = turn[:, : len(at)].copy()
     change[3:] = se3.vector_change(values[3:]) @ change[3:]
     moved = change @ covariance[np.ix_(at, at)] @ change.T
     deviation = np.sqrt(np.maximum(np.diag(moved), 0.0))
     words = [*(f"{name} {axis}" for axis in "xyz"), *(f"{name} r{axis}" for axis in "xyz")][: len(at)]
+    seen = np.repeat([np.any(problem.sizes[part] > ident.NEGLIGIBLE) for part in (at[:3], at[3:])], 3)
     return [
-        Placed(word, float(values[k]), float(deviation[k]), "m" if k < 3 else "rad") for k, word in enumerate(words)
+        Placed(word, float(values[k]), float(deviation[k]), "m" if k < 3 else "rad")
+        for k, word in enumerate(words)
+        if seen[k]
     ]

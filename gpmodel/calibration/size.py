@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import linalg
 
-from gpmodel.arrays import Array, IntArray
+from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised, effect_columns
 from gpmodel.calibration.start import placement_columns
 from gpmodel.model.error_model import ErrorModel, Placement, observe
@@ -52,18 +52,18 @@ def size_hidden(problem: Linearised) -> bool:
 
 
 def relative(problem: Linearised) -> bool:
-    """Return whether no measurement of a fit is in the frame of an instrument.
+    """Return whether no measurement of a fit is a position in the frame of an instrument.
 
-    Touches, bars, cameras and inclinometers measure parts of a mechanism relative to each other. Relative measurements
-    determine much of the geometry weakly or not at all.
+    Touches, bars, cameras and inclinometers measure parts of a mechanism relative to each other, and orientations show
+    no length. Such measurements determine much of the geometry weakly or not at all.
     """
     return problem.left is None and without_frame(problem.observed.kinds)
 
 
 def without_frame(kinds: Sequence[Observation]) -> bool:
-    """Return whether there are measurements, but no measurement in the frame of an instrument."""
+    """Return whether there are measurements, but no measured position in the frame of an instrument."""
     read = [kind for kind in kinds if kind.readings.any()]
-    return bool(read) and not any(kind.absolute for kind in read)
+    return bool(read) and not any(isinstance(kind, Point) for kind in read)
 
 
 def share_of_size(model: ErrorModel, problem: Linearised) -> Array:
@@ -91,19 +91,49 @@ def standing_for(
     Also return the changes of `held` per unit of uniform scaling. Effects are equivalent if they move the tool
     point of the nominal mechanism equally over the poses, up to rigid motions of the root and the tool.
     """
+    placed, moved, tip = _of_the_tool_point(model, problem, placement, (*held, *others))
+    columns = np.hstack([placed, moved[:, : len(held)]])
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale < ident.NEGLIGIBLE] = np.inf
+    asked = np.hstack([moved[:, len(held) :], tip])
+    found = (np.linalg.lstsq(columns / scale, asked, rcond=1e-9)[0] / scale[:, None])[placed.shape[1] :]
+    return found[:, :-1], found[:, -1]
+
+
+def _of_the_tool_point(
+    model: ErrorModel, problem: Linearised, placement: Placement, effects: Sequence[int]
+) -> tuple[Array, Array, Array]:
+    """Return the displacements of the nominal tool point by rigid motions and by effects, and the tool point, m."""
     count = len(problem.poses)
     nominal = observe(ErrorModel(model.mechanism, ()), problem.poses, np.zeros(0), placement)
     bare = replace(nominal, kinds=(Point(np.zeros((count, 3))),))
     rows = (3 * count, -1)
     placed = np.concatenate(placement_columns(problem.poses, bare, placement)[0], axis=2).reshape(rows)
-    effects = tuple(model.effects[i] for i in (*held, *others))
-    moved = effect_columns(effects, model, problem.poses, bare).reshape(rows)
-    columns = np.hstack([placed, moved[:, : len(held)]])
-    scale = np.linalg.norm(columns, axis=0)
-    scale[scale < ident.NEGLIGIBLE] = np.inf
-    asked = np.hstack([moved[:, len(held) :], nominal.tip[:, :3, 3].reshape(rows)])
-    found = (np.linalg.lstsq(columns / scale, asked, rcond=1e-9)[0] / scale[:, None])[placed.shape[1] :]
-    return found[:, :-1], found[:, -1]
+    moved = effect_columns(tuple(model.effects[i] for i in effects), model, problem.poses, bare).reshape(rows)
+    return placed, moved, nominal.tip[:, :3, 3].reshape(rows)
+
+
+def held_unseen(model: ErrorModel, problem: Linearised, placement: Placement, kept: Mask) -> Mask:
+    """Return a mask of dropped constants that displace the tool point as no fitted constant or rigid motion does.
+
+    The measurements do not show these constants: an inclinometer shows no length and nothing beyond its link. The mask
+    is empty if a position is measured in the frame of an instrument.
+    """
+    out = np.zeros(len(model.effects), dtype=bool)
+    fitted = np.flatnonzero(kept & of_the_description(model))
+    others = np.flatnonzero(~kept & of_the_description(model))
+    if not relative(problem) or not len(others):
+        return out
+    placed, moved, _ = _of_the_tool_point(model, problem, placement, (*fitted, *others))
+    own, sizes = moved[:, len(fitted) :], np.linalg.norm(moved[:, len(fitted) :], axis=0)
+    left = ident.remove(ident.orthonormal(np.hstack([placed, moved[:, : len(fitted)]])), own)
+    out[others] = np.linalg.norm(left, axis=0) > ident.NEGLIGIBLE * sizes
+    return out
+
+
+def of_the_description(model: ErrorModel) -> Mask:
+    """Return a mask of the effects that are constants of the nominal geometry without a prior of their own."""
+    return np.array([e.constant and e.prior == np.inf for e in model.effects], dtype=bool)
 
 
 def spread(columns: Array, target: Array, placed: Array, most: float) -> tuple[float, float, Array]:

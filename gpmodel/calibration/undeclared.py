@@ -26,9 +26,8 @@ from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.gauss_newton import fitting_of
 from gpmodel.calibration.iterate import Fitted, Fitting, iterate, linear_step
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.priors import of_the_description
 from gpmodel.calibration.result import Calibration, uncertainty
-from gpmodel.calibration.size import LEAST, MOST, TOLERANCE, relative
+from gpmodel.calibration.size import LEAST, MOST, TOLERANCE, of_the_description, relative
 from gpmodel.calibration.start import placement_after
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect

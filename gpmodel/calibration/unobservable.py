@@ -7,9 +7,8 @@ import numpy as np
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.linearise import effect_columns
-from gpmodel.calibration.priors import of_the_description
 from gpmodel.calibration.result import Calibration, problem_at
-from gpmodel.calibration.size import TOLERANCE, relative, shows_size
+from gpmodel.calibration.size import TOLERANCE, of_the_description, relative, shows_size, without_frame
 from gpmodel.calibration.start import placement_columns
 from gpmodel.calibration.undeclared import Undeclared
 from gpmodel.calibration.unmeasured_joints import free_joints
@@ -20,7 +19,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, closing, observe, prepare
 from gpmodel.model.inclination import Inclination
-from gpmodel.model.observation import Observation, Point
+from gpmodel.model.observation import Observation, Orientation, Point
 from gpmodel.model.pixel import Pixels
 from gpmodel.model.sites import geometric_effects, names_of, translate
 from gpmodel.numerics.least_squares import root_mean_square
@@ -95,11 +94,10 @@ def held_at_description(fit: Calibration, poses: Poses, *, searched: bool = Fals
 
     Yields nothing if a measurement is in an instrument's frame. searched: whether the model is the result of a search
     for effects. A constant counts as not determined if its standard error without priors, σ / (|c| share), is above
-    TOLERANCE.
+    TOLERANCE, or if it is held because no measurement shows it.
     """
     problem = problem_at(fit, poses)
-    at = np.flatnonzero(fit.kept & of_the_description(fit.model))
-    if not relative(problem) or not len(at):
+    if not relative(problem) or not np.any(fit.kept & of_the_description(fit.model)):
         return
     unknown = Undeclared.estimated(problem, fit.model, fit.theta)
     radius, inside, outside = errors_by_region(fit, poses, unknown)
@@ -113,7 +111,9 @@ def held_at_description(fit: Calibration, poses: Poses, *, searched: bool = Fals
             f"the residual of the constants exceeds the noise: smooth functions of the joint values, part of the "
             f"model, reduce the residual to {1e3 * unknown.noise:.2g} mm per measurement{cause}"
         )
-    weak = fit.sigma > TOLERANCE * problem.sizes[problem.placement + at] * fit.unique_share[at]
+    unseen = np.isfinite(fit.prior_errors)
+    at = np.flatnonzero(unseen | (fit.kept & of_the_description(fit.model)))
+    weak = unseen[at] | (fit.sigma > TOLERANCE * problem.sizes[problem.placement + at] * fit.unique_share[at])
     if weak.any():
         called = names_of(poses.dataset)
         names = [translate(fit.model.effects[i].name, called) for i in at[weak]]
@@ -152,9 +152,9 @@ def errors_by_region(fit: Calibration, poses: Poses, unknown: Undeclared) -> tup
 
 
 def unseen(kinds: tuple[Observation, ...]) -> Iterator[str]:
-    """Yield sentences on what the instruments cannot determine; none if a measurement is in an instrument's frame."""
+    """Yield sentences on what the instruments cannot determine; none if positions are in an instrument's frame."""
     read = [kind for kind in kinds if kind.readings.any()]
-    if not read or any(kind.absolute for kind in read):
+    if not without_frame(read):
         return
     what = f"the measurements ({', '.join(kind.name for kind in read)})"
     if not any(map(shows_size, read)):
@@ -162,9 +162,11 @@ def unseen(kinds: tuple[Observation, ...]) -> Iterator[str]:
             f"{what} do not determine the scale of the machine, which is that of the description; a bar, a "
             "ball of known diameter, an artefact or a camera with a board would determine the scale"
         )
-    if all(isinstance(kind, Pixels | Inclination) for kind in read):
+    if all(isinstance(kind, Pixels | Inclination | Orientation) for kind in read):
         yield f"{what} do not determine the tool point, which stays at the flange; touches of one point would do so"
+    turned = any(kind.absolute for kind in read)
+    pose, frame = ("position", "have an arbitrary origin") if turned else ("pose", "are in the frame of the root")
     yield (
-        f"{what} do not determine the pose of the base: predictions are in the frame of the root; three "
-        "or more points of a tracker would determine the pose"
+        f"{what} do not determine the {pose} of the base: predictions {frame}; three "
+        f"or more points of a tracker would determine the {pose}"
     )

@@ -15,7 +15,7 @@ from gpmodel.mechanism.branches import joint_range, random_poses
 from gpmodel.mechanism.protocol import Described, Mechanism, bare_of, followers
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
-from gpmodel.model.observation import observations
+from gpmodel.model.observation import Orientation, observations
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics import se3
 from gpmodel.numerics.least_squares import root_mean_square
@@ -211,11 +211,11 @@ def notes(
     floor: RMS of repeats, m, None without repeats.
     """
     (bare, fit), data = fits, poses.dataset
-    yield (
-        f"residual of the fitted poses: registration and tool {1e3 * root_mean_square(bare.fitted_error):.4g} "
-        "mm RMS, standard model "
-        f"{1e3 * root_mean_square(fit.fitted_error):.4g} mm"
-    )
+    if any(kind.readings.any() for kind in observations(data) if not isinstance(kind, Orientation)):
+        yield (
+            f"residual of the fitted poses: registration and tool {1e3 * root_mean_square(bare.fitted_error):.4g} "
+            f"mm RMS, standard model {1e3 * root_mean_square(fit.fitted_error):.4g} mm"
+        )
     if np.isfinite(turned := orientation_left(fit, poses)):
         first = orientation_left(bare, poses)
         yield f"residual of the orientations: {1e3 * first:.3g} and {1e3 * turned:.3g} mrad RMS"

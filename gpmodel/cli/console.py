@@ -137,7 +137,8 @@ def what_next(folder: Path, record: Report) -> str:
     if record.effects:
         then += [(f"gpmodel explain {place} 1", "explanation of the first finding"),
                  (f"gpmodel poses --after {place} -n 12", "poses to measure next")]  # fmt: skip
-    then += [(f"gpmodel certificate {place}", "accuracy certificate, to print or save as PDF")]
+    if not record.unseen:
+        then += [(f"gpmodel certificate {place}", "accuracy certificate, to print or save as PDF")]
     if (folder / "exports").is_dir():
         then += [(f"gpmodel export {place}", "URDF, DH rows, NumPy, C99, lookup grid")]
     if record.kind == "calibrate":

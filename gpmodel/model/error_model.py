@@ -223,9 +223,13 @@ def measured_minus(observed: Observed, dataset: Dataset) -> Array:
 
 
 def pose_error(observed: Observed, dataset: Dataset) -> Array:
-    """Return the length of the error (measured minus predicted) of each pose, m, without rotations."""
-    lengths = (measured_minus(observed, dataset) * observed.scales(1.0))[:, ~observed.turns]
-    return np.asarray(np.sqrt(np.nansum(lengths**2, axis=1)))
+    """Return the length of the error (measured minus predicted) of each pose, m, without rotations.
+
+    If a table has orientations alone, a radian counts as one metre.
+    """
+    errors = measured_minus(observed, dataset) * observed.scales(1.0)
+    alone = not np.isfinite(errors[:, ~observed.turns]).any()
+    return np.asarray(np.sqrt(np.nansum(errors[:, observed.turns == alone] ** 2, axis=1)))
 
 
 def turn_error(observed: Observed, dataset: Dataset) -> Array:

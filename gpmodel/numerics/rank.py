@@ -102,17 +102,17 @@ class Span:
 def unique_shares(columns: Array) -> Array:
     """Return the share of each column's norm that no other column explains.
 
-    The share is 1 / sqrt(diag((CᵀC)⁻¹)) of unit columns C.
+    The share is 1 / sqrt(diag((CᵀC)⁻¹)) of unit columns C, and 0 of a zero column.
     """
-    norms = np.linalg.norm(columns, axis=0)
-    safe = np.where(norms > NEGLIGIBLE, norms, 1.0)
-    _, r = linalg.qr(columns / safe, mode="economic")
+    norms, shares = np.linalg.norm(columns, axis=0), np.zeros(columns.shape[1])
+    seen = norms > NEGLIGIBLE
+    _, r = linalg.qr(columns[:, seen] / norms[seen], mode="economic")
     try:
         inverse = linalg.solve_triangular(r, np.eye(r.shape[1]))
     except linalg.LinAlgError:
-        return np.zeros(columns.shape[1])
-    shares = 1.0 / np.linalg.norm(inverse, axis=1)
-    return np.where(norms > NEGLIGIBLE, np.minimum(shares, 1.0), 0.0)
+        return shares
+    shares[seen] = np.minimum(1.0 / np.linalg.norm(inverse, axis=1), 1.0)
+    return shares
 
 
 @dataclass(frozen=True)

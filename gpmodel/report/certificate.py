@@ -172,8 +172,16 @@ def certificate(report: Report, particulars: Particulars, tolerance_mm: float | 
         record=_record(report),
         errors=np.zeros((0, 2)) if errors is None else errors,
         tolerance_mm=tolerance_mm,
-        small_print=f"{SMALL_PRINT} Values are those of the model fitted to all poses; {words.interval(report)}.",
+        small_print=f"{SMALL_PRINT}{_of_readings(report)} Values are those of the model fitted to all poses; "
+        f"{words.interval(report)}.",
     )
+
+
+def _of_readings(report: Report) -> str:
+    """State which other measurements than positions enter the errors; empty without such measurements."""
+    others = [r for r in report.readings if r.name not in ("position", "orientation")]
+    said = wording.listed([f"{r.rows} rows of {r.name}" for r in others])
+    return f" Errors include {said}, in mm as in the fit." if others else ""
 
 
 def _unseen(report: Report) -> str:

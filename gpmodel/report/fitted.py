@@ -61,7 +61,7 @@ def parameters(
         ParameterRecord(
             name=translate(effect.name, names),
             value=float(final.theta[i]),
-            stderr=optional(final.stderr[i]),
+            stderr=optional(final.stderr[i] if final.kept[i] else final.prior_errors[i]),
             unit=effect.unit,
             unique_share=float(final.unique_share[i]) if final.kept[i] else None,
             kept=bool(final.kept[i]),

@@ -146,7 +146,11 @@ class MechanismRecord:
 
 @dataclass(frozen=True)
 class ParameterRecord:
-    """One parameter of the fitted model, SI units; stderr is None if the parameter was held at zero."""
+    """One parameter of the fitted model, SI units.
+
+    stderr: standard error. Of a parameter held at zero, kept is False; its stderr is the standard deviation of its
+    prior if no measurement shows the parameter, and None if other parameters absorb it.
+    """
 
     name: str
     value: float | None = None
@@ -194,7 +198,8 @@ class Report:
     hidden: sentences on effects equivalent to constants of the standard model; mimics: names of these pairs.
     further: expected errors at further poses. predicted: errors of predictions.
     discrepancy_mm: standard deviation of one coordinate due to missing effects (model discrepancy).
-    readings: residuals of measurements other than points, by kind; unseen: quantities that are not determined.
+    readings: residuals of measurements other than points, by kind; unseen: quantities that are not determined, if no
+    positions were measured.
     sigma_mm: standard deviation of one component from the fit; freedom: degrees of freedom of sigma_mm.
     model_sha256: digest of the model.json that belongs to the report.
     """

@@ -305,6 +305,12 @@ class EffectRecord:
         return tuple(cause for cause in self.causes or () if not cause.own)
 
     @property
+    def likelier(self) -> CauseRecord | None:
+        """The most probable cause if it is more probable than the finding, else None."""
+        most = max(self.others, key=lambda cause: cause.probability, default=None)
+        return most if most and most.probability > (self.probability or 0.0) else None
+
+    @property
     def alike(self) -> tuple[str, ...]:
         """Names of effects that cannot be distinguished from the finding at the measured poses."""
         return tuple(name for cause in self.causes or () if cause.own for name in cause.names if name != self.name)

@@ -138,6 +138,14 @@ def causes(effect: EffectRecord) -> str:
     return f"possible causes ({COVERAGE_OF_CAUSES}): {'; '.join(named)}"
 
 
+def title(effect: EffectRecord) -> str:
+    """Return the name of a finding, preceded by its most probable cause if that is another effect."""
+    likely = effect.likelier
+    if likely is None:
+        return effect.name
+    return f"{likely.names[0]} ({wording.percent(likely.probability)} likely), fitted as {effect.name}"
+
+
 def moves(effect: EffectRecord) -> str:
     """State the displacement of the tool and the part that no other parameter absorbs; empty if unknown."""
     if effect.tool_rms_mm is None:
@@ -199,13 +207,17 @@ def found(report: Report, effect: EffectRecord) -> str:
 
 
 def dropped(report: Report) -> str:
-    """State which constants are held at zero because they are redundant; empty without redundant constants."""
-    names = report.dropped()
+    """State which constants are held at zero because they are redundant; empty without redundant constants.
+
+    Constants that no measurement shows are not redundant; `calibration.unobservable` states them.
+    """
+    unseen = [p.name for p in report.parameters if not p.kept and p.stderr]
+    names = [name for name in report.dropped() if name not in unseen]
     if not names:
         return ""
     if report.parameters and not report.geometry():
         return f"none of the {len(names)} geometric constants is significant: all are held at zero"
-    out_of = f" of {len(names) + len(report.geometry())}" if report.parameters else ""
+    out_of = f" of {len(report.dropped()) + len(report.geometry())}" if report.parameters else ""
     return (
         f"{len(names)}{out_of} geometric constants are redundant at these poses (every arm has redundant constants). "
         f"They are held at zero, and the other constants absorb their effects: {', '.join(names)}"

@@ -321,3 +321,24 @@ def test_an_unknown_that_its_prior_holds_does_not_count(prior: float, counted: i
     wave = effect_at("wave", "J2.moving", "Rz", Expression("sin(J2)"), prior=prior)
     fit = calibrate(ErrorModel(arm, (wave,)), prepare(arm, made.table))
     assert fit.effective == fit.rank - 1 + counted
+
+
+def test_a_fit_weighs_orientations_by_its_own_residual_and_not_by_that_of_its_start() -> None:
+    """An effect that the start lacks changes the residuals of positions and of orientations by different factors."""
+    truth = measure("ur5", few("ur5"), np.array([0.0, 0.0, 2e-3, 2e-3, 0.0]), 3, see=SEEN["pose"])
+    arm = truth.model.mechanism
+    standard = geometric_effects(arm)
+    whole = ErrorModel(arm, (*standard, *few("ur5")[2:4]))
+    before = calibrate(ErrorModel(arm, standard), truth.poses)
+    alone, after = calibrate(whole, truth.poses), calibrate(whole, truth.poses, start=before)
+    assert abs(np.log(before.rotation_weight / alone.rotation_weight)) > 0.2
+    assert after.rotation_weight == pytest.approx(alone.rotation_weight, rel=0.1)
+    assert after.sigma == pytest.approx(alone.sigma, rel=0.1)
+
+
+@pytest.mark.parametrize(("prior", "counted"), [(1e-9, 0), (1e3, 5)])
+def test_an_unknown_that_its_prior_determines_takes_no_degree_of_freedom(prior: float, counted: int) -> None:
+    effects = tuple(replace(effect, prior=prior) for effect in few("ur5"))
+    truth = measure("ur5", effects, np.zeros(5), 3, count=20, geometry=0.0)
+    fit = calibrate(ErrorModel(truth.model.mechanism, effects), truth.poses, robust=False)
+    assert fit.freedom == pytest.approx(60 - 9 - counted, abs=0.1)
