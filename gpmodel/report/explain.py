@@ -47,7 +47,7 @@ def explain(report: Report, number: int, tellable: Set[str] | None = None) -> Ex
     value = wording.measured(effect.value, effect.stderr, effect.unit)
     return Explanation(
         number=number,
-        name=effect.name,
+        name=words.title(effect),
         value=f"{value} {'; '.join(basis for basis, _ in words.written(effect))}",
         chain=_chain(report, effect),
         where=sentence("; ".join(words.places(effect))),

@@ -73,7 +73,7 @@ def _effects(report: Report) -> Iterator[str]:
         value = wording.measured(effect.value, effect.stderr, effect.unit)
         doubt = words.doubt(effect)
         if said := words.causes(effect) if doubt else "":
-            yield wrapped(f"{number}  {effect.name}; {said}")
+            yield wrapped(f"{number}  {words.title(effect)}; {said}")
             yield wrapped(f"{value}{_relative(effect)}, {doubt}", 7)
         else:
             yield wrapped(f"{number}  {effect.name}: {value}{_relative(effect)}")

@@ -91,7 +91,12 @@ def _undecided(report: Report) -> Iterator[str]:
     """Name each effect that the measured poses do not distinguish from another cause."""
     for effect in report.effects:
         others = effect.others
-        if others and effect.probability is not None and effect.probability < SURE:
+        if likely := effect.likelier:
+            yield (
+                f"The fitted {effect.name} ({wording.percent(effect.probability)}) is a less probable cause than "
+                f"{likely.names[0]} ({wording.percent(likely.probability)})."
+            )
+        elif others and effect.probability is not None and effect.probability < SURE:
             count = len(others) - 1
             more = f" and {count if count > 1 else 'one'} more cause{'s' * (count > 1)}" if count else ""
             yield f"These poses do not separate {effect.name} from {others[0].names[0]}{more}."
