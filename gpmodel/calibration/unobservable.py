@@ -157,6 +157,8 @@ def unseen(kinds: tuple[Observation, ...]) -> Iterator[str]:
     if not without_frame(read):
         return
     what = f"the measurements ({', '.join(kind.name for kind in read)})"
+    if all(kind.unit == "rad" for kind in read):
+        yield f"{what} are angles: in all errors, 1 mm stands for 1 mrad"
     if not any(map(shows_size, read)):
         yield (
             f"{what} do not determine the scale of the machine, which is that of the description; a bar, a "

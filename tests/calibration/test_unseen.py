@@ -84,6 +84,7 @@ def test_orientations_alone_are_checked_and_say_that_they_show_no_length() -> No
     notes = " ".join(remark.text for remark in gp.check(ARM, made.table).findings)
     assert "do not determine the scale of the machine" in notes
     assert "position of the base" in notes
+    assert "1 mm stands for 1 mrad" in notes
     assert " 0 mm" not in notes
     assert not [p for p in result.record.placement if p.unit == "m"]
 
