@@ -317,9 +317,10 @@ def _functions(session: Session, problem: Linearised) -> tuple[Array, Array]:
 
 
 def in_covariance(saved: SavedModel, problem: Linearised) -> IntArray:
-    """Return the position of each column of the problem in the covariance of the model; -1 if not fitted."""
+    """Return the position of each column of the problem in the covariance of the model; -1 if it has no variance."""
     names = saved.covariance.placement
     placed = [names.index(name) if name in names else -1 for name in problem.placement_names]
-    fitted = np.isfinite(saved.stderr)
-    effects = np.where(fitted, len(names) + np.arange(len(fitted)), -1)
+    variances = np.diag(saved.covariance.values)[len(names) :]
+    effects = np.full(len(saved.model.effects), -1)
+    effects[np.flatnonzero(variances)] = len(names) + np.flatnonzero(variances)
     return np.concatenate([np.array(placed, dtype=np.int64), effects]).astype(np.int64)

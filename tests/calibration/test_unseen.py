@@ -16,6 +16,7 @@ from gpmodel.calibration.result import problem_at
 from gpmodel.calibration.undeclared import Undeclared
 from gpmodel.calibration.unobservable import errors_by_region
 from gpmodel.model.error_model import observe, prepare
+from gpmodel.model.instruments import with_observations
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.se3 import rotation_vector
 from gpmodel.report import words
@@ -95,3 +96,18 @@ def test_a_result_of_orientations_alone_has_a_report_and_predicts(tmp_path: Path
     result.report(tmp_path / "out")
     predicted = gp.load_model(tmp_path / "out" / "model.json").predict(made.table)
     assert np.isfinite(predicted["sigma [mm]"]).all()
+
+
+@pytest.mark.long
+def test_constants_that_no_measurement_shows_do_not_blunt_a_later_check() -> None:
+    """The mounting of an inclinometer and the unseen constants of its link are uncertain together, not singly."""
+    made = gp.simulate(ARM, poses=120, instrument="inclinometer", geometry_sigma="0.3 mm", seed=5)
+    table, later = made.table.subset(np.arange(80)), made.table.subset(np.arange(80, 120))
+    q = later.q + 1e-3 * (np.arange(6) == 2)
+    moved = with_observations(replace(later, q=q), made.truth.mechanism)
+    verdict = gp.verify(gp.calibrate(ARM, table).model, moved).verdict
+    found = re.search(r"zero of J3 moved by −(\S+) ± (\S+) µrad", verdict)
+    assert found
+    size, stderr = map(float, found.groups())
+    assert size == pytest.approx(1000.0, abs=3.0 * stderr)
+    assert stderr < 30.0
