@@ -61,8 +61,8 @@ def orifice_spreading_resistance(geometry: FilmGeometry, displacement: ArrayLike
     ring.
 
     Pressure drop per flow of one hole: (6 mu / (pi h^3)) ln(ring radius / (N hole radius)), gap h over the holes (log
-    potentials of N equal sources on a circle). The resistance changes the inlet pressure. The load is unchanged: if the
-    gap does not vary around the axis, the mean pressure around the axis is that of the evenly spread feed.
+    potentials of N equal sources on a circle). The resistance changes the inlet pressure. Holes in place
+    of an evenly spread feed leave the load unchanged if the gap is constant around the axis.
     """
     gap = film_gap(geometry, displacement, geometry.orifice_angle)
     ring = geometry.ball_radius * np.sin(geometry.orifice_angle)

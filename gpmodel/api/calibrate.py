@@ -172,7 +172,7 @@ def _fleet_of(fleet: object, effects: tuple[object, ...]) -> FleetPart:
 
 
 def fleet_at(fleet: object, argument: str) -> FleetPart:
-    """Return the record of a fleet from a record, a file or a folder. Raises InputError if none can be read."""
+    """Return the record of a fleet from a record, a file or a folder. Raises InputError for an unreadable file."""
     return fleet if isinstance(fleet, FleetPart) else read_fleet(fleet_file(file_path(fleet, argument)))
 
 

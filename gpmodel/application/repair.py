@@ -139,7 +139,7 @@ def _fitted(near: Recheck, changes: Sequence[PossibleChange]) -> _Fit:
 
 
 def _with(session: Session, problem: Linearised, changes: Sequence[PossibleChange]) -> tuple[Session, Array]:
-    """Return the session with the effects that changes add, each once, and the columns D of the changes."""
+    """Add the effects of the machine's changes to the model of a session; return it and one column D per change."""
     saved, count = session.saved, problem.placement
     known, added = [effect.terms for effect in saved.model.effects], list[Effect]()
     columns: list[dict[int, float]] = []
@@ -176,8 +176,8 @@ def _root(saved: SavedModel, problem: Linearised, held: Mask) -> Array:
 
 
 def _before(saved: SavedModel, problem: Linearised) -> Array:
-    """Return the model's covariance in the order of a linear problem; zero for registration and for effects that the
-    changes add."""
+    """Return the model's covariance in the order of the unknowns of a linear problem; zero where the model has no
+    estimate: for the registration and for the effects of new changes."""
     at = in_covariance(saved, problem)
     at = np.append(at, np.full(problem.columns.shape[1] - len(at), -1))
     at[: problem.placement][[name.startswith("registration") for name in problem.placement_names]] = -1

@@ -42,10 +42,10 @@ def off_mean(model: ErrorModel, theta: Array) -> Array:
 def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, placement: Placement, at: IntArray) -> Array:
     """Return the prior rows, m, of the fitted constants with numbers `at`.
 
-    If a measurement is in an instrument's frame, each constant has the standard deviation GEOMETRY_REACH. Otherwise the
-    dropped constants count too: the fitted constants, θ = A θ_all, have the covariance reach² A Aᵀ, so that the fit
-    nearest to the nominal geometry does not depend on which constants are dropped. The standard deviation `reach` is
-    then estimated, at most TOLERANCE.
+    If a measurement is in an instrument's frame, each constant has the standard deviation GEOMETRY_REACH. Without
+    such a measurement, all constants θ_all, also those that are not fitted, have the standard deviation `reach`. The
+    fitted constants θ = A θ_all then have the prior covariance reach² A Aᵀ, and the fit nearest to the nominal geometry
+    does not depend on which constants are fitted. `reach` is estimated, at most TOLERANCE.
     """
     if not (len(at) and relative(problem)):
         return np.diag(np.full(len(at), residual_sigma(problem) / GEOMETRY_REACH))

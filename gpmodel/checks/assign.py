@@ -184,7 +184,7 @@ class Assigner:
                     break
 
     def _units(self, columns: Columns) -> Iterator[tuple[str, ...]]:
-        """Yield units of joint columns: units in the headers, then one unit for all joints of one kind."""
+        """Yield possible units of the joint columns: those of the headers, then one unit for all joints of a kind."""
         kinds, seen = [joint.kind for joint in self.mechanism.joints], set()
         slides = WRITTEN_IN["prismatic"] if "prismatic" in kinds else ()
         for turn, slide in product((None, *WRITTEN_IN["revolute"]), (None, *slides)):

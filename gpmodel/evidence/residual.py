@@ -48,7 +48,7 @@ def exchangeable(dataset: Dataset, criteria: Criteria) -> IntArray:
 
 
 def reordered(problem: Linearised, values: Array, unit: IntArray, rng: np.random.Generator, count: int) -> Array:
-    """Permute the values of measured rows over blocks of poses, `count` times; return one column a permutation.
+    """Permute whole blocks of poses `count` times; return one column of values of measured rows per permutation.
 
     unit: block number of each pose. Poses keep their order within a block. The value of a measured component is zero
     if the pose permuted into its place did not measure the component.

@@ -85,7 +85,7 @@ def _renamed(term: Term, names: Mapping[str, str]) -> Term:
 
 @dataclass(frozen=True)
 class Site:
-    """A site at which a twist may act: one axis of one frame, or the drive of a joint, which may have several terms."""
+    """A site at which a twist may act: an axis of a frame, or the drive of a joint, which may move several frames."""
 
     terms: tuple[tuple[str, str, float], ...]
 
@@ -112,9 +112,9 @@ class Site:
 def sites_of(mechanism: Mechanism) -> tuple[Site, ...]:
     """Return the sites of a mechanism: the base, every joint, the tool.
 
-    A joint has its drive, the other axes of its moving side, and the axes of its fixed side that are no axis of the
-    previous frame. A link that follows other joints has the axes of its moving side. With closed loops, the sites are
-    those of the geometric constants, not of the joints.
+    The sites of a joint are its drive, the other axes of its moving frame, and the axes of its fixed frame that differ
+    from those of the previous frame. A link that follows other joints has the axes of its moving side. With closed
+    loops, the sites are those of the geometric constants, not of the joints.
     """
     out = [Site((("base", axis, 1.0),)) for axis in AXES]
     if loops := closed(mechanism):

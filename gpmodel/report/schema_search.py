@@ -88,7 +88,7 @@ class ReadingRecord:
 class Repeatability:
     """Pose repeatability RP = l + 3 S_l of ISO 9283 (1998); l: mean distance of repeats from their mean position.
 
-    rms_mm: RMS of these distances. rp_stderr_mm: standard uncertainty of the mean RP; None for one pose.
+    rms_mm: RMS distance of repeats from their mean position. rp_stderr_mm: standard uncertainty of the mean RP.
     """
 
     poses: Count
