@@ -13,10 +13,12 @@ from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.calibration.rivals import hidden_rivals
 from gpmodel.calibration.unmeasured_joints import free_joints
 from gpmodel.calibration.unobservable import held_at_description, unseen
+from gpmodel.families.catalogue import family
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, observe
 from gpmodel.model.observation import Orientation, observations
 from gpmodel.model.sites import names_of, translate
+from gpmodel.model.states import measured_torques
 from gpmodel.numerics.least_squares import outlier_limit, root_mean_square
 from gpmodel.report import fitted
 from gpmodel.report.origin import (
@@ -31,6 +33,7 @@ from gpmodel.report.origin import (
 )
 from gpmodel.report.schema import REGISTRATION, Kind, MimicRecord, PredictedRecord, Report, StepRecord
 from gpmodel.report.schema_search import PlotRecord, ReadingRecord
+from gpmodel.table.dataset import Dataset
 
 
 @dataclass(frozen=True)
@@ -139,7 +142,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
         further=further_poses(final, ladder.of_final, None if ladder.saved is None else ladder.saved.spread),
         predicted=_predicted(ladder),
         plots=plots,
-        hidden=tuple(translate(rival.words(kinds), names) for rival in rivals),
+        hidden=(*(translate(rival.words(kinds), names) for rival in rivals), *_of_the_masses(final, data)),
         readings=(
             *reading_records(poses, [[_judged(step.calibration, ladder)] for step in (steps[0], steps[-1])]),
             *orientation_record(plots, poses.dataset.row[ladder.outliers].tolist()),
@@ -213,3 +216,13 @@ def _left(judged: Sequence[Judged]) -> dict[str, float]:
             values = kind.residual(observed.tips, observed.own)[error <= outlier_limit(error)]
             left.setdefault(kind.name, []).append(values[np.isfinite(values)])
     return {name: root_mean_square(np.concatenate(values)) for name, values in left.items() if any(map(len, values))}
+
+
+def _of_the_masses(final: Calibration, data: Dataset) -> Iterator[str]:
+    """State for which masses the compliances of a model hold, if their loads are computed, not measured."""
+    mechanism, families = final.model.mechanism, {family(e.family) for e in final.model.effects if e.family}
+    if any(known is not None and known.yields for known in families) and not measured_torques(mechanism, data):
+        yield (
+            "the compliances hold for the masses of the description and the payload of the table: if the true loads "
+            "are twice as large, the compliances are half as large"
+        )
