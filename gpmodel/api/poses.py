@@ -124,11 +124,12 @@ def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, r
     saved, arm = model.saved, model.mechanism
     _, text, path = frame_to_extend(task, arm, "task")
     targets = targets_in(placed_now(usable(saved)), text, path, rng, in_order=False)
-    lost = np.union1d(targets.unreachable, np.flatnonzero(beyond_limits(arm, targets.dataset.q)))
-    if len(lost):
-        more = f" ({len(lost)} targets in all)" if len(lost) > 1 else ""
-        row = targets.dataset.row[lost[0]]
-        raise InputError(f"{path.name}, row {row}: the target is out of reach of {arm.name}{more}", "task")
+    beyond = np.flatnonzero(beyond_limits(arm, targets.dataset.q))
+    for lost, how in ((targets.unreachable, "out of reach"), (beyond, "beyond a joint limit")):
+        if len(lost):
+            more = f" ({len(lost)} targets in all)" if len(lost) > 1 else ""
+            row = targets.dataset.row[lost[0]]
+            raise InputError(f"{path.name}, row {row}: the target is {how} of {arm.name}{more}", "task")
     outlook = Outlook.over(saved, pool, rng)
     there = outlook.of_the_point(outlook.poses_of(targets.dataset, rng))
     told, alike = _rivals(outlook, record)

@@ -69,8 +69,8 @@ class RepairedModel(Shown):
             lines.append(f"These poses are too few, and {MOST_MORE} more would also be too few: calibrate again.")
         elif len(more):
             lines.append(
-                f"The error before the change is not reached yet. Measure {len(more)} more poses and "
-                "add them to the table:"
+                "The error before the change is not reached yet. Measure "
+                f"{len(more)} more pose{'s' * (len(more) > 1)} and add the measurements to the table:"
             )
             lines.append(table_text(more, CONTROLLER_DECIMALS).rstrip("\n"))
         return "\n".join(lines)

@@ -277,7 +277,7 @@ def _wanted(mechanism: Mechanism, data: Dataset, counts: tuple[int, int], floor:
         yield "a few poses three times each, spread over the session, for the noise floor"
     if values < ENOUGH_VALUES * unknowns:
         more = int(np.ceil((ENOUGH_VALUES * unknowns - values) / max(values / len(data), 1.0)))
-        yield f"about {more} more poses"
+        yield f"about {more} more pose{'s' * (more > 1)}"
     narrow = [
         joint.name
         for joint, span in zip(mechanism.joints, np.ptp(data.q, axis=0), strict=True)

@@ -306,5 +306,5 @@ def _outliers(fit: Calibration, data: Dataset) -> Iterator[str]:
         usual = 1e3 * np.median(fit.fitted_error)
         yield (
             f"{left_out(data.row[fit.outliers].tolist(), len(data))}: errors up to {worst:.3g} mm; {usual:.3g} mm is "
-            "usual with the standard model"
+            "usual with the standard model; the cause is a measurement error or an effect that this model lacks"
         )

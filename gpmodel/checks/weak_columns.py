@@ -22,6 +22,7 @@ from gpmodel.model.error_model import ErrorModel, Poses, measured_minus, observe
 from gpmodel.numerics import rank
 from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.table.dataset import Dataset
+from gpmodel.wording import measured
 
 LIMIT = 50.0
 """Condition limit of every fit in this test, as for the standard model in Robertson (2003)."""
@@ -197,7 +198,7 @@ class Factor:
     @property
     def size(self) -> str:
         """Value and standard error of the factor as text."""
-        return f"{self.value:.5f} ± {self.stderr:.5f}"
+        return str(measured(self.value, self.stderr, "1"))
 
     @property
     def wrong(self) -> bool:

@@ -15,7 +15,7 @@ from gpmodel.api.check import check
 from gpmodel.api.results import write_numbers
 from gpmodel.checks.judge import Remark, check_dataset
 from gpmodel.checks.mixed_up import mixed_up, rotations_flaw
-from gpmodel.checks.weak_columns import misread
+from gpmodel.checks.weak_columns import Factor, misread
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, observe, prepare
@@ -290,3 +290,7 @@ def test_no_accuracy_is_certified_by_predictions_of_the_model() -> None:
     predicted = replace(verified, record=replace(verified.record, chi_square=1e-9))
     with pytest.raises(gp.InputError, match="errors smaller than the noise of the model allows"):
         gp.certificate(predicted)
+
+
+def test_the_standard_error_of_a_factor_has_two_digits() -> None:
+    assert Factor("x, y and z", 1.0000012, 0.0000031, 0.5, 1.0).size == "1.0000012 ± 0.0000031"

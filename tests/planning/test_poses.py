@@ -262,7 +262,7 @@ def test_a_task_that_cannot_be_reached_or_belongs_to_nothing_is_refused_in_one_l
     task.write_text("x [mm],y [mm],z [mm]\n1200,0,900\n99000,0,900\n", encoding="utf-8")
     assert "row 2: the target is out of reach" in one_line(run(*ask, task), 2)
     task.write_text("J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg]\n0,0,0,0,170,0\n", encoding="utf-8")
-    assert "row 1: the target is out of reach" in one_line(run(*ask, task), 2)
+    assert "row 1: the target is beyond a joint limit of" in one_line(run(*ask, task), 2)
     assert "not both" in one_line(run(*ask, task, "--criterion", "effect"), 2)
     assert "needs a result" in one_line(run("poses", "--mechanism", "irb6400r", "--task", task), 2)
     task.write_text("x [mm],y [mm],z [mm]\n1200,0,900\n1300,100,900\n", encoding="utf-8")
