@@ -1,7 +1,7 @@
 """Check a measured table for errors before any search."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
 
@@ -23,7 +23,8 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
 from gpmodel.model.instruments import with_observations
-from gpmodel.model.observation import Distance
+from gpmodel.model.observation import Distance, Observation
+from gpmodel.model.observed import Observed
 from gpmodel.model.pixel import Pixels
 from gpmodel.model.sites import geometric_effects
 from gpmodel.model.touches import Touches
@@ -236,13 +237,26 @@ def _too_few_held(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, .
         )
 
 
+IMAGES = "; possible causes: rows and columns of a board, the numbers of its markers, the link of a camera or a board"
+
+
+def _nominal(mechanism: Mechanism, poses: Poses) -> Observed:
+    """Return the predicted measurements of the nominal mechanism with fitted registration and tool."""
+    fit = calibrate(ErrorModel(mechanism, ()), poses, robust=False)
+    return observe(fit.model, resolved(fit, poses), fit.theta, fit.placement)
+
+
+def _left(observed: Observed, kind: Observation) -> float:
+    """Return the RMS residual of the readings of one kind."""
+    return root_mean_square(kind.residual(observed.tips, observed.own)[kind.readings])
+
+
 def _unlike_readings(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
     """Yield an error for distances, touches and pixels that registration and tool hardly explain."""
     data = poses.dataset
     if len(data) < MINIMUM_READINGS or not (data.distances or data.observations):
         return
-    fit = calibrate(ErrorModel(mechanism, ()), poses, robust=False)
-    observed = observe(fit.model, resolved(fit, poses), fit.theta, fit.placement)
+    observed = _nominal(mechanism, poses)
     for kind in observed.kinds:
         if isinstance(kind, Distance):
             of, expected = kind.values[kind.readings[:, 0], None], "distances of the tool point from one fixed point"
@@ -252,8 +266,14 @@ def _unlike_readings(mechanism: Mechanism, poses: Poses) -> Iterator[str]:
             of, expected = kind.values[kind.readings.all(axis=1)], "images of these boards by these cameras"
         else:
             continue
-        left, spread = root_mean_square(kind.residual(observed.tips, observed.own)[kind.readings]), spread_of(of)
+        left, spread = _left(observed, kind), spread_of(of)
         if left > UNLIKE * spread:
+            if isinstance(kind, Pixels):
+                turned = replace(kind, values=kind.values[:, ::-1])
+                others = tuple(turned if isinstance(one, Pixels) else one for one in data.observations)
+                again = _nominal(mechanism, replace(poses, dataset=replace(data, observations=others)))
+                exchanged = all(_left(again, one) < UNLIKE * spread for one in again.kinds if isinstance(one, Pixels))
+                expected += ": u and v look exchanged" if exchanged else IMAGES
             scale, unit = (1e3, "mm") if kind.unit == "m" else (1.0, kind.unit)
             yield (
                 f"{data.source}, column '{kind.name}': does not fit {mechanism.name}: the residual is "

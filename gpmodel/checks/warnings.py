@@ -1,6 +1,7 @@
 """Warnings about a table that is fit for calibration but has a doubtful property."""
 
 from collections.abc import Iterator
+from itertools import combinations
 
 import numpy as np
 
@@ -152,7 +153,7 @@ def warnings_of(mechanism: Mechanism, poses: Poses, fit: Calibration) -> Iterato
     yield from _repeats(data)
     yield from _implausible_repeats(data)
     yield from _frozen(data)
-    yield from _outliers(fit, data)
+    yield from _outliers(fit, poses)
     yield from order_matters(fit, poses)
     yield from rounded(root_mean_square(fit.fitted_error), data)
     if fit.status != "converged":
@@ -165,6 +166,8 @@ def poor_fit(fit: Calibration, called: str = "the standard model") -> Iterator[s
     if left > POOR:
         touched = [name for name in TOUCHED if any(key.startswith(f"{name} ") for key in fit.placement.anchors)]
         wrong = f"a wrong label or length ({', '.join(touched)})" if touched else "a wrong column"
+        if any(key.startswith("board ") for key in fit.placement.anchors):
+            wrong += ", another pitch or size of the board"
         yield (
             f"residual of {called}: {1e3 * left:.3g} mm RMS; calibrated machines have less than {1e3 * POOR:g} "
             f"mm. Possible causes: {wrong}, rows of different poses, a coarse instrument, compliance of joints and base"
@@ -300,11 +303,34 @@ def _frozen(data: Dataset) -> Iterator[str]:
             )
 
 
-def _outliers(fit: Calibration, data: Dataset) -> Iterator[str]:
+def _outliers(fit: Calibration, poses: Poses) -> Iterator[str]:
+    """State the excluded readings, and readings of one pose whose tools or tips look exchanged."""
+    data = poses.dataset
     if len(fit.outliers):
         worst = 1e3 * fit.error[fit.outliers].max()
         usual = 1e3 * np.median(fit.fitted_error)
+        cause = "the cause is a measurement error or an effect that this model lacks"
+        if rows := _exchanged(fit, poses):
+            cause = f"the tools or tips of rows {some(data.row[rows].tolist())} look exchanged within their poses"
         yield (
             f"{left_out(data.row[fit.outliers].tolist(), len(data))}: errors up to {worst:.3g} mm; {usual:.3g} mm is "
-            "usual with the standard model; the cause is a measurement error or an effect that this model lacks"
+            f"usual with the standard model; {cause}"
         )
+
+
+def _exchanged(fit: Calibration, poses: Poses) -> list[int]:
+    """Return excluded rows whose positions fit another excluded row of their pose, with another tool or tip, and vice
+    versa."""
+    data = poses.dataset
+    observed = observe(fit.model, resolved(fit, poses), fit.theta, fit.placement)
+    expected = data.position - measured_minus(observed, data)[:, :3]
+    pose, largest = replicates(data, whatever=True), max(fit.fitted_error.max(), POOR)
+    carried = np.column_stack([data.codes("tool")[1], data.codes("tip")[1]])
+    pairs = [
+        (i, k)
+        for i, k in combinations(fit.outliers.tolist(), 2)
+        if pose[i] == pose[k]
+        and (carried[i] != carried[k]).any()
+        and max(np.linalg.norm(data.position[[k, i]] - expected[[i, k]], axis=1)) < min(largest, *fit.error[[i, k]])
+    ]
+    return sorted({row for pair in pairs for row in pair})

@@ -256,3 +256,20 @@ def test_pixels_beside_bars_weigh_by_their_own_noise() -> None:
     poses = weighed(parts[1].truth.mechanism, prepare(parts[1].truth.mechanism, data))
     metres = {kind.name: kind.metres for kind in poses.dataset.observations}
     assert 0.6 < metres["pixel"] / (0.03e-3 / 0.1) < 1.6
+
+
+def test_exchanged_coordinates_of_an_image_are_named() -> None:
+    made = simulated("camera", 40)
+    turned = {"u": made.table.readings["v"], "v": made.table.readings["u"]}
+    data = replace(made.table, readings={**made.table.readings, **turned})
+    with pytest.raises(gp.InputError, match="u and v look exchanged"):
+        gp.calibrate(ARM, with_observations(data, made.truth.mechanism, made.table.described))
+
+
+def test_another_pitch_of_a_board_is_a_possible_cause_of_a_large_residual() -> None:
+    made = simulated("camera", 40)
+    known = made.table.described["board"]["board"]["B"]
+    board = {"board": {"B": {**known, "pitch_mm": 1.25 * known["pitch_mm"]}}}
+    data = with_observations(made.table, made.truth.mechanism, {**made.table.described, "board": board})
+    said = [f.text for f in gp.check(ARM, data).findings]
+    assert any("another pitch or size of the board" in text for text in said), said

@@ -187,6 +187,17 @@ def test_one_pose_of_two_arms_has_one_set_of_corrected_joints(file: Path) -> Non
             assert moved[:, [angles.index(f"right_{k} [deg]") for k in range(5)]].max() < 1e-5
 
 
+def test_exchanged_tips_of_a_pose_are_named(file: Path) -> None:
+    made = two_arms_at_once(file, 40)
+    data, rows = made.table, [10, 11, 30, 31]
+    order = np.arange(len(data))
+    order[rows] = order[rows].reshape(2, 2)[:, ::-1].ravel()
+    arms = gp.load_mechanism(str(file), frame=TIPS)
+    for table, named in ((replace(data, position=data.position[order]), True), (data, False)):
+        said = [f.text for f in gp.check(arms, table).findings]
+        assert any("the tools or tips of rows 11, 12, 31, 32 look exchanged" in text for text in said) == named
+
+
 def test_rows_that_touch_nothing_of_a_kind_read_nothing(file: Path) -> None:
     data = gp.read_table(pairs_of(two_arms_at_once(file, 6)), gp.load_mechanism(str(file), frame=TIPS))
     (none,) = (o.subset(np.zeros(0, dtype=np.int64)) for o in data.observations)
