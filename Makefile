@@ -29,7 +29,7 @@ long: $(BIN)/pytest
 
 conclusions: $(BIN)/pytest
 	$(BIN)/pytest -m slow tests/experiments/test_chapter5_outside.py tests/experiments/test_hexapod_experiment.py
-	$(BIN)/pytest -m slow tests/discovery/test_measured_robots.py
+	$(BIN)/pytest -n auto -m slow tests/discovery/test_measured_robots.py tests/discovery/test_loop.py
 	$(BIN)/pytest -m slow tests/experiments/test_thesis_experiments.py -k 'slot_histogram_points_at or every_machine or both_models'
 
 bench: $(BIN)/pytest
