@@ -322,8 +322,7 @@ def _exchanged(fit: Calibration, poses: Poses) -> list[int]:
     """Return excluded rows whose positions fit another excluded row of their pose, with another tool or tip, and vice
     versa."""
     data = poses.dataset
-    observed = observe(fit.model, resolved(fit, poses), fit.theta, fit.placement)
-    expected = data.position - measured_minus(observed, data)[:, :3]
+    expected = observe(fit.model, resolved(fit, poses), fit.theta, fit.placement).tip[:, :3, 3]
     pose, largest = replicates(data, whatever=True), max(fit.fitted_error.max(), POOR)
     carried = np.column_stack([data.codes("tool")[1], data.codes("tip")[1]])
     pairs = [

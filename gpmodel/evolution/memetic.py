@@ -146,16 +146,15 @@ def bred(population: Formulas, names: Sequence[str], generations: int = GENERATI
 def shortened(population: Formulas) -> None:
     """Add the shorter forms of the best formulas until the description length no longer falls."""
     before = -np.inf
-    while population.nats() > before:
-        before = population.nats()
-        population.add(itertools.chain.from_iterable(_promising(population, one) for one in population.best(PARENTS)))
+    while (most := population.nats()) > before:
+        before, best = most, population.best(PARENTS)
+        population.add(itertools.chain.from_iterable(_promising(population.problem, one, most) for one in best))
 
 
-def _promising(population: Formulas, one: Solution) -> Iterator[Program]:
-    """Yield the shorter forms of a formula that would be the best if they explained as much as the formula."""
+def _promising(problem: SlotProblem, one: Solution, most: float) -> Iterator[Program]:
+    """Yield the shorter forms of a formula whose net gain would exceed `most`, nats, with the gain of the formula."""
     for shorter in shorter_forms(one.program):
-        size = description_size(shorter) + len(one.coefficients)
-        if population.problem.nats(one.gain, size) > population.nats():
+        if problem.nats(one.gain, description_size(shorter) + len(one.coefficients)) > most:
             yield shorter
 
 

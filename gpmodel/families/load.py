@@ -244,11 +244,7 @@ def _changeable(mechanism: Mechanism, com: Array | None = None) -> Iterator[tupl
     mass = zip(links, levers, strict=True)
     yield f"{symbol()} kg more at the tool", "kg", _moments(mass)
     for k, axis in enumerate("xyz"):
-        yield (
-            f"compliance with {symbol()} kg m more along {axis} of the tool",
-            "kg m",
-            _moments([(links[-1], fixed[-1][:3, k])]),
-        )
+        yield f"{symbol()} kg m more along {axis} of the tool", "kg m", _moments([(links[-1], fixed[-1][:3, k])])
     for slot in bare.bodies:
         link = slot.removesuffix(".moving")
         yield f"{symbol()} times the weight of {link} more", "1", {link: 1.0}

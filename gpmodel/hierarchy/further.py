@@ -50,7 +50,7 @@ class Likeness:
 
     @property
     def brother(self) -> bool:
-        """Whether the machine may be of its type: the distance ratio s is below TWICE or its chance above DOUBTFUL."""
+        """True if the machine may be of its type: the distance ratio s is below TWICE or its chance above DOUBTFUL."""
         return self.times < TWICE or self.chance > DOUBTFUL
 
 
@@ -118,7 +118,7 @@ class Further:
 
     @property
     def too_few(self) -> bool:
-        """Whether the poses of the machine have fewer measurements than the model has unknowns."""
+        """True if the poses of the machine have fewer measurements than the model has unknowns."""
         return [step.name for step in self.steps] == ["registration", PRIOR]
 
     @property

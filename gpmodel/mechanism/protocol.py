@@ -234,7 +234,7 @@ class Collides(Protocol):
 
     @property
     def has_shape(self) -> bool:
-        """Whether the shape of the parts is known. An unknown shape never collides and never blocks a line of sight."""
+        """True if the shape of the parts is known. An unknown shape never collides and never blocks a line of sight."""
 
     def collides(self, q: Array) -> Mask:
         """Return for each row of joint values q (rad and m) whether the mechanism collides with itself."""

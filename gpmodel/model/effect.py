@@ -85,12 +85,12 @@ class Effect:
 
     @property
     def of_the_instrument(self) -> bool:
-        """Whether the effect changes only the measurements of the instrument, not the mechanism."""
+        """True if the effect changes only the measurements of the instrument, not the mechanism."""
         return self.slots == (INSTRUMENT,)
 
     @property
     def constant(self) -> bool:
-        """Whether the effect does not depend on the pose: a geometric constant."""
+        """True if the effect does not depend on the pose: a geometric constant."""
         return not self.inputs
 
     def twist(self, states: States, slot: str) -> Array:

@@ -54,7 +54,7 @@ class Inclination:
 
     @property
     def readings(self) -> Mask:
-        """Whether each of the two inclinations was measured, (poses, 2)."""
+        """Mask of the measured inclinations about two axes, (poses, 2)."""
         return np.isfinite(self.values)
 
     def subset(self, rows: IntArray) -> "Inclination":

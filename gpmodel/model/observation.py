@@ -56,11 +56,11 @@ class Observation(Protocol):
 
     @property
     def absolute(self) -> bool:
-        """Whether the measurement is in the frame of the instrument and depends on the registration."""
+        """True if the measurement is in the frame of the instrument and depends on the registration."""
 
     @property
     def oriented(self) -> bool:
-        """Whether the measurement depends on a rotation of the tool about its point."""
+        """True if the measurement depends on a rotation of the tool about its point."""
 
     @property
     def own(self) -> Mapping[str, tuple[str, ...]]:
@@ -72,7 +72,7 @@ class Observation(Protocol):
 
     @property
     def readings(self) -> Mask:
-        """Whether each component was measured, (poses, components)."""
+        """Mask of the measured components, (poses, components)."""
 
     def subset(self, rows: IntArray) -> "Observation":
         """Return the measurements at the poses with the given row numbers."""
@@ -121,12 +121,12 @@ class NothingOwn(AtTheTip):
 
     @property
     def readings(self) -> Mask:
-        """Whether each of the three components was measured, (poses, 3)."""
+        """Mask of the measured components along three axes, (poses, 3)."""
         return np.isfinite(self.values)
 
     @property
     def absolute(self) -> bool:
-        """Whether any component was measured, so that the measurements determine the registration."""
+        """True if any component was measured, so that the measurements determine the registration."""
         return bool(self.readings.any())
 
     def by_own(self, tips: Tips, own: Own) -> Array:
@@ -174,7 +174,7 @@ class Orientation(NothingOwn):
 
     @property
     def oriented(self) -> bool:
-        """Whether the orientation of the tool was measured."""
+        """True if the orientation of the tool was measured."""
         return self.absolute
 
     def subset(self, rows: IntArray) -> "Orientation":
@@ -216,7 +216,7 @@ class Distance(AtTheTip):
 
     @property
     def readings(self) -> Mask:
-        """Whether each distance was measured, (poses, 1)."""
+        """Mask of the measured distances, (poses, 1)."""
         return np.isfinite(self.values)[:, None]
 
     def subset(self, rows: IntArray) -> "Distance":

@@ -53,7 +53,7 @@ class Observed:
 
     @property
     def turns(self) -> Mask:
-        """Whether each component is a rotation, whose weight the fit estimates."""
+        """Mask of the components that are rotations, whose weight the fit estimates."""
         return np.repeat([kind.metres is None for kind in self.kinds], [kind.components for kind in self.kinds])
 
     def scales(self, rotation_weight: float) -> Array:

@@ -197,7 +197,7 @@ class Board(Mounted):
 
     @cached_property
     def flat(self) -> bool:
-        """Whether the corners of the board are in one plane."""
+        """True if the corners of the board are in one plane."""
         off = flattened(self.corners)[1].max()
         return bool(off <= FLAT * np.ptp(self.corners, axis=0).max())
 
@@ -239,7 +239,7 @@ class Pixels:
 
     @property
     def readings(self) -> Mask:
-        """Whether each of the two pixel coordinates was measured, (rows, 2)."""
+        """Mask of the measured pixel coordinates, (rows, 2)."""
         return np.isfinite(self.values)
 
     def subset(self, rows: IntArray) -> "Pixels":

@@ -60,12 +60,12 @@ class Artefact:
 
     @property
     def sized(self) -> bool:
-        """Whether the radius of the body is estimated."""
+        """True if the radius of the body is estimated."""
         return bool(np.isnan(self.features[0].radius))
 
     @property
     def is_bar(self) -> bool:
-        """Whether the body is a bar: two ends at a known distance."""
+        """True if the body is a bar: two ends at a known distance."""
         return self.features[0].surface == "end"
 
     @property
@@ -100,7 +100,7 @@ class Touches(AtTheTip):
 
     @cached_property
     def readings(self) -> Mask:
-        """Whether each gap component was measured, (rows, components)."""
+        """Mask of the measured gap components, (rows, components)."""
         out = np.zeros((len(self.body), self.components), dtype=bool)
         for shape, rows in self._rows:
             out[rows, : shape.slope(np.ones((1, 3))).shape[1]] = True

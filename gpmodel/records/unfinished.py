@@ -142,7 +142,7 @@ class Unfinished:
 
     @property
     def empty(self) -> bool:
-        """Whether no part is finished yet."""
+        """True if no part is finished yet."""
         return not self._finished()
 
     def _finished(self) -> list[Path]:

@@ -302,9 +302,9 @@ def clock_seconds(cells: "pd.Series[Any]") -> "pd.Series[float] | None":
     if stamps.isna().any():
         return None
     seconds = (stamps - stamps.min()).dt.total_seconds()
-    falls = seconds.diff() < 0.0
-    if known.str.fullmatch(_TIME_OF_DAY).all() and (seconds.diff()[falls] < -HALF_A_DAY).all():
-        seconds += 2.0 * HALF_A_DAY * falls.cumsum()
+    steps = seconds.diff()
+    if known.str.fullmatch(_TIME_OF_DAY).all() and (steps[steps < 0.0] < -HALF_A_DAY).all():
+        seconds += 2.0 * HALF_A_DAY * (steps < 0.0).cumsum()
     return seconds - seconds.min()
 
 

@@ -45,6 +45,7 @@ def test_the_constant_is_shared_and_every_load_is_offered_in_both_directions(nam
         assert made.inner is not None
         assert len(made.inner.constants) == 1
         assert len(made.effects) == 2
+        assert made.name.count("compliance") == 1
     for side in (-1.0, 1.0):
         found = [c.inner.name for c in every if c.inner and c.inner.values[0] * side > 0.0]
         assert set(found) == {c.inner.name for c in every if c.inner}
