@@ -1,6 +1,6 @@
 """Damped Gauss-Newton: each step is corrected for curvature and halved until the cost falls enough."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg
@@ -26,6 +26,7 @@ class LinearStep:
     readings: prior rows of approximate joint values.
     factor: Cholesky factor of the normal equations if there are many columns, else None.
     geometry: prior rows of the geometric constants in terms of all effects.
+    sigma: noise of one component, m, that scales the priors of the effects.
     """
 
     problem: Linearised
@@ -36,6 +37,7 @@ class LinearStep:
     readings: ReadJoints
     factor: tuple[Array, bool] | None
     geometry: Array
+    sigma: float
 
     def solved(self, residual: Array, pulls: Array) -> tuple[Array, float]:
         """Return the step of all unknowns for a residual, zero where not free, and the predicted cost decrease, m²."""
@@ -61,9 +63,9 @@ def linear_step(
     gram: inner products of the columns, to solve the normal equations; None to solve by QR.
     """
     free = problem.free(kept)
-    belief = beliefs(model, problem, theta, placement, kept)
+    belief, sigma = beliefs(model, problem, theta, placement, kept), noise_sigma(model, problem)
     rows = belief.rows[:, free]
-    readings = ReadJoints.beside(problem, rows, free, noise_sigma(model, problem))
+    readings = ReadJoints.beside(problem, rows, free, sigma)
     rows = np.vstack([rows, readings.rows(problem)[:, free]])
     scale = np.hypot(problem.sizes[free], np.linalg.norm(rows, axis=0))
     scale[scale < ident.NEGLIGIBLE] = np.inf
@@ -75,7 +77,7 @@ def linear_step(
         inner += rows[belief.single :].T @ rows[belief.single :]
         factor = ident.factored(inner)
     pulls = np.concatenate([belief.pulls, readings.pull(problem)])
-    return LinearStep(problem, free, scale, rows, pulls, readings, factor, belief.geometry)
+    return LinearStep(problem, free, scale, rows, pulls, readings, factor, belief.geometry, sigma)
 
 
 MAX_ITERATIONS = 30
@@ -90,7 +92,10 @@ smaller decrease oscillate across a valley."""
 CORRECTIONS = 2
 """Largest number of corrections of a step by the error of its linear prediction before the step is halved. In a curved
 valley, which nearly equivalent parameters (twist, offset and tool) cause, a straight step is too short."""
-NEAR, BENT = 1e-6, 1e-4
+RESCALED, SCALE_SETTLED = 5, 1e-3
+"""Largest number of solutions of one linear problem, and relative change of its residual that leaves the scale of the
+priors. A solution costs a tenth of new columns."""
+NEAR, BENT = 1e-5, 1e-4
 """Largest displacement of a measurement, m, and largest relative error of the predicted displacement, with which the
 next step reuses the columns. With residuals of 0.1 mm the reuse moves the result by less than STEP_TOLERANCE."""
 STEP_TOLERANCE = 1e-9
@@ -151,10 +156,9 @@ class Fitting:
 
         at: the step whose weights scale the priors, which makes the costs at several values comparable.
         """
-        sigma = noise_sigma(self.model, at.problem)
         prior = np.array([e.prior for e in self.model.effects])
-        pulls = off_mean(self.model, theta) * sigma / prior
-        tool = [frame[:3, 3] * sigma / TOOL_REACH for frame in placement.tool.values()]
+        pulls = off_mean(self.model, theta) * at.sigma / prior
+        tool = [frame[:3, 3] * at.sigma / TOOL_REACH for frame in placement.tool.values()]
         geometry = at.geometry @ theta
         read = at.readings.pull(problem)
         return float(sum(np.sum(np.square(part)) for part in (problem.residual, pulls, tool, geometry, read)))
@@ -236,9 +240,17 @@ def iterate(
 
 
 def _step(fitting: Fitting, here: Reached, kept: Mask, gram: Array | None) -> _Step:
-    linear = linear_step(fitting.model, here.problem, here.theta, here.placement, kept, gram)
-    whole, fall = linear.solved(here.problem.residual, linear.pulls)
-    return _Step(linear, whole, fall, here.problem.columns @ whole, linear.readings.rows(here.problem) @ whole)
+    """Return the step of the linear problem. With many columns, the residual that it leaves scales the priors."""
+    problem, model = here.problem, fitting.model
+    for _ in range(RESCALED):
+        linear = linear_step(model, problem, here.theta, here.placement, kept, gram)
+        whole, fall = linear.solved(problem.residual, linear.pulls)
+        motion = problem.columns @ whole
+        sigma = float(np.sqrt(np.mean((problem.residual - motion) ** 2)))
+        if gram is None or fitting.model.noise is not None or abs(sigma - linear.sigma) <= SCALE_SETTLED * sigma:
+            break
+        model = replace(model, noise=sigma)
+    return _Step(linear, whole, fall, motion, linear.readings.rows(problem) @ whole)
 
 
 def _lower(fitting: Fitting, here: Reached, step: _Step, cut: int) -> tuple[Reached | None, int]:
