@@ -7,7 +7,7 @@ from effect_cases import measure, mechanism
 from loop_cases import found, quick
 
 from gpmodel.application.compensator import slot_task
-from gpmodel.calibration.comparison import climb, growing, step_of
+from gpmodel.calibration.comparison import fit_steps, nested_models, step_of
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.evolution.input_histogram import histogram
 from gpmodel.evolution.linear import Linear
@@ -47,7 +47,9 @@ def calibrated(holdout: float = 0.3) -> Report:
     train, held = np.arange(60), np.zeros(0, dtype=np.int64)
     if holdout:
         train, held = hold_out(poses.dataset, holdout, np.random.default_rng(0))
-    steps = climb(arm, growing(geometry, [("base_compliance", effects)]), poses.subset(train), poses.subset(held))
+    steps = fit_steps(
+        arm, nested_models(geometry, [("base_compliance", effects)]), poses.subset(train), poses.subset(held)
+    )
     final = calibrate(steps[-1].calibration.model, poses)
     return from_calibration(
         Ladder(poses, train, steps, final, effects), Origin("gpmodel calibrate measured.csv", 0, 0.4)

@@ -58,7 +58,7 @@ def deviations(result: CalibrationResult, here: Hall, true: Exact) -> dict[str, 
     geometry = [
         (value - there) / deviation
         for e, kept, value, there, deviation in zip(
-            fit.model.effects, fit.kept, fit.theta, true.theta, fit.stderr, strict=True
+            fit.model.effects, fit.free, fit.theta, true.theta, fit.stderr, strict=True
         )
         if kept and e.name not in own
     ]

@@ -47,7 +47,7 @@ def asked(kind: str, seed: int) -> Row:
             exact = replace(made, noisy=readings, columns=dict(zip(made.columns, 0.03 * readings.T, strict=False)))
             other = gp.calibrate(loaded, gp.read_table(table(exact, loaded), loaded, **made.described), [name]).fit[0]
             own = {e.name for e in said.calibrated.named}
-            both = fit.kept & other.kept & np.array([e.name not in own for e in fit.model.effects])
+            both = fit.free & other.free & np.array([e.name not in own for e in fit.model.effects])
             z["geometry"] = ((fit.theta - other.theta)[both] / fit.stderr[both]).tolist()
     return {
         "kind": kind, "seed": seed, "effect": name, "status": fit.status,

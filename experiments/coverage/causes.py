@@ -25,7 +25,7 @@ from experiments.spherical_joint.rigs import JOINT, rig_of
 from gpmodel.api.discover import discover
 from gpmodel.application.over_causes import over_causes
 from gpmodel.application.predict import coordinate_deviations
-from gpmodel.calibration.result import Calibration, placed_numbers, problem_at
+from gpmodel.calibration.result import Calibration, placement_numbers, problem_at
 from gpmodel.discovery.loop import discover as run_loop
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.state import Discovery
@@ -74,11 +74,11 @@ def arm(number: int) -> Row:
         fit,
         model=ErrorModel(here.mechanism, (*(fit.model.effects[k] for k in kept), *true.effects)),
         theta=np.append(fit.theta[kept], np.zeros(len(true.effects))),
-        kept=np.append(fit.kept[kept], np.ones(len(true.effects), dtype=bool)),
+        free=np.append(fit.free[kept], np.ones(len(true.effects), dtype=bool)),
     )
     truth = exact(told, like)
     geometry = [(fit.theta[k], truth.theta[i], fit.stderr[k], _alone(fit)[k])
-                for i, k in enumerate(kept) if fit.kept[k]]  # fmt: skip
+                for i, k in enumerate(kept) if fit.free[k]]  # fmt: skip
     saved = result.model.saved
     observed = observe(fit.model, like, fit.theta, fit.placement)
     off = observed.tip[:, :3, 3] - here.new.clean
@@ -99,7 +99,7 @@ def rig(number: int) -> Row:
     found = over_causes(run_loop(JOINT, poses, rows, rows[:0], search=QUICK))
     frame, tool = made.registration, np.subtract(made.joint.tooling_ball, JOINT.tooling_ball)
     truth = [*frame[:3, 3], *se3.rotation_vector(frame[:3, :3]), *tool]
-    names = [p.name for p in sorted(found.final.placed, key=lambda p: p.name.startswith("tool"))]
+    names = [p.name for p in sorted(found.final.placement_numbers, key=lambda p: p.name.startswith("tool"))]
     placed = _placed(found.final, poses, dict(zip(names, truth, strict=True)))
     return {"rig": number, "case": f"{kind}, {'on' if on_axis else 'off'} the axis", **_findings(found), "z": placed,
             "k": round(coverage_factor(found.final.freedom), 3)}  # fmt: skip
@@ -112,7 +112,7 @@ def _findings(found: Discovery, true: str = "") -> Row:
     return {
         "found": [c.name for c in found.fitted.candidates], "confirmed": found.confirmed,
         "several": any(len(one.causes) > 1 or one.none > 0 for one in sets),
-        "others": len(found.final.covariance.others), "inside": any(true in one.names for one in sets),
+        "others": len(found.final.covariance.alternatives), "inside": any(true in one.names for one in sets),
         "sizes": [len(one.causes) for one in sets],
     }  # fmt: skip
 
@@ -124,10 +124,10 @@ def _alone(fit: Calibration) -> np.ndarray:
 
 def _placed(fit: Calibration, poses: Poses, truth: dict[str, float]) -> dict[str, list[list[float]]]:
     first = len(fit.covariance.placement)
-    alone = placed_numbers(fit.placement, problem_at(fit, poses), fit.covariance.values[:first, :first])
+    alone = placement_numbers(fit.placement, problem_at(fit, poses), fit.covariance.values[:first, :first])
     out: dict[str, list[tuple[float, float, float, float]]] = {}
-    for p, single in zip(fit.placed, sorted(alone, key=lambda a: [q.name for q in fit.placed].index(a.name)),
-                         strict=True):  # fmt: skip
+    order = [number.name for number in fit.placement_numbers]
+    for p, single in zip(fit.placement_numbers, sorted(alone, key=lambda a: order.index(a.name)), strict=True):
         kind = "tool" if p.name.startswith("tool") else "registration"
         out.setdefault(kind, []).append((p.value, truth[p.name], p.stderr, single.stderr))
     return {kind: _deviations(values) for kind, values in out.items()}

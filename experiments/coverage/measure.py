@@ -149,7 +149,7 @@ def known(case: Case, seed: int) -> Row:
     exact = calibrate(
         model, replace(here.poses, dataset=clean), start=fit, condition_limit=fit.condition_limit, robust=False
     )
-    both = fit.kept & exact.kept
+    both = fit.free & exact.free
     own = np.array([e in effects for e in model.effects])
     off, robust = (
         np.divide(fit.theta - exact.theta, deviation, where=both, out=np.full(len(both), np.nan))
@@ -170,7 +170,7 @@ def robust_stderr(fit: Calibration, poses: Poses) -> np.ndarray:
     use = np.ones(len(poses), dtype=bool)
     use[fit.outliers] = False
     problem = linearise(fit.model, poses, fit.theta, fit.placement, fit.rotation_weight, use)
-    free = np.concatenate([np.ones(problem.placement, dtype=bool), fit.kept])
+    free = np.concatenate([np.ones(problem.placement, dtype=bool), fit.free])
     scale = np.linalg.norm(problem.columns[:, free], axis=0)
     columns = problem.columns[:, free] / scale
     inverse = np.linalg.inv(columns.T @ columns)

@@ -38,9 +38,9 @@ def compared(number: int, worlds: int) -> dict[str, Any]:
         again = calibrate(
             fit.model, replace(poses, dataset=data), condition_limit=fit.condition_limit, start=fit, robust=False
         )
-        drawn.append([*again.theta[fit.kept], *(p.value for p in again.placed)])
-    said = np.array([*fit.stderr[fit.kept], *(p.stderr for p in fit.placed)])
-    value = np.array([*fit.theta[fit.kept], *(p.value for p in fit.placed)])
+        drawn.append([*again.theta[fit.free], *(p.value for p in again.placement_numbers)])
+    said = np.array([*fit.stderr[fit.free], *(p.stderr for p in fit.placement_numbers)])
+    value = np.array([*fit.theta[fit.free], *(p.value for p in fit.placement_numbers)])
     ratio = np.std(drawn, axis=0, ddof=1) / said
     shift = (np.mean(drawn, axis=0) - value) / said
     return {

@@ -72,7 +72,7 @@ def least(fit: Calibration, poses: Poses, case: Case, sheet: Sheet) -> np.ndarra
     is (f + 1) / (f + 3) / s². Readings that failed are left out, as an oracle would. Source: Cramér and Rao.
     """
     problem = problem_at(fit, poses)
-    free = np.concatenate([np.ones(problem.placement, dtype=bool), fit.kept])
+    free = np.concatenate([np.ones(problem.placement, dtype=bool), fit.free])
     columns = problem.columns[:, free].reshape(len(poses), 3, -1)
     good = np.setdiff1d(np.arange(len(poses)), sheet.outliers)
     information = sum(
@@ -167,6 +167,6 @@ def exact(fit: Calibration, poses: Poses) -> Exact:
     """Where the same unknowns end on poses that are measured without error."""
     use, alone = np.ones(len(poses), dtype=bool), np.arange(len(poses))
     fitting = Fitting(replace(fit.model, noise=None), poses, use, fit.rotation_weight, alone)
-    found = iterate(fitting, fit.theta, fit.placement, fit.kept)
-    placed = uncertainty(fitting, found, fit.kept).placed
+    found = iterate(fitting, fit.theta, fit.placement, fit.free)
+    placed = uncertainty(fitting, found, fit.free).placement_numbers
     return Exact(found.theta, found.placement, {p.name: p.value for p in placed})

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from experiments.chapter5 import HAND_MADE, effects_of, options, rounded, save
 from experiments.irb6400r_truth import Case, measured_robot
-from gpmodel.calibration.comparison import climb, growing
+from gpmodel.calibration.comparison import fit_steps, nested_models
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
 from gpmodel.evolution.linear import Linear
@@ -35,8 +35,11 @@ def one_robot(seed: int, runs: int, case: Case | None = None) -> dict[str, Any]:
     """The errors of every step on a robot, number `seed` where no other is given, and what the loop finds."""
     case = case or measured_robot(seed)
     named = [(n, catalogue.build(text, case.mechanism, case.poses.states)) for n, text in HAND_MADE]
-    rungs = climb(
-        case.mechanism, growing(effects_of(case), named), case.poses.subset(case.train), case.poses.subset(case.heldout)
+    rungs = fit_steps(
+        case.mechanism,
+        nested_models(effects_of(case), named),
+        case.poses.subset(case.train),
+        case.poses.subset(case.heldout),
     )[1:]
     search = Search(runs=runs, workers=1, strategies=(Linear(),))
     found = discover(case.mechanism, case.poses, case.train, case.heldout, search=search, seed=seed)

@@ -251,7 +251,7 @@ def tables(rigs: int) -> dict[str, Any]:
         offset = fits["Position offset"]
         offsets.append([offset.theta[PITCH_OFFSET], offset.stderr[PITCH_OFFSET]])
         everything = fits["All parameters"]
-        kept.add(tuple(p.index for p, k in zip(THESIS_PARAMETERS, everything.kept, strict=True) if k))
+        kept.add(tuple(p.index for p, k in zip(THESIS_PARAMETERS, everything.free, strict=True) if k))
     found = 1e6 * np.array(offsets)
     return {
         "rigs": rigs,

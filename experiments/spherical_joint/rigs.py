@@ -142,7 +142,7 @@ def misses(number: int, on_axis: bool) -> dict[str, float]:
     tool = np.subtract(rig.joint.tooling_ball, JOINT.tooling_ball)
     frame = rig.registration
     truth = [*frame[:3, 3], *se3.rotation_vector(frame[:3, :3]), *tool]
-    return {p.name: float((p.value - t) / p.stderr) for p, t in zip(fit.placed, truth, strict=True)}
+    return {p.name: float((p.value - t) / p.stderr) for p, t in zip(fit.placement_numbers, truth, strict=True)}
 
 
 def coverage(count: int, on_axis: bool) -> dict[str, Any]:

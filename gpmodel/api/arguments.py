@@ -28,14 +28,14 @@ LARGEST_FLOAT = sys.float_info.max
 Choice = TypeVar("Choice", bound=str)
 
 
-def shown(value: object) -> str:
+def brief(value: object) -> str:
     """Write a value for a one-line message; a long value is replaced by its type."""
     text = repr(value)
     return text if len(text) <= QUOTED and "\n" not in text else f"a {type(value).__name__}"
 
 
 @contextmanager
-def naming(argument: str) -> Iterator[None]:
+def errors_about(argument: str) -> Iterator[None]:
     """Attribute every InputError inside the context to the named argument."""
     try:
         yield
@@ -43,11 +43,11 @@ def naming(argument: str) -> Iterator[None]:
         raise (error if error.argument else InputError(error.said, argument)) from None
 
 
-def whole(value: object, argument: str, least: int = 0, most: float = math.inf) -> int:
+def check_integer(value: object, argument: str, least: int = 0, most: float = math.inf) -> int:
     """Return a whole number from `least` to `most`; raise InputError naming the argument otherwise."""
     if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not least <= int(value) <= most:
         to = "up" if most == math.inf else f"to {most}"
-        raise InputError(f"{shown(value)}, expected a whole number from {least} {to}", argument)
+        raise InputError(f"{brief(value)}, expected a whole number from {least} {to}", argument)
     return int(value)
 
 
@@ -57,84 +57,84 @@ def _real(value: object) -> TypeGuard[float]:
     return number and bool(abs(value) <= LARGEST_FLOAT)  # type: ignore[arg-type]
 
 
-def share(value: object, argument: str, *, positive: bool = False) -> float:
+def check_share(value: object, argument: str, *, positive: bool = False) -> float:
     """Return a share from 0 to below 1, above 0 if `positive`; raise InputError naming the argument otherwise."""
     wanted = "above 0 and below 1" if positive else "from 0 to below 1"
     if not _real(value) or not 0.0 <= float(value) < 1.0 or (positive and value == 0):
-        raise InputError(f"{shown(value)}, expected a share {wanted}, as in 0.3", argument)
+        raise InputError(f"{brief(value)}, expected a share {wanted}, as in 0.3", argument)
     return float(value)
 
 
-def limit(value: object, argument: str, least: float) -> float | None:
+def check_limit(value: object, argument: str, least: float) -> float | None:
     """Return a finite number of at least `least`, or None; raise InputError naming the argument otherwise."""
-    return None if value is None else number(value, argument, least)
+    return None if value is None else check_number(value, argument, least)
 
 
-def number(value: object, argument: str, least: float, most: float = math.inf) -> float:
+def check_number(value: object, argument: str, least: float, most: float = math.inf) -> float:
     """Return a finite number from `least` to `most`; raise InputError naming the argument otherwise."""
     if not _real(value) or not least <= float(value) <= most:
         to = "up" if most == math.inf else f"to {most:g}"
-        raise InputError(f"{shown(value)}, expected a finite number from {least:g} {to}", argument)
+        raise InputError(f"{brief(value)}, expected a finite number from {least:g} {to}", argument)
     return float(value)
 
 
-def among(value: object, choices: Iterable[Choice], argument: str) -> Choice:
+def check_choice(value: object, choices: Iterable[Choice], argument: str) -> Choice:
     """Return one of the allowed words; raise InputError naming the argument otherwise."""
     known = tuple(choices)
     for choice in known:
         if isinstance(value, str) and value == choice:
             return choice
-    raise InputError(f"{shown(value)}, expected {' or '.join(known)}", argument)
+    raise InputError(f"{brief(value)}, expected {' or '.join(known)}", argument)
 
 
-def listed(value: object, argument: str, example: str) -> tuple[object, ...]:
+def check_list(value: object, argument: str, example: str) -> tuple[object, ...]:
     """Return the items of a list; raise InputError with the argument and an example otherwise, also for a
     single text."""
     if isinstance(value, str) or not isinstance(value, Iterable) or (isinstance(value, np.ndarray) and not value.ndim):
-        raise InputError(f"{shown(value)}, expected a list, as in {example}", argument)
+        raise InputError(f"{brief(value)}, expected a list, as in {example}", argument)
     return tuple(value)
 
 
-def texts(value: object, argument: str, example: str) -> tuple[str, ...]:
+def check_texts(value: object, argument: str, example: str) -> tuple[str, ...]:
     """Return a list of texts; raise InputError with the argument and an example otherwise."""
-    items = listed(value, argument, example)
+    items = check_list(value, argument, example)
     for item in items:
         if not isinstance(item, str):
-            raise InputError(f"{shown(item)}, expected texts, as in {example}", argument)
+            raise InputError(f"{brief(item)}, expected texts, as in {example}", argument)
     return tuple(str(item) for item in items)
 
 
-def switch(value: object, argument: str) -> bool:
+def check_bool(value: object, argument: str) -> bool:
     """Return True or False; raise InputError naming the argument otherwise."""
     if not isinstance(value, bool | np.bool):
-        raise InputError(f"{shown(value)}, expected True or False", argument)
+        raise InputError(f"{brief(value)}, expected True or False", argument)
     return bool(value)
 
 
-def text(value: object, argument: str, what: str) -> str:
+def check_text(value: object, argument: str, what: str) -> str:
     """Return a text; raise InputError with the argument and its expected content otherwise."""
     if not isinstance(value, str):
-        raise InputError(f"{shown(value)}, expected {what} as text", argument)
+        raise InputError(f"{brief(value)}, expected {what} as text", argument)
     return str(value)
 
 
-def called(value: object, argument: str) -> Callable[..., object]:
+def check_function(value: object, argument: str) -> Callable[..., object]:
     """Return a function; raise InputError naming the argument otherwise."""
     if not callable(value):
-        raise InputError(f"{shown(value)}, expected a function, as in print", argument)
+        raise InputError(f"{brief(value)}, expected a function, as in print", argument)
     return value
 
 
 def file_path(value: object, argument: str) -> Path:
     """Return a path of a file or folder; raise InputError naming the argument otherwise."""
     if not isinstance(value, str | os.PathLike) or not str(value) or "\0" in str(value):
-        raise InputError(f"{shown(value)}, expected a path", argument)
+        raise InputError(f"{brief(value)}, expected a path", argument)
     if any(len(os.fsencode(part)) > LONGEST_NAME for part in Path(value).parts):
-        raise InputError(f"{shown(value)}, expected a path whose names have {LONGEST_NAME} bytes at most", argument)
+        raise InputError(f"{brief(value)}, expected a path whose names have {LONGEST_NAME} bytes at most", argument)
     return Path(value)
 
 
-def quantity(
+def to_si(
     value: str | float, dimension: str, argument: str, *, least: float = 0.0, positive: bool = False,
     most: Mapping[str, float] = LARGEST,
 ) -> float:  # fmt: skip
@@ -145,10 +145,10 @@ def quantity(
     above the `most` of its dimension.
     """
     if dimension == "length" and _real(value) and value != 0:
-        raise InputError(f"{shown(value)} has no unit, expected a length as text, as in '{value:g} mm'", argument)
+        raise InputError(f"{brief(value)} has no unit, expected a length as text, as in '{value:g} mm'", argument)
     number = parse_quantity(value, dimension, argument) if isinstance(value, str) else value
     if not _real(number):
-        raise InputError(f"{shown(value)}, expected a {dimension} as text with a unit or in {SI[dimension]}", argument)
+        raise InputError(f"{brief(value)}, expected a {dimension} as text with a unit or in {SI[dimension]}", argument)
     if number < least or (positive and number == 0):
         raise InputError(f"{value}, expected {'more than zero' if positive else 'zero or more'}", argument)
     if abs(number) > (largest := most[dimension]):
@@ -156,7 +156,7 @@ def quantity(
     return float(number)
 
 
-def point(value: object, argument: str) -> tuple[float, ...]:
+def to_point(value: object, argument: str) -> tuple[float, ...]:
     """Return three lengths, m, from "0,0,120mm" or numbers in m; raise InputError naming the argument otherwise."""
     parts: tuple[object, ...]
     if isinstance(value, str):
@@ -167,13 +167,13 @@ def point(value: object, argument: str) -> tuple[float, ...]:
         unit = words[-1].lstrip("+-.0123456789eE").strip()
         parts = tuple(w if w.endswith(unit) else f"{w}{unit}" for w in words)
     else:
-        parts = listed(value, argument, "(0, 0, 0.12)")
+        parts = check_list(value, argument, "(0, 0, 0.12)")
     if len(parts) != 3:
-        raise InputError(f"{shown(value)}, expected three lengths with a unit, as in 0,0,120mm", argument)
+        raise InputError(f"{brief(value)}, expected three lengths with a unit, as in 0,0,120mm", argument)
     out = [parse_quantity(p, "length", argument) if isinstance(p, str) else p for p in parts]
     largest = LARGEST["length"]
     if not all(_real(p) and abs(p) <= largest for p in out):
-        raise InputError(f"{shown(value)}, expected three lengths of at most {largest:g} m", argument)
+        raise InputError(f"{brief(value)}, expected three lengths of at most {largest:g} m", argument)
     return tuple(float(p) for p in out if _real(p))
 
 
@@ -186,13 +186,13 @@ def box_limits(value: str | Sequence[Sequence[float]], argument: str) -> Array:
     if isinstance(value, str):
         sides = [side.split(":") for side in value.split(",")]
         if [len(side) for side in sides] != [2, 2, 2]:
-            raise InputError(f"{shown(value)}, expected lowest and highest x, y and z, as in {example}", argument)
+            raise InputError(f"{brief(value)}, expected lowest and highest x, y and z, as in {example}", argument)
         unit = sides[2][1].strip().lstrip("+-.0123456789eE").strip()
-        corners = tuple(point(",".join([side[k] for side in sides]) + unit * (k == 0), argument) for k in (0, 1))
+        corners = tuple(to_point(",".join([side[k] for side in sides]) + unit * (k == 0), argument) for k in (0, 1))
     else:
-        corners = tuple(point(corner, argument) for corner in listed(value, argument, example))
+        corners = tuple(to_point(corner, argument) for corner in check_list(value, argument, example))
     if len(corners) != 2 or not all(low < high for low, high in zip(*corners, strict=True)):
-        raise InputError(f"{shown(value)}, expected lowest below highest in x, y and z, as in {example}", argument)
+        raise InputError(f"{brief(value)}, expected lowest below highest in x, y and z, as in {example}", argument)
     return np.array(corners)
 
 
@@ -217,11 +217,11 @@ def load_mechanism(
     Raises InputError for an unknown name, an invalid file, or a missing unit.
     """
     if not isinstance(source, str | Path):
-        raise InputError(f"{shown(source)}, expected the name or the file of a mechanism", "source")
+        raise InputError(f"{brief(source)}, expected the name or the file of a mechanism", "source")
     if not isinstance(frame, str | None):
-        raise InputError(f"{shown(frame)}, expected the name of a link", "frame")
-    mass = None if payload is None else quantity(payload, "mass", "payload")
-    com = None if payload_com is None else point(payload_com, "payload_com")
+        raise InputError(f"{brief(frame)}, expected the name of a link", "frame")
+    mass = None if payload is None else to_si(payload, "mass", "payload")
+    com = None if payload_com is None else to_point(payload_com, "payload_com")
     return MechanismChoice(str(source), frame, mass, com).load()
 
 
@@ -230,5 +230,5 @@ def mechanism_of(given: MechanismLike | None) -> Mechanism:
     if isinstance(given, str | Path):
         return load_mechanism(given)
     if not isinstance(given, Mechanism):
-        raise InputError(f"{shown(given)}, expected a mechanism, its name or its file", "mechanism")
+        raise InputError(f"{brief(given)}, expected a mechanism, its name or its file", "mechanism")
     return given

@@ -10,15 +10,15 @@ import numpy as np
 
 from gpmodel.api.arguments import (
     MechanismLike,
+    brief,
+    check_integer,
+    check_limit,
+    check_list,
+    check_share,
+    check_texts,
+    errors_about,
     file_path,
-    limit,
-    listed,
     mechanism_of,
-    naming,
-    share,
-    shown,
-    texts,
-    whole,
 )
 from gpmodel.api.fitted import FittedResult
 from gpmodel.api.model import Model, model_file
@@ -27,11 +27,11 @@ from gpmodel.application.further import with_discrepancy
 from gpmodel.application.model_file import check_table, load_model, saved_model
 from gpmodel.application.over_causes import of_the_ball
 from gpmodel.arrays import IntArray
-from gpmodel.calibration.comparison import Step, climb, growing
+from gpmodel.calibration.comparison import Step, fit_steps, nested_models
 from gpmodel.calibration.gauss_newton import calibrate as fit_model
 from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.undeclared import apart_from_effects
-from gpmodel.calibration.weigh import find_lever, hang_payload, weighed
+from gpmodel.calibration.weigh import find_lever, hang_payload, with_weights
 from gpmodel.checks.judge import refuse
 from gpmodel.checks.warnings import poor_fit
 from gpmodel.errors import InputError
@@ -117,11 +117,11 @@ def calibrate(
     diverging fit.
     """
     started = time.perf_counter()
-    fraction, seed = share(holdout, "holdout"), whole(seed, "seed")
-    condition_limit = limit(condition_limit, "condition_limit", 1.0)
-    named_effects = listed(effects, "effects", "['base_compliance']")
+    fraction, seed = check_share(holdout, "holdout"), check_integer(seed, "seed")
+    condition_limit = check_limit(condition_limit, "condition_limit", 1.0)
+    named_effects = check_list(effects, "effects", "['base_compliance']")
     arm = mechanism_of(mechanism)
-    geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
+    geometry = standard_effects(arm, check_texts(standard, "standard", "('J* R?',)"))
     known = None if fleet is None else _fleet_of(fleet, named_effects)
     table = specified(read_table(table, arm), instrument)
     arm, poses = checked_poses(arm, table, geometry if known is None else ())
@@ -133,8 +133,8 @@ def calibrate(
     seen, unseen = poses.subset(train), poses.subset(held)
     note = ""
     if known is None:
-        models = growing(geometry, groups)
-        steps = climb(arm, models, seen, unseen, condition_limit, seed)
+        models = nested_models(geometry, groups)
+        steps = fit_steps(arm, models, seen, unseen, condition_limit, seed)
         final = fit_model(ErrorModel(arm, models[-1][1]), poses, condition_limit=condition_limit, seed=seed)
         final = apart_from_effects(final, poses)
     else:
@@ -187,7 +187,7 @@ def checked_poses(
     check_table(dataset)
     poses = prepare(mechanism, dataset)
     refuse(mechanism, poses, standard)
-    poses = weighed(mechanism, poses)
+    poses = with_weights(mechanism, poses)
     mechanism, poses = hang_payload(mechanism, poses)
     return find_lever(mechanism, poses), poses
 
@@ -195,7 +195,7 @@ def checked_poses(
 def measured_joints(joints: Sequence[str], mechanism: Mechanism) -> list[tuple[str, tuple[Effect, ...]]]:
     """Read the joint results "BALL=RESULT", one per ball; raise InputError if a ball or a result is missing."""
     out = []
-    for said in texts(joints, "joints", "('L3.fixed=rig',)"):
+    for said in check_texts(joints, "joints", "('L3.fixed=rig',)"):
         name, _, result = said.partition("=")
         if not result:
             raise InputError(f"'{said}', expected BALL=RESULT, as in L3.fixed=rig", "joints")
@@ -205,14 +205,14 @@ def measured_joints(joints: Sequence[str], mechanism: Mechanism) -> list[tuple[s
 
 def named_group(effect: object, mechanism: Mechanism, poses: Poses) -> tuple[str, tuple[Effect, ...]]:
     """Return the name and the effects of one step of the calibration; raise InputError for an unknown effect."""
-    with naming("effects"):
+    with errors_about("effects"):
         if isinstance(effect, Effect):
             effect = in_mechanism_names(effect, mechanism, poses.states)
             check_defined(effect, mechanism, poses.states)
             return effect.name, (effect,)
         if isinstance(effect, str):
             return effect, effects_named(effect, mechanism, poses.states)
-    raise InputError(f"{shown(effect)}, expected a name or an Effect", "effects")
+    raise InputError(f"{brief(effect)}, expected a name or an Effect", "effects")
 
 
 def split(dataset: Dataset, holdout: float, seed: int) -> tuple[IntArray, IntArray]:

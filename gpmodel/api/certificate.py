@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gpmodel.api.arguments import file_path, quantity, shown
+from gpmodel.api.arguments import brief, file_path, to_si
 from gpmodel.api.model import Model, load_model
 from gpmodel.api.saved import record_of
 from gpmodel.api.table import Shown
@@ -87,9 +87,9 @@ def certificate(
     tolerance: largest allowed error of a pose, "0.1 mm", for pass or fail.
     Raises InputError if `result` is not a result or a folder, or if no positions were measured.
     """
-    limit = None if tolerance is None else 1e3 * quantity(tolerance, "length", "tolerance", positive=True)
+    limit = None if tolerance is None else 1e3 * to_si(tolerance, "length", "tolerance", positive=True)
     if not isinstance(particulars, str | Path | Particulars | None):
-        raise InputError(f"{shown(particulars)}, expected a TOML file or Particulars of the certificate", "particulars")
+        raise InputError(f"{brief(particulars)}, expected a TOML file or Particulars of the certificate", "particulars")
     known = (
         read_particulars(file_path(particulars, "particulars")) if isinstance(particulars, str | Path) else particulars
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import MechanismLike, called, file_path, mechanism_of, texts
+from gpmodel.api.arguments import MechanismLike, check_function, check_texts, file_path, mechanism_of
 from gpmodel.api.table import Shown, TableLike, read_table, specified, told_of_reading
 from gpmodel.arrays import Array
 from gpmodel.checks.judge import Remark, check_dataset
@@ -159,9 +159,9 @@ def check(
     Raises InputError if the table cannot be read.
     """
     arm = mechanism_of(mechanism)
-    called(progress, "progress")
+    check_function(progress, "progress")
     told_of_reading(table, progress)
     dataset = specified(read_table(table, arm), instrument)
-    geometry = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
+    geometry = standard_effects(arm, check_texts(standard, "standard", "('J* R?',)"))
     findings = check_dataset(arm, dataset, geometry, Teller(progress))
     return CheckResult(arm.name, dataset, tuple(findings), command)

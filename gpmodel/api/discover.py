@@ -14,23 +14,23 @@ from gpmodel import wording
 from gpmodel.api.arguments import (
     NOISIEST,
     MechanismLike,
-    called,
-    limit,
-    listed,
+    brief,
+    check_function,
+    check_integer,
+    check_limit,
+    check_list,
+    check_number,
+    check_share,
+    check_texts,
+    errors_about,
     mechanism_of,
-    naming,
-    number,
-    share,
-    shown,
-    texts,
-    whole,
 )
 from gpmodel.api.calibrate import checked_poses, fleet_at, measured_joints
 from gpmodel.api.evolve import evolved, selecting
 from gpmodel.api.fitted import FittedResult
 from gpmodel.api.model import Model
 from gpmodel.api.table import TableLike, in_metres, read_table, specified
-from gpmodel.application.further import unseen_of, with_discrepancy
+from gpmodel.application.further import heldout_fits, with_discrepancy
 from gpmodel.application.model_file import check_kept, saved_model
 from gpmodel.application.over_causes import over_causes
 from gpmodel.calibration.comparison import Step
@@ -99,7 +99,7 @@ class DiscoveryResult(FittedResult):
         noise = self.origin.noise
         if noise is None and data.instrument is not None:
             noise = data.instrument.noise(data.position)
-        return Model(with_discrepancy(saved, found.final, found.poses, unseen_of(found), noise))
+        return Model(with_discrepancy(saved, found.final, found.poses, heldout_fits(found), noise))
 
     @property
     def fit(self) -> tuple[Calibration, Poses]:
@@ -163,9 +163,9 @@ def discover(
     command: command line recorded in the report. Raises InputError for an argument out of range or an invalid table.
     """
     search, criteria = _sensible(Search() if search is None else search, Criteria() if criteria is None else criteria)
-    seed = whole(seed, "seed")
-    offers = distinct(listed(candidates, "candidates", "(*gp.catalogue, mine)"))
-    called(progress, "progress")
+    seed = check_integer(seed, "seed")
+    offers = distinct(check_list(candidates, "candidates", "(*gp.catalogue, mine)"))
+    check_function(progress, "progress")
     arm = mechanism_of(mechanism)
     geometry = _geometry(arm, standard)
     table = specified(read_table(table, arm), instrument)
@@ -174,7 +174,7 @@ def discover(
     floor = None if noise is None else in_metres(noise, poses.dataset, "noise", NOISIEST)
     handed = tuple(effect for _, effects in measured_joints(joints, arm) for effect in effects)
     run = partial(run_loop, arm, criteria=criteria, candidates=offers, standard=(*geometry, *handed),
-                  condition_limit=limit(condition_limit, "condition_limit", 1.0), seed=seed)  # fmt: skip
+                  condition_limit=check_limit(condition_limit, "condition_limit", 1.0), seed=seed)  # fmt: skip
     started = partial(_started, known, arm)
     whole_run = started(partial(run, search=search, progress=_in_table_names(progress, poses.dataset), kept=kept))
     fraction, parts = _split(holdout, folds, poses.dataset)
@@ -222,10 +222,11 @@ def _placed(
 
 def _geometry(arm: Mechanism, standard: Sequence[str]) -> tuple[Effect, ...]:
     """Return the geometric constants that match the patterns; raise InputError if no constant matches."""
-    found = standard_effects(arm, texts(standard, "standard", "('J* R?',)"))
+    found = standard_effects(arm, check_texts(standard, "standard", "('J* R?',)"))
     if not found:
         raise InputError(
-            f"{shown(standard)}, expected geometric parameters of the standard model, as in ('J* R?',)", "standard"
+            f"{brief(standard)}, expected geometric parameters of the standard model, as in ('J* R?',)",
+            "standard",
         )
     return found
 
@@ -252,7 +253,7 @@ def _checked_offers(offers: Sequence[Offer], arm: Mechanism, states: States) -> 
 
     Raises InputError for an effect that model.json cannot hold, or that is undefined at a pose.
     """
-    with naming("candidates"):
+    with errors_about("candidates"):
         offers = tuple(_in_mechanism_names(offer, arm, states) for offer in offers)
         for offer in offers:
             for effect in chain.from_iterable(c.effects for c in instances(offer, arm, states)):
@@ -271,9 +272,9 @@ def _split(holdout: object, folds: object, dataset: Dataset) -> tuple[float, int
     """Return the share to hold out, and the number of folds, 0 for none. Raises InputError if both are given."""
     check_split(holdout, folds)
     if folds is not None:
-        return 0.0, whole(folds, "folds", 2)
+        return 0.0, check_integer(folds, "folds", 2)
     if holdout is not None:
-        return share(holdout, "holdout", positive=True), 0
+        return check_share(holdout, "holdout", positive=True), 0
     units = int(bundles(dataset).max(initial=-1)) + 1
     return USUAL, FOLDS if USUAL * different_poses(dataset) < ENOUGH_HELD and units >= FOLDS else 0
 
@@ -291,7 +292,7 @@ def check_split(holdout: object, folds: object) -> None:
     if holdout is not None and folds is not None:
         raise InputError("cannot be combined with holdout; expected one of the two", "folds")
     if holdout is not None:
-        share(holdout, "holdout", positive=True)
+        check_share(holdout, "holdout", positive=True)
 
 
 LEAST = {"workers": 1, "population": 4, "opening_population": 4, "folds": 2, "blocks": 2, "shuffles": 1}
@@ -304,15 +305,15 @@ def _sensible(search: Search, criteria: Criteria) -> tuple[Search, Criteria]:
     Raises InputError that names the argument of a wrong type, or the first invalid field.
     """
     if not isinstance(search, Search):
-        raise InputError(f"{shown(search)}, expected gpmodel.Search(...)", "search")
+        raise InputError(f"{brief(search)}, expected gpmodel.Search(...)", "search")
     if not isinstance(criteria, Criteria):
-        raise InputError(f"{shown(criteria)}, expected gpmodel.Criteria(...)", "criteria")
-    limit(search.stop_after, "stop_after", 0.0)
+        raise InputError(f"{brief(criteria)}, expected gpmodel.Criteria(...)", "criteria")
+    check_limit(search.stop_after, "stop_after", 0.0)
     evolved(search.strategies)
     selecting(search.selection, "selection")
     for field, value in ((f, getattr(owner, f.name)) for owner in (search, criteria) for f in fields(owner)):
         if isinstance(field.default, int):
-            whole(value, field.name, LEAST.get(field.name, 0))
+            check_integer(value, field.name, LEAST.get(field.name, 0))
         elif isinstance(field.default, float):
-            number(value, field.name, 0.0)
+            check_number(value, field.name, 0.0)
     return search, criteria

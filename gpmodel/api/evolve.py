@@ -13,16 +13,16 @@ import pandas as pd
 
 from gpmodel.api.arguments import (
     MechanismLike,
-    among,
-    called,
+    brief,
+    check_choice,
+    check_function,
+    check_integer,
+    check_limit,
+    check_list,
+    check_share,
+    check_texts,
     file_path,
-    limit,
-    listed,
     mechanism_of,
-    share,
-    shown,
-    texts,
-    whole,
 )
 from gpmodel.api.calibrate import checked_poses, named_group, split
 from gpmodel.api.model import Model, load_model
@@ -81,9 +81,9 @@ class Effort:
 def evolved(value: object) -> tuple[Representation, ...]:
     """Return program representations with different names; raise InputError naming `strategies` otherwise."""
     chosen: list[Representation] = []
-    for strategy in listed(value, "strategies", "(gp.Linear(), gp.Tree())"):
+    for strategy in check_list(value, "strategies", "(gp.Linear(), gp.Tree())"):
         if isinstance(strategy, type) or not isinstance(strategy, Representation):
-            raise InputError(f"{shown(strategy)}, expected gpmodel.Linear(...) or gpmodel.Tree(...)", "strategies")
+            raise InputError(f"{brief(strategy)}, expected gpmodel.Linear(...) or gpmodel.Tree(...)", "strategies")
         chosen.append(strategy)
     if not chosen:
         raise InputError("(), expected gpmodel.Linear(), gpmodel.Tree() or both", "strategies")
@@ -96,7 +96,7 @@ def evolved(value: object) -> tuple[Representation, ...]:
 def selecting(value: object, argument: str) -> SelectionScheme:
     """Return a selection scheme; raise InputError naming the argument for any other object."""
     if isinstance(value, type) or not isinstance(value, SelectionScheme):
-        raise InputError(f"{shown(value)}, expected gpmodel.Truncation(...) or gpmodel.Tournament(...)", argument)
+        raise InputError(f"{brief(value)}, expected gpmodel.Truncation(...) or gpmodel.Tournament(...)", argument)
     return value
 
 
@@ -273,16 +273,16 @@ def evolve(
     fitted to outliers too.
     workers, executor, kept: see `discover`. Raises InputError for an argument out of range.
     """
-    fraction, seed, count = share(holdout, "holdout"), whole(seed, "seed"), whole(runs, "runs", 1)
-    space, norm = among(space, SPACES, "space"), among(norm, NORMS, "norm")
-    called(progress, "progress")
+    fraction, seed, count = check_share(holdout, "holdout"), check_integer(seed, "seed"), check_integer(runs, "runs", 1)
+    space, norm = check_choice(space, SPACES, "space"), check_choice(norm, NORMS, "norm")
+    check_function(progress, "progress")
     with extra_for("gpmodel.evolve"):
         import gpmodel.evolution.kernels.compiler  # noqa: F401
-    side_by_side = Forks(whole(workers, "workers")) if executor is None else executor
+    side_by_side = Forks(check_integer(workers, "workers")) if executor is None else executor
     effort = _effort(population, generations, seconds, selection)
     settings = settings_for(space, default_strategies(space) if strategies is None else evolved(strategies), effort)
-    arm = mechanism_of(mechanism)
-    named, patterns = listed(effects, "effects", "['base_compliance']"), texts(standard, "standard", "('J* R?',)")
+    arm, named = mechanism_of(mechanism), check_list(effects, "effects", "['base_compliance']")
+    patterns = check_texts(standard, "standard", "('J* R?',)")
     known = standard_effects(arm, patterns) if model is None else _effects_of(model, arm, patterns)
     arm, poses = checked_poses(arm, table, tuple(e for e in known if e.constant))
     models = _models(known, [named_group(effect, arm, poses) for effect in named])
@@ -354,8 +354,8 @@ def _finished(
 def _effort(population: object, generations: object, seconds: object, selection: object) -> Effort:
     """Return the requested size of a run of genetic programming; raise InputError for the first invalid number."""
     return Effort(
-        None if population is None else whole(population, "population", 4),
-        None if generations is None else whole(generations, "generations"),
-        limit(seconds, "seconds", 0.0),
+        None if population is None else check_integer(population, "population", 4),
+        None if generations is None else check_integer(generations, "generations"),
+        check_limit(seconds, "seconds", 0.0),
         None if selection is None else selecting(selection, "selection"),
     )

@@ -9,11 +9,19 @@ import numpy as np
 import pandas as pd
 
 from gpmodel._version import __version__
-from gpmodel.api.arguments import MechanismLike, called, file_path, listed, mechanism_of, share, whole
+from gpmodel.api.arguments import (
+    MechanismLike,
+    check_function,
+    check_integer,
+    check_list,
+    check_share,
+    file_path,
+    mechanism_of,
+)
 from gpmodel.api.calibrate import CalibrationResult, checked_poses, named_group, split
 from gpmodel.api.results import save_model, write_results
 from gpmodel.api.table import Shown, TableLike
-from gpmodel.calibration.comparison import Models, Step, climb, growing, step_of
+from gpmodel.calibration.comparison import Models, Step, fit_steps, nested_models, step_of
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.errors import InputError
 from gpmodel.executor import Forks, Workers
@@ -185,24 +193,24 @@ def fleet(
     Raises InputError for fewer than two machines, a repeated serial number or table, an invalid table, an unknown
     effect, or a diverging fit.
     """
-    fraction, seed = share(holdout, "holdout"), whole(seed, "seed")
-    given = None if effects is None else listed(effects, "effects", "['base_compliance']")
-    called(progress, "progress")
+    fraction, seed = check_share(holdout, "holdout"), check_integer(seed, "seed")
+    given = None if effects is None else check_list(effects, "effects", "['base_compliance']")
+    check_function(progress, "progress")
     say = Teller(progress)
     machines = machines_of(mechanism, tables)
     arms = list(machines.values())
     rows = [split(poses.dataset, fraction, seed) for _, poses in arms]
-    side_by_side = Forks(whole(workers, "workers")) if executor is None else executor
+    side_by_side = Forks(check_integer(workers, "workers")) if executor is None else executor
     kept = KeptMachines() if journal is None else journal
     tasks = [Searched(arm, poses, of, seed) for (arm, poses), of in zip(arms, rows, strict=True)]
     named, own, chosen = _effects(given, FleetSearch(list(machines), tasks, side_by_side, kept, say))
     geometry = geometric_effects(arms[0][0])
-    models = [growing(geometry, (*named, *((OWN, extra) for extra in [of] if extra))) for of in own]
+    models = [nested_models(geometry, (*named, *((OWN, extra) for extra in [of] if extra))) for of in own]
     say("every machine by its own poses, then with what it shares with the others")
     alone = [
         calibrate(ErrorModel(arm, of[-1][1]), poses, seed=seed) for (arm, poses), of in zip(arms, models, strict=True)
     ]
-    effects = growing(geometry, named)[-1][1]
+    effects = nested_models(geometry, named)[-1][1]
     final = calibrate_fleet(arms, alone, effects)
     steps = _judged(arms, rows, models, effects, seed)
     for serial, *fits in zip(machines, final.alone, final.own, final.shrunken, strict=True):
@@ -239,7 +247,8 @@ def _judged(
     seen = [(arm, poses.subset(train)) for (arm, poses), (train, _) in zip(machines, rows, strict=True)]
     held = [poses.subset(out) for (_, poses), (_, out) in zip(machines, rows, strict=True)]
     steps = [
-        climb(arm, of, poses, unseen, seed=seed) for (arm, poses), unseen, of in zip(seen, held, models, strict=True)
+        fit_steps(arm, of, poses, unseen, seed=seed)
+        for (arm, poses), unseen, of in zip(seen, held, models, strict=True)
     ]
     together = calibrate_fleet(seen, [of[-1].calibration for of in steps], effects)
     return [

@@ -10,16 +10,16 @@ import pandas as pd
 
 from gpmodel.api.arguments import (
     MechanismLike,
-    among,
     box_limits,
-    called,
+    brief,
+    check_bool,
+    check_choice,
+    check_function,
+    check_integer,
+    check_number,
+    check_text,
     file_path,
     mechanism_of,
-    number,
-    shown,
-    switch,
-    text,
-    whole,
 )
 from gpmodel.api.table import (
     Described,
@@ -98,9 +98,9 @@ class Model(Shown):
         self, poses: TableLike, as_measured: bool, session: bool, in_order: bool, progress: Say = silent
     ) -> tuple[pd.DataFrame, Array]:
         """Return predicted positions, as `predict` does, and their errors, as `misses` does, computed together."""
-        called(progress, "progress")
-        as_measured, session = switch(as_measured, "as_measured"), switch(session, "session")
-        in_order = switch(in_order, "in_order")
+        check_function(progress, "progress")
+        as_measured, session = check_bool(as_measured, "as_measured"), check_bool(session, "session")
+        in_order = check_bool(in_order, "in_order")
         told_of_reading(poses, progress)
         frame, text, path = frame_to_extend(poses, self.mechanism, "poses")
         dataset = (
@@ -141,11 +141,11 @@ class Model(Shown):
         seed: random seed of the initial joint values for Cartesian targets.
         Raises InputError for a table without joint values or positions, or for targets that do not fit the model.
         """
-        degrees = number(max_move, "max_move", 0.0, 360.0)
-        session, in_order = switch(session, "session"), switch(in_order, "in_order")
+        degrees = check_number(max_move, "max_move", 0.0, 360.0)
+        session, in_order = check_bool(session, "session"), check_bool(in_order, "in_order")
         frame, text, path = frame_to_extend(targets, self.mechanism, "targets")
-        saved, rng = placed_now(usable(self.saved, session=session)), np.random.default_rng(whole(seed, "seed"))
-        saved = of_frame(saved) if among(point, POINTS, "point") == "frame" else saved
+        saved, rng = placed_now(usable(self.saved, session=session)), np.random.default_rng(check_integer(seed, "seed"))
+        saved = of_frame(saved) if check_choice(point, POINTS, "point") == "frame" else saved
         frame = frame if isinstance(targets, pd.DataFrame) else with_numbers(frame)
         return compensated(saved, frame, targets_in(saved, text, path, rng, in_order), float(np.radians(degrees)))
 
@@ -158,9 +158,9 @@ class Model(Shown):
         another frame, a mechanism with more than six joints, or if no row has corrected values.
         """
         if not isinstance(corrected, pd.DataFrame):
-            raise InputError(f"{shown(corrected)}, expected the frame that compensate gives", "corrected")
-        module = text(name, "name", "the name of a program")
-        return program_text(self.mechanism, corrected, among(language, LANGUAGES, "language"), module)
+            raise InputError(f"{brief(corrected)}, expected the frame that compensate gives", "corrected")
+        module = check_text(name, "name", "the name of a program")
+        return program_text(self.mechanism, corrected, check_choice(language, LANGUAGES, "language"), module)
 
     def export(
         self,
@@ -192,11 +192,11 @@ class Model(Shown):
             from gpmodel.application.exports.sample import Place
 
         limits = None if box is None else box_limits(box, "box")
-        setup = None if setup is None else text(setup, "setup", "the name of a set-up")
-        tool = None if tool is None else text(tool, "tool", "the name of a tool")
+        setup = None if setup is None else check_text(setup, "setup", "the name of a set-up")
+        tool = None if tool is None else check_text(tool, "tool", "the name of a tool")
         place = Place.of(self.saved, setup, tool)
-        count = NODES if nodes is None else whole(nodes, "nodes", 2, MOST_NODES)
-        made = exports_of(self.saved, place, box=limits, nodes=count, seed=whole(seed, "seed"))
+        count = NODES if nodes is None else check_integer(nodes, "nodes", 2, MOST_NODES)
+        made = exports_of(self.saved, place, box=limits, nodes=count, seed=check_integer(seed, "seed"))
         if box is not None and GRID in made.refused:
             raise InputError(made.refused[GRID], "box")
         return ExportsResult(self.mechanism.name, made)
@@ -212,7 +212,7 @@ class Model(Shown):
         from gpmodel.report.verification import VerifyRequest
 
         asked = VerifyRequest("gpmodel.verify", "model", self.sha256)
-        return verify_saved(self.saved, table, asked, tolerance, switch(in_order, "in_order"), sights)
+        return verify_saved(self.saved, table, asked, tolerance, check_bool(in_order, "in_order"), sights)
 
     def misses(
         self, poses: TableLike, *, as_measured: bool = False, session: bool = False, in_order: bool = False

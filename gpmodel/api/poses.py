@@ -11,16 +11,16 @@ import pandas as pd
 from gpmodel.api.arguments import (
     NOISIEST,
     MechanismLike,
-    among,
     box_limits,
-    called,
+    check_bool,
+    check_choice,
+    check_function,
+    check_integer,
+    check_number,
     file_path,
     mechanism_of,
-    number,
-    point,
-    quantity,
-    switch,
-    whole,
+    to_point,
+    to_si,
 )
 from gpmodel.api.calibrate import fleet_at
 from gpmodel.api.model import Model, read_result
@@ -296,18 +296,18 @@ def choose_poses(
     of one coordinate, for the curve before a result. count: None for 40, or as many as a decision needs.
     Raises InputError for too few poses for the criterion, too few admissible poses, or an unreachable target.
     """
-    called(progress, "progress")
-    wanted = POOLED if count is None else whole(count, "count", 1, MOST)
-    tell, rng = Teller(progress), np.random.default_rng(whole(seed, "seed"))
+    check_function(progress, "progress")
+    wanted = POOLED if count is None else check_integer(count, "count", 1, MOST)
+    tell, rng = Teller(progress), np.random.default_rng(check_integer(seed, "seed"))
     model, record = (None, None) if after is None else read_result(after)
     _one_of(model, criterion=criterion, rejected=rejected, task=task, like=like)
     if model is None and mechanism is None:
         raise InputError("missing, expected a mechanism, or a result in `after`", "mechanism")
-    arm, collides = mechanism_of(mechanism) if model is None else model.mechanism, switch(collisions, "collisions")
+    arm, collides = mechanism_of(mechanism) if model is None else model.mechanism, check_bool(collisions, "collisions")
     seen = model.saved.measured.dataset.q if model and model.saved.measured else None
     reach = Reach(_box(above, box), _tool(tool_point, model), _sight(instrument, normal, cone), collides, seen)
-    spread_of = quantity(noise, "length", "noise", positive=True, most=NOISIEST)
-    kind = None if criterion is None else among(criterion, BEFORE if model is None else AFTER, "criterion")
+    spread_of = to_si(noise, "length", "noise", positive=True, most=NOISIEST)
+    kind = None if criterion is None else check_choice(criterion, BEFORE if model is None else AFTER, "criterion")
     tell(f"{wanted} poses of {arm.name}", passing=True)
     pool = closing_pool(None if model is None else model.saved, pool_of(arm, wanted, rng, reach))
     if like is not None:
@@ -315,7 +315,7 @@ def choose_poses(
     elif model is None:
         asked = _before(arm, pool, wanted, ALIASES.get(kind or "spread", kind or "spread"), spread_of)
     elif rejected is not None:
-        asked = of_rejected(model.saved, record, pool, whole(rejected, "rejected", 1), rng)
+        asked = of_rejected(model.saved, record, pool, check_integer(rejected, "rejected", 1), rng)
     elif task is not None:
         asked = of_task(model, record, pool, task, rng)
     else:
@@ -376,23 +376,23 @@ def _box(above: str | float | None, box: str | Sequence[Sequence[float]] | None)
     limits = Reach().box if box is None else box_limits(box, "box")
     if above is not None:
         limits = limits.copy()
-        limits[0, 2] = max(limits[0, 2], quantity(above, "length", "above", least=-np.inf))
+        limits[0, 2] = max(limits[0, 2], to_si(above, "length", "above", least=-np.inf))
     return limits
 
 
 def _tool(given: str | Sequence[float] | None, model: Model | None) -> Array:
     if given is not None:
-        return np.array(point(given, "tool_point"))
+        return np.array(to_point(given, "tool_point"))
     return np.zeros(3) if model is None else next(iter(model.saved.placement.tool.values()))[:3, 3]
 
 
 def _sight(instrument: str | Sequence[float] | None, normal: Sequence[float], cone: float | None) -> Sight | None:
-    axis = np.array(point(normal, "normal"))
+    axis = np.array(to_point(normal, "normal"))
     if not axis.any():
         raise InputError("(0, 0, 0), expected a direction in the measured frame", "normal")
-    half = CONE if cone is None else number(cone, "cone", 1e-6, 180.0)
+    half = CONE if cone is None else check_number(cone, "cone", 1e-6, 180.0)
     if instrument is None:
         if cone is not None:
             raise InputError("needs the position of the instrument; expected --instrument too", "cone")
         return None
-    return Sight(np.array(point(instrument, "instrument")), axis, float(np.radians(half)))
+    return Sight(np.array(to_point(instrument, "instrument")), axis, float(np.radians(half)))

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from gpmodel.api.arguments import file_path, number, shown, texts, whole
+from gpmodel.api.arguments import brief, check_integer, check_number, check_texts, file_path
 from gpmodel.api.table import Shown, aligned
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError, choices
@@ -56,7 +56,7 @@ class Regression(Shown):
         Raises InputError for a missing column or an invalid number.
         """
         names, values = _columns(X, self.names)
-        if law is not None and not 0 <= whole(law, "law") < len(self.laws):
+        if law is not None and not 0 <= check_integer(law, "law") < len(self.laws):
             raise InputError(f"{law}, expected 0 to {len(self.laws) - 1}", "law")
         chosen = self.best if law is None else self.laws[law]
         found = chosen.program.evaluate(dict(zip(names, values, strict=True)))[0]
@@ -116,8 +116,8 @@ def regress(
     Raises InputError for inconsistent shapes, fewer than 5 rows, values that are not finite, or a constant y.
     Source: McCullagh, Nelder (1989), links; Rissanen (1978), description length.
     """
-    seconds, seed = number(seconds, "seconds", 0.0), whole(seed, "seed")
-    given = None if names is None else texts(names, "names", "('voltage', 'speed')")
+    seconds, seed = check_number(seconds, "seconds", 0.0), check_integer(seed, "seed")
+    given = None if names is None else check_texts(names, "names", "('voltage', 'speed')")
     called, values = _columns(X, given)
     response = _response(y, values.shape[1])
     with extra_for("gpmodel.regress", "discover"):
@@ -170,4 +170,4 @@ def _numbers(value: ArrayLike, argument: str) -> Array:
     try:
         return np.asarray(value, dtype=float)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{shown(value)}, expected numbers", argument) from None
+        raise InputError(f"{brief(value)}, expected numbers", argument) from None

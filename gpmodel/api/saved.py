@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from gpmodel.api.arguments import file_path, shown, whole
+from gpmodel.api.arguments import brief, check_integer, file_path
 from gpmodel.api.fitted import RecordedResult
 from gpmodel.api.model import MODEL, Model, load_model
 from gpmodel.api.results import save_record, write_results
@@ -59,7 +59,7 @@ class SavedResult(RecordedResult):
             listed = ", ".join(map(str, able)) or "none"
             raise InputError(f"{asked}, expected the number of a finding with formulas: {listed}", "finding")
         record = self.findings[wanted[0] - 1]
-        if not 1 <= whole(formula, "formula") <= len(record.front):
+        if not 1 <= check_integer(formula, "formula") <= len(record.front):
             raise InputError(f"{formula}, expected 1 to {len(record.front)}", "formula")
         basis = Expression(record.front[formula - 1].basis)
         return tuple(_of_another_basis(e, basis) if e.name == record.name else e for e in effects)
@@ -207,7 +207,7 @@ def explain(result: object, number: int) -> ExplainResult:
         from gpmodel.api.poses import tellable_causes
         from gpmodel.report import explain as explained
 
-    record, wanted = record_of(result, "result"), whole(number, "number", 1)
+    record, wanted = record_of(result, "result"), check_integer(number, "number", 1)
     asked = wanted <= len(record.effects) and record.effects[wanted - 1].others
     model = _model_of(result) if asked else None
     told = tellable_causes(model, record) if model is not None else None
@@ -242,7 +242,7 @@ def model_of(given: object, argument: str) -> Model:
     model = load_model(file_path(given, argument)) if isinstance(given, str | Path) else given
     model = model if isinstance(model, Model) else getattr(model, "model", None)
     if not isinstance(model, Model):
-        raise InputError(f"{shown(given)}, expected a gpmodel.Model, a result of a fit, its folder or file", argument)
+        raise InputError(f"{brief(given)}, expected a gpmodel.Model, a result of a fit, its folder or file", argument)
     return model
 
 
@@ -252,5 +252,5 @@ def record_of(result: object, argument: str) -> Report:
         return read_report(file_path(result, argument))
     record = getattr(result, "record", None)
     if not isinstance(record, Report):
-        raise InputError(f"{shown(result)}, expected a result of calibrate or discover, or its folder", argument)
+        raise InputError(f"{brief(result)}, expected a result of calibrate or discover, or its folder", argument)
     return record

@@ -10,14 +10,14 @@ import pandas as pd
 from gpmodel.api.arguments import (
     NOISIEST,
     MechanismLike,
-    among,
+    brief,
+    check_choice,
+    check_integer,
+    check_texts,
+    errors_about,
     file_path,
     mechanism_of,
-    naming,
-    quantity,
-    shown,
-    texts,
-    whole,
+    to_si,
 )
 from gpmodel.api.model import Model
 from gpmodel.api.table import Shown, TableLike, dataset_of
@@ -97,16 +97,16 @@ def simulate(
     seed: random seed.
     Raises InputError for an invalid argument.
     """
-    dimension, usual = NOISE.get(among(instrument, INSTRUMENTS, "instrument"), ("length", "0.03 mm"))
-    spread = quantity(usual if noise is None else noise, dimension, "noise", most=NOISIEST)
-    sigma = quantity(geometry_sigma, "length", "geometry_sigma", most=NOISIEST)
-    rng = np.random.default_rng(whole(seed, "seed"))
+    dimension, usual = NOISE.get(check_choice(instrument, INSTRUMENTS, "instrument"), ("length", "0.03 mm"))
+    spread = to_si(usual if noise is None else noise, dimension, "noise", most=NOISIEST)
+    sigma = to_si(geometry_sigma, "length", "geometry_sigma", most=NOISIEST)
+    rng = np.random.default_rng(check_integer(seed, "seed"))
     arm = mechanism_of(mechanism)
-    planted = texts(effects, "effects", "['gear_harmonic J4=20 arcsec']")
+    planted = check_texts(effects, "effects", "['gear_harmonic J4=20 arcsec']")
     given = None if isinstance(poses, int) else dataset_of(poses, arm, need_measurement=False, argument="poses")
-    count = len(given) if given is not None else whole(poses, "poses", 1, MOST_ROWS)
+    count = len(given) if given is not None else check_integer(poses, "poses", 1, MOST_ROWS)
     if not isinstance(inputs, Mapping | None):
-        raise InputError(f"{shown(inputs)}, expected columns, as in {{'temperature [degC]': '20:30'}}", "inputs")
+        raise InputError(f"{brief(inputs)}, expected columns, as in {{'temperature [degC]': '20:30'}}", "inputs")
     columns = [_column(header, values, count, rng) for header, values in (inputs or {}).items()]
     payload = next((values for name, _, values in columns if name == "payload"), None)
     carried = choice_of(arm).payload
@@ -122,7 +122,7 @@ def simulate(
         scene = scene_of(instrument, arm, random_poses(arm, POOL * count, rng), count, tool_point, rng)
     q = scene.q if scene else random_poses(arm, count, rng) if given is None else given.q
     _check_columns(columns, q, arm)
-    with naming("effects"):
+    with errors_about("effects"):
         made = measure(
             arm, q, planted, rng, scene=scene,
             noise=spread, geometry_sigma=sigma, payload=payload,
@@ -137,7 +137,7 @@ def _check_columns(columns: Sequence[tuple[str, str, Array]], q: Array, arm: Mec
     """Raise InputError for columns that a measured table could not contain as inputs."""
     inputs = pd.DataFrame(dict(enumerate(values for *_, values in columns)), index=range(len(q)))
     inputs.columns = pd.Index([f"{name} [{unit}]" for name, unit, _ in columns])
-    with naming("inputs"):
+    with errors_about("inputs"):
         read = dataset_of(pd.concat([joint_table(arm, q), inputs], axis=1), arm, need_measurement=False)
         measured = [name for name, *_ in columns if name not in (*read.extra_units, *LABELS, "payload")]
         if measured:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from gpmodel.api.arguments import MechanismLike, file_path, mechanism_of, quantity, shown, switch
+from gpmodel.api.arguments import MechanismLike, brief, check_bool, file_path, mechanism_of, to_si
 from gpmodel.arrays import Array
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import LARGEST, Mechanism
@@ -94,7 +94,7 @@ def read_table(
     Raises InputError for a missing or empty file, a column with an unknown or missing unit, missing or surplus joints,
     text among numbers, no measurement, or a payload column if the mechanism has a payload.
     """
-    arm, in_order = mechanism_of(mechanism), switch(in_order, "in_order")
+    arm, in_order = mechanism_of(mechanism), check_bool(in_order, "in_order")
     given = described(cameras, board, surfaces)
     dataset = dataset_of(table, arm, need_measurement=True, described=given)
     check_told_of(dataset, given)
@@ -109,7 +109,7 @@ def specified(dataset: Dataset, instrument: object) -> Dataset:
     if instrument is None:
         return dataset
     if not isinstance(instrument, str):
-        raise InputError(f"{shown(instrument)}, {EXPECTED}", "instrument")
+        raise InputError(f"{brief(instrument)}, {EXPECTED}", "instrument")
     return replace(dataset, instrument=specification(instrument))
 
 
@@ -169,8 +169,8 @@ def in_metres(value: str | float, dataset: Dataset, name: str, most: Mapping[str
     _, unit = (isinstance(value, str) and split_quantity(value)) or (0.0, "")
     for kind in observations(dataset):
         if kind.metres is not None and factor_like(unit, kind.unit) is not None:
-            return kind.metres * quantity(value, DIMENSIONS[kind.unit], name, positive=True, most=most)
-    return quantity(value, "length", name, positive=True, most=most)
+            return kind.metres * to_si(value, DIMENSIONS[kind.unit], name, positive=True, most=most)
+    return to_si(value, "length", name, positive=True, most=most)
 
 
 def told_of_reading(source: TableLike, progress: Say) -> None:
@@ -187,7 +187,7 @@ def cells_of(source: pd.DataFrame | str | Path, argument: str = "table") -> Cell
         frame, digest = read_frame(path)
         return Cells(frame, frame, path, digest)
     if not isinstance(source, pd.DataFrame):
-        raise InputError(f"{shown(source)}, expected a file or a pandas.DataFrame", argument)
+        raise InputError(f"{brief(source)}, expected a file or a pandas.DataFrame", argument)
     if source.empty:
         raise InputError("the data frame has no rows; expected one row per pose", argument)
     kept = source.reset_index(drop=True)

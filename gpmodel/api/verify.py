@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel import wording
-from gpmodel.api.arguments import called, switch
+from gpmodel.api.arguments import check_bool, check_function
 from gpmodel.api.model import Model
 from gpmodel.api.saved import model_of
 from gpmodel.api.table import Described, Shown, TableLike, told_of_reading
@@ -202,11 +202,11 @@ def verify(
     four poses.
     """
     name, judged = Path(model).name if isinstance(model, str | Path) else "model", model_of(model, "model")
-    called(progress, "progress")
+    check_function(progress, "progress")
     told_of_reading(table, progress)
     asked = VerifyRequest(command, name, judged.sha256)
     sights = {"cameras": cameras, "board": board, "surfaces": surfaces}
-    return verify_saved(judged.saved, table, asked, tolerance, switch(in_order, "in_order"), sights)
+    return verify_saved(judged.saved, table, asked, tolerance, check_bool(in_order, "in_order"), sights)
 
 
 def verify_next(
@@ -232,4 +232,4 @@ def verify_next(
     name = Path(model).name if isinstance(model, str | Path) else "model"
     sights = {"cameras": cameras, "board": board, "surfaces": surfaces}
     asked = VerifyRequest(COMMAND, name, judged.sha256)
-    return next_check(judged.saved, table, asked, tolerance, switch(in_order, "in_order"), sights)
+    return next_check(judged.saved, table, asked, tolerance, check_bool(in_order, "in_order"), sights)

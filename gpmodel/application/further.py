@@ -26,7 +26,7 @@ from gpmodel.application.model_file import SavedModel, saved_model
 from gpmodel.application.predict import coordinate_deviations, observed_by, point_columns
 from gpmodel.application.usable import usable
 from gpmodel.arrays import Array, Count, IntArray, NotNegative
-from gpmodel.calibration.comparison import Unseen
+from gpmodel.calibration.comparison import HeldOutFit
 from gpmodel.calibration.linearise import Linearised, effect_columns
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.discovery.state import Discovery
@@ -100,7 +100,7 @@ def further_poses(fit: Calibration, poses: Poses, spread: float | None = None) -
     there = prepare(saved.mechanism, drawn.subset(closing(fit.model, drawn, fit.theta)))
     observed = observe(fit.model, there, fit.theta, fit.placement)
     excess = 1.0 if spread is None else spread / fit.sigma
-    columns = point_columns(saved, there, observed, fit.covariance.others)
+    columns = point_columns(saved, there, observed, fit.covariance.alternatives)
     return _over_worlds(columns, fit.covariance.predictive, noise, excess, rng)
 
 
@@ -152,11 +152,11 @@ def shipped(found: Discovery) -> int:
     return len(found.steps) - 1 if found.confirmed else 1
 
 
-def unseen_of(found: Discovery) -> tuple[Unseen, ...]:
+def heldout_fits(found: Discovery) -> tuple[HeldOutFit, ...]:
     """Return the fits of the saved step with their held-out poses: one fit per fold, or a single fit."""
     number = shipped(found)
     return tuple(
-        Unseen(part.step(number).calibration, part.poses.subset(part.train), part.poses.subset(part.heldout))
+        HeldOutFit(part.step(number).calibration, part.poses.subset(part.train), part.poses.subset(part.heldout))
         for part in found.parts or (found,)
         if len(part.heldout)
     )
@@ -170,19 +170,19 @@ def predicted_errors(saved: SavedModel, poses: Poses, *, as_measured: bool) -> A
     return pose_error(observed_by(usable(saved, session=as_measured), poses)[1], poses.dataset)
 
 
-def unseen_errors(poses: Poses, parts: Sequence[Unseen], *, as_measured: bool) -> Array:
+def heldout_errors(poses: Poses, parts: Sequence[HeldOutFit], *, as_measured: bool) -> Array:
     """Return the 3-D error of every pose by the fit that excluded the pose, m; NaN without such a fit."""
     out = np.full(len(poses), np.nan)
     for part in parts:
         asked = part.known
         if len(asked):
             at = np.isin(poses.dataset.row, asked.dataset.row)
-            out[at] = predicted_errors(saved_model(part.fit, part.seen), asked, as_measured=as_measured)
+            out[at] = predicted_errors(saved_model(part.fit, part.train), asked, as_measured=as_measured)
     return out
 
 
 def with_discrepancy(
-    saved: SavedModel, fit: Calibration, poses: Poses, parts: Sequence[Unseen] = (), noise: float | None = None
+    saved: SavedModel, fit: Calibration, poses: Poses, parts: Sequence[HeldOutFit] = (), noise: float | None = None
 ) -> SavedModel:
     """Add noise and model discrepancy of one coordinate, m, to a model fitted to `poses`.
 
@@ -210,7 +210,7 @@ def _by_other_causes(saved: SavedModel, poses: Poses) -> float:
     """Return the mean variance of a fitted coordinate due to alternative causes of the findings, m²."""
     if not len(saved.covariance.over_causes):
         return 0.0
-    alone = replace(saved, covariance=replace(saved.covariance, others=(), over_causes=np.zeros((0, 0))))
+    alone = replace(saved, covariance=replace(saved.covariance, alternatives=(), over_causes=np.zeros((0, 0))))
     at, observed = observed_by(saved, poses)
     both, one = (np.mean(coordinate_deviations(model, at, observed) ** 2) for model in (saved, alone))
     return float(both - one)
@@ -220,13 +220,13 @@ def _whole(poses: Poses) -> IntArray:
     return np.flatnonzero(np.isfinite(poses.dataset.position).all(axis=1))
 
 
-def _by_parameters(part: Unseen) -> tuple[Array, Array]:
+def _by_parameters(part: HeldOutFit) -> tuple[Array, Array]:
     """Return the squared errors of held-out coordinates, and the variance due to the parameters, both m²."""
     asked = part.known
     asked = asked.subset(_whole(asked))
     if not len(asked):
         return np.zeros((0, 3)), np.zeros((0, 3))
-    saved = usable(saved_model(part.fit, part.seen), session=True)
+    saved = usable(saved_model(part.fit, part.train), session=True)
     poses, observed = observed_by(saved, asked)
     left = poses.dataset.position - observed.tip[:, :3, 3]
     return left**2, coordinate_deviations(saved, poses, observed) ** 2
@@ -264,10 +264,10 @@ def noise_within(fit: Calibration, poses: Poses) -> float:
         return fit.sigma
     ours = poses.subset(rows)
     problem = problem_at(fit, ours)
-    if problem.left is not None:
+    if problem.reduced is not None:
         return fit.sigma
     point = np.nonzero(problem.weights > 0)[1] < 3
-    fitted = rank.orthonormal(problem.columns[point][:, problem.free(fit.kept)])
+    fitted = rank.orthonormal(problem.columns[point][:, problem.free(fit.free)])
     rest = np.linalg.qr(fitted, mode="complete")[0][:, fitted.shape[1] :]
     if rest.shape[1] < FEWEST:
         return fit.sigma

@@ -254,7 +254,7 @@ def model_content(saved: SavedModel, **more: object) -> dict[str, object]:
         "covariance": [row[: k + 1] for k, row in enumerate(saved.covariance.values)],
         "unknowns": saved.covariance.placement,
         "centre_m": saved.covariance.centre,
-        "others": [_effect_content(effect, 0.0, np.nan) for effect in saved.covariance.others],
+        "others": [_effect_content(effect, 0.0, np.nan) for effect in saved.covariance.alternatives],
         "over_causes": [row[: k + 1] for k, row in enumerate(saved.covariance.over_causes)],
         "ranges": {name: list(limits) for name, limits in saved.ranges.items()},
         "registration": dict(saved.placement.registration),

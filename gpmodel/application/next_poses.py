@@ -12,7 +12,7 @@ from gpmodel.application.exports.sample import at_joint_values, measured_table
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.predict import point_columns
 from gpmodel.arrays import Array, IntArray
-from gpmodel.calibration.unmeasured_joints import what_is_left
+from gpmodel.calibration.unmeasured_joints import without_joint_motion
 from gpmodel.families import catalogue
 from gpmodel.mechanism.protocol import closed
 from gpmodel.model.effect import Effect
@@ -146,7 +146,7 @@ class Outlook:
         saved = self.saved
         observed = observe(saved.model, poses, saved.theta, saved.placement)
         columns = point_columns(saved, poses, observed, more) / saved.sigma
-        return what_is_left(saved.mechanism, observed, np.ones(columns.shape[:2], dtype=bool), columns)
+        return without_joint_motion(saved.mechanism, observed, np.ones(columns.shape[:2], dtype=bool), columns)
 
 
 def _question(here: Array, there: Array, weight: Array, believed: Array) -> Question:

@@ -15,8 +15,8 @@ from threadpoolctl import threadpool_limits
 
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array
-from gpmodel.calibration.priors import beliefs
-from gpmodel.calibration.result import Calibration, Placed, placed_numbers, problem_at
+from gpmodel.calibration.priors import fit_priors
+from gpmodel.calibration.result import Calibration, PlacementNumber, placement_numbers, problem_at
 from gpmodel.calibration.rivals import ROW, UNKNOWNS, of_the_session
 from gpmodel.discovery.state import Discovery
 from gpmodel.errors import InputError, choices
@@ -212,7 +212,7 @@ def _system_of_fit(residual: Residual) -> Array:
     """
     fit, problem = residual.calibration, residual.problem
     kept = np.isin([e.name for e in fit.model.effects], residual.names)
-    believed = beliefs(fit.model, problem, fit.theta, fit.placement, kept)
+    believed = fit_priors(fit.model, problem, fit.theta, fit.placement, kept)
     return np.asarray(np.vstack([problem.columns, believed.rows])[:, problem.free(kept)])
 
 
@@ -239,16 +239,18 @@ def uncertain(fit: Calibration, poses: Poses, places: Sequence[CausesThere]) -> 
         for place in places
     ]
     others = _effects(anywhere)
-    covariance = replace(fit.covariance, others=others, over_causes=_moments(fit, anywhere))
-    return replace(fit, stderr=stderr, covariance=covariance, placed=_placed(fit, poses, moments[:first, :first]))
+    covariance = replace(fit.covariance, alternatives=others, over_causes=_moments(fit, anywhere))
+    return replace(
+        fit, stderr=stderr, covariance=covariance, placement_numbers=_placed(fit, poses, moments[:first, :first])
+    )
 
 
-def _placed(fit: Calibration, poses: Poses, moments: Array) -> tuple[Placed, ...]:
+def _placed(fit: Calibration, poses: Poses, moments: Array) -> tuple[PlacementNumber, ...]:
     """Return registration and tool with covariance replaced by the second moments over the causes."""
     problem, values = problem_at(fit, poses), fit.covariance.values[: len(moments), : len(moments)]
-    before, after = (placed_numbers(fit.placement, problem, one) for one in (values, moments))
-    variances = (p.stderr**2 + b.stderr**2 - a.stderr**2 for p, a, b in zip(fit.placed, before, after, strict=True))
-    return tuple(replace(p, stderr=max(v, 0.0) ** 0.5) for p, v in zip(fit.placed, variances, strict=True))
+    before, after = (placement_numbers(fit.placement, problem, one) for one in (values, moments))
+    numbers = zip(fit.placement_numbers, before, after, strict=True)
+    return tuple(replace(p, stderr=max(p.stderr**2 + b.stderr**2 - a.stderr**2, 0.0) ** 0.5) for p, a, b in numbers)
 
 
 def _effects(places: Sequence[CausesThere]) -> tuple[Effect, ...]:

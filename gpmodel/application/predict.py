@@ -36,7 +36,7 @@ def coordinate_deviations(saved: SavedModel, poses: Poses, observed: Observed, *
     if len(saved.stderr) and not saved.covariance.placement:
         return np.full((len(poses), 3), np.nan)
     first = 0 if placed else len(saved.covariance.placement)
-    columns = point_columns(saved, poses, observed, saved.covariance.others)[:, :, first:]
+    columns = point_columns(saved, poses, observed, saved.covariance.alternatives)[:, :, first:]
     variance: Array = np.sum((columns @ saved.covariance.predictive[first:, first:]) * columns, axis=2)
     return np.sqrt(np.maximum(variance, 0.0) + saved.discrepancy**2)
 

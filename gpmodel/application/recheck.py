@@ -255,7 +255,7 @@ class Recheck:
     @property
     def _turns(self) -> Mask:
         """Mask of the rows that are angles."""
-        if self.problem.left is not None:
+        if self.problem.reduced is not None:
             return np.zeros(len(self.z), dtype=bool)
         component = np.nonzero(self.problem.weights > 0)[1]
         first = np.unique(self.blocks.block, return_index=True)[1]
@@ -283,7 +283,7 @@ def recheck(session: Session) -> Recheck:
     rows, (functions, made_up) = blocks.means(problem.columns), _functions(session, problem)
     own = -blocks.means(made_up)
     own[:, at[known]] += rows[:, known]
-    own = np.hstack([own, blocks.means(problem.effect_rows(saved.covariance.others, saved.model))])
+    own = np.hstack([own, blocks.means(problem.effect_rows(saved.covariance.alternatives, saved.model))])
     unsure = [own @ (vectors * np.sqrt(np.maximum(values, 0.0))), blocks.means(functions)]
     u, s, _ = np.linalg.svd(np.hstack(unsure) / sigma, full_matrices=False)
     spread = Spread(sigma, u, s)

@@ -118,8 +118,8 @@ def usable(saved: SavedModel, *, session: bool = False, as_measured: bool = Fals
     found = saved if session else _after_the_session(saved)
     found = found if session or as_measured else of_the_mechanism(found)
     effects = tuple(_clamped(effect, saved.ranges) for effect in found.model.effects)
-    others = tuple(_clamped(effect, saved.ranges) for effect in found.covariance.others)
-    covariance = replace(found.covariance, others=others)
+    others = tuple(_clamped(effect, saved.ranges) for effect in found.covariance.alternatives)
+    covariance = replace(found.covariance, alternatives=others)
     return replace(found, model=ErrorModel(saved.mechanism, effects), covariance=covariance)
 
 
@@ -191,7 +191,7 @@ def _only(saved: SavedModel, kept: Mask) -> SavedModel:
         model=model,
         theta=saved.theta[kept],
         stderr=saved.stderr[kept],
-        covariance=saved.covariance.only(kept),
+        covariance=saved.covariance.subset(kept),
         input_units=_still_read(saved, model),
     )
 

@@ -50,24 +50,24 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Unseen:
-    """A fit of a model to the poses `seen`, and the poses `unseen`, which the fit has not used."""
+class HeldOutFit:
+    """A fit of a model to the poses `train`, and the poses `heldout`, which the fit has not used."""
 
     fit: Calibration
-    seen: Poses
-    unseen: Poses
+    train: Poses
+    heldout: Poses
 
     @property
     def known(self) -> Poses:
         """The unseen poses whose set-up and tool occur in the fit."""
-        return self.unseen.subset(known_rows(self.seen.dataset, self.unseen.dataset))
+        return self.heldout.subset(known_rows(self.train.dataset, self.heldout.dataset))
 
 
 Models = Sequence[tuple[str, tuple[Effect, ...]]]
 """Names of models, and the effects of each model."""
 
 
-def growing(standard: tuple[Effect, ...], groups: Models) -> Models:
+def nested_models(standard: tuple[Effect, ...], groups: Models) -> Models:
     """Return a sequence of models: registration, standard model, then one more group of effects in each model."""
     models: list[tuple[str, tuple[Effect, ...]]] = [("registration", ())]
     if standard:
@@ -77,26 +77,26 @@ def growing(standard: tuple[Effect, ...], groups: Models) -> Models:
     return models
 
 
-def climb(
-    mechanism: Mechanism, models: Models, seen: Poses, unseen: Poses, condition_limit: float | None = None,
+def fit_steps(
+    mechanism: Mechanism, models: Models, train: Poses, heldout: Poses, condition_limit: float | None = None,
     seed: int = 0,
 ) -> tuple[Step, ...]:  # fmt: skip
-    """Fit each model to the poses `seen`, starting from the previous fit; evaluate each fit on the poses `unseen`."""
+    """Fit each model to the poses `train`, starting from the previous fit; evaluate each fit on the poses `heldout`."""
     steps: list[Step] = []
     for name, of_model in models:
         start = without_outlier_marks(steps[-1].calibration) if steps else None
-        fit = calibrate(ErrorModel(mechanism, of_model), seen, condition_limit=condition_limit, start=start, seed=seed)
-        fit = apart_from_effects(fit, seen)
-        steps.append(step_of(name, fit, seen, unseen))
+        fit = calibrate(ErrorModel(mechanism, of_model), train, condition_limit=condition_limit, start=start, seed=seed)
+        fit = apart_from_effects(fit, train)
+        steps.append(step_of(name, fit, train, heldout))
     return tuple(steps)
 
 
-def step_of(name: str, fit: Calibration, seen: Poses, unseen: Poses) -> Step:
-    """Return a fit to the poses `seen` with its errors on the poses `seen` and `unseen`."""
-    known = known_rows(seen.dataset, unseen.dataset)
-    errors = np.full(len(unseen), np.nan)
+def step_of(name: str, fit: Calibration, train: Poses, heldout: Poses) -> Step:
+    """Return a fit to the poses `train` with its errors on the poses `train` and `heldout`."""
+    known = known_rows(train.dataset, heldout.dataset)
+    errors = np.full(len(heldout), np.nan)
     if len(known):
-        errors[known] = errors_on(fit, unseen.subset(known))
+        errors[known] = errors_on(fit, heldout.subset(known))
     return Step(name, fit, fit.error, errors)
 
 

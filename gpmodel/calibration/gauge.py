@@ -7,7 +7,7 @@ import numpy as np
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.size import LIMIT as SIZE_LIMIT
-from gpmodel.calibration.size import share_of_size, size_hidden
+from gpmodel.calibration.size import scale_similarity, scale_unobservable
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
@@ -32,7 +32,7 @@ def still_joints(mechanism: Mechanism, dataset: Dataset) -> tuple[str, ...]:
     return tuple(j.name for j, s in zip(mechanism.joints, still, strict=True) if s and j.measured)
 
 
-def stands_still(slots: Iterable[str], still: tuple[str, ...]) -> bool:
+def at_fixed_joints(slots: Iterable[str], still: tuple[str, ...]) -> bool:
     """Return whether all slots (frames) belong to joints that do not move; effects at such joints are redundant."""
     return {slot.rsplit(".", 1)[0] for slot in slots} <= set(still)
 
@@ -40,10 +40,10 @@ def stands_still(slots: Iterable[str], still: tuple[str, ...]) -> bool:
 def moving_sites(mechanism: Mechanism, dataset: Dataset) -> tuple[Site, ...]:
     """Return the sites (frame and axis) of a mechanism, except at joints that do not move in a table."""
     still = still_joints(mechanism, dataset)
-    return tuple(s for s in sites_of(mechanism) if not stands_still((slot for slot, _, _ in s.terms), still))
+    return tuple(s for s in sites_of(mechanism) if not at_fixed_joints((slot for slot, _, _ in s.terms), still))
 
 
-def preference(
+def inclusion_order(
     mechanism: Mechanism, effects: tuple[Effect, ...], still: tuple[str, ...] = (), growth: Array | None = None
 ) -> IntArray:
     """Return the order, as numbers, in which a fit includes effects: joint zeros, then lengths, then angles.
@@ -57,7 +57,7 @@ def preference(
     kinds = []
     for i, effect in enumerate(effects):
         places = {(t.slot, t.axis) for t in effect.terms}
-        if not stands_still(effect.slots, still):
+        if not at_fixed_joints(effect.slots, still):
             kind = 0 if places <= zeros else 1 if effect.unit == "m" else 2
             kinds.append((kind, growth[i] if growth is not None and kind == 1 else 0.0, i))
     return np.array([i for *_, i in sorted(kinds)], dtype=np.int64)
@@ -76,7 +76,7 @@ def choose(
     """Return a mask of the effects to fit, the condition limit, and the cross-validation curve of the limit.
 
     problem: linear problem at the effects' values `theta`. nominal: linear problem of the geometric constants alone, at
-    zero. Constant effects are ranked in the order of `preference` by their nominal columns, because fitted errors of a
+    zero. Constant effects are ranked in `inclusion_order` by their nominal columns, because fitted errors of a
     milliradian would make parallel axes appear distinguishable. Of the condition limits in LIMITS whose cross-validated
     error is within one standard error of the smallest, the limit with the most constants is selected, so that tables of
     one machine fit equal constants. If no measurement determines the scale, the condition limit is SIZE_LIMIT or
@@ -89,10 +89,10 @@ def choose(
     at, varying, fixed = np.flatnonzero(constant), np.flatnonzero(~constant & ~prior), problem.placement
     columns = problem.columns[:, fixed:]
     still = still_joints(model.mechanism, problem.poses.dataset)
-    hidden = size_hidden(problem)
+    hidden = scale_unobservable(problem)
     lengths = np.array([e.unit == "m" for e in model.effects], dtype=bool)
-    growth = (share_of_size(model, problem) * lengths)[at] if hidden else None
-    order = preference(model.mechanism, tuple(model.effects[i] for i in at), still, growth)
+    growth = (scale_similarity(model, problem) * lengths)[at] if hidden else None
+    order = inclusion_order(model.mechanism, tuple(model.effects[i] for i in at), still, growth)
     ranking = ident.rank(nominal.columns[:, :fixed], nominal.columns[:, fixed:], order)
     curve: tuple[ident.RankChoice, ...] = ()
     limit = condition_limit or LARGEST_LIMIT
@@ -109,7 +109,7 @@ def choose(
                 f"{problem.poses.dataset.source}: all fitted poses belong to one group; expected at least 2 groups "
                 "for the cross-validation of the condition limit, or a given condition limit"
             )
-        local = of_one_fold(problem.columns[:, :fixed], fold)
+        local = nonzero_in_one_fold(problem.columns[:, :fixed], fold)
         beside = np.hstack([problem.columns[:, :fixed][:, ~local], columns[:, varying]])
         target = problem.residual + columns[:, at] @ theta[at] + columns[:, varying] @ theta[varying]
         taken = ident.orthonormal(problem.columns[:, :fixed][:, local])
@@ -127,7 +127,7 @@ def choose(
     return kept, limit, curve
 
 
-def of_one_fold(columns: Array, fold: IntArray) -> Mask:
+def nonzero_in_one_fold(columns: Array, fold: IntArray) -> Mask:
     """Return a mask of columns that are nonzero in one fold only, such as a point that one fold alone touched.
 
     No other fold determines a column that is zero outside one fold; the column is therefore projected out.
@@ -145,8 +145,8 @@ def _largest_good(curve: tuple[ident.RankChoice, ...]) -> float:
 def _enough(problem: Linearised, held: int) -> None:
     """Raise InputError for fewer measurements than unknowns."""
     fixed = problem.columns[:, : problem.placement]
-    unknowns = (ident.orthonormal(fixed).shape[1] if problem.left else problem.placement) + held
-    if len(problem.residual) < unknowns + (problem.left is None):
+    unknowns = (ident.orthonormal(fixed).shape[1] if problem.reduced else problem.placement) + held
+    if len(problem.residual) < unknowns + (problem.reduced is None):
         raise InputError(
             f"{problem.poses.dataset.source}: {len(problem.residual)} measured values for {unknowns} unknowns; "
             "expected more poses than that or fewer parameters"

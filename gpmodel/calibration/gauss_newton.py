@@ -85,11 +85,11 @@ def _moved(fitting: Fitting, problem: Linearised, theta: Array, placement: Place
 
     The displacement is the difference of predictions with and without the effects; linear for unmeasured joints.
     """
-    if problem.left is not None:
+    if problem.reduced is not None:
         return np.asarray(problem.columns[:, problem.placement + own] @ theta[own])
     without = theta.copy()
     without[own] = 0.0
-    return fitting.beside(problem, without, placement).residual - problem.residual
+    return fitting.with_residual_at(problem, without, placement).residual - problem.residual
 
 
 def _least(columns: Array, target: Array) -> Array:
@@ -140,7 +140,7 @@ ROUNDING = 1e-6
 class _Choices:
     """Mask of the fitted effects, condition limit, and cross-validation curve of the limit."""
 
-    kept: Mask
+    free: Mask
     limit: float
     curve: tuple[RankChoice, ...]
 
@@ -226,16 +226,16 @@ def _fit(
     for attempt in range(ATTEMPTS):
         nominal = _nominal(fitting, fitted.placement)
         choices = _Choices(*choose(fitting.model, fitted.problem, nominal, fitted.theta, condition_limit, manner.seed))
-        held = np.where(choices.kept, fitted.theta, 0.0)
+        held = np.where(choices.free, fitted.theta, 0.0)
         same = np.array_equal(held, fitted.theta)
-        fitted = iterate(fitting, held, fitted.placement, choices.kept, fitted.problem if same else None)
+        fitted = iterate(fitting, held, fitted.placement, choices.free, fitted.problem if same else None)
         use = fitting.use
         if manner.robust:
             use = without_outliers(fitted.problem.observed, fitting.poses.dataset, use)
         weight = fitting.rotation_weight
         if fitting.poses.dataset.has_rotation and attempt == 0:
             weight = _rotation_weight(fitted.problem, fitting.poses)
-        ratio = pose_ratio(fitted.problem, fitting.bundle, fitting.ratio, float(choices.kept.sum()))
+        ratio = pose_ratio(fitted.problem, fitting.block, fitting.ratio, float(choices.free.sum()))
         fewer, settled = not np.array_equal(use, fitting.use), fitted.status == "converged"
         changed = np.log1p(ratio) - np.log1p(fitting.ratio), np.log(weight / fitting.rotation_weight)
         again = fewer or (settled and np.max(np.abs(changed)) > RATIO_SETTLED)
@@ -248,10 +248,10 @@ def _fit(
         fitted = replace(fitted, problem=fitting.at(fitted.theta, fitted.placement))
     reason = REASONS[fitted.status]
     fitted, choices, better = _better(fitting, fitted, choices, origin)
-    fitting, fitted = split(fitting, fitted, choices.kept)
+    fitting, fitted = split(fitting, fitted, choices.free)
     return Calibration(
-        **vars(uncertainty(fitting, fitted, choices.kept)),
-        model=fitting.model, placement=fitted.placement, theta=fitted.theta, kept=choices.kept,
+        **vars(uncertainty(fitting, fitted, choices.free)),
+        model=fitting.model, placement=fitted.placement, theta=fitted.theta, free=choices.free,
         error=pose_error(fitted.problem.observed, fitting.poses.dataset), outliers=np.flatnonzero(~fitting.use),
         condition_limit=choices.limit, rank_curve=choices.curve, rotation_weight=fitting.rotation_weight,
         pose_ratio=fitting.ratio, status=fitted.status, reason=better or reason,
@@ -270,9 +270,9 @@ def _better(
 ) -> tuple[Fitted, _Choices, str]:
     """Return the fit, or its initial values if their cost on equal poses is smaller; and the reason, "" for the fit."""
     theta, placement = origin
-    free = fitted.problem.left is not None
-    start = fitting.at(theta, placement) if free else fitting.beside(fitted.problem, theta, placement)
-    weighed = linear_step(fitting.model, fitted.problem, fitted.theta, fitted.placement, choices.kept, None)
+    free = fitted.problem.reduced is not None
+    start = fitting.at(theta, placement) if free else fitting.with_residual_at(fitted.problem, theta, placement)
+    weighed = linear_step(fitting.model, fitted.problem, fitted.theta, fitted.placement, choices.free, None)
     before = fitting.cost(start, theta, placement, weighed)
     after = fitting.cost(fitted.problem, fitted.theta, fitted.placement, weighed)
     if after <= (1.0 + ROUNDING) * before:
@@ -280,7 +280,7 @@ def _better(
     left = [1e3 * residual_sigma(problem) for problem in (fitted.problem, start)]
     text = f"{left[0]:.4g} mm a component after the fit, {left[1]:.4g} mm before it"
     kept = Fitted(placement, theta, fitting.at(theta, placement), "kept previous")
-    return kept, replace(choices, kept=choices.kept & (theta != 0.0)), text
+    return kept, replace(choices, free=choices.free & (theta != 0.0)), text
 
 
 def without_outliers(observed: Observed, dataset: Dataset, use: Mask) -> Mask:

@@ -8,7 +8,7 @@ from scipy import linalg
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised, linearise, linearise_about, residual_at
 from gpmodel.calibration.noise import decorrelate
-from gpmodel.calibration.priors import TOOL_REACH, ReadJoints, beliefs, noise_sigma, off_mean
+from gpmodel.calibration.priors import TOOL_REACH, JointPriors, fit_priors, noise_sigma, off_mean
 from gpmodel.calibration.start import placement_after
 from gpmodel.errors import OpenLoopsError
 from gpmodel.model.error_model import ErrorModel, Placement, Poses
@@ -34,7 +34,7 @@ class LinearStep:
     scale: Array
     priors: Array
     pulls: Array
-    readings: ReadJoints
+    readings: JointPriors
     factor: tuple[Array, bool] | None
     geometry: Array
     sigma: float
@@ -63,9 +63,9 @@ def linear_step(
     gram: inner products of the columns, to solve the normal equations; None to solve by QR.
     """
     free = problem.free(kept)
-    belief, sigma = beliefs(model, problem, theta, placement, kept), noise_sigma(model, problem)
+    belief, sigma = fit_priors(model, problem, theta, placement, kept), noise_sigma(model, problem)
     rows = belief.rows[:, free]
-    readings = ReadJoints.beside(problem, rows, free, sigma)
+    readings = JointPriors.select(problem, rows, free, sigma)
     rows = np.vstack([rows, readings.rows(problem)[:, free]])
     scale = np.hypot(problem.sizes[free], np.linalg.norm(rows, axis=0))
     scale[scale < ident.NEGLIGIBLE] = np.inf
@@ -76,7 +76,7 @@ def linear_step(
         inner[np.diag_indices_from(inner)] += np.sum(rows[: belief.single] ** 2, axis=0)
         inner += rows[belief.single :].T @ rows[belief.single :]
         factor = ident.factored(inner)
-    pulls = np.concatenate([belief.pulls, readings.pull(problem)])
+    pulls = np.concatenate([belief.rhs, readings.rhs(problem)])
     return LinearStep(problem, free, scale, rows, pulls, readings, factor, belief.geometry, sigma)
 
 
@@ -116,7 +116,7 @@ REASONS = {
 class Fitting:
     """Problem of a fit: the model, the poses, the mask `use` of fitted poses, and the weight of a radian, m.
 
-    bundle: number of every pose, equal for repeats.
+    block: number of every pose, equal for repeats.
     ratio: variance shared by the repeats of a pose over the variance of one measurement.
     """
 
@@ -124,7 +124,7 @@ class Fitting:
     poses: Poses
     use: Mask
     rotation_weight: float
-    bundle: IntArray
+    block: IntArray
     ratio: float = 0.0
 
     def linearised(self, theta: Array, placement: Placement) -> Linearised:
@@ -135,20 +135,20 @@ class Fitting:
         """Return the linear problem at given parameter values, with decorrelated rows of repeats."""
         return self._independent(self.linearised(theta, placement))
 
-    def about(self, observed: Observed, placement: Placement) -> Linearised:
+    def linearised_about(self, observed: Observed, placement: Placement) -> Linearised:
         """Return the linear problem about given predictions, with decorrelated rows; no joint may be unmeasured."""
         weight, use = self.rotation_weight, self.use
         return self._independent(linearise_about(observed, self.model, self.poses, placement, weight, use))
 
-    def beside(self, problem: Linearised, theta: Array, placement: Placement) -> Linearised:
+    def with_residual_at(self, problem: Linearised, theta: Array, placement: Placement) -> Linearised:
         """Return the problem with the residual at other values, unchanged columns; not valid for unmeasured joints."""
         there = residual_at(problem, self.model, theta, placement)
-        decorrelate(there, there.residual, self.bundle, self.ratio)
+        decorrelate(there, there.residual, self.block, self.ratio)
         return there
 
     def _independent(self, problem: Linearised) -> Linearised:
         for values in (problem.columns, problem.residual):
-            decorrelate(problem, values, self.bundle, self.ratio)
+            decorrelate(problem, values, self.block, self.ratio)
         return problem
 
     def cost(self, problem: Linearised, theta: Array, placement: Placement, at: LinearStep) -> float:
@@ -160,12 +160,12 @@ class Fitting:
         pulls = off_mean(self.model, theta) * at.sigma / prior
         tool = [frame[:3, 3] * at.sigma / TOOL_REACH for frame in placement.tool.values()]
         geometry = at.geometry @ theta
-        read = at.readings.pull(problem)
+        read = at.readings.rhs(problem)
         return float(sum(np.sum(np.square(part)) for part in (problem.residual, pulls, tool, geometry, read)))
 
 
 @dataclass(frozen=True)
-class Reached:
+class Iterate:
     """Current parameter values of Gauss-Newton iterations. The columns of `problem` may belong to close values."""
 
     placement: Placement
@@ -174,7 +174,7 @@ class Reached:
 
 
 @dataclass(frozen=True)
-class Fitted(Reached):
+class Fitted(Iterate):
     """Last parameter values of the Gauss-Newton iterations. status: a key of REASONS, such as "converged"."""
 
     status: str
@@ -184,25 +184,25 @@ class Fitted(Reached):
 class _Step:
     """Step of the linear problem in a Gauss-Newton iteration.
 
-    whole: step of all parameters, m and rad. fall: predicted decrease of the cost, m².
-    motion: predicted displacement of the measurements, m. turned: predicted change of the joint-value rows, m.
+    step: step of all parameters, m and rad. fall: predicted decrease of the cost, m².
+    motion: predicted displacement of the measurements, m. joint_change: predicted change of the joint-value rows, m.
     """
 
     linear: LinearStep
-    whole: Array
+    step: Array
     fall: float
     motion: Array
-    turned: Array
+    joint_change: Array
 
     @property
     def moved(self) -> float:
         """Largest displacement of a measured point by the step, as predicted by the linear problem, m."""
-        return float(max(np.max(np.abs(moved), initial=0.0) for moved in (self.motion, self.turned)))
+        return float(max(np.max(np.abs(moved), initial=0.0) for moved in (self.motion, self.joint_change)))
 
     @property
-    def anyway(self) -> bool:
+    def negligible(self) -> bool:
         """True if the step is below the tolerance, so that the step is accepted whatever the cost."""
-        return self.moved < (STEP_TOLERANCE if self.linear.problem.left is None else FREE_JOINTS_TOLERANCE)
+        return self.moved < (STEP_TOLERANCE if self.linear.problem.reduced is None else FREE_JOINTS_TOLERANCE)
 
 
 def iterate(
@@ -214,7 +214,7 @@ def iterate(
     A step that does not lower the cost enough is corrected by the error of its linear prediction, then halved. With
     unmeasured joints a step is only halved, since the rows change with the parameter values.
     """
-    here = Reached(placement, theta, problem or fitting.at(theta, placement))
+    here = Iterate(placement, theta, problem or fitting.at(theta, placement))
     last, cut, since, gram = np.inf, 0, 0.0, None
     for _ in range(MAX_ITERATIONS):
         if gram is None and here.problem.placement + kept.sum() >= MANY_COLUMNS:
@@ -225,21 +225,21 @@ def iterate(
         there, cut = _lower(fitting, here, step, max(0, cut - REGAINED))
         if there is None:
             return Fitted(**vars(here), status="stalled")
-        last, free = step.moved, here.problem.left is not None
+        last, free = step.moved, here.problem.reduced is not None
         near = not free and since + last < NEAR
         near = near and _straight(here.problem.residual - there.problem.residual, step.motion / 2**cut)
         since, gram = (since + last, gram) if near else (0.0, None)
         if not near and not free:
             theta, placement, observed = there.theta, there.placement, there.problem.observed
             del here, there, step  # with thousands of poses, three problems exceed the memory
-            there = Reached(placement, theta, fitting.about(observed, placement))
+            there = Iterate(placement, theta, fitting.linearised_about(observed, placement))
         here = there
         if last < STEP_TOLERANCE:
             return Fitted(**vars(here), status="converged")
     return Fitted(**vars(here), status="stalled")
 
 
-def _step(fitting: Fitting, here: Reached, kept: Mask, gram: Array | None) -> _Step:
+def _step(fitting: Fitting, here: Iterate, kept: Mask, gram: Array | None) -> _Step:
     """Return the step of the linear problem. With many columns, the residual that it leaves scales the priors."""
     problem, model = here.problem, fitting.model
     for _ in range(RESCALED):
@@ -253,26 +253,26 @@ def _step(fitting: Fitting, here: Reached, kept: Mask, gram: Array | None) -> _S
     return _Step(linear, whole, fall, motion, linear.readings.rows(problem) @ whole)
 
 
-def _lower(fitting: Fitting, here: Reached, step: _Step, cut: int) -> tuple[Reached | None, int]:
+def _lower(fitting: Fitting, here: Iterate, step: _Step, cut: int) -> tuple[Iterate | None, int]:
     """Return the first point along a step that lowers the cost enough, and the number of halvings of the step.
 
     The search begins after `cut` halvings. The result is None if no point lowers the cost enough. A step that opens a
     closed loop counts as too long. The point keeps the columns of the previous point, except with unmeasured joints.
     """
     before = fitting.cost(here.problem, here.theta, here.placement, step.linear)
-    count, free = here.problem.placement, here.problem.left is not None
+    count, free = here.problem.placement, here.problem.reduced is not None
     for halvings in range(cut, MAX_HALVINGS + 1):
-        part, foreseen = step.whole / 2**halvings, here.problem.residual - step.motion / 2**halvings
+        part, foreseen = step.step / 2**halvings, here.problem.residual - step.motion / 2**halvings
         enough = before - SUFFICIENT * step.fall / 2**halvings
         for corrections in range(1 if free else CORRECTIONS + 1):
             tried = placement_after(here.problem.observed, here.placement, part[:count])
             values = here.theta + part[count:]
             try:
-                problem = fitting.at(values, tried) if free else fitting.beside(here.problem, values, tried)
+                problem = fitting.at(values, tried) if free else fitting.with_residual_at(here.problem, values, tried)
             except OpenLoopsError:
                 break
-            if step.anyway or fitting.cost(problem, values, tried, step.linear) <= enough:
-                return Reached(tried, values, problem), halvings
+            if step.negligible or fitting.cost(problem, values, tried, step.linear) <= enough:
+                return Iterate(tried, values, problem), halvings
             if not free and corrections < CORRECTIONS:
                 part = part + step.linear.solved(problem.residual - foreseen, np.zeros_like(step.linear.pulls))[0]
     return None, MAX_HALVINGS

@@ -38,18 +38,18 @@ class JointReadings:
     """Linear equations for approximate joint values in the table, in units of their prior standard deviations.
 
     rows, off: left and right side of the equations. Rows are zero along joint directions that no pose determines.
-    shown: number of joint directions that the measurements determine.
+    determined: number of joint directions that the measurements determine.
     """
 
     rows: Array
     off: Array
-    shown: int
+    determined: int
 
     def error(self, used: int = 0) -> float:
         """Return the RMS error τ of the approximate joint values. used: number of unknowns fitted to joint values."""
-        return max(float(np.sqrt(np.sum(self.off**2) / max(self.shown - used, 1))), LEAST_ERROR)
+        return max(float(np.sqrt(np.sum(self.off**2) / max(self.determined - used, 1))), LEAST_ERROR)
 
-    def alone(self, informed: Array, sigma: float) -> Array:
+    def informative(self, informed: Array, sigma: float) -> Array:
         """Return combinations of joint values that determine some unknown better than the measurements do.
 
         informed: rows C of measurements and priors, each with standard deviation σ = `sigma`. With R the rows of the
@@ -103,7 +103,7 @@ class Linearised:
     poses: the given poses, with joint values solved for unmeasured joints.
     sizes: norms of the weighted columns before unmeasured joints were eliminated.
     weights: weight by pose and component, positive if measured; of a rotation `rotation_weight`, m per rad.
-    left: rows after elimination of unmeasured joints; None if every joint is measured.
+    reduced: rows after elimination of unmeasured joints; None if every joint is measured.
     ratio: noise over the prior standard deviation of a constant, 1/m; None if noise or deviation is unknown.
     """
 
@@ -116,7 +116,7 @@ class Linearised:
     poses: Poses
     sizes: Array
     weights: Array
-    left: "Left | None" = None
+    reduced: "Reduction | None" = None
     ratio: float | None = None
 
     def free(self, kept: Mask) -> Mask:
@@ -133,7 +133,7 @@ class Linearised:
 
         For effects of the instrument, the part that registrations and tools absorb is projected out.
         """
-        if self.left is not None:
+        if self.reduced is not None:
             rows = self.weigh(effect_columns(tuple(effects), model, self.poses, self.observed))
         else:
             out = np.zeros((len(effects), len(self.residual)))
@@ -150,14 +150,14 @@ class Linearised:
         A column that unmeasured joints absorb is zero.
         """
         shape = (*self.weights.shape, *([1] * (values.ndim - 2)))
-        if self.left is not None:
-            weighted = values * self.left.weights.reshape(shape)
-            return without_eliminated(self.left.complement.rows(weighted), np.linalg.norm(weighted, axis=(0, 1)))
+        if self.reduced is not None:
+            weighted = values * self.reduced.weights.reshape(shape)
+            return without_eliminated(self.reduced.complement.rows(weighted), np.linalg.norm(weighted, axis=(0, 1)))
         return (values * self.weights.reshape(shape))[self.weights > 0]
 
 
 @dataclass(frozen=True)
-class Left:
+class Reduction:
     """Rows that remain after elimination of unmeasured joints.
 
     complement: directions of the measurements that unmeasured joints do not move.
@@ -316,5 +316,5 @@ def _eliminated(model: ErrorModel, placement: Placement, poses: Poses, observed:
         poses=poses,
         sizes=sizes,
         weights=left.keep.astype(float),
-        left=Left(left, weights, readings),
+        reduced=Reduction(left, weights, readings),
     )

@@ -30,7 +30,7 @@ class Whitening:
         """Return whitened values: rows of equal variance, independent within a block of repeats."""
         return self._scaled(values, 1.0 / np.sqrt(1.0 + self.sizes * self.ratio))
 
-    def restored(self, values: Array) -> Array:
+    def unwhiten(self, values: Array) -> Array:
         """Return values from whitened values: the inverse of `whiten`."""
         return self._scaled(values, np.sqrt(1.0 + self.sizes * self.ratio))
 
@@ -100,7 +100,7 @@ def pose_ratio(problem: Linearised, bundle: IntArray, ratio: float, held: float)
     held: number of fitted effects. If no pose was measured twice, `ratio` is returned.
     """
     noise = blocks_of(problem, bundle, ratio)
-    return noise.estimated(noise.restored(problem.residual) / np.sqrt(1.0 + ratio), problem.placement + held).ratio
+    return noise.estimated(noise.unwhiten(problem.residual) / np.sqrt(1.0 + ratio), problem.placement + held).ratio
 
 
 def freedom(problem: Linearised, bundle: IntArray, ratio: float, rank: float) -> float:
@@ -124,7 +124,7 @@ def blocks_of(problem: Linearised, bundle: IntArray, ratio: float = 0.0) -> Whit
     bundle: number of every pose, equal for repeats. With unmeasured joints every row is a block of its own, since the
     remaining rows are no components that repeats could share.
     """
-    if problem.left is not None:
+    if problem.reduced is not None:
         return Whitening(np.arange(len(problem.residual)), ratio)
     component = np.nonzero(problem.weights > 0)[1]
     key = bundle[problem.pose_of_row] * problem.weights.shape[1] + component

@@ -6,7 +6,14 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.size import TOLERANCE, of_the_description, relative, size_hidden, spread, standing_for
+from gpmodel.calibration.size import (
+    TOLERANCE,
+    equivalent_changes,
+    nominal_constants,
+    scale_unobservable,
+    spread,
+    without_positions,
+)
 from gpmodel.model.error_model import ErrorModel, Placement
 from gpmodel.numerics import rank as ident
 
@@ -47,7 +54,7 @@ def geometry_rows(model: ErrorModel, theta: Array, problem: Linearised, placemen
     fitted constants θ = A θ_all then have the prior covariance reach² A Aᵀ, and the fit nearest to the nominal geometry
     does not depend on which constants are fitted. `reach` is estimated, at most TOLERANCE.
     """
-    if not (len(at) and relative(problem)):
+    if not (len(at) and without_positions(problem)):
         return np.diag(np.full(len(at), residual_sigma(problem) / GEOMETRY_REACH))
     inverse, explained = _explained(model, theta, problem, placement, at)
     if problem.ratio is not None:
@@ -64,14 +71,14 @@ def _explained(
     These arguments are the columns of the fitted constants in units of their prior, the measurements, and the columns
     of registration and tool.
     """
-    others = np.setdiff1d(np.flatnonzero(of_the_description(model)), at)
-    stands, growth = standing_for(model, problem, placement, at, others)
+    others = np.setdiff1d(np.flatnonzero(nominal_constants(model)), at)
+    stands, growth = equivalent_changes(model, problem, placement, at, others)
     parts = np.hstack([np.eye(len(at)), stands])
     lower = np.linalg.cholesky(parts @ parts.T)
     inverse = np.linalg.inv(lower)
     placed, columns = problem.columns[:, : problem.placement], problem.columns[:, problem.placement + at]
     shown = columns @ lower
-    if size_hidden(problem):  # a machine shrunk to a point would explain any residual
+    if scale_unobservable(problem):  # a machine shrunk to a point would explain any residual
         shown = ident.remove(ident.orthonormal((inverse @ growth)[:, None]), shown.T).T
     return inverse, (shown, problem.residual + columns @ theta[at], placed)
 
@@ -93,66 +100,67 @@ def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True)
-class Beliefs:
+class Priors:
     """Rows and right side of all priors of a fit.
 
-    own: number of rows, counted from the first, that are priors of effects.
+    effect_rows: number of rows, counted from the first, that are priors of effects.
     single: number of rows, from the first, with one effect per row.
     geometry: prior rows of the geometric constants in terms of all effects.
     """
 
     rows: Array
-    pulls: Array
-    own: int
+    rhs: Array
+    effect_rows: int
     single: int
     geometry: Array
 
 
-def beliefs(model: ErrorModel, problem: Linearised, theta: Array, placement: Placement, kept: Mask) -> Beliefs:
+def fit_priors(model: ErrorModel, problem: Linearised, theta: Array, placement: Placement, kept: Mask) -> Priors:
     """Return the priors of the effects of the mask `kept`, linearised at effects `theta` and at `placement`."""
-    at = np.flatnonzero(kept & of_the_description(model))
+    at = np.flatnonzero(kept & nominal_constants(model))
     geometry = np.zeros((len(at), len(model.effects)))
     geometry[:, at] = geometry_rows(model, theta, problem, placement, at)
     on_all = np.hstack([np.zeros((len(geometry), problem.placement)), geometry])
     pulls = -geometry @ theta
     (prior, prior_pull), (tool, tool_pull) = prior_rows(model, theta, problem, kept), tool_rows(problem, placement)
     rows, pulls = np.vstack([prior, on_all, tool]), np.concatenate([prior_pull, pulls, tool_pull])
-    return Beliefs(rows, pulls, len(prior), len(prior) + (0 if relative(problem) else len(at)), geometry)
+    return Priors(rows, pulls, len(prior), len(prior) + (0 if without_positions(problem) else len(at)), geometry)
 
 
 @dataclass(frozen=True)
-class ReadJoints:
+class JointPriors:
     """Prior rows of the approximate joint values q in the table: (q_table - q) σ / τ = 0.
 
-    alone: combinations of joint values that the measurements determine less well.
+    combinations: combinations of joint values that the measurements determine less well.
     weight: weight σ / τ of a row, m, with noise σ and error τ of the joint values.
     """
 
-    alone: Array
+    combinations: Array
     weight: float
 
     @classmethod
-    def beside(cls, problem: Linearised, rows: Array, free: Mask, sigma: float) -> "ReadJoints":
+    def select(cls, problem: Linearised, rows: Array, free: Mask, sigma: float) -> "JointPriors":
         """Select combinations of approximate joint values that determine an unknown better than the measurements do
         together with the prior rows `rows`.
 
         free: mask of the fitted columns. sigma: noise of measurements, m. If no joint is unmeasured, no row results.
         """
-        if problem.left is None:
+        if problem.reduced is None:
             return cls(np.zeros((0, 0)), 0.0)
-        known = replace(problem.left.readings, rows=problem.left.readings.rows[:, free])
-        alone = known.alone(np.vstack([problem.columns[:, free], rows]), sigma)
+        known = replace(problem.reduced.readings, rows=problem.reduced.readings.rows[:, free])
+        alone = known.informative(np.vstack([problem.columns[:, free], rows]), sigma)
         return cls(alone, sigma / known.error(alone.shape[1]))
 
     def rows(self, problem: Linearised) -> Array:
         """Return the prior rows of the approximate joint values, m, one per selected combination."""
-        if problem.left is None:
+        if problem.reduced is None:
             return np.zeros((0, problem.columns.shape[1]))
-        return self.weight * self.alone.T @ problem.left.readings.rows
+        return self.weight * self.combinations.T @ problem.reduced.readings.rows
 
-    def pull(self, problem: Linearised) -> Array:
+    def rhs(self, problem: Linearised) -> Array:
         """Return the right side of the prior rows of the approximate joint values, m."""
-        return np.zeros(0) if problem.left is None else self.weight * self.alone.T @ problem.left.readings.off
+        left = problem.reduced
+        return np.zeros(0) if left is None else self.weight * self.combinations.T @ left.readings.off
 
 
 def noise_sigma(model: ErrorModel, problem: Linearised) -> float:

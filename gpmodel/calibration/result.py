@@ -10,8 +10,8 @@ from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.iterate import Fitted, Fitting
 from gpmodel.calibration.linearise import Linearised, linearise
 from gpmodel.calibration.noise import freedom
-from gpmodel.calibration.priors import ReadJoints, beliefs
-from gpmodel.calibration.size import held_unseen
+from gpmodel.calibration.priors import JointPriors, fit_priors
+from gpmodel.calibration.size import unrepresented_constants
 from gpmodel.calibration.unmeasured_joints import solve_joints
 from gpmodel.mechanism.protocol import AXES
 from gpmodel.model.effect import Effect
@@ -27,7 +27,7 @@ either parameter is then at least 1.7 times as large as if the other were known.
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacementNumber:
     """One number of the registration or the tool: name, value, and standard error in m or rad (`unit`)."""
 
     name: str
@@ -42,15 +42,15 @@ class Covariance:
 
     placement: names of the unknowns of registration and tool, which precede the effects.
     centre: point about which a rotation of the registration turns, (3,), m in the instrument's frame.
-    others: effects that are alternative explanations of a finding; these effects are zero in the fit.
-    over_causes: second moment of registration, tool, effects and `others` about the fit, averaged over the alternative
-    explanations, SI units; empty if the fit has none.
+    alternatives: effects that are alternative explanations of a finding; these effects are zero in the fit.
+    over_causes: second moment of registration, tool, effects and `alternatives` about the fit, averaged over the
+    alternative explanations, SI units; empty if the fit has none.
     """
 
     values: Array
     placement: tuple[str, ...]
     centre: Array
-    others: tuple[Effect, ...] = ()
+    alternatives: tuple[Effect, ...] = ()
     over_causes: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
@@ -59,10 +59,10 @@ class Covariance:
         effects of the model."""
         return self.over_causes if len(self.over_causes) else self.values
 
-    def only(self, kept: Mask) -> "Covariance":
+    def subset(self, kept: Mask) -> "Covariance":
         """Return the covariance of registration, tool and the effects of the mask `kept`."""
         rows = np.concatenate([np.ones(len(self.placement), dtype=bool), kept])
-        every = np.concatenate([rows, np.ones(len(self.others), dtype=bool)])
+        every = np.concatenate([rows, np.ones(len(self.alternatives), dtype=bool)])
         moments = self.over_causes[np.ix_(every, every)] if len(self.over_causes) else self.over_causes
         return replace(self, values=self.values[np.ix_(rows, rows)], over_causes=moments)
 
@@ -74,7 +74,7 @@ class Uncertainty:
     stderr, unique_share: standard error and unique share of each effect, NaN and zero for dropped effects.
     correlation: correlations of the effects.
     covariance: covariance of all fitted quantities.
-    placed: registration and tool, number by number.
+    placement_numbers: registration and tool, number by number.
     sigma: standard deviation of one component of a measurement about the model, m.
     freedom: degrees of freedom of sigma, also for Student's t of the estimates.
     rank: number of unknowns that the measurements determine.
@@ -84,7 +84,7 @@ class Uncertainty:
     correlation: Array
     covariance: Covariance
     unique_share: Array
-    placed: tuple[Placed, ...]
+    placement_numbers: tuple[PlacementNumber, ...]
     sigma: float
     freedom: float
     rank: int
@@ -95,7 +95,7 @@ class Calibration(Uncertainty):
     """Fitted model with its uncertainty and diagnostics.
 
     theta: value of each effect of the model, SI units, zero where dropped.
-    kept: True for each fitted effect.
+    free: True for each fitted effect.
     error: 3-D error of each pose, m.
     outliers: numbers of the poses that are excluded from the fit.
     condition_limit, rank_curve: condition limit for dropping constants, and the cross-validation curve of the limit.
@@ -107,7 +107,7 @@ class Calibration(Uncertainty):
     model: ErrorModel
     placement: Placement
     theta: Array
-    kept: Mask
+    free: Mask
     error: Array
     outliers: IntArray
     condition_limit: float
@@ -125,20 +125,20 @@ class Calibration(Uncertainty):
     @property
     def dropped(self) -> tuple[str, ...]:
         """Names of the effects that the poses could not determine."""
-        return tuple(e.name for e, k in zip(self.model.effects, self.kept, strict=True) if not k)
+        return tuple(e.name for e, k in zip(self.model.effects, self.free, strict=True) if not k)
 
     @property
     def prior_errors(self) -> Array:
         """Standard deviation of each dropped effect that the measurements do not show, SI units; NaN of other
         effects."""
         deviation = np.sqrt(np.diag(self.covariance.values)[len(self.covariance.placement) :])
-        return np.where(self.kept | (deviation == 0.0), np.nan, deviation)
+        return np.where(self.free | (deviation == 0.0), np.nan, deviation)
 
     @property
     def effective(self) -> int:
         """Effective number of unknowns; an unknown with a prior counts 1 - (stderr / prior)². Source: MacKay (1992)."""
         fitted = np.sqrt(np.diag(self.covariance.values)[len(self.covariance.placement) :])
-        return round(self.rank - known_before(self.model, np.where(self.kept, fitted, np.nan)))
+        return round(self.rank - fixed_by_priors(self.model, np.where(self.free, fitted, np.nan)))
 
     def values_of(self, effects: Sequence[Effect]) -> list[float]:
         """Return the fitted values of some of the model's effects, in SI units, matched by name."""
@@ -148,7 +148,7 @@ class Calibration(Uncertainty):
     @cached_property
     def partners(self) -> Mapping[str, tuple[tuple[str, float], ...]]:
         """Map each fitted effect to effects whose correlation with the effect exceeds CORRELATED in size."""
-        names, kept = [e.name for e in self.model.effects], np.flatnonzero(self.kept)
+        names, kept = [e.name for e in self.model.effects], np.flatnonzero(self.free)
         out: dict[str, list[tuple[str, float]]] = {names[i]: [] for i in kept}
         among = self.correlation[np.ix_(kept, kept)]
         near = (np.abs(among) > CORRELATED) & ~np.eye(len(kept), dtype=bool)
@@ -157,7 +157,7 @@ class Calibration(Uncertainty):
         return {name: tuple(partners) for name, partners in out.items()}
 
 
-def known_before(model: ErrorModel, stderr: Array) -> float:
+def fixed_by_priors(model: ErrorModel, stderr: Array) -> float:
     """Return the number of unknowns that the priors of the effects determine, Σ (stderr / prior)²; NaN counts 0."""
     prior = np.array([e.prior for e in model.effects])
     return float(np.sum(np.nan_to_num(np.clip(stderr / prior, 0.0, 1.0)) ** 2))
@@ -196,13 +196,15 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     """
     problem, at = fitted.problem, np.flatnonzero(kept)
     free = problem.free(kept)
-    belief = beliefs(fitting.model, problem, fitted.theta, fitted.placement, kept)
+    belief = fit_priors(fitting.model, problem, fitted.theta, fitted.placement, kept)
     rows = belief.rows[:, free]
-    count = len(problem.columns) + belief.own
-    rank = int(free.sum()) if problem.left is None else _rank(np.vstack([problem.columns[:, free], rows[: belief.own]]))
+    count = len(problem.columns) + belief.effect_rows
+    rank = int(free.sum())
+    if problem.reduced is not None:
+        rank = _rank(np.vstack([problem.columns[:, free], rows[: belief.effect_rows]]))
     left = float(np.sqrt(np.sum(problem.residual**2) / max(count - rank, 1)))
     sigma = left if fitting.model.noise is None else fitting.model.noise
-    rows = np.vstack([rows, ReadJoints.beside(problem, rows, free, sigma).rows(problem)[:, free]])
+    rows = np.vstack([rows, JointPriors.select(problem, rows, free, sigma).rows(problem)[:, free]])
     if free.sum() >= MANY_COLUMNS:
         products = (problem.columns.T @ problem.columns)[np.ix_(free, free)] + rows.T @ rows
         scale = _or_one(np.sqrt(np.diag(products)))
@@ -229,19 +231,19 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     unseen = np.flatnonzero(problem.sizes[: problem.placement] <= ident.NEGLIGIBLE)
     whole[unseen], whole[:, unseen] = 0.0, 0.0
     everything = Covariance(whole, problem.placement_names, problem.observed.tip[:, :3, 3].mean(axis=0))
-    placed = placed_numbers(fitted.placement, problem, covariance[: problem.placement, : problem.placement])
-    known = freedom(problem, fitting.bundle, fitting.ratio, rank - known_before(fitting.model, stderr))
+    placed = placement_numbers(fitted.placement, problem, covariance[: problem.placement, : problem.placement])
+    known = freedom(problem, fitting.block, fitting.ratio, rank - fixed_by_priors(fitting.model, stderr))
     return Uncertainty(stderr, correlation, everything, share, placed, sigma, known, rank)
 
 
 def _add_unseen(whole: Array, fitting: Fitting, fitted: Fitted, kept: Mask, sigma: float) -> None:
     """Add dropped constants that the measurements do not show to a covariance, SI units, with their prior."""
     problem, model = fitted.problem, fitting.model
-    unseen = held_unseen(model, problem, fitted.placement, kept)
+    unseen = unrepresented_constants(model, problem, fitted.placement, kept)
     if not unseen.any():
         return
     free = problem.free(kept | unseen)
-    rows = beliefs(model, problem, fitted.theta, fitted.placement, kept | unseen).rows
+    rows = fit_priors(model, problem, fitted.theta, fitted.placement, kept | unseen).rows
     columns = np.vstack([problem.columns, rows])[:, free]
     scale = _or_one(np.linalg.norm(columns, axis=0))
     whole[np.ix_(free, free)] = sigma**2 * inverse_gram(columns / scale) / np.outer(scale, scale)
@@ -257,13 +259,13 @@ def _rank(columns: Array) -> int:
     return int(np.linalg.matrix_rank(columns / _or_one(np.linalg.norm(columns, axis=0)), 1e-9))
 
 
-def placed_numbers(placement: Placement, problem: Linearised, covariance: Array) -> tuple[Placed, ...]:
+def placement_numbers(placement: Placement, problem: Linearised, covariance: Array) -> tuple[PlacementNumber, ...]:
     """Return registration and tool as numbers with standard errors.
 
     Each frame has a position, m, and a rotation vector, rad. The frames are the robot's root in the instrument's frame
     and the tool in the flange's frame.
     """
-    out: list[Placed] = []
+    out: list[PlacementNumber] = []
     centre = problem.observed.tip[:, :3, 3].mean(axis=0)
     for name, frame in placement.registration.items():
         arm = frame[:3, 3] - centre
@@ -276,7 +278,7 @@ def placed_numbers(placement: Placement, problem: Linearised, covariance: Array)
     return tuple(out)
 
 
-def _frame(name: str, frame: Array, turn: Array, problem: Linearised, covariance: Array) -> list[Placed]:
+def _frame(name: str, frame: Array, turn: Array, problem: Linearised, covariance: Array) -> list[PlacementNumber]:
     """Return position and rotation of one frame as numbers, except for a part on which no measurement depends.
 
     turn: (6, 6) map from a step of the frame to a shift and a rotation about the axes of the outer frame.
@@ -291,7 +293,7 @@ def _frame(name: str, frame: Array, turn: Array, problem: Linearised, covariance
     words = [*(f"{name} {axis}" for axis in "xyz"), *(f"{name} r{axis}" for axis in "xyz")][: len(at)]
     seen = np.repeat([np.any(problem.sizes[part] > ident.NEGLIGIBLE) for part in (at[:3], at[3:])], 3)
     return [
-        Placed(word, float(values[k]), float(deviation[k]), "m" if k < 3 else "rad")
+        PlacementNumber(word, float(values[k]), float(deviation[k]), "m" if k < 3 else "rad")
         for k, word in enumerate(words)
         if seen[k]
     ]

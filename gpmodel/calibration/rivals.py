@@ -47,35 +47,36 @@ class FittedColumns:
         return self.problem.placement
 
     @property
-    def held(self) -> Mask:
+    def free(self) -> Mask:
         """Mask of the columns of registration, tool and fitted effects."""
-        return self.problem.free(self.calibration.kept)
+        return self.problem.free(self.calibration.free)
 
     @cached_property
-    def apart(self) -> LeaveOneOut:
+    def orthogonal(self) -> LeaveOneOut:
         """Each fitted column with the other columns projected out, as far as the priors of the other columns allow.
         The rows of the priors follow the measured rows."""
         fit = self.calibration
-        loose = fit.kept & np.array([not effect.constant for effect in fit.model.effects], dtype=bool)
+        loose = fit.free & np.array([not effect.constant for effect in fit.model.effects], dtype=bool)
         priors, _ = prior_rows(fit.model, fit.theta, self.problem, loose)
-        return LeaveOneOut.of(np.vstack([self.columns[:, self.held], priors[:, self.held]]))
+        return LeaveOneOut.of(np.vstack([self.columns[:, self.free], priors[:, self.free]]))
 
     def over_all_rows(self, values: Array) -> Array:
         """Append to values of the measured rows one zero for each prior row."""
-        return np.vstack([values, np.zeros((len(self.apart.u) - len(values), values.shape[1]))])
+        return np.vstack([values, np.zeros((len(self.orthogonal.u) - len(values), values.shape[1]))])
 
-    def number(self, k: int) -> int:
+    def position(self, k: int) -> int:
         """Return the position of effect number `k` among the fitted columns."""
-        return self.first + int(np.sum(self.calibration.kept[:k]))
+        return self.first + int(np.sum(self.calibration.free[:k]))
 
-    def of(self, candidate: Candidate) -> Array:
+    def columns_of(self, candidate: Candidate) -> Array:
         """Return the columns of a candidate's effects, weighted like the residual."""
         return self.problem.effect_rows(candidate.effects, self.calibration.model)
 
     def difference(self, k: int, candidate: Candidate, sizes: Array) -> Array:
         """Return the displacement of the measurements by effect number `k` minus the displacement by a candidate whose
         effects have the coefficients `sizes`."""
-        return np.asarray(self.calibration.theta[k] * self.columns[:, self.first + k] - self.of(candidate) @ sizes)
+        constant = self.calibration.theta[k] * self.columns[:, self.first + k]
+        return np.asarray(constant - self.columns_of(candidate) @ sizes)
 
 
 SIGNIFICANT = 3.0
@@ -107,15 +108,15 @@ ROW = "row"
 
 
 @dataclass(frozen=True)
-class Rival:
+class Alternative:
     """A constant of the standard model, and an alternative explanation of its fitted value.
 
     value: value of the constant, in `unit`.
     sizes: coefficients with which the candidate's effects displace the measurements like the constant.
     moves: RMS displacement, m, of the measured point by the candidate.
-    apart: distance of the two explanations over all poses, in standard deviations of the noise.
+    distance: distance of the two explanations over all poses, in standard deviations of the noise.
     poses: joint values, rad and m, where the two explanations differ most. difference: distance at these poses, m.
-    session: inputs of the candidate that joint values do not determine; `poses` is then empty.
+    session_inputs: inputs of the candidate that joint values do not determine; `poses` is then empty.
     """
 
     constant: str
@@ -124,10 +125,10 @@ class Rival:
     candidate: Candidate
     sizes: Array
     moves: float
-    apart: float
+    distance: float
     poses: Array
     difference: Array
-    session: tuple[str, ...]
+    session_inputs: tuple[str, ...]
 
     @property
     def plausible(self) -> bool:
@@ -146,8 +147,9 @@ class Rival:
         """
         size, rival = measured(self.value, None, self.unit), measured(self.amplitude, None, self.candidate.unit)
         said = f"{self.constant} of {size} may instead be {self.candidate.name} of {rival}"
-        if self.session:
-            return f"{said}; the same poses with another {' and '.join(self.session)} would separate the two causes"
+        if self.session_inputs:
+            inputs = " and ".join(self.session_inputs)
+            return f"{said}; the same poses with another {inputs} would separate the two causes"
         if self.difference.max() < ident.NEGLIGIBLE:
             return f"{said}; no joint values separate the two causes"
         factor = np.array([180.0 / np.pi if kind == "revolute" else 1e3 for kind in kinds])
@@ -156,7 +158,9 @@ class Rival:
         return f"{said}; measurements at these joint values ({unit}) separate the two causes best: {at}"
 
 
-def rivals_of_constants(calibration: Calibration, poses: Poses, pool: Iterable[Candidate]) -> tuple[Rival, ...]:
+def alternatives_of_constants(
+    calibration: Calibration, poses: Poses, pool: Iterable[Candidate]
+) -> tuple[Alternative, ...]:
     """Return every significant constant that a candidate of `pool` imitates within the noise, the closest first.
 
     c: column of the constant θ. C: columns of the candidate. ⊥: part that no other column of the model explains (smooth
@@ -169,10 +173,10 @@ def rivals_of_constants(calibration: Calibration, poses: Poses, pool: Iterable[C
     own = {effect.name for effect in model.effects}
     sure = [
         int(k)
-        for k in np.flatnonzero(calibration.kept)
+        for k in np.flatnonzero(calibration.free)
         if model.effects[k].constant and abs(theta[k]) > SIGNIFICANT * calibration.stderr[k]
     ]
-    alone = [here.apart.alone(here.number(k)) for k in sure]
+    alone = [here.orthogonal.alone(here.position(k)) for k in sure]
     lengths = [float(np.linalg.norm(column)) for column in alone]
     units = np.array([c / max(size, ident.NEGLIGIBLE) for c, size in zip(alone, lengths, strict=True)])
     found: list[tuple[int, Candidate, Array, float]] = []
@@ -195,25 +199,24 @@ def rivals_of_constants(calibration: Calibration, poses: Poses, pool: Iterable[C
     rivals = []
     told = _telling(here, fresh, [(k, candidate, sizes) for k, candidate, sizes, _ in found])
     for (k, candidate, sizes, apart), poses_and_sizes in zip(found, told, strict=True):
-        effect, moves = model.effects[k], float(np.linalg.norm(here.of(candidate) @ sizes)) / np.sqrt(len(poses))
-        session = of_the_session(poses, model.mechanism, candidate.effects)
-        rivals.append(
-            Rival(effect.name, float(theta[k]), effect.unit, candidate, sizes, moves, apart, *poses_and_sizes, session)
-        )
-    return tuple(sorted(rivals, key=lambda rival: rival.apart))
+        effect, moved = model.effects[k], np.linalg.norm(here.columns_of(candidate) @ sizes) / np.sqrt(len(poses))
+        at = (*poses_and_sizes, of_the_session(poses, model.mechanism, candidate.effects))
+        value, moves = float(theta[k]), float(moved)
+        rivals.append(Alternative(effect.name, value, effect.unit, candidate, sizes, moves, apart, *at))
+    return tuple(sorted(rivals, key=lambda rival: rival.distance))
 
 
 def _looked_at(here: FittedColumns, offered: Sequence[Candidate]) -> Iterator[tuple[Candidate, Array, Array]]:
     """Yield every candidate with its columns, and with the part of the columns that the model does not explain."""
     for first in range(0, len(offered), AT_ONCE):
         some = offered[first : first + AT_ONCE]
-        columns = here.over_all_rows(np.hstack([here.of(candidate) for candidate in some]))
+        columns = here.over_all_rows(np.hstack([here.columns_of(candidate) for candidate in some]))
         ends = np.cumsum([len(candidate.effects) for candidate in some])[:-1]
-        left = ident.remove(here.apart.u, columns)
+        left = ident.remove(here.orthogonal.u, columns)
         yield from zip(some, np.split(columns, ends, axis=1), np.split(left, ends, axis=1), strict=True)
 
 
-def hidden_rivals(calibration: Calibration, poses: Poses) -> tuple[Rival, ...]:
+def closest_alternatives(calibration: Calibration, poses: Poses) -> tuple[Alternative, ...]:
     """Return the alternatives to significant constants: at most one per constant, at most LISTED in total.
 
     Candidates are effects of the catalogue with at most UNKNOWNS unknowns. For each constant the plausible candidate
@@ -228,13 +231,13 @@ def hidden_rivals(calibration: Calibration, poses: Poses) -> tuple[Rival, ...]:
     with threadpool_limits(limits=1, user_api="blas"):
         found = [
             rival
-            for rival in rivals_of_constants(calibration, poses, pool)
+            for rival in alternatives_of_constants(calibration, poses, pool)
             if rival.plausible
             and least < rival.moves < GEOMETRY_REACH
-            and (rival.session or rival.difference.max() > calibration.sigma)
+            and (rival.session_inputs or rival.difference.max() > calibration.sigma)
         ]
     found.sort(key=lambda rival: rival.moves)
-    best: dict[str, Rival] = {}
+    best: dict[str, Alternative] = {}
     for rival in found:
         best.setdefault(rival.constant, rival)
     return tuple(best.values())[:LISTED]
@@ -289,9 +292,9 @@ def _telling(
         differ, rows = (
             np.column_stack([there.difference(k, found[i][1], found[i][2]) for i in mine]) for there in (here, fresh)
         )
-        others = here.apart.by_others(here.number(k), here.over_all_rows(differ))
+        others = here.orthogonal.by_others(here.position(k), here.over_all_rows(differ))
         both, shared = _shared(here, fresh)
-        for i, column in zip(mine, (rows - fresh.columns[:, fresh.held][:, shared] @ others[both]).T, strict=True):
+        for i, column in zip(mine, (rows - fresh.columns[:, fresh.free][:, shared] @ others[both]).T, strict=True):
             squares = np.bincount(fresh.problem.pose_of_row, column**2, minlength=len(poses))
             chosen = np.argsort(squares)[::-1][:SHOWN]
             out[i] = poses.dataset.q[chosen], np.sqrt(squares[chosen])
@@ -305,6 +308,6 @@ def _shared(here: FittedColumns, fresh: FittedColumns) -> tuple[IntArray, IntArr
     """
     names = [c.problem.placement_names for c in (here, fresh)]
     pairs = [(names[0].index(name), k) for k, name in enumerate(names[1]) if name in names[0]]
-    pairs += [(here.first + k, fresh.first + k) for k in range(int(here.calibration.kept.sum()))]
+    pairs += [(here.first + k, fresh.first + k) for k in range(int(here.calibration.free.sum()))]
     both, shared = np.array(pairs).T
     return both, shared

@@ -45,19 +45,19 @@ def shows_size(kind: Observation) -> bool:
     return not isinstance(kind, Inclination | Orientation)
 
 
-def size_hidden(problem: Linearised) -> bool:
+def scale_unobservable(problem: Linearised) -> bool:
     """Return whether no measurement of a fit determines the scale of the mechanism."""
     kinds = [kind for kind in problem.observed.kinds if kind.readings.any()]
-    return bool(kinds) and problem.left is None and not any(map(shows_size, kinds))
+    return bool(kinds) and problem.reduced is None and not any(map(shows_size, kinds))
 
 
-def relative(problem: Linearised) -> bool:
+def without_positions(problem: Linearised) -> bool:
     """Return whether no measurement of a fit is a position in the frame of an instrument.
 
     Touches, bars, cameras and inclinometers measure parts of a mechanism relative to each other, and orientations show
     no length. Such measurements determine much of the geometry weakly or not at all.
     """
-    return problem.left is None and without_frame(problem.observed.kinds)
+    return problem.reduced is None and without_frame(problem.observed.kinds)
 
 
 def without_frame(kinds: Sequence[Observation]) -> bool:
@@ -66,7 +66,7 @@ def without_frame(kinds: Sequence[Observation]) -> bool:
     return bool(read) and not any(isinstance(kind, Point) for kind in read)
 
 
-def share_of_size(model: ErrorModel, problem: Linearised) -> Array:
+def scale_similarity(model: ErrorModel, problem: Linearised) -> Array:
     """Return the similarity of each effect to a uniform scaling of the mechanism: |cosine| of the displacements.
 
     Displacements of the tool point over the poses are compared, after rigid motions of the root and the tool are
@@ -83,7 +83,7 @@ def share_of_size(model: ErrorModel, problem: Linearised) -> Array:
     return np.abs(moved.T @ grown) / np.where(size > 0, size, np.inf)
 
 
-def standing_for(
+def equivalent_changes(
     model: ErrorModel, problem: Linearised, placement: Placement, held: IntArray, others: IntArray
 ) -> tuple[Array, Array]:
     """Return the changes of the effects `held` that are equivalent to one unit of each of the effects `others`.
@@ -113,16 +113,16 @@ def _of_the_tool_point(
     return placed, moved, nominal.tip[:, :3, 3].reshape(rows)
 
 
-def held_unseen(model: ErrorModel, problem: Linearised, placement: Placement, kept: Mask) -> Mask:
+def unrepresented_constants(model: ErrorModel, problem: Linearised, placement: Placement, kept: Mask) -> Mask:
     """Return a mask of dropped constants that displace the tool point as no fitted constant or rigid motion does.
 
     The measurements do not show these constants: an inclinometer shows no length and nothing beyond its link. The mask
     is empty if a position is measured in the frame of an instrument.
     """
     out = np.zeros(len(model.effects), dtype=bool)
-    fitted = np.flatnonzero(kept & of_the_description(model))
-    others = np.flatnonzero(~kept & of_the_description(model))
-    if not relative(problem) or not len(others):
+    fitted = np.flatnonzero(kept & nominal_constants(model))
+    others = np.flatnonzero(~kept & nominal_constants(model))
+    if not without_positions(problem) or not len(others):
         return out
     placed, moved, _ = _of_the_tool_point(model, problem, placement, (*fitted, *others))
     own, sizes = moved[:, len(fitted) :], np.linalg.norm(moved[:, len(fitted) :], axis=0)
@@ -131,7 +131,7 @@ def held_unseen(model: ErrorModel, problem: Linearised, placement: Placement, ke
     return out
 
 
-def of_the_description(model: ErrorModel) -> Mask:
+def nominal_constants(model: ErrorModel) -> Mask:
     """Return a mask of the effects that are constants of the nominal geometry without a prior of their own."""
     return np.array([e.constant and e.prior == np.inf for e in model.effects], dtype=bool)
 

@@ -27,7 +27,7 @@ from gpmodel.calibration.gauss_newton import fitting_of
 from gpmodel.calibration.iterate import Fitted, Fitting, iterate, linear_step
 from gpmodel.calibration.linearise import Linearised
 from gpmodel.calibration.result import Calibration, uncertainty
-from gpmodel.calibration.size import LEAST, MOST, TOLERANCE, of_the_description, relative
+from gpmodel.calibration.size import LEAST, MOST, TOLERANCE, nominal_constants, without_positions
 from gpmodel.calibration.start import placement_after
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import Effect
@@ -84,12 +84,12 @@ class Undeclared:
     def estimated(cls, problem: Linearised, model: ErrorModel, theta: Array) -> "Undeclared":
         """Estimate the standard deviations from a problem at constants `theta` by their restricted likelihood."""
         rows = np.linspace(0, len(problem.residual) - 1, min(len(problem.residual), MOST_ROWS)).astype(int)
-        axes, constant = _axes(problem, model)[rows], of_the_description(model)
+        axes, constant = _axes(problem, model)[rows], nominal_constants(model)
         effects, added = problem.columns[rows, problem.placement :], constant | _smooth(model)
         taken = rank.orthonormal(np.hstack([problem.columns[rows, : problem.placement], effects[:, ~added]]))
         rest = np.linalg.qr(taken, mode="complete")[0][:, taken.shape[1] :]
         known = rest.T @ (problem.residual[rows] + effects[:, added] @ theta[added])
-        values = Waves.of(problem, model).values(problem.poses.dataset.q[problem.pose_of_row[rows]])
+        values = SinusoidProducts.of(problem, model).values(problem.poses.dataset.q[problem.pose_of_row[rows]])
         kernel, shown = values @ values.T, rest.T @ axes
         like = shown @ shown.T
         varying, reach = np.full(axes.shape[1], START[0] ** 2), START[1] ** 2
@@ -109,21 +109,21 @@ class Undeclared:
         return cls(np.sqrt(varying), float(np.sqrt(reach)), float(np.sqrt(noise)), gain)
 
     @property
-    def stands_out(self) -> bool:
+    def significant(self) -> bool:
         """True if the unknown functions explain the measurements better than noise would, by more than EARNED nats."""
         return self.gain > EARNED
 
-    def covariance(self, problem: Linearised, model: ErrorModel) -> "Coloured":
+    def covariance(self, problem: Linearised, model: ErrorModel) -> "UndeclaredCovariance":
         """Return the covariance of undeclared effects (unknown functions) and noise in the rows of a problem."""
-        waves = Waves.of(problem, model)
+        waves = SinusoidProducts.of(problem, model)
         values = waves.values(problem.poses.dataset.q)[problem.pose_of_row]
         axes = _axes(problem, model) * self.sizes / self.noise
         lower = np.asarray(np.linalg.cholesky((axes @ axes.T) * (values @ values.T) + np.eye(len(axes))), dtype=float)
-        return Coloured(self, waves, axes, values, lower)
+        return UndeclaredCovariance(self, waves, axes, values, lower)
 
 
 @dataclass(frozen=True)
-class Coloured:
+class UndeclaredCovariance:
     """Covariance n² L Lᵀ of the measurements by noise n and undeclared effects (unknown functions).
 
     axes: displacement of each measurement per unit of each axis, times γ / n (standard deviation of the function).
@@ -131,20 +131,20 @@ class Coloured:
     lower: Cholesky factor L.
     """
 
-    unknown: Undeclared
-    waves: "Waves"
+    deviations: Undeclared
+    sinusoids: "SinusoidProducts"
     axes: Array
     values: Array
     lower: Array
 
-    def white(self, problem: Linearised) -> Linearised:
+    def whiten(self, problem: Linearised) -> Linearised:
         """Return the problem with whitened rows: independent, each with the variance of the noise."""
         columns, residual = (self._solved(values) for values in (problem.columns, problem.residual))
-        ratio = self.unknown.noise / min(self.unknown.constant, TOLERANCE)
+        ratio = self.deviations.noise / min(self.deviations.constant, TOLERANCE)
         return replace(problem, columns=columns, residual=residual, ratio=ratio)
 
-    def mean(self, white: Array, model: ErrorModel) -> Effect | None:
-        """Return the conditional mean of the unknown functions, as an effect, given the whitened residual `white`.
+    def posterior_mean(self, white: Array, model: ErrorModel) -> Effect | None:
+        """Return the conditional mean of the unknown functions, as an effect, given the whitened residual `whiten`.
 
         The result is None if all functions are below SHOWN times the noise. The effect's prior is the standard
         deviation of the functions relative to their mean, both RMS over the measurements.
@@ -152,13 +152,13 @@ class Coloured:
         pulled = linalg.solve_triangular(self.lower, white, lower=True, trans="T", check_finite=False)
         weights = self.values.T @ (self.axes * pulled[:, None])
         moved = self.axes * (self.values @ weights)
-        least = SHOWN * self.unknown.noise * np.sqrt(len(white))
-        scaled, places = weights * self.unknown.sizes / self.unknown.noise, geometric_effects(model.mechanism)
+        least = SHOWN * self.deviations.noise * np.sqrt(len(white))
+        scaled, places = weights * self.deviations.sizes / self.deviations.noise, geometric_effects(model.mechanism)
         terms = tuple(
-            replace(places[k].terms[0], basis=Expression(self.waves.text(scaled[:, k])))
+            replace(places[k].terms[0], basis=Expression(self.sinusoids.text(scaled[:, k])))
             for k in np.flatnonzero(np.linalg.norm(moved, axis=0) > least)
         )
-        share = self.determined * self.unknown.noise**2 / max(float(np.sum(moved.sum(axis=1) ** 2)), SMALLEST**2)
+        share = self.determined * self.deviations.noise**2 / max(float(np.sum(moved.sum(axis=1) ** 2)), SMALLEST**2)
         return Effect(SMOOTH, terms, "1", UNDECLARED, prior=float(np.sqrt(share)), mean=1.0) if terms else None
 
     @property
@@ -166,38 +166,38 @@ class Coloured:
         """Effective number of parameters of the unknown functions that the measurements determine."""
         return len(self.lower) - float(np.sum(self._solved(np.eye(len(self.lower))) ** 2))
 
-    def left(self, q: Array, axes: Array, columns: Array, fit: Calibration, fitted: Linearised) -> Array:
+    def posterior_variance(self, q: Array, axes: Array, columns: Array, fit: Calibration, fitted: Linearised) -> Array:
         """Return the posterior variance of each of some points, m², by fitted unknowns and unknown functions together.
 
         axes, columns: derivatives of the points by the functions' axes and by the unknowns. q: joint values. fitted:
         problem of the fit. The part of an unknown that the functions absorb is not counted twice (universal kriging).
         """
-        unknowns, out = fit.covariance.values, np.sum((axes * self.unknown.sizes) ** 2, axis=(1, 2))
+        unknowns, out = fit.covariance.values, np.sum((axes * self.deviations.sizes) ** 2, axis=(1, 2))
         for k in range(3):
             explained = self._explained(q, axes[:, k])
             own = columns[:, k] - self._made_up(explained, fitted)
             out += np.sum((own @ unknowns) * own, axis=1) - np.sum(explained**2, axis=0)
         return np.asarray(np.maximum(out, 0.0))
 
-    def left_among(self, problem: Linearised, model: ErrorModel, fitted: Linearised) -> tuple[Array, Array]:
+    def posterior_root(self, problem: Linearised, model: ErrorModel, fitted: Linearised) -> tuple[Array, Array]:
         """Return a square root, m, of the posterior covariance that the unknown functions cause in other measurements.
 
         Also return the share of each fitted unknown that the unknown functions absorb at these measurements.
         """
         q, columns = problem.poses.dataset.q[problem.pose_of_row], _axes(problem, model)
-        at, there = columns * self.unknown.sizes, self.waves.values(q)
+        at, there = columns * self.deviations.sizes, self.sinusoids.values(q)
         explained = self._explained(q, columns)
         values, vectors = np.linalg.eigh((at @ at.T) * (there @ there.T) - explained.T @ explained)
         return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))), self._made_up(explained, fitted)
 
     def _made_up(self, explained: Array, fitted: Linearised) -> Array:
-        return np.asarray(explained.T @ self._solved(fitted.columns) / self.unknown.noise)
+        return np.asarray(explained.T @ self._solved(fitted.columns) / self.deviations.noise)
 
     def _explained(self, q: Array, columns: Array) -> Array:
         """Return L⁻¹ (covariance factor of the fit) times the covariance, m, of fitted and other measurements. q: joint
         values of the other measurements. columns: their displacement per unit of each axis."""
-        there = self.waves.values(q) @ self.values.T
-        return self._solved((((columns * self.unknown.sizes) @ self.axes.T) * there).T)
+        there = self.sinusoids.values(q) @ self.values.T
+        return self._solved((((columns * self.deviations.sizes) @ self.axes.T) * there).T)
 
     def _solved(self, values: Array) -> Array:
         return np.asarray(linalg.solve_triangular(self.lower, values, lower=True, check_finite=False))
@@ -208,7 +208,7 @@ Wave = tuple[str, int, float]
 
 
 @dataclass(frozen=True)
-class Waves:
+class SinusoidProducts:
     """Products of sinusoids of the joint values; an unknown function is a weighted sum of such products.
 
     names: joint names.
@@ -221,7 +221,7 @@ class Waves:
     parts: tuple[tuple[Wave, ...], ...]
 
     @classmethod
-    def of(cls, problem: Linearised, model: ErrorModel) -> "Waves":
+    def of(cls, problem: Linearised, model: ErrorModel) -> "SinusoidProducts":
         """Return the products of sinusoids for the joint ranges of a problem."""
         span = np.ptp(problem.poses.dataset.q, axis=0)
         moving = np.flatnonzero(span > 0).tolist()
@@ -297,7 +297,7 @@ def uncertain_functions(model: ErrorModel, fitted: Linearised, theta: Array, oth
 
     fitted: problem to which the model was fitted, at effects `theta`. other: problem of other measurements.
     """
-    return Undeclared.estimated(fitted, model, theta).covariance(fitted, model).left_among(other, model, fitted)
+    return Undeclared.estimated(fitted, model, theta).covariance(fitted, model).posterior_root(other, model, fitted)
 
 
 def has_functions(model: ErrorModel) -> bool:
@@ -317,19 +317,19 @@ def apart_from_effects(fit: Calibration, poses: Poses) -> Calibration:
     """
     fitting = fitting_of(fit, poses)
     raw = fitting.at(fit.theta, fit.placement)
-    if not relative(raw) or not of_the_description(fit.model).any() or len(raw.residual) > LARGEST:
+    if not without_positions(raw) or not nominal_constants(fit.model).any() or len(raw.residual) > LARGEST:
         return fit
     unknown = Undeclared.estimated(raw, fit.model, fit.theta)
     known = unknown.covariance(raw, fit.model)
     again, white = _generalised(fitting, known, fit)
-    effect = known.mean(white, fit.model)
+    effect = known.posterior_mean(white, fit.model)
     if effect is not None:
         model, theta = replace(fit.model, effects=(*fit.model.effects, effect)), np.append(again.theta, 0.0)
-        fit, fitting = replace(fit, model=model, kept=np.append(fit.kept, True)), replace(fitting, model=model)
-        problem = replace(known.white(fitting.at(theta, again.placement)), residual=white)
+        fit, fitting = replace(fit, model=model, free=np.append(fit.free, True)), replace(fitting, model=model)
+        problem = replace(known.whiten(fitting.at(theta, again.placement)), residual=white)
         again = replace(again, theta=np.append(again.theta, 1.0), problem=problem)
-    told = uncertainty(fitting, again, fit.kept)
-    placed = iterate(fitting, again.theta, again.placement, np.zeros_like(fit.kept))
+    told = uncertainty(fitting, again, fit.free)
+    placed = iterate(fitting, again.theta, again.placement, np.zeros_like(fit.free))
     sigma = unknown.noise * float(np.sqrt(1.0 + known.determined / len(white)))
     return replace(
         fit, **vars(told) | {"sigma": sigma}, theta=again.theta, placement=placed.placement,
@@ -337,15 +337,15 @@ def apart_from_effects(fit: Calibration, poses: Poses) -> Calibration:
     )  # fmt: skip
 
 
-def _generalised(fitting: Fitting, known: Coloured, fit: Calibration) -> tuple[Fitted, Array]:
+def _generalised(fitting: Fitting, known: UndeclaredCovariance, fit: Calibration) -> tuple[Fitted, Array]:
     """Fit by generalised least squares from an ordinary fit; return the last values and the whitened residual.
 
     The unknowns of the instruments are solved again at every step.
     """
     theta, placement = fit.theta, fit.placement
     for _ in range(PASSES):
-        problem = known.white(fitting.at(theta, placement))
-        linear = linear_step(fit.model, problem, theta, placement, fit.kept, None)
+        problem = known.whiten(fitting.at(theta, placement))
+        linear = linear_step(fit.model, problem, theta, placement, fit.free, None)
         step, _ = linear.solved(problem.residual, linear.pulls)
         left = problem.residual - problem.columns @ step
         theta = theta + step[problem.placement :]

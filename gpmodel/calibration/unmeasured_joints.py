@@ -156,7 +156,7 @@ def solve_joints(model: ErrorModel, poses: Poses, theta: Array, placement: Place
     return current if shapes_move else prepare(model.mechanism, current.dataset, current.states)
 
 
-def what_is_left(mechanism: Mechanism, observed: Observed, measured: Mask, values: Array) -> Array:
+def without_joint_motion(mechanism: Mechanism, observed: Observed, measured: Mask, values: Array) -> Array:
     """Remove from measurements, m, or columns the part that each pose's unmeasured joints explain.
 
     The result is unchanged if every joint is measured. values: of all measured components, or of the first few.

@@ -8,7 +8,7 @@ import numpy as np
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.linearise import effect_columns
 from gpmodel.calibration.result import Calibration, problem_at
-from gpmodel.calibration.size import TOLERANCE, of_the_description, relative, shows_size, without_frame
+from gpmodel.calibration.size import TOLERANCE, nominal_constants, shows_size, without_frame, without_positions
 from gpmodel.calibration.start import placement_columns
 from gpmodel.calibration.undeclared import Undeclared
 from gpmodel.calibration.unmeasured_joints import free_joints
@@ -49,7 +49,7 @@ class Region:
         return np.asarray(np.linalg.norm(points - self.middle, axis=1) <= self.radius)
 
 
-def anywhere(mechanism: Mechanism, dataset: Dataset) -> Dataset:
+def random_rows(mechanism: Mechanism, dataset: Dataset) -> Dataset:
     """Return DRAWN random rows of a table without measurements, at random joint values within the limits."""
     rng = np.random.default_rng(0)
     rows = rng.integers(len(dataset), size=DRAWN)
@@ -88,7 +88,7 @@ def unobservable_families(calibration: Calibration, poses: Poses) -> tuple[str, 
     return (*names, *(name.replace("_", " ") for name, gone in families.items() if gone))
 
 
-def held_at_description(fit: Calibration, poses: Poses, *, searched: bool = False) -> Iterator[str]:
+def region_sentences(fit: Calibration, poses: Poses, *, searched: bool = False) -> Iterator[str]:
     """Yield sentences on the expected error inside and outside the measured region, on undeclared effects, and on
     constants that the measurements do not determine.
 
@@ -97,7 +97,7 @@ def held_at_description(fit: Calibration, poses: Poses, *, searched: bool = Fals
     TOLERANCE, or if it is held because no measurement shows it.
     """
     problem = problem_at(fit, poses)
-    if not relative(problem) or not np.any(fit.kept & of_the_description(fit.model)):
+    if not without_positions(problem) or not np.any(fit.free & nominal_constants(fit.model)):
         return
     unknown = Undeclared.estimated(problem, fit.model, fit.theta)
     radius, inside, outside = errors_by_region(fit, poses, unknown)
@@ -105,14 +105,14 @@ def held_at_description(fit: Calibration, poses: Poses, *, searched: bool = Fals
         f"expected error of a predicted point: {1e3 * inside:.2g} mm RMS within {radius:.2g} m of the middle of the "
         f"measured points, {1e3 * outside:.2g} mm outside; the residual does not indicate these errors"
     )
-    if unknown.stands_out:
+    if unknown.significant:
         cause = "" if searched else "; gpmodel discover searches for the causes"
         yield (
             f"the residual of the constants exceeds the noise: smooth functions of the joint values, part of the "
             f"model, reduce the residual to {1e3 * unknown.noise:.2g} mm per measurement{cause}"
         )
     unseen = np.isfinite(fit.prior_errors)
-    at = np.flatnonzero(unseen | (fit.kept & of_the_description(fit.model)))
+    at = np.flatnonzero(unseen | (fit.free & nominal_constants(fit.model)))
     weak = unseen[at] | (fit.sigma > TOLERANCE * problem.sizes[problem.placement + at] * fit.unique_share[at])
     if weak.any():
         called = names_of(poses.dataset)
@@ -132,7 +132,7 @@ def errors_by_region(fit: Calibration, poses: Poses, unknown: Undeclared) -> tup
     The variance includes constants, registration, tool, and the posterior variance of undeclared effects.
     """
     model = fit.model
-    drawn = anywhere(model.mechanism, poses.dataset)
+    drawn = random_rows(model.mechanism, poses.dataset)
     there = prepare(model.mechanism, drawn.subset(closing(model, drawn, fit.theta)))
     seen = observe(model, there, fit.theta, fit.placement)
     bare = replace(seen, kinds=(Point(np.zeros((len(there), 3))),))
@@ -144,14 +144,14 @@ def errors_by_region(fit: Calibration, poses: Poses, unknown: Undeclared) -> tup
     columns[:, :, len(placement) :] = effect_columns(model.effects, model, there, bare)
     axes = effect_columns(geometric_effects(model.mechanism), model, there, bare)
     fitted = problem_at(fit, poses)
-    error = np.sqrt(unknown.covariance(fitted, model).left(there.dataset.q, axes, columns, fit, fitted))
+    error = np.sqrt(unknown.covariance(fitted, model).posterior_variance(there.dataset.q, axes, columns, fit, fitted))
     region = Region.of(nominal_points(model.mechanism, poses))
     within = region.holds(nominal_points(model.mechanism, there))
     inside, outside = (root_mean_square(error[part]) if part.any() else np.nan for part in (within, ~within))
     return region.radius, inside, outside
 
 
-def unseen(kinds: tuple[Observation, ...]) -> Iterator[str]:
+def unobservable_sentences(kinds: tuple[Observation, ...]) -> Iterator[str]:
     """Yield sentences on what the instruments cannot determine; none if positions are in an instrument's frame."""
     read = [kind for kind in kinds if kind.readings.any()]
     if not without_frame(read):

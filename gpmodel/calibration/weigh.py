@@ -54,7 +54,7 @@ TRUSTED = 0.95
 outlier."""
 
 
-def weighed(mechanism: Mechanism, poses: Poses) -> Poses:
+def with_weights(mechanism: Mechanism, poses: Poses) -> Poses:
     """Return the poses with pixels and inclinations converted to metres.
 
     If the table has lengths, the factors equalise the residuals of the standard model. Without lengths in the table, a

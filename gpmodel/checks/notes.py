@@ -9,7 +9,7 @@ from scipy import optimize
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.comparison import CONDITION_LIMIT, linearised_at_nominal
 from gpmodel.calibration.result import Calibration
-from gpmodel.calibration.unobservable import held_at_description, unseen
+from gpmodel.calibration.unobservable import region_sentences, unobservable_sentences
 from gpmodel.checks.warnings import orientation_left
 from gpmodel.mechanism.branches import joint_range, random_poses
 from gpmodel.mechanism.protocol import Described, Mechanism, bare_of, followers
@@ -223,8 +223,8 @@ def notes(
     each = f"{values / fit.rank:.1f} each"
     yield f"{different} different poses and {values} measured values for {fit.rank} unknowns: {each}"
     yield _loads(mechanism, data)
-    yield from held_at_description(fit, poses)
-    yield from unseen(observations(data))
+    yield from region_sentences(fit, poses)
+    yield from unobservable_sentences(observations(data))
     unknown = [name for name in data.ignored if split_header(name)[1] is not None]
     if texts := [n for n in data.ignored if n not in unknown and identifier(n) not in followers(mechanism)]:
         yield f"columns of text that are not used: {', '.join(texts)}"

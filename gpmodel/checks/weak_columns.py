@@ -246,7 +246,7 @@ def scaled(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str, str]]:
 def _factors(fit: Calibration, poses: Poses) -> list[Factor]:
     """Estimate the scale factor of all positions, then of each of x, y, z and each joint; empty without positions."""
     mechanism, problem = fit.model.mechanism, problem_at(fit, poses)
-    if problem.left is not None or not np.isfinite(poses.dataset.position).any():
+    if problem.reduced is not None or not np.isfinite(poses.dataset.position).any():
         return []
     pool = candidates(mechanism, poses.states, [f for f in catalogue if f.name in HEALTHY])
     healthy = problem.effect_rows([e for c in pool for e in c.effects], fit.model)

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 import pandas as pd
 
-from gpmodel.api.arguments import quantity
+from gpmodel.api.arguments import to_si
 from gpmodel.characters import shell_quoted
 from gpmodel.checks.guess import guess_files
 from gpmodel.cli.console import path_for, write_frame
@@ -86,7 +86,7 @@ def import_table(
     elif file.suffix.lower() in (".yaml", ".yml") and nominal is not None:
         made, read = calibrated_urdf(file, nominal), ("nominal",)
     elif file.suffix.lower() in (".yaml", ".yml"):
-        size = None if square is None else quantity(square, "length", "square", positive=True)
+        size = None if square is None else to_si(square, "length", "square", positive=True)
         made, read = camera_or_corners(file, joints, size), ("joints", "square")
     elif is_figaroh(file):
         made, read = _mapped(files, figaroh_map(file, mechanism), ""), ("mechanism",)

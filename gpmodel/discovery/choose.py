@@ -6,7 +6,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from gpmodel.calibration.gauge import moving_sites, stands_still, still_joints
+from gpmodel.calibration.gauge import at_fixed_joints, moving_sites, still_joints
 from gpmodel.calibration.result import Calibration
 from gpmodel.discovery.formulas import PLAIN, ShortLaw, curves_of, formulas
 from gpmodel.discovery.refinement import refined_at_one_site
@@ -111,12 +111,12 @@ def choose(problem: Problem, evolved: Sequence[Candidate], fresh: frozenset[str]
     mechanism, states = problem.standard.model.mechanism, problem.train.states
     still = still_joints(mechanism, problem.train.dataset)
     grids = grids_of(problem.offers, mechanism, states)
-    grids = [c for c in grids if not stands_still((slot for slot, _, _ in c.joint.drive), still)]
+    grids = [c for c in grids if not at_fixed_joints((slot for slot, _, _ in c.joint.drive), still)]
 
     declared = {e.terms for e in problem.standard.model.effects if not e.constant}
 
     def wanted(group: Group) -> bool:
-        return not all(e.terms in declared or stands_still(e.slots, still) for e in group.effects)
+        return not all(e.terms in declared or at_fixed_joints(e.slots, still) for e in group.effects)
 
     cost = partial(problem.search.cost, places=len(sites_of(mechanism)))
     offering = Offering((of_offers(problem.offers), of_evolved(evolved, cost)), *problem.smooth_sites, grids, wanted)

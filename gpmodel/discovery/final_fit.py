@@ -66,7 +66,7 @@ def _settled(
         further = tuple(change.effect for own in changes for change in own)
         here = state.to_all(state.model(named, further), here)
         count = len(here.theta) - len(further)
-        steps, deviations = (values[count:][here.kept[count:]] for values in (here.theta, here.stderr))
+        steps, deviations = (values[count:][here.free[count:]] for values in (here.theta, here.stderr))
         if np.all(np.abs(steps) <= SETTLED * deviations):
             settled = np.where(np.arange(len(here.theta)) < count, here.theta, 0.0)
             return named, changes, replace(here, theta=settled)
@@ -116,7 +116,7 @@ def constants_in_words(
     """
     at = [e.name for e in fit.model.effects]
     own = [at.index(change.effect.name) for change in changes]
-    constants, deviations = [change.constant for change in changes], np.where(fit.kept[own], fit.stderr[own], np.inf)
+    constants, deviations = [change.constant for change in changes], np.where(fit.free[own], fit.stderr[own], np.inf)
     drawn = outline_of(candidate)
     if drawn is None:
         for constant, deviation in zip(constants, deviations.tolist(), strict=True):

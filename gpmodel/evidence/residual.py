@@ -7,11 +7,11 @@ from functools import cached_property
 import numpy as np
 
 from gpmodel.arrays import LARGEST, Array, IntArray, Mask
-from gpmodel.calibration.gauge import of_one_fold
+from gpmodel.calibration.gauge import nonzero_in_one_fold
 from gpmodel.calibration.linearise import Linearised
-from gpmodel.calibration.priors import beliefs
+from gpmodel.calibration.priors import fit_priors
 from gpmodel.calibration.result import Calibration, problem_at
-from gpmodel.calibration.size import relative
+from gpmodel.calibration.size import without_positions
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
@@ -189,7 +189,7 @@ class Residual:
     def placed_by_units(self) -> Array:
         """Basis of the registration columns that one block of poses alone determines, such as the columns of a bar."""
         columns = self.system[: self.measured]
-        alone = of_one_fold(columns, self.unit_of_pose[self.problem.pose_of_row])
+        alone = nonzero_in_one_fold(columns, self.unit_of_pose[self.problem.pose_of_row])
         return ident.orthonormal(columns[:, alone])
 
     def at_own_noise(self) -> "Residual":
@@ -261,17 +261,17 @@ def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tup
     shrinks to a point would have no residual.
     """
     shortened = problem.residual * shrink[problem.pose_of_row]
-    model, theta, kept = calibration.model, calibration.theta, calibration.kept
+    model, theta, kept = calibration.model, calibration.theta, calibration.free
     free = problem.free(kept)
-    believed = beliefs(model, problem, theta, calibration.placement, kept)
-    count = len(believed.rows) if relative(problem) else believed.own
-    belief, pull = believed.rows[:count], believed.pulls[:count]
+    believed = fit_priors(model, problem, theta, calibration.placement, kept)
+    count = len(believed.rows) if without_positions(problem) else believed.effect_rows
+    belief, pull = believed.rows[:count], believed.rhs[:count]
     order = np.argsort(np.abs(belief).argmax(axis=1), kind="stable")
     system = np.vstack([problem.columns[:, free], belief[order][:, free]])
     scale = np.linalg.norm(system, axis=0)
     system /= np.where(scale > 0, scale, 1.0)
     names = tuple(e.name for e, k in zip(model.effects, kept, strict=True) if k)
-    return system, np.concatenate([shortened, pull[order]]), names, count - believed.own
+    return system, np.concatenate([shortened, pull[order]]), names, count - believed.effect_rows
 
 
 def winsorising(problem: Linearised, poses: int, sigmas: float) -> Array:

@@ -175,7 +175,7 @@ def calibrate_fleet(
     without outlying machines, unless fewer than two machines remain. Source: Efron and Morris (1975), empirical Bayes.
     Raises InputError if a machine has too few poses for the effects.
     """
-    held = np.all([fit.kept[: len(effects)] for fit in alone], axis=0)
+    held = np.all([fit.free[: len(effects)] for fit in alone], axis=0)
     common = tuple(effect for effect, k in zip(effects, held, strict=True) if k)
     own = tuple(
         calibrate(

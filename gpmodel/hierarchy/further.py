@@ -10,7 +10,7 @@ from gpmodel import wording
 from gpmodel.application.model_file import saved_model
 from gpmodel.application.predict import point_deviation
 from gpmodel.arrays import IntArray
-from gpmodel.calibration.comparison import Step, climb, growing, step_of
+from gpmodel.calibration.comparison import Step, fit_steps, nested_models, step_of
 from gpmodel.calibration.gauge import LARGEST_LIMIT
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.priors import off_mean
@@ -165,7 +165,7 @@ def further_machine(fleet: FleetPart, mechanism: Mechanism, seen: Poses, unseen:
     prior = prior_model(fleet, mechanism)
     steps = _own_poses(fleet, prior, seen, unseen, seed)
     last = steps[-1].calibration
-    alone = last if len(steps) > 1 and last.kept.all() else None
+    alone = last if len(steps) > 1 and last.free.all() else None
     outlying = () if alone is None else _outlying(fleet, alone, prior, seen)
     fit = fitted_with_prior(fleet, prior, seen, alone, outlying)
     most = 2 * len(outlying) >= len(fleet.effects) + len(fleet.blocks)
@@ -177,9 +177,9 @@ def _own_poses(fleet: FleetPart, prior: ErrorModel, seen: Poses, unseen: Poses, 
     """Return the step of the registration and, if the machine has enough poses, the step of its fit alone."""
     bare = tuple(effects_alone(fleet, prior).values())
     try:
-        return climb(prior.mechanism, growing(bare, ()), seen, unseen, seed=seed)
+        return fit_steps(prior.mechanism, nested_models(bare, ()), seen, unseen, seed=seed)
     except InputError:
-        return climb(prior.mechanism, growing((), ()), seen, unseen, seed=seed)
+        return fit_steps(prior.mechanism, nested_models((), ()), seen, unseen, seed=seed)
 
 
 def from_the_type(

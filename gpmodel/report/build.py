@@ -5,14 +5,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpmodel.application.further import further_poses, predicted_errors, unseen_errors
+from gpmodel.application.further import further_poses, heldout_errors, predicted_errors
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array, IntArray, Mask
-from gpmodel.calibration.comparison import Step, Unseen
+from gpmodel.calibration.comparison import HeldOutFit, Step
 from gpmodel.calibration.result import Calibration, errors_on
-from gpmodel.calibration.rivals import hidden_rivals
+from gpmodel.calibration.rivals import closest_alternatives
 from gpmodel.calibration.unmeasured_joints import free_joints
-from gpmodel.calibration.unobservable import held_at_description, unseen
+from gpmodel.calibration.unobservable import region_sentences, unobservable_sentences
 from gpmodel.families.catalogue import family
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, observe
@@ -54,7 +54,7 @@ class Ladder:
     final_rows: IntArray | None = None
     saved: SavedModel | None = None
     shipped: int = -1
-    parts: tuple[Unseen, ...] | None = None
+    parts: tuple[HeldOutFit, ...] | None = None
 
     @property
     def of_final(self) -> Poses:
@@ -62,21 +62,21 @@ class Ladder:
         return self.poses if self.final_rows is None else self.poses.subset(self.final_rows)
 
     @property
-    def unseen(self) -> tuple[Unseen, ...]:
+    def heldout_fits(self) -> tuple[HeldOutFit, ...]:
         """Fits of the saved model's step, each fit with its held-out poses."""
         held = np.setdiff1d(np.arange(len(self.poses)), self.train)
         if self.parts is not None or not len(held):
             return self.parts or ()
         fit = self.steps[self.shipped].calibration
-        return (Unseen(fit, self.poses.subset(self.train), self.poses.subset(held)),)
+        return (HeldOutFit(fit, self.poses.subset(self.train), self.poses.subset(held)),)
 
     def as_predicted(self) -> "Ladder":
         """Return the steps, with the held-out errors of `predict` in the step of the saved model."""
-        parts = self.unseen
+        parts = self.heldout_fits
         if self.saved is None or not parts:
             return self
-        errors, steps = unseen_errors(self.poses, parts, as_measured=True), list(self.steps)
-        rows = np.concatenate([part.unseen.dataset.row for part in parts])
+        errors, steps = heldout_errors(self.poses, parts, as_measured=True), list(self.steps)
+        rows = np.concatenate([part.heldout.dataset.row for part in parts])
         at = np.isin(self.poses.dataset.row, rows)
         steps[self.shipped] = replace(steps[self.shipped], heldout_error=errors[at])
         return replace(self, steps=tuple(steps))
@@ -115,7 +115,7 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
     data, names = poses.dataset, names_of(poses.dataset)
     told = final.freedom + final.rank if free_joints(final.model.mechanism) else None
     floor, source = floor_mm(final, ladder.of_final, origin.noise, told)
-    rivals, kinds = hidden_rivals(final, ladder.of_final), [joint.kind for joint in final.model.mechanism.joints]
+    rivals, kinds = closest_alternatives(final, ladder.of_final), [joint.kind for joint in final.model.mechanism.joints]
     plots = fitted.plots(poses, ladder.train, ladder.steps)
     return Report(
         kind=kind,
@@ -147,7 +147,10 @@ def build(kind: Kind, ladder: Ladder, origin: Origin) -> Report:
             *reading_records(poses, [[_judged(step.calibration, ladder)] for step in (steps[0], steps[-1])]),
             *orientation_record(plots, poses.dataset.row[ladder.outliers].tolist()),
         ),
-        unseen=(*held_at_description(final, poses, searched=kind == "discover"), *unseen(observations(data))),
+        unseen=(
+            *region_sentences(final, poses, searched=kind == "discover"),
+            *unobservable_sentences(observations(data)),
+        ),
         mimics=tuple(MimicRecord(translate(r.constant, names), translate(r.candidate.name, names)) for r in rivals),
         seconds=origin.seconds,
     )
@@ -158,7 +161,7 @@ def _predicted(ladder: Ladder) -> PredictedRecord | None:
     saved, poses = ladder.saved, ladder.poses
     if saved is None:
         return None
-    held = [unseen_errors(poses, ladder.unseen, as_measured=way) for way in (True, False)]
+    held = [heldout_errors(poses, ladder.heldout_fits, as_measured=way) for way in (True, False)]
     model = [predicted_errors(saved, poses, as_measured=way) for way in (True, False)]
     return PredictedRecord(*(fitted.statistics_mm(errors[ladder.counts]) for errors in (*held, *model)))
 

@@ -12,7 +12,7 @@ from gpmodel.application.model_file import saved_model
 from gpmodel.application.usable import usable
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.result import Calibration, resolved
-from gpmodel.calibration.unmeasured_joints import what_is_left
+from gpmodel.calibration.unmeasured_joints import without_joint_motion
 from gpmodel.errors import LISTED, InputError
 from gpmodel.families.candidate import NAMED, Candidate, without_phase
 from gpmodel.families.catalogue import explained, family
@@ -126,7 +126,7 @@ def shape_record(
     term = candidate.place
     sensitivity = observed.sensitivity(places(mechanism).index(term.slot))
     column = sensitivity[:, :, AXES.index(term.axis)] * term.weight
-    column, residual = (what_is_left(mechanism, observed, measured, weights * v) for v in (column, residual))
+    column, residual = (without_joint_motion(mechanism, observed, measured, weights * v) for v in (column, residual))
     strength = np.sum(column**2, axis=1)
     seen = strength > WEAK * np.max(strength, initial=1e-30)
     own = shape(final, candidate, poses.states) / term.weight
@@ -292,7 +292,7 @@ def named_effects(ladder: Ladder) -> Iterator[EffectRecord]:
     for candidate, record in zip(
         candidates, effect_records(final, ladder.poses, candidates, names, states), strict=True
     ):
-        kept = bool(final.kept[indices(final, candidate)].all())
+        kept = bool(final.free[indices(final, candidate)].all())
         places = [t for effect in candidate.effects for t in effect.terms]
         bases = "; ".join(dict.fromkeys(str(t.basis) for t in places))
         yield replace(

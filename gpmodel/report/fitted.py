@@ -61,10 +61,10 @@ def parameters(
         ParameterRecord(
             name=translate(effect.name, names),
             value=float(final.theta[i]),
-            stderr=optional(final.stderr[i] if final.kept[i] else final.prior_errors[i]),
+            stderr=optional(final.stderr[i] if final.free[i] else final.prior_errors[i]),
             unit=effect.unit,
-            unique_share=float(final.unique_share[i]) if final.kept[i] else None,
-            kept=bool(final.kept[i]),
+            unique_share=float(final.unique_share[i]) if final.free[i] else None,
+            kept=bool(final.free[i]),
             correlated_with=correlations(final, [effect], names),
         )
         for i, effect in enumerate(final.model.effects)
@@ -74,7 +74,7 @@ def parameters(
 
 def placement(final: Calibration) -> tuple[ParameterRecord, ...]:
     """Return the numbers of tool point and registration of a fit as records, the tool first."""
-    ordered = sorted(final.placed, key=lambda p: not p.name.startswith("tool"))
+    ordered = sorted(final.placement_numbers, key=lambda p: not p.name.startswith("tool"))
     return tuple(ParameterRecord(p.name, float(p.value), optional(p.stderr), p.unit) for p in ordered)
 
 
@@ -119,10 +119,10 @@ def moves_alone(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect
     """
     problem = problem_at(fit, poses)
     point = np.nonzero(problem.weights > 0)[1] < 3
-    if problem.left is not None or not point.any():
+    if problem.reduced is not None or not point.any():
         return [None] * len(groups)
     columns = triangle(problem.columns[point])
-    held = problem.free(fit.kept)
+    held = problem.free(fit.free)
     theta = np.concatenate([np.zeros(problem.placement), fit.theta])
     out: list[float | None] = []
     for group in groups:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gpmodel.application.further import shipped, unseen_of
+from gpmodel.application.further import heldout_fits, shipped
 from gpmodel.application.model_file import SavedModel
 from gpmodel.calibration.unobservable import unobservable_families
 from gpmodel.discovery.acceptance import Hypothesis
@@ -119,7 +119,7 @@ def from_discovery(discovery: Discovery, origin: Origin, saved: SavedModel | Non
     poses, final = discovery.poses, discovery.final
     names = names_of(poses.dataset)
     unobservable = tuple(translate(name, names) for name in unobservable_families(final, poses))
-    parts = unseen_of(discovery)
+    parts = heldout_fits(discovery)
     ladder = Ladder(poses, discovery.train, discovery.steps, final, (), None, saved, shipped(discovery), parts)
     common = build("discover", ladder, origin)
     if discovery.folds:

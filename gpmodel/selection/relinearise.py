@@ -115,7 +115,7 @@ def _started(screening: Screening, groups: Sequence[Group], state: Expansion) ->
     fitting, model = state.fitting, state.fitting.model
     problem = fitting.linearised(state.theta, state.placement)
     target = problem.residual + problem.columns[:, problem.placement :] @ off_mean(model, state.theta)
-    noise = blocks_of(problem, fitting.bundle, fitting.ratio)
+    noise = blocks_of(problem, fitting.block, fitting.ratio)
     rows = Rows(model.mechanism, problem, target, noise, screening.shapes)
     pool = GroupPool(rows, groups, screening.prices)
     active = Active(pool, {}, {}, max(state.sigma, LEAST_NOISE) ** 2)
@@ -150,7 +150,7 @@ def _refitted(active: Active, screening: Screening, state: Expansion) -> Expansi
     if (use != fitting.use).any():
         fitting = replace(fitting, use=use)
         fit = refit(replace(fit.state, fitting=fitting, sigma=sigma))
-    ratio = pose_ratio(fit.problem, fitting.bundle, fitting.ratio, fit.unknowns - fit.problem.placement)
+    ratio = pose_ratio(fit.problem, fitting.block, fitting.ratio, fit.unknowns - fit.problem.placement)
     return replace(fit.state, fitting=replace(fitting, ratio=ratio))
 
 

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.calibration.gauge import of_one_fold
+from gpmodel.calibration.gauge import nonzero_in_one_fold
 from gpmodel.evidence.residual import exchangeable, reordered
 from gpmodel.evolution.variances import best
 from gpmodel.families.frequency_grid import FrequencyGrid
@@ -185,5 +185,5 @@ def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: 
 def _of_one_bundle(rows: Rows, codes: IntArray) -> Array:
     """Return a basis of the registration columns that one block of poses alone determines. codes: block of a pose."""
     placed = rows.problem.columns[:, : rows.problem.placement]
-    alone = of_one_fold(placed, codes[rows.pose_of_row])
+    alone = nonzero_in_one_fold(placed, codes[rows.pose_of_row])
     return ident.orthonormal(rows.whitening.whiten(placed[:, alone]))

@@ -17,7 +17,7 @@ from gpmodel.application.exports.forward import forward_of
 from gpmodel.application.exports.rigid import refitted
 from gpmodel.application.exports.sample import Place
 from gpmodel.application.exports.sources import header_text, latex_text, numpy_text
-from gpmodel.application.further import unseen_of
+from gpmodel.application.further import heldout_fits
 from gpmodel.application.model_file import saved_model
 from gpmodel.mechanism.source import LoadedMechanism, MechanismChoice
 from gpmodel.model.error_model import observe, prepare
@@ -96,11 +96,11 @@ def test_a_choice_in_folds_states_the_errors_of_each_model_at_the_poses_it_has_n
     frame = table(60, name="ur5")
     result = gp.discover("ur5", frame, folds=3, search=gp.Search(runs=0), candidates=gp.catalogue[:1])
     found = np.full(len(frame), np.nan)
-    for part in unseen_of(result.found):
-        Model(saved_model(part.fit, part.seen)).save(tmp_path / "part.json")
-        rows = part.unseen.dataset.row - 1
+    for part in heldout_fits(result.found):
+        Model(saved_model(part.fit, part.train)).save(tmp_path / "part.json")
+        rows = part.heldout.dataset.row - 1
         found[rows] = errors(gp.load_model(tmp_path / "part.json"), frame, rows, True)
-    assert len(unseen_of(result.found)) == 3
+    assert len(heldout_fits(result.found)) == 3
     assert result.record.ladder[-1].heldout.rms_mm == pytest.approx(root_mean_square(found), abs=EXACT)
     result.model.save(tmp_path / "model.json")
     whole = errors(gp.load_model(tmp_path / "model.json"), frame, np.arange(len(frame)), False)

@@ -325,7 +325,7 @@ def test_every_standard_error_is_the_root_of_the_total_variance_of_fits_with_eac
     stated = uncertain(fit, poses, [place])
     common = len(geometric_effects(fit.model.mechanism)) + 1
     values, others, stderr, theirs, both = (
-        np.array([*numbers[:common][fit.kept[:common]], *(getattr(p, what) for p in one.placed)])
+        np.array([*numbers[:common][fit.free[:common]], *(getattr(p, what) for p in one.placement_numbers)])
         for one, numbers, what in (
             (fit, fit.theta, "value"), (instead, instead.theta, "value"), (fit, fit.stderr, "stderr"),
             (instead, instead.stderr, "stderr"), (stated, stated.stderr, "stderr"),
@@ -377,7 +377,9 @@ def test_the_radius_of_a_ball_allows_for_lobes_of_any_number_and_for_those_that_
         rig, data = rig_of(seed, kind, True)
         nothing = np.zeros(0, dtype=np.int64)
         found = discover(JOINT, prepare(JOINT, data), np.arange(60), nothing, search=Search(runs=0, workers=1))
-        alone, both = (next(p for p in one.final.placed if p.name == "tool z") for one in (found, over_causes(found)))
+        alone, both = (
+            next(p for p in one.final.placement_numbers if p.name == "tool z") for one in (found, over_causes(found))
+        )
         off.append(abs(both.value - rig.joint.tooling_ball[2] + JOINT.tooling_ball[2]) / both.stderr)
         wider.append(both.stderr / alone.stderr)
     assert max(off) < 3.0

@@ -10,7 +10,7 @@ import gpmodel as gp
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.iterate import STEP_TOLERANCE, Fitting, iterate
 from gpmodel.calibration.linearise import linearise
-from gpmodel.calibration.priors import GEOMETRY_REACH, beliefs
+from gpmodel.calibration.priors import GEOMETRY_REACH, fit_priors
 from gpmodel.calibration.result import errors_on
 from gpmodel.calibration.start import placement_after
 from gpmodel.errors import InputError
@@ -124,7 +124,7 @@ def test_what_is_returned_is_what_was_optimised() -> None:
     seen = observe(fit.model, truth.poses, fit.theta, fit.placement)
     np.testing.assert_array_equal(fit.error, pose_error(seen, truth.poses.dataset))
     np.testing.assert_array_equal(errors_on(fit, truth.poses), fit.error)
-    assert (fit.theta[~fit.kept] == 0.0).all()
+    assert (fit.theta[~fit.free] == 0.0).all()
     rng = np.random.default_rng(0)
     for _ in range(5):
         step = 3 * np.nan_to_num(fit.stderr) * rng.normal(size=len(fit.theta))
@@ -151,12 +151,12 @@ def test_dropped_parameters_are_named_and_carry_no_deviation() -> None:
     truth = measure("irb6400r", (), (), 9)
     model = ErrorModel(truth.model.mechanism, geometric_effects(truth.model.mechanism))
     fit = calibrate(model, truth.poses)
-    assert set(fit.dropped) == {e.name for e, k in zip(model.effects, fit.kept, strict=True) if not k}
+    assert set(fit.dropped) == {e.name for e, k in zip(model.effects, fit.free, strict=True) if not k}
     assert 5 < len(fit.dropped) < 20
-    assert np.isnan(fit.stderr[~fit.kept]).all()
-    assert np.isfinite(fit.stderr[fit.kept]).all()
-    assert (fit.unique_share[fit.kept] > 0).all()
-    assert fit.rank == 9 + fit.kept.sum()
+    assert np.isnan(fit.stderr[~fit.free]).all()
+    assert np.isfinite(fit.stderr[fit.free]).all()
+    assert (fit.unique_share[fit.free] > 0).all()
+    assert fit.rank == 9 + fit.free.sum()
 
 
 def test_the_condition_limit_is_a_visible_choice() -> None:
@@ -264,10 +264,10 @@ def test_a_fit_ends_where_a_step_on_columns_of_that_very_point_moves_nothing(har
     model = ErrorModel(truth.model.mechanism, (*truth.model.effects, *curves[6:]))
     fit = calibrate(model, truth.poses, robust=False)
     problem = linearise(model, truth.poses, fit.theta, fit.placement, fit.rotation_weight, np.ones(60, dtype=bool))
-    free = np.concatenate([np.ones(problem.placement, dtype=bool), fit.kept])
-    known = beliefs(model, problem, fit.theta, fit.placement, fit.kept)
+    free = np.concatenate([np.ones(problem.placement, dtype=bool), fit.free])
+    known = fit_priors(model, problem, fit.theta, fit.placement, fit.free)
     system = np.vstack([problem.columns, known.rows])[:, free]
-    target = np.concatenate([problem.residual, known.pulls])
+    target = np.concatenate([problem.residual, known.rhs])
     scale = np.linalg.norm(system, axis=0)
     step = np.linalg.lstsq(system / scale, target, rcond=1e-12)[0] / scale
     assert fit.status == "converged"
@@ -292,7 +292,7 @@ def test_a_fit_follows_a_valley_that_bends(twist: float) -> None:
     """From the best fit with a wrong twist the way is long, flat and curved."""
     model, poses, placement = close_to_the_axis(NOISE)
     names = [e.name for e in model.effects]
-    kept = calibrate(model, poses, robust=False, condition_limit=100.0).kept
+    kept = calibrate(model, poses, robust=False, condition_limit=100.0).free
     kept[[names.index(f"wrist_{name}") for name in ("1_joint Tz", "2_joint Tx", "2_joint Rx")]] = True
     fitting = Fitting(model, poses, np.ones(len(poses), dtype=bool), 1.0, sharing(poses.dataset))
     start = np.where(np.array(names) == "wrist_2_joint Rx", twist, 0.0)
@@ -308,7 +308,7 @@ def test_what_the_poses_hardly_show_stays_near_the_description() -> None:
     model, poses, placement = close_to_the_axis(1e-3)
     fit = calibrate(model, poses, robust=False, condition_limit=1e4)
     at = [e.name for e in model.effects].index("wrist_2_joint Rx")
-    assert fit.kept[at]
+    assert fit.free[at]
     assert abs(fit.theta[at]) < 3 * GEOMETRY_REACH
     assert fit.stderr[at] < 1.2 * GEOMETRY_REACH
     assert np.linalg.norm(fit.placement.tool[""][:3, 3] - placement.tool[""][:3, 3]) < 0.01

@@ -9,8 +9,8 @@ from effect_cases import MECHANISMS, NOISE, Truth, bare, measure, mechanism, tru
 
 import gpmodel as gp
 from gpmodel.calibration import iterate
-from gpmodel.calibration.comparison import climb, growing
-from gpmodel.calibration.gauge import stands_still, still_joints
+from gpmodel.calibration.comparison import fit_steps, nested_models
+from gpmodel.calibration.gauge import at_fixed_joints, still_joints
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, errors_on, without_outlier_marks
 from gpmodel.calibration.start import start_placements
@@ -72,7 +72,7 @@ def test_joints_that_stand_still_have_no_geometry() -> None:
     truth = robot("irb6400r", (1, 4), 0.6, 0)
     arm = truth.model.mechanism
     fit = calibrate(ErrorModel(arm, geometric_effects(arm)), truth.poses)
-    held = {e.name.split()[0] for e, k in zip(fit.model.effects, fit.kept, strict=True) if k}
+    held = {e.name.split()[0] for e, k in zip(fit.model.effects, fit.free, strict=True) if k}
     assert held
     assert held <= {"J2", "J5"}
 
@@ -81,8 +81,8 @@ def test_every_step_of_the_ladder_fits_at_least_as_well_as_the_one_before() -> N
     truth = robot("ur5", (1, 2, 3), 0.3, 1)
     arm = truth.model.mechanism
     wrong = [(f"tanh {j.name}", (drive_effect("t", j, Expression(f"tanh(9*{j.name})")),)) for j in arm.joints[:2]]
-    rungs = climb(
-        arm, growing(geometric_effects(arm), wrong),
+    rungs = fit_steps(
+        arm, nested_models(geometric_effects(arm), wrong),
         truth.poses.subset(np.arange(30)), truth.poses.subset(np.arange(30, 40)),
     )  # fmt: skip
     assert [r.name for r in rungs] == ["registration", "standard", *(name for name, _ in wrong)]
@@ -129,13 +129,13 @@ def test_two_tables_of_one_machine_hold_the_same_parameters(name: str) -> None:
     arm = first.model.mechanism
     model = ErrorModel(arm, geometric_effects(arm))
     fits = [calibrate(model, truth.poses) for truth in (first, second)]
-    np.testing.assert_array_equal(fits[0].kept, fits[1].kept)
-    held = [e.name for e, k in zip(model.effects, fits[0].kept, strict=True) if k]
+    np.testing.assert_array_equal(fits[0].free, fits[1].free)
+    held = [e.name for e, k in zip(model.effects, fits[0].free, strict=True) if k]
     zeros = {f"{j.name} {j.drive[0][1]}" for j in arm.joints[1:-1]}
     assert zeros <= set(held)
     assert len(held) == 18
-    apart = (fits[0].theta - fits[1].theta)[fits[0].kept]
-    assert (np.abs(apart) < 4.5 * np.hypot(fits[0].stderr, fits[1].stderr)[fits[0].kept]).all()
+    apart = (fits[0].theta - fits[1].theta)[fits[0].free]
+    assert (np.abs(apart) < 4.5 * np.hypot(fits[0].stderr, fits[1].stderr)[fits[0].free]).all()
 
 
 @pytest.mark.long
@@ -145,8 +145,8 @@ def test_registration_and_tool_come_with_deviations_that_hold(see: tuple[str, ..
     for seed in range(25):
         truth = measure("ur5", (), (), seed, count=30, geometry=0.0, see=see)
         fit = calibrate(truth.model, truth.poses, robust=False)
-        known = {p.name: p for p in fit.placed}
-        assert [p.unit for p in fit.placed][:6] == ["m"] * 3 + ["rad"] * 3
+        known = {p.name: p for p in fit.placement_numbers}
+        assert [p.unit for p in fit.placement_numbers][:6] == ["m"] * 3 + ["rad"] * 3
         for what, frame in (("registration", truth.placement.registration[""]), ("tool", truth.placement.tool[""])):
             for axis, value in zip("xyz", frame[:3, 3], strict=True):
                 scores.append((known[f"{what} {axis}"].value - value) / known[f"{what} {axis}"].stderr)
@@ -162,7 +162,7 @@ def test_the_rotation_vector_of_a_large_turn_comes_with_deviations_that_hold() -
         turn = se3.exp(np.concatenate([np.zeros(3), wanted]))[:3, :3] @ truth.placement.registration[""][:3, :3].T
         turned = replace(truth.poses.dataset, position=truth.poses.dataset.position @ turn.T)
         fit = calibrate(truth.model, replace(truth.poses, dataset=turned), robust=False)
-        known = {p.name: p for p in fit.placed}
+        known = {p.name: p for p in fit.placement_numbers}
         scores += [(known[f"registration r{a}"].value - w) / known[f"registration r{a}"].stderr
                    for a, w in zip("yz", wanted[1:], strict=True)]  # fmt: skip
     assert np.std(scores) == pytest.approx(1.0, abs=0.25)
@@ -173,9 +173,9 @@ def test_no_effect_is_looked_for_at_a_joint_that_stands_still() -> None:
     arm, data = truth.model.mechanism, truth.poses.dataset
     still = still_joints(arm, data)
     assert still == ("J1", "J3", "J4", "J6")
-    assert stands_still(("J3.moving",), still)
-    assert not stands_still(("J2.moving", "J3.moving"), still)
-    assert not stands_still(("base",), still)
+    assert at_fixed_joints(("J3.moving",), still)
+    assert not at_fixed_joints(("J2.moving", "J3.moving"), still)
+    assert not at_fixed_joints(("base",), still)
 
 
 def test_one_pose_measured_metres_away_is_left_out_and_changes_nothing_else() -> None:
@@ -187,7 +187,7 @@ def test_one_pose_measured_metres_away_is_left_out_and_changes_nothing_else() ->
     rest = calibrate(model, truth.poses.subset(np.delete(np.arange(60), 1)))
     assert far.outliers.tolist() == [1]
     assert far.status == "converged"
-    assert far.kept.tolist() == rest.kept.tolist()
+    assert far.free.tolist() == rest.free.tolist()
     np.testing.assert_allclose(far.theta, rest.theta, atol=1e-9)
 
 
@@ -347,5 +347,5 @@ def test_few_touches_of_balls_hold_constants_enough() -> None:
     result = gp.calibrate("irb6400r", made.table)
     assert [step.calibration.status for step in result.calibrated.steps] == ["converged"] * 2
     last = result.calibrated.steps[-1].calibration
-    assert 10 <= sum(k and e.constant for k, e in zip(last.kept, last.model.effects, strict=True)) < 13
+    assert 10 <= sum(k and e.constant for k, e in zip(last.free, last.model.effects, strict=True)) < 13
     assert result.fit[0].sigma < 2e-4

@@ -11,7 +11,14 @@ from experiments.spherical_joint.rig import Rig
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import effect_columns
 from gpmodel.calibration.result import Calibration, problem_at
-from gpmodel.calibration.rivals import PLAUSIBLE, ROW, TOLD_APART, UNKNOWNS, hidden_rivals, rivals_of_constants
+from gpmodel.calibration.rivals import (
+    PLAUSIBLE,
+    ROW,
+    TOLD_APART,
+    UNKNOWNS,
+    alternatives_of_constants,
+    closest_alternatives,
+)
 from gpmodel.errors import LISTED
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
@@ -45,35 +52,35 @@ def pool(poses: Poses) -> list[Candidate]:
 def test_an_axis_offset_could_be_a_ball_with_two_lobes_and_the_size_is_its_own(seed: int) -> None:
     """No axis is off, the ball has two lobes of 8 µm: the offset that is fitted names them, and their size."""
     fit, poses = fitted(31, seed, lobes=8e-6)
-    rivals = rivals_of_constants(fit, poses, pool(poses))
+    rivals = alternatives_of_constants(fit, poses, pool(poses))
     found = next(r for r in rivals if r.constant == "J1 Tz" and r.candidate.name == LOBES)
     assert abs(found.value) > 10e-6
     assert found.amplitude == pytest.approx(8e-6, rel=0.3)
-    assert found.apart < TOLD_APART
+    assert found.distance < TOLD_APART
 
 
 def test_the_poses_it_names_tell_the_two_apart() -> None:
     fit, poses = fitted(31, 0)
-    rival = next(r for r in rivals_of_constants(fit, poses, pool(poses)) if r.candidate.name == LOBES)
+    rival = next(r for r in alternatives_of_constants(fit, poses, pool(poses)) if r.candidate.name == LOBES)
     assert np.all(rival.difference > 5 * fit.sigma)
     again, more = fitted(31, 0, extra=np.repeat(rival.poses, 3, axis=0))
-    assert not [r for r in rivals_of_constants(again, more, pool(more)) if r.candidate.name == LOBES]
+    assert not [r for r in alternatives_of_constants(again, more, pool(more)) if r.candidate.name == LOBES]
 
 
 @pytest.mark.long
 def test_a_constant_in_the_noise_has_no_rivals_and_many_poses_leave_no_lobes() -> None:
     fit, poses = fitted(31, 0)
-    names = {r.constant for r in rivals_of_constants(fit, poses, pool(poses))}
+    names = {r.constant for r in alternatives_of_constants(fit, poses, pool(poses))}
     sizes = dict(zip((e.name for e in fit.model.effects), np.abs(fit.theta) / fit.stderr, strict=True))
     assert names
     assert all(sizes[name] > 3 for name in names)
     many, everywhere = fitted(400, 0)
-    offsets = [r for r in rivals_of_constants(many, everywhere, pool(everywhere)) if r.constant == "J1 Tz"]
+    offsets = [r for r in alternatives_of_constants(many, everywhere, pool(everywhere)) if r.constant == "J1 Tz"]
     assert not [r for r in offsets if r.candidate.family == "ball_lobes"]
 
 
 def test_the_sentences_say_what_it_could_be_and_where_to_measure() -> None:
-    said = [rival.words(["revolute"] * 3) for rival in hidden_rivals(*fitted(31, 0))]
+    said = [rival.words(["revolute"] * 3) for rival in closest_alternatives(*fitted(31, 0))]
     assert said
     assert all("may instead be " in text for text in said)
     assert any(text.startswith("J1 Tz of −24.4 µm") for text in said)
@@ -108,13 +115,13 @@ def test_every_rival_says_what_tells_it_apart_in_a_hall_that_stays_at_thirty_deg
         "never": "no joint values separate",
     }
     seen = dict.fromkeys(ends, 0)
-    for rival in rivals_of_constants(fit, poses, few):
-        by_session = "instrument" if "instrument" in rival.session else "warm"
-        way = by_session if rival.session else "told" if rival.difference.max() > 1e-9 else "never"
+    for rival in alternatives_of_constants(fit, poses, few):
+        by_session = "instrument" if "instrument" in rival.session_inputs else "warm"
+        way = by_session if rival.session_inputs else "told" if rival.difference.max() > 1e-9 else "never"
         assert ends[way] in rival.words(["revolute"] * 6)
         seen[way] += 1
     assert min(seen.values()) >= 1
-    growth = next(r for r in rivals_of_constants(fit, poses, few) if "temperature" in r.session)
+    growth = next(r for r in alternatives_of_constants(fit, poses, few) if "temperature" in r.session_inputs)
     assert growth.candidate.family == "thermal_growth"
     assert growth.amplitude * (30.0 - 20.0) * 1.175 == pytest.approx(abs(growth.value), rel=0.05)
 
@@ -124,7 +131,7 @@ def test_a_scale_of_the_instrument_could_be_a_length_where_it_is_small_enough_to
     """A scale does at all joint values what the length of one link does, the others' being fitted too."""
     fit, poses, arm = measured_arm(0.2)
     scales = [c for c in catalogue.candidates(arm, poses.states) if c.name == "range scale of the instrument"]
-    rival = next(r for r in rivals_of_constants(fit, poses, scales) if r.apart < 0.1)
+    rival = next(r for r in alternatives_of_constants(fit, poses, scales) if r.distance < 0.1)
     assert rival.words(["revolute"] * 6).endswith("with another instrument would separate the two causes")
     prior = scales[0].effects[0].prior
     believed, not_believed = (replace(rival, sizes=np.array([PLAUSIBLE * prior * share])) for share in (0.9, 1.1))
@@ -143,7 +150,7 @@ def test_beside_curves_finer_than_the_poses_can_tell_what_is_said_keeps_its_size
     ]  # fmt: skip
     fit = calibrate(ErrorModel(arm, (*geometric_effects(arm), *curves)), poses, start=plain)
     few = [c for c in catalogue.candidates(arm, poses.states) if len(c.effects) <= UNKNOWNS and ROW not in c.inputs]
-    before, beside = (rivals_of_constants(f, poses, few) for f in (plain, fit))
+    before, beside = (alternatives_of_constants(f, poses, few) for f in (plain, fit))
     sizes = {(r.constant, r.candidate.name): r.amplitude for r in before}
     both = [r for r in beside if (r.constant, r.candidate.name) in sizes]
     assert len(both) >= 10
@@ -158,16 +165,16 @@ def eccentricities(arm: Mechanism, poses: Poses) -> list[Candidate]:
 
 def test_on_a_whole_workspace_nothing_of_an_arm_is_hidden() -> None:
     fit, poses, _ = measured_arm(1.0)
-    assert hidden_rivals(fit, poses) == ()
+    assert closest_alternatives(fit, poses) == ()
 
 
 def test_over_part_of_its_ranges_an_arm_could_have_eccentric_joints_until_it_is_measured_where_told() -> None:
     fit, poses, arm = measured_arm(0.2)
-    assert 0 < len(hidden_rivals(fit, poses)) <= LISTED
-    found = rivals_of_constants(fit, poses, eccentricities(arm, poses))
+    assert 0 < len(closest_alternatives(fit, poses)) <= LISTED
+    found = alternatives_of_constants(fit, poses, eccentricities(arm, poses))
     rival = next(r for r in found if np.all(r.difference > 5 * fit.sigma))
     again, more, _ = measured_arm(0.2, np.repeat(rival.poses, 3, axis=0))
-    left = rivals_of_constants(again, more, eccentricities(arm, more))
+    left = alternatives_of_constants(again, more, eccentricities(arm, more))
     assert (rival.constant, rival.candidate.name) not in {(r.constant, r.candidate.name) for r in left}
 
 
@@ -180,15 +187,15 @@ def test_a_model_that_remembers_the_last_move_by_a_clock_alone_has_rivals() -> N
     poses = prepare(arm, timed)
     play = drive_effect("play", arm.joints[1], Expression("last_move_J2"))
     fit = calibrate(ErrorModel(arm, (*geometric_effects(arm), play)), poses)
-    assert 0 < len(hidden_rivals(fit, poses)) <= LISTED
+    assert 0 < len(closest_alternatives(fit, poses)) <= LISTED
 
 
 def test_one_projection_a_candidate_gives_what_a_projection_a_constant_does() -> None:
     fit, poses, arm = measured_arm(0.2)
     problem = problem_at(fit, poses)
-    for rival in rivals_of_constants(fit, poses, eccentricities(arm, poses))[:5]:
+    for rival in alternatives_of_constants(fit, poses, eccentricities(arm, poses))[:5]:
         k = [e.name for e in fit.model.effects].index(rival.constant)
-        held = np.concatenate([np.ones(problem.placement, dtype=bool), fit.kept])
+        held = np.concatenate([np.ones(problem.placement, dtype=bool), fit.free])
         held[problem.placement + k] = False
         columns = effect_columns(rival.candidate.effects, fit.model, problem.poses, problem.observed)
         both = np.column_stack([fit.theta[k] * problem.columns[:, problem.placement + k], problem.weigh(columns)])
@@ -196,4 +203,4 @@ def test_one_projection_a_candidate_gives_what_a_projection_a_constant_does() ->
         sizes = np.linalg.lstsq(left[:, 1:], left[:, 0], rcond=None)[0]
         np.testing.assert_allclose(rival.sizes, sizes, rtol=1e-5, atol=1e-9)
         apart = np.linalg.norm(left[:, 0] - left[:, 1:] @ sizes) / fit.sigma
-        assert rival.apart == pytest.approx(apart, rel=1e-4, abs=1e-6)
+        assert rival.distance == pytest.approx(apart, rel=1e-4, abs=1e-6)

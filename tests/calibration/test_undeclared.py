@@ -15,8 +15,8 @@ from gpmodel.calibration import gauge
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.calibration.size import MOST, spread
-from gpmodel.calibration.undeclared import Undeclared, Waves, apart_from_effects
-from gpmodel.calibration.unobservable import errors_by_region, held_at_description
+from gpmodel.calibration.undeclared import SinusoidProducts, Undeclared, apart_from_effects
+from gpmodel.calibration.unobservable import errors_by_region, region_sentences
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects, standard_effects
 
@@ -75,7 +75,7 @@ def test_errors_are_foreseen_inside_and_outside_and_said_first(guilty: bool) -> 
     fit = fits[1]
     unknown = Undeclared.estimated(problem_at(fit, poses), fit.model, fit.theta)
     _, *foreseen = errors_by_region(fit, poses, unknown)
-    said = list(held_at_description(fit, poses))
+    said = list(region_sentences(fit, poses))
     assert said[0].startswith(f"expected error of a predicted point: {1e3 * foreseen[0]:.2g} mm RMS within")
     assert said[-1].startswith("these measurements do not determine ")
     ratio = 1e3 * np.array(foreseen) / np.array(errors[1])
@@ -85,9 +85,9 @@ def test_errors_are_foreseen_inside_and_outside_and_said_first(guilty: bool) -> 
 @pytest.mark.parametrize("guilty", [False, True])
 def test_a_residual_of_more_than_noise_is_said_and_noise_is_not(guilty: bool) -> None:
     fits, poses, _ = touched(guilty)
-    said = " ".join(held_at_description(fits[1], poses))
+    said = " ".join(region_sentences(fits[1], poses))
     assert ("exceeds the noise" in said) == ("gpmodel discover searches" in said) == guilty
-    assert "discover" not in " ".join(held_at_description(fits[1], poses, searched=True))
+    assert "discover" not in " ".join(region_sentences(fits[1], poses, searched=True))
 
 
 def test_functions_gain_as_much_as_the_likelihood_says() -> None:
@@ -95,7 +95,7 @@ def test_functions_gain_as_much_as_the_likelihood_says() -> None:
     problem, mechanism = problem_at(fits[1], poses), fits[1].model.mechanism
     effects = problem.columns[:, problem.placement :]
     basis = scipy.linalg.null_space(problem.columns[:, : problem.placement].T)
-    waves = Waves.of(problem, fits[1].model).values(problem.poses.dataset.q)[problem.pose_of_row]
+    waves = SinusoidProducts.of(problem, fits[1].model).values(problem.poses.dataset.q)[problem.pose_of_row]
     known = basis.T @ (problem.residual + effects @ fits[1].theta)
     unknown = Undeclared.estimated(problem, fits[1].model, fits[1].theta)
 
@@ -119,7 +119,7 @@ def test_points_in_the_frame_of_an_instrument_show_constants() -> None:
     made = gp.simulate(ARM, poses=40, geometry_sigma="0.3 mm")
     arm = made.truth.mechanism
     poses = prepare(arm, made.table)
-    assert not list(held_at_description(calibrate(ErrorModel(arm, standard_effects(arm, ("*",))), poses), poses))
+    assert not list(region_sentences(calibrate(ErrorModel(arm, standard_effects(arm, ("*",))), poses), poses))
 
 
 @pytest.mark.parametrize("reach", [1e-4, 3e-4, 2e-3])
@@ -136,7 +136,7 @@ def test_the_size_does_not_depend_on_which_constants_stand_for_the_others(monkey
     does not change.
     """
     made = simulated("points", 160)
-    model, chosen = ErrorModel(made.truth.mechanism, geometric_effects(made.truth.mechanism)), gauge.preference
+    model, chosen = ErrorModel(made.truth.mechanism, geometric_effects(made.truth.mechanism)), gauge.inclusion_order
     fit = calibrate(model, ready(made))
 
     def turned_round(*given: Any) -> IntArray:
@@ -144,9 +144,9 @@ def test_the_size_does_not_depend_on_which_constants_stand_for_the_others(monkey
         lengths = np.array([model.effects[i].unit == "m" for i in order])
         return np.concatenate([order[lengths], order[~lengths][::-1]])
 
-    monkeypatch.setattr(gauge, "preference", turned_round)
+    monkeypatch.setattr(gauge, "inclusion_order", turned_round)
     other = calibrate(model, ready(made))
-    assert (fit.kept != other.kept).any()
+    assert (fit.free != other.free).any()
     errors = [tool_error(made, each) for each in (fit, other)]
     np.testing.assert_allclose(errors[0], errors[1], atol=3e-6)
 

@@ -62,7 +62,7 @@ def test_the_best_of_all_is_that_of_each_residual_by_itself() -> None:
 def test_a_gain_is_the_share_of_the_squares_that_least_squares_removes() -> None:
     there = seen(NAMES[1])
     plain = [c for c in pool() if not c.has_priors][::17]
-    columns = there.problem.columns[:, np.append(np.ones(there.problem.placement, bool), there.calibration.kept)]
+    columns = there.problem.columns[:, np.append(np.ones(there.problem.placement, bool), there.calibration.free)]
     for candidate, score in zip(plain, scores(there, plain), strict=True):
         if np.isfinite(score.nats):
             both = np.hstack([columns, there.columns(candidate.effects)])

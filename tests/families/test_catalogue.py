@@ -133,7 +133,7 @@ def test_a_planted_instance_is_recovered_within_its_deviation(name: str, family:
     fit = calibrate(ErrorModel(arm, (*geometric_effects(arm), *effects)), truth.poses)
     k = len(theta)
     found = np.arange(len(fit.theta) - k, len(fit.theta))
-    seen = found[fit.kept[found] & (fit.unique_share[found] > ALIASED)]
+    seen = found[fit.free[found] & (fit.unique_share[found] > ALIASED)]
     if len(seen) < k:
         assert np.sqrt(np.mean(fit.error**2)) < 1.6 * np.sqrt(3) * 3e-5
         return

@@ -82,10 +82,10 @@ def test_poses_without_a_measurement_keep_their_angles() -> None:
 def test_offsets_of_the_axes_are_recovered_and_the_rest_is_named_as_dropped(seed: int) -> None:
     _, data = published_table(seed)
     fit = calibrate(FULL, prepare(JOINT, data))
-    kept = [p.index for p, k in zip(THESIS_PARAMETERS, fit.kept, strict=True) if k]
+    kept = [p.index for p, k in zip(THESIS_PARAMETERS, fit.free, strict=True) if k]
     assert kept == [14, 15, 19]
     assert fit.rank == 7
-    np.testing.assert_array_less(np.abs(fit.theta[fit.kept] - TRUTH), 3 * fit.stderr[fit.kept])
+    np.testing.assert_array_less(np.abs(fit.theta[fit.free] - TRUTH), 3 * fit.stderr[fit.free])
     assert len(fit.dropped) == 27
 
 
@@ -116,7 +116,7 @@ def test_known_angles_show_what_free_ones_hide() -> None:
     fit = calibrate(ErrorModel(known, effects), prepare(known, data), condition_limit=50)
     np.testing.assert_array_less(np.abs(fit.theta - [3e-4, -25.4e-6]), 4 * fit.stderr)
     free = calibrate(ErrorModel(JOINT, effects), prepare(JOINT, data))
-    np.testing.assert_array_equal(free.kept, [False, True])
+    np.testing.assert_array_equal(free.free, [False, True])
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ import gpmodel as gp
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.linearise import linearise
 from gpmodel.calibration.start import placement_after
-from gpmodel.calibration.unobservable import unseen
-from gpmodel.calibration.weigh import weighed
+from gpmodel.calibration.unobservable import unobservable_sentences
+from gpmodel.calibration.weigh import with_weights
 from gpmodel.errors import InputError
 from gpmodel.model.error_model import ErrorModel, measured_minus, observe, prepare
 from gpmodel.model.instruments import with_observations
@@ -72,9 +72,9 @@ def test_size_that_nothing_shows_stays_as_described_and_is_named() -> None:
     made = simulated("points", 160)
     fit = calibrate(ErrorModel(made.truth.mechanism, geometric_effects(made.truth.mechanism)), ready(made))
     assert np.sqrt(np.mean(tool_error(made, fit) ** 2)) < 0.5e-3
-    said = " ".join(unseen(made.table.observations))
+    said = " ".join(unobservable_sentences(made.table.observations))
     assert "the measurements (same_point) do not determine the scale" in said
-    assert "larger" not in " ".join(unseen(simulated("bar", 160).table.observations))
+    assert "larger" not in " ".join(unobservable_sentences(simulated("bar", 160).table.observations))
 
 
 @pytest.mark.long
@@ -239,7 +239,7 @@ def test_a_camera_that_sees_a_few_markers_of_a_body_calibrates_the_arm() -> None
     kept = np.flatnonzero(towards > SIDEWAYS)
     shown = with_observations(replace(shown, readings=dict(zip("uv", read[kept].T, strict=True))), mechanism)
     assert np.unique(shown.q, axis=0, return_counts=True)[1].min() < len(BALL) / 2
-    poses = weighed(mechanism, prepare(mechanism, shown))
+    poses = with_weights(mechanism, prepare(mechanism, shown))
     fit = calibrate(ErrorModel(mechanism, geometric_effects(mechanism)), poses)
     assert fit.status == "converged"
     left = measured_minus(observe(fit.model, poses, fit.theta, fit.placement), shown)[:, 6:]
@@ -253,7 +253,7 @@ def test_pixels_beside_bars_weigh_by_their_own_noise() -> None:
     parts = [gp.simulate(ARM, poses=40, instrument=name, seed=3) for name in ("bar", "camera")]
     frame = pd.concat([made.to_dataframe() for made in parts], ignore_index=True)
     data = with_observations(gp.read_table(frame, ARM, **parts[1].table.described), parts[1].truth.mechanism)
-    poses = weighed(parts[1].truth.mechanism, prepare(parts[1].truth.mechanism, data))
+    poses = with_weights(parts[1].truth.mechanism, prepare(parts[1].truth.mechanism, data))
     metres = {kind.name: kind.metres for kind in poses.dataset.observations}
     assert 0.6 < metres["pixel"] / (0.03e-3 / 0.1) < 1.6
 

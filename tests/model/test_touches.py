@@ -45,7 +45,7 @@ def test_planes_of_one_artefact_have_one_pose() -> None:
     made = simulated("planes", 90)
     data = described(made, CORNER)
     assert [o.name for o in data.observations] == ["surfaces"]
-    assert [len(names) for o in data.observations for names in o.own.values()] == [6]
+    assert [len(names) for o in data.observations for names in o.effect_rows.values()] == [6]
     fit, poses = fitted(made, data)
     assert fit.status == "converged"
     assert left(fit, poses) < 1.1 * NOISE
@@ -68,8 +68,8 @@ def test_spheres_of_known_diameter_lose_their_radius_as_an_unknown() -> None:
     made = simulated("spheres", 90)
     sizes = {name: {"diameter_mm": 2e3 * BALL} for name in "ABC"}
     data = described(made, {"sphere": sizes})
-    free = [len(names) for o in made.table.observations for names in o.own.values()]
-    known = [len(names) for o in data.observations for names in o.own.values()]
+    free = [len(names) for o in made.table.observations for names in o.effect_rows.values()]
+    known = [len(names) for o in data.observations for names in o.effect_rows.values()]
     assert (free, known) == ([4, 4, 4], [3, 3, 3])
     fit, poses = fitted(made, data)
     assert left(fit, poses) < 1.1 * NOISE

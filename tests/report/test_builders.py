@@ -11,7 +11,7 @@ from loop_cases import QUICK, found, quick, rms, robot
 from report_runs import calibrated, discovered, evolved, quickly
 
 import gpmodel as gp
-from gpmodel.calibration.comparison import climb, growing
+from gpmodel.calibration.comparison import fit_steps, nested_models
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.discovery.loop import discover
 from gpmodel.discovery.search import Search
@@ -235,8 +235,10 @@ def test_pose_accuracy_is_as_good_of_poses_held_out_as_of_poses_fitted() -> None
     )  # fmt: skip
     poses = prepare(plain.model.mechanism, data)
     train = np.arange(50 * TIMES)
-    models = growing(geometric_effects(plain.model.mechanism), ())
-    steps = climb(plain.model.mechanism, models, poses.subset(train), poses.subset(np.arange(50 * TIMES, 80 * TIMES)))
+    models = nested_models(geometric_effects(plain.model.mechanism), ())
+    steps = fit_steps(
+        plain.model.mechanism, models, poses.subset(train), poses.subset(np.arange(50 * TIMES, 80 * TIMES))
+    )
     held = positioning(poses, train, steps)
     fitted = positioning(poses.subset(train), train, steps)
     assert held is not None
@@ -252,7 +254,7 @@ def test_pose_accuracy_is_as_good_of_poses_held_out_as_of_poses_fitted() -> None
 
 def test_it_is_not_stated_where_nothing_was_measured_three_times() -> None:
     truth = measure("ur5", (), (), 1, count=60)
-    steps = climb(truth.model.mechanism, growing((), ()), truth.poses, truth.poses)
+    steps = fit_steps(truth.model.mechanism, nested_models((), ()), truth.poses, truth.poses)
     assert positioning(truth.poses, np.arange(60), steps) is None
 
 

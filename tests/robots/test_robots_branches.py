@@ -140,7 +140,7 @@ def test_bars_between_two_arms_are_no_copies_and_cost_one_unknown_each(file: Pat
     data = gp.read_table(frame, arms)
     assert not copies(data).any()
     (touches,) = data.observations
-    assert sum(map(len, touches.own.values())) == 80
+    assert sum(map(len, touches.effect_rows.values())) == 80
     fit, bare = (calibrate(ErrorModel(arms, effects), prepare(arms, data)) for effects in (geometric_effects(arms), ()))
     assert fit.status == "converged"
     assert not len(fit.outliers)

@@ -265,7 +265,7 @@ def test_whitening_makes_the_two_levels_one() -> None:
     covariance = np.eye(6) + 0.8 * (block[:, None] == block)
     half = noise.whiten(np.eye(6))
     np.testing.assert_allclose(half @ covariance @ half.T, np.eye(6), atol=1e-12)
-    np.testing.assert_allclose(noise.restored(half), np.eye(6), atol=1e-12)
+    np.testing.assert_allclose(noise.unwhiten(half), np.eye(6), atol=1e-12)
 
 
 def test_the_ratio_of_the_levels_is_recovered() -> None:
