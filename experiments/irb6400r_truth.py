@@ -18,7 +18,7 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, observe, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3
-from gpmodel.planning.design import Reach
+from gpmodel.planning.design import Constraints
 from gpmodel.planning.poses import spread_poses
 from gpmodel.table.dataset import unmeasured
 from robots.library import irb6400r
@@ -57,7 +57,7 @@ def measured_robot(
     """
     rng = np.random.default_rng([6400, seed])
     mechanism = replace(irb6400r(), payload_com=np.array(PAYLOAD_CENTRE))
-    q = spread_poses(mechanism, poses, rng, Reach(np.array([[-np.inf, -np.inf, LOWEST_TIP], [np.inf] * 3])))
+    q = spread_poses(mechanism, poses, rng, Constraints(np.array([[-np.inf, -np.inf, LOWEST_TIP], [np.inf] * 3])))
     joints = tuple(j.name for j in mechanism.joints)
     table = replace(unmeasured(joints, q), payload=np.full(poses, PAYLOAD))
     prepared = prepare(mechanism, table)

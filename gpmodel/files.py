@@ -38,7 +38,7 @@ def folder_for(out: Path) -> Path:
 
 
 @contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
+def locked_folder(folder: Path) -> Iterator[None]:
     """Create `folder` and lock it. The operating system releases the lock when the process ends, also after a crash.
 
     An empty folder is removed again afterwards. Raises InputError if another process holds the lock, WriteError if the
@@ -47,7 +47,7 @@ def alone_in(folder: Path) -> Iterator[None]:
     from filelock import FileLock, Timeout
 
     missing = next((p for p in reversed((folder, *folder.parents)) if not p.exists()), None)
-    with told_of(folder):
+    with as_write_error(folder):
         folder_for(folder).mkdir(parents=True, exist_ok=True)
         lock = FileLock(folder / LOCK, timeout=0)
         try:
@@ -79,8 +79,8 @@ def finished_folder(out: Path) -> Iterator[Path]:
     Raises InputError if `out` is a file or another process works in `out`, WriteError if a file cannot be written.
     """
     folder_for(out)
-    alone = alone_in(out) if out.is_dir() and out.resolve() not in _held else nullcontext()
-    with alone, told_of(out):
+    alone = locked_folder(out) if out.is_dir() and out.resolve() not in _held else nullcontext()
+    with alone, as_write_error(out):
         out.parent.mkdir(parents=True, exist_ok=True)
         place = out if out.exists() else out.parent
         _sweep(place.resolve())
@@ -114,7 +114,7 @@ def write_bytes(path: Path, content: bytes) -> None:
 
     Raises WriteError if the file cannot be written.
     """
-    with told_of(path):
+    with as_write_error(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         _sweep(path.parent.resolve())
         handle, draft = tempfile.mkstemp(prefix=_mine(), dir=path.parent)
@@ -132,22 +132,22 @@ def write_bytes(path: Path, content: bytes) -> None:
 def remove_folder(folder: Path) -> None:
     """Remove a folder in one step. If the process is killed meanwhile, the next write removes the rest."""
     if folder.exists():
-        with told_of(folder):
+        with as_write_error(folder):
             aside = Path(tempfile.mkdtemp(prefix=_mine(), dir=folder.parent))
             os.replace(folder, aside / folder.name)
         shutil.rmtree(aside, ignore_errors=True)
 
 
-def set_aside(path: Path) -> Path:
+def mark_damaged(path: Path) -> Path:
     """Rename a damaged file to `NAME.damaged`, so that it is kept but not read again; return the new path."""
     aside = path.with_name(f"{path.name}.damaged")
-    with told_of(path):
+    with as_write_error(path):
         os.replace(path, aside)
     return aside
 
 
 @contextmanager
-def told_of(path: Path) -> Iterator[None]:
+def as_write_error(path: Path) -> Iterator[None]:
     """Convert an OSError of a file beside or below `path` to a WriteError that names `path`; pass on other errors."""
     try:
         yield

@@ -23,11 +23,11 @@ def silent(progress: Progress) -> None:
 
 
 @dataclass(frozen=True)
-class Teller:
+class Reporter:
     """Function that sends a text as a progress message. heading: beginning of every line."""
 
-    say: Say = silent
+    send: Say = silent
     heading: str = ""
 
     def __call__(self, text: str, passing: bool = False) -> None:
-        self.say(Progress(f"{self.heading}{text}", passing))
+        self.send(Progress(f"{self.heading}{text}", passing))

@@ -22,7 +22,7 @@ from joints.preload import (
     three_contact_limit,
     total_preload,
 )
-from joints.reynolds import FedFilm, fed_film, left_a_cycle_later, spherical_film
+from joints.reynolds import FedFilm, decay_per_cycle, fed_film, spherical_film
 from joints.settings import Settings, laid_over, positive, read_toml
 from joints.stiffness import layer_stiffness
 
@@ -170,7 +170,7 @@ def _film(s: dict[str, Settings]) -> Iterator[Limit]:
     yield Limit("film", "inlet pressure for the lift", inlet, supply, "atm")
     moved, mass, magnets = moving_film(s)
     least = moved.least_damped(mass, magnets, geometry.orifices * s["film"]["orifice"]["pocket"])
-    left = left_a_cycle_later(least)
+    left = decay_per_cycle(least)
     yield Limit("hammer", "share of a vibration that is left a cycle later", left, 1.0, "")
     change = float(gap_growth(**s["thermal"]["gap"], temperature_change=s["thermal"]["temperature_change"]))
     yield _length("film", "gap that growth takes or adds", abs(change), float(edge_gap(geometry, demand["lift"])))

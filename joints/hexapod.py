@@ -18,13 +18,13 @@ from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import AXES, Joint
 from gpmodel.numerics import se3
 from gpmodel.numerics.se3 import along, shift
-from joints.legs import LEGS, OnLegs, described, held
+from joints.legs import LEGS, SixLegged, from_settings, with_supported_home
 from joints.passive_joint import vector
 from joints.settings import Settings, positive, require
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Hexapod(OnLegs):
+class Hexapod(SixLegged):
     """A hexapod: a platform on six legs with a ball joint at either end; Newton's method closes its loops.
     limits: shortest and longest length of a leg, m."""
 
@@ -81,7 +81,7 @@ def hexapod(path: Path | None = None) -> Hexapod:
     Raises InputError for an unknown key, a missing unit, a ring or range without size, or legs that cannot meet or do
     not hold the platform.
     """
-    return described("hexapod", path, _built)
+    return from_settings("hexapod", path, _built)
 
 
 def _built(s: Settings, file: str) -> Hexapod:
@@ -97,7 +97,7 @@ def _built(s: Settings, file: str) -> Hexapod:
         limits=(shortest, longest), name=s["name"], base=base, platform=platform, tool=vector(s["tool"]["centre"]),
         mass=s["platform"]["mass"], gravity=vector(s["gravity"]),
     )  # fmt: skip
-    return held(machine, file)
+    return with_supported_home(machine, file)
 
 
 def _ring(radius: float, angles: list[float]) -> Array:
@@ -130,7 +130,7 @@ class Actuator:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Tau(OnLegs):
+class Tau(SixLegged):
     """A Tau robot: a platform on six links of fixed length, in clusters of 3, 2 and 1 links on three actuators.
 
     actuators: A1 to A3. The positions in `base` are in the frames of the actuators, after their motion.
@@ -229,7 +229,7 @@ def tau(path: Path | None = None) -> Tau:
     Raises InputError for an unknown key, a missing unit, other than three actuators or six links, a range that does not
     contain zero, or links that do not hold the platform.
     """
-    return described("tau", path, _built_tau)
+    return from_settings("tau", path, _built_tau)
 
 
 def _built_tau(s: Settings, file: str) -> Tau:
@@ -244,7 +244,7 @@ def _built_tau(s: Settings, file: str) -> Tau:
         tool=vector(s["tool"]["centre"]), mass=s["platform"]["mass"], gravity=vector(s["gravity"]),
     )  # fmt: skip
     require(machine.lengths > 0, f"{file}: length of a link [m]", machine.lengths, "above 0")
-    return held(machine, file)
+    return with_supported_home(machine, file)
 
 
 def _actuator(entry: Settings, where: str) -> Actuator:

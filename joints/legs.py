@@ -114,7 +114,7 @@ the legs do not hold the platform; two similar hexagons have the value zero."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class OnLegs:
+class SixLegged:
     """A machine with six links between a base and a platform.
 
     Slots (frames at which errors act): the base, the slots that move the links, the lower ball, link and upper ball of
@@ -310,10 +310,10 @@ class OnLegs:
         return q
 
 
-Machine = TypeVar("Machine", bound=OnLegs)
+Machine = TypeVar("Machine", bound=SixLegged)
 
 
-def described(kind: str, path: Path | None, build: Callable[[Settings, str], Machine]) -> Machine:
+def from_settings(kind: str, path: Path | None, build: Callable[[Settings, str], Machine]) -> Machine:
     """Build a machine from the settings of a TOML file; without a file, the built-in machine.
 
     A machine without a name gets the name of the file. build: function of the settings and of the file name (for
@@ -324,7 +324,7 @@ def described(kind: str, path: Path | None, build: Callable[[Settings, str], Mac
     return replace(machine, name=path.stem) if path and "name" not in given else machine
 
 
-def held(machine: Machine, file: str) -> Machine:
+def with_supported_home(machine: Machine, file: str) -> Machine:
     """Return the machine, after a check that its legs hold the platform at the home pose.
 
     Raises InputError if the links do not meet at home, or if the Jacobian's smallest singular value is below WEAKEST.

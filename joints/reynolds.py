@@ -318,7 +318,7 @@ class FedFilm:
         return (self.volume + added) / ATMOSPHERE
 
 
-def left_a_cycle_later(root: complex) -> float:
+def decay_per_cycle(root: complex) -> float:
     """Return the ratio of the amplitudes after and before one cycle of a vibration with eigenvalue `root` [1/s]. The
     logarithm of the ratio is at most STEEPEST."""
     rate = 2 * np.pi * root.real / max(root.imag, abs(root) / STEEPEST)

@@ -10,7 +10,7 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.residual import Residual, residual_of
-from gpmodel.evidence.score import CHUNK, NOISE_STEPS, directions, saved
+from gpmodel.evidence.score import CHUNK, NOISE_STEPS, directions, mdl_gain
 from gpmodel.evolution.description_length import fit_nats
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
@@ -70,6 +70,6 @@ def best_nats(residual: Residual, pool: Sequence[Candidate], trials: Array) -> A
                 span = np.linalg.svd(left[:, own], full_matrices=False)
                 q = span[0][:, span[1] > 1e-10 * span[1][0]]
                 gain = np.sum((q.T @ trials) ** 2, axis=0) / energy
-                nats = saved(residual, gain, len(c.effects), c.cost)
+                nats = mdl_gain(residual, gain, len(c.effects), c.cost)
             best = np.maximum(best, nats)
     return best

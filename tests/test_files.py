@@ -76,13 +76,13 @@ def test_an_error_of_another_file_is_not_told_of_the_folder(tmp_path: Path) -> N
 def test_one_process_at_a_time(tmp_path: Path) -> None:
     out = tmp_path / "a" / "b"
     with (
-        files.alone_in(out),
+        files.locked_folder(out),
         pytest.raises(InputError, match="another gpmodel process uses this folder"),
-        files.alone_in(out),
+        files.locked_folder(out),
     ):
         pass
     assert list(tmp_path.iterdir()) == []
-    with files.alone_in(out):
+    with files.locked_folder(out):
         (out / "result").touch()
     assert [p.name for p in out.iterdir()] == ["result"]
 
@@ -95,7 +95,7 @@ def test_the_lock_of_a_killed_process_is_free(tmp_path: Path) -> None:
     )
     subprocess.run([sys.executable, "-c", code, tmp_path / "out"])
     assert (tmp_path / "out" / files.LOCK).exists()
-    with files.alone_in(tmp_path / "out"):
+    with files.locked_folder(tmp_path / "out"):
         pass
     assert not (tmp_path / "out" / files.LOCK).exists()
 
@@ -104,7 +104,7 @@ def test_the_lock_is_removed_while_it_is_held(tmp_path: Path) -> None:
     """Afterwards it may be that of another process, and a third would make a new one beside it."""
     with mock.patch.object(BaseFileLock, "release", side_effect=lambda *_: there.append(lock.exists())):
         there, lock = list[bool](), tmp_path / files.LOCK
-        with files.alone_in(tmp_path):
+        with files.locked_folder(tmp_path):
             assert lock.exists()
     assert there[0] is False
 
@@ -112,7 +112,7 @@ def test_the_lock_is_removed_while_it_is_held(tmp_path: Path) -> None:
 def test_what_cannot_be_set_aside_or_removed_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     read_only = OSError(errno.EROFS, os.strerror(errno.EROFS))
-    for action in (files.set_aside, files.remove_folder):
+    for action in (files.mark_damaged, files.remove_folder):
         with mock.patch("os.replace", side_effect=read_only), pytest.raises(WriteError, match=r"a: .*Read-only"):
             action(tmp_path / "a")
 

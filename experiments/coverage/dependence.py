@@ -24,8 +24,8 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.dependence import inflation, regions
 from gpmodel.evidence.residual import Residual, residual_of
-from gpmodel.evidence.score import deflated, scores
-from gpmodel.evolution.chance import chance
+from gpmodel.evidence.score import gains_by_inflation, scores
+from gpmodel.evolution.chance import permutation_p_value
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates
 from gpmodel.model.error_model import ErrorModel
@@ -72,16 +72,16 @@ def stopped(there: Residual, pool: list[Candidate], rng: np.random.Generator) ->
     best = int(np.argmax(nats))
     worth, limits = nats[best], there.criteria
     units = {
-        "poses": there.unit_of_pose,
+        "poses": there.block_of_pose,
         "stretches": stretches(there.poses.states["row"], limits.fewest_bundles),
         "regions": regions(np.column_stack([there.poses.states[axis] for axis in "xyz"]), limits.fewest_bundles),
     }
     p = {}
     for name, unit in units.items():
-        trials = replace(there, unit_of_pose=unit).shuffled(rng, SHUFFLES)
+        trials = replace(there, block_of_pose=unit).permuted(rng, SHUFFLES)
         null = np.array([max(score.nats for score in scores(replace(there, values=trial), pool)) for trial in trials.T])
-        p[name] = chance(worth, null).p < limits.significance
-    kept = deflated(there, pool[best], tuple(inflation(there, pool[best]).values()))
+        p[name] = permutation_p_value(worth, null).p < limits.significance
+    kept = gains_by_inflation(there, pool[best], tuple(inflation(there, pool[best]).values()))
     plain = p["poses"] and worth > limits.minimum_nats
     return {
         "single poses": plain, "and tests of dependence": plain and min(kept) > limits.minimum_nats,

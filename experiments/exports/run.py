@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 import gpmodel as gp
-from gpmodel.application.exports.make import Exports, parts_of, together
+from gpmodel.application.exports.make import Exports, merged, parts_of
 from gpmodel.application.exports.programs import LANGUAGES, program_read
 from gpmodel.application.exports.rigid import measured_link
 from gpmodel.application.exports.sample import Place, fresh_poses
@@ -41,8 +41,8 @@ def geometry(arm: str) -> dict[str, float | str | None]:
     model = gp.calibrate(path, made.table, holdout=0).model
     saved, constant = model.saved, [e.constant for e in model.saved.model.effects]
     saved = replace(saved, theta=np.where(constant, saved.theta, 0.0))  # touches add functions, which few files hold
-    exports = together([part() for part in parts_of(saved, Place.of(saved))[:-1]])
-    found = {e.file: None if np.isnan(e.largest) else 1e6 * e.largest for e in exports.made}
+    exports = merged([part() for part in parts_of(saved, Place.of(saved))[:-1]])
+    found = {e.file: None if np.isnan(e.largest) else 1e6 * e.largest for e in exports.files}
     if not several:
         found["calibrated.urdf by Pinocchio"] = by_pinocchio(model, exports)
         found |= programs(model)
@@ -52,7 +52,7 @@ def geometry(arm: str) -> dict[str, float | str | None]:
 
 def by_pinocchio(model: gp.Model, exports: Exports) -> float:
     """Largest distance of calibrated.urdf from predict, µm, its mimic joints moved by Pinocchio."""
-    text = next(e.text for e in exports.made if e.file == "calibrated.urdf")
+    text = next(e.text for e in exports.files if e.file == "calibrated.urdf")
     placed, poses = model.saved.placement, fresh_poses(model.saved, 100, np.random.default_rng(1))
     tips = (placed.registration[""] @ pinocchio_frames(text, measured_link(text), poses) @ placed.tool[""])[:, :3, 3]
     wanted = model.predict(joint_table(model.mechanism, poses.q))

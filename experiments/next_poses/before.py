@@ -9,14 +9,14 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.mechanism.source import MechanismChoice
-from gpmodel.planning.design import LITTLE, Question, choose
-from gpmodel.planning.poses import GOALS, geometric_question, least_deviation, pool_of, spread_among
+from gpmodel.planning.design import LITTLE, Design, choose
+from gpmodel.planning.poses import GOALS, geometric_problem, least_deviation, pool_of, spread_among
 
 ARMS, CHOSEN, DRAWS, POOL, NOISE = ("irb6400r", "ur10", "panda"), (20, 40, 80), 20, 1000, 3e-5
 RANDOM = (15, 20, 25, 30, 35, 40, 50, 60, 80, 100, 130, 160, 200, 260, 320)
 
 
-def told(question: Question, taken: IntArray) -> dict[str, float]:
+def told(question: Design, taken: IntArray) -> dict[str, float]:
     """Return the precision of poses: standard error of the point, m, RMS and worst over the pool; of the worst
     combination of unknowns, and of all unknowns together, scale-free.
     """
@@ -44,7 +44,7 @@ def study(arm: str) -> dict[str, Any]:
     rng = np.random.default_rng(0)
     mechanism = MechanismChoice(arm).load()
     pool = pool_of(mechanism, POOL // 20, rng)
-    question = geometric_question(mechanism, pool, NOISE)
+    question = geometric_problem(mechanism, pool, NOISE)
     draws = [[told(question, rng.choice(len(pool), n, replace=False)) for _ in range(DRAWS)] for n in RANDOM]
     random = {k: np.array([np.median([draw[k] for draw in some]) for some in draws]) for k in draws[0][0]}
     out: dict[str, Any] = {"arm": arm, "unknowns": len(question.known), "chosen": {}}

@@ -19,7 +19,7 @@ import numpy as np
 
 from experiments.next_poses import before
 from gpmodel.application.model_file import saved_model
-from gpmodel.application.next_poses import Outlook, Questioned
+from gpmodel.application.next_poses import Alternatives, PlanningContext
 from gpmodel.application.predict import point_deviation
 from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
@@ -31,7 +31,7 @@ from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses, observe, prepare
 from gpmodel.model.sites import geometric_effects
-from gpmodel.planning.design import Question, choose_for_all, deviations
+from gpmodel.planning.design import Design, choose_for_all, deviations
 from gpmodel.planning.poses import least_deviation, pool_of
 from gpmodel.planning.simulate import Simulation, simulate
 
@@ -101,19 +101,19 @@ def robot(case: tuple[str, str, str, str], seed: int) -> tuple[Robot, Array]:
     return Robot(truth, effects_named(effect, mechanism, states), effects_named(rival, mechanism, states)), q
 
 
-def asked(made: Robot, first: Array, seed: int) -> tuple[dict[str, Question], Array]:
+def asked(made: Robot, first: Array, seed: int) -> tuple[dict[str, Design], Array]:
     """Return the design questions of the poses, and their pool."""
     mechanism, rng = made.truth.model.mechanism, np.random.default_rng([seed, 3])
     poses = made.measured(first, np.random.default_rng([seed, 1]))
-    outlook = Outlook.over(
+    outlook = PlanningContext.from_joint_values(
         saved_model(made.fit(poses, made.asked), poses), pool := pool_of(mechanism, max(RANDOM), rng), rng
     )
     count = len(made.asked)
-    finding = Questioned("asked", np.arange(len(outlook.saved.theta))[-count:])
+    finding = Alternatives("asked", np.arange(len(outlook.saved.theta))[-count:])
     questions = {
-        "effect": outlook.of_finding(finding),
-        "point": outlook.of_the_point(),
-        "rivals": outlook.beside(finding, made.rival),
+        "effect": outlook.finding_problem(finding),
+        "point": outlook.point_problem(),
+        "rivals": outlook.separation(finding, made.rival),
     }
     return questions, pool
 

@@ -32,7 +32,7 @@ from gpmodel.evolution.settings import Budget, Settings
 from gpmodel.executor import Forks, Threads, Workers
 from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects, sites_of
-from gpmodel.progress import Teller
+from gpmodel.progress import Reporter
 
 ARM = load_mechanism("irb6400r")
 TASKS, TASK_SECONDS = 1000, 0.02
@@ -61,7 +61,7 @@ def speedup() -> dict[str, object]:
     def run(name: str, workers: Workers, runs: int = 8) -> None:
         search = Search(runs=runs, executor=workers)
         began = time.perf_counter()
-        found = explore(residual, sites, search, np.random.default_rng(0), RoundContext(1, Teller(), KeptRuns()))
+        found = explore(residual, sites, search, np.random.default_rng(0), RoundContext(1, Reporter(), KeptRuns()))
         if runs == 8:
             seconds[name] = time.perf_counter() - began
             results.add((tuple(c.name for c in found.candidates), found.null_nats.tobytes()))

@@ -66,9 +66,9 @@ def thesis_scale(repeats: int) -> dict[str, Any]:
     scores = run.scores(population)
     rows = {"evaluation, random population": timed(lambda: run.scores(population), repeats)}
     for _ in range(30):
-        population, scores = run.following(population, scores)
+        population, scores = run.next_generation(population, scores)
     rows["evaluation, generation 30"] = timed(lambda: run.scores(population), repeats)
-    rows["one generation"] = timed(lambda: run.following(population, scores), repeats)
+    rows["one generation"] = timed(lambda: run.next_generation(population, scores), repeats)
     decode = population.decoder(run.layout)
     rows["of it: decoding"] = timed(
         lambda: over_slices(65536, run.threads, lambda part: decode(part) and None, 2048), repeats

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.api.arguments import MechanismLike, check_function, check_texts, file_path, mechanism_of
-from gpmodel.api.table import Shown, TableLike, read_table, specified, told_of_reading
+from gpmodel.api.table import Shown, TableLike, announce_reading, read_table, specified
 from gpmodel.arrays import Array
 from gpmodel.checks.judge import Remark, check_dataset
 from gpmodel.errors import InputError
@@ -19,7 +19,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.error_model import prepare
 from gpmodel.model.sites import standard_effects
 from gpmodel.numerics.se3 import chain
-from gpmodel.progress import Say, Teller, silent
+from gpmodel.progress import Reporter, Say, silent
 from gpmodel.table.bundles import different_poses
 from gpmodel.table.dataset import Dataset, unmeasured
 from gpmodel.wording import counted, wrapped
@@ -160,8 +160,8 @@ def check(
     """
     arm = mechanism_of(mechanism)
     check_function(progress, "progress")
-    told_of_reading(table, progress)
+    announce_reading(table, progress)
     dataset = specified(read_table(table, arm), instrument)
     geometry = standard_effects(arm, check_texts(standard, "standard", "('J* R?',)"))
-    findings = check_dataset(arm, dataset, geometry, Teller(progress))
+    findings = check_dataset(arm, dataset, geometry, Reporter(progress))
     return CheckResult(arm.name, dataset, tuple(findings), command)

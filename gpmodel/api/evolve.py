@@ -48,7 +48,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import standard_effects
-from gpmodel.progress import Say, Teller, silent
+from gpmodel.progress import Reporter, Say, silent
 from gpmodel.report import words
 from gpmodel.report.build import Ladder
 from gpmodel.report.from_discovery import compensation, from_evolution
@@ -289,7 +289,7 @@ def evolve(
     (train, held), started = split(poses.dataset, fraction, seed), time.perf_counter()
     start = _start(poses, train, models, (arm, space == "slot", seed))
     task = _task(start, held, norm, space, seed)
-    done = _finished(Plan(settings, count, seed), task, side_by_side, kept or KeptRuns(), Teller(progress))
+    done = _finished(Plan(settings, count, seed), task, side_by_side, kept or KeptRuns(), Reporter(progress))
     counted = histogram([run.record() for run in done], task.problem.inputs.names, Criteria().input_significance)
     origin = Origin(command, seed, time.perf_counter() - started)
     asked = (f"space {space}, norm {norm}", *map(repr, settings.values()))
@@ -338,7 +338,7 @@ def _start(poses: Poses, train: IntArray, models: Models, how: tuple[Mechanism, 
 
 
 def _finished(
-    plan: Plan, task: TrainingProblem, workers: Workers, kept: KeptRuns, tell: Teller
+    plan: Plan, task: TrainingProblem, workers: Workers, kept: KeptRuns, tell: Reporter
 ) -> tuple[Run, ...]:  # fmt: skip
     """Return all runs of a plan, with a progress message after each finished run."""
     tasks = plan.tasks(task.problem)

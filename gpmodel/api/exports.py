@@ -26,13 +26,13 @@ class ExportsResult(Shown):
         return tuple(
             ExportRecord(
                 e.file,
-                "; ".join([e.what, *e.said]),
+                "; ".join([e.what, *e.notes]),
                 optional(1e3 * e.rms),
                 optional(1e3 * e.largest),
                 optional(1e3 * e.heldout),
                 e.missing,
             )
-            for e in self.exports.made
+            for e in self.exports.files
         )
 
     def to_dataframe(self) -> pd.DataFrame:
@@ -52,7 +52,8 @@ class ExportsResult(Shown):
             holds = ", ".join(r.file for r in self.records if r.missing)
             lines.append(wrapped(f"not in {holds}: {'; '.join(missing)}", 2, ""))
         said = {
-            text: [e.file for e in self.exports.made if text in e.said] for e in self.exports.made for text in e.said
+            text: [e.file for e in self.exports.files if text in e.notes]
+            for text in (note for e in self.exports.files for note in e.notes)
         }
         lines += [wrapped(f"{', '.join(files)}: {text}", 2, "") for text, files in said.items()]
         lines += [wrapped(f"{file}: none, {why}", 2, "") for file, why in self.exports.refused.items()]
@@ -65,7 +66,7 @@ class ExportsResult(Shown):
 
     def write(self, folder: Path) -> None:
         """Write the exports into an existing folder."""
-        for export in self.exports.made:
+        for export in self.exports.files:
             write_text(folder / export.file, export.text)
 
     def __repr__(self) -> str:

@@ -104,10 +104,10 @@ class RecordedResult:
         )
         drawn = ""
         with suppress(ImportError):
-            from gpmodel.report.figures import in_a_page_of_its_own
+            from gpmodel.report.figures import standalone_svg
             from gpmodel.report.page import pictures
 
-            drawn = next((in_a_page_of_its_own(p) for p in pictures(self.record)), "")
+            drawn = next((standalone_svg(p) for p in pictures(self.record)), "")
         table = effects.to_html(index=False) if len(effects) else ""
         return f"<p><b>{html.escape(self.verdict)}</b></p>{ladder}{table}{drawn}"
 

@@ -28,7 +28,7 @@ from gpmodel.executor import Forks, Workers
 from gpmodel.families.candidate import without_phase
 from gpmodel.files import finished_folder, write_text
 from gpmodel.hierarchy.fleet import Fleet, block_parts, calibrate_fleet, in_table_names, shared_parts
-from gpmodel.hierarchy.found import FleetSearch, KeptMachines, Rows, Searched, found_on_type
+from gpmodel.hierarchy.found import FindingsFile, FleetSearch, MachineSearch, Rows, found_on_type
 from gpmodel.hierarchy.further import PRIOR
 from gpmodel.hierarchy.record import (
     KIND,
@@ -50,7 +50,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import geometric_effects
-from gpmodel.progress import Say, Teller, silent
+from gpmodel.progress import Reporter, Say, silent
 from gpmodel.report import fleet as pages
 from gpmodel.report.build import Ladder
 from gpmodel.report.origin import Origin
@@ -172,7 +172,7 @@ def fleet(
     seed: int = 0,
     workers: int = 0,
     executor: Workers | None = None,
-    journal: KeptMachines | None = None,
+    journal: FindingsFile | None = None,
     progress: Say = silent,
     command: str = COMMAND,
 ) -> FleetResult:
@@ -196,13 +196,13 @@ def fleet(
     fraction, seed = check_share(holdout, "holdout"), check_integer(seed, "seed")
     given = None if effects is None else check_list(effects, "effects", "['base_compliance']")
     check_function(progress, "progress")
-    say = Teller(progress)
+    say = Reporter(progress)
     machines = machines_of(mechanism, tables)
     arms = list(machines.values())
     rows = [split(poses.dataset, fraction, seed) for _, poses in arms]
     side_by_side = Forks(check_integer(workers, "workers")) if executor is None else executor
-    kept = KeptMachines() if journal is None else journal
-    tasks = [Searched(arm, poses, of, seed) for (arm, poses), of in zip(arms, rows, strict=True)]
+    kept = FindingsFile() if journal is None else journal
+    tasks = [MachineSearch(arm, poses, of, seed) for (arm, poses), of in zip(arms, rows, strict=True)]
     named, own, chosen = _effects(given, FleetSearch(list(machines), tasks, side_by_side, kept, say))
     geometry = geometric_effects(arms[0][0])
     models = [nested_models(geometry, (*named, *((OWN, extra) for extra in [of] if extra))) for of in own]
@@ -213,14 +213,14 @@ def fleet(
     effects = nested_models(geometry, named)[-1][1]
     final = calibrate_fleet(arms, alone, effects)
     steps = _judged(arms, rows, models, effects, seed)
-    for serial, *fits in zip(machines, final.alone, final.own, final.shrunken, strict=True):
+    for serial, *fits in zip(machines, final.individual, final.type_effects, final.shrunk, strict=True):
         if diverged := [fit.reason for fit in fits if fit.status == "diverged"]:
             raise InputError(f"{serial}: the fit diverged: {diverged[0]}")
     found = {
         serial: CalibrationResult(
             Ladder(poses, train, of, fit, tuple(e for e in fit.model.effects if not e.constant)), Origin(command, seed)
         )
-        for serial, (_, poses), (train, _), of, fit in zip(machines, arms, rows, steps, final.shrunken, strict=True)
+        for serial, (_, poses), (train, _), of, fit in zip(machines, arms, rows, steps, final.shrunk, strict=True)
     }
     return FleetResult(_part(arms, final, _machine_parts(found, own), Origin(command, seed), chosen), found)
 
@@ -235,7 +235,7 @@ def _part(
     columns = called_so.pop() if len(called_so) == 1 else joints
     return FleetPart(
         KIND, SCHEMA, __version__, origin.command, origin.seed, arm.name, (x, y, z), joints, columns or joints, chosen,
-        final.left_out, parts, shared_parts(final), block_parts(final), prior_parts(final.prior),
+        final.undetermined, parts, shared_parts(final), block_parts(final), prior_parts(final.prior),
     )  # fmt: skip
 
 
@@ -253,7 +253,7 @@ def _judged(
     together = calibrate_fleet(seen, [of[-1].calibration for of in steps], effects)
     return [
         (*of, step_of(PRIOR, fit, poses, unseen))
-        for of, fit, (_, poses), unseen in zip(steps, together.shrunken, seen, held, strict=True)
+        for of, fit, (_, poses), unseen in zip(steps, together.shrunk, seen, held, strict=True)
     ]
 
 

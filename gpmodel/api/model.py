@@ -26,9 +26,9 @@ from gpmodel.api.table import (
     Shown,
     TableLike,
     aligned,
+    announce_reading,
     dataset_of,
     frame_to_extend,
-    told_of_reading,
     with_numbers,
 )
 from gpmodel.application.compensate import compensated, of_frame, targets_in
@@ -101,7 +101,7 @@ class Model(Shown):
         check_function(progress, "progress")
         as_measured, session = check_bool(as_measured, "as_measured"), check_bool(session, "session")
         in_order = check_bool(in_order, "in_order")
-        told_of_reading(poses, progress)
+        announce_reading(poses, progress)
         frame, text, path = frame_to_extend(poses, self.mechanism, "poses")
         dataset = (
             dataset_of(poses, self.mechanism, need_measurement=False, argument="poses")

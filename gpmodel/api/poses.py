@@ -28,7 +28,7 @@ from gpmodel.api.table import Shown, TableLike, frame_to_extend
 from gpmodel.application.compensate import beyond_limits, targets_in
 from gpmodel.application.exports.sample import measured_table
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.next_poses import Outlook, Questioned, closing_pool
+from gpmodel.application.next_poses import Alternatives, PlanningContext, closing_pool
 from gpmodel.application.usable import placed_now, usable
 from gpmodel.arrays import Array, IntArray
 from gpmodel.errors import InputError
@@ -38,27 +38,27 @@ from gpmodel.hierarchy.record import FleetPart, prior_model
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.sites import names_of, translate
 from gpmodel.planning.design import (
-    Asked,
-    Question,
-    Reach,
+    Aim,
+    Constraints,
+    Design,
     Sight,
-    at_best,
+    best_deviation,
     choose_for_all,
     decided_after,
     deviations,
+    has_collision_shape,
     in_units_of,
-    knows_its_shape,
 )
 from gpmodel.planning.poses import (
     GOALS,
-    geometric_question,
+    geometric_problem,
     least_deviation,
     pool_of,
     spacing,
     spread_among,
-    typed_question,
+    type_problem,
 )
-from gpmodel.progress import Say, Teller, silent
+from gpmodel.progress import Reporter, Say, silent
 from gpmodel.report.schema import Report
 from gpmodel.table.cells import CONTROLLER_DECIMALS, joint_table, table_text
 from gpmodel.wording import wrapped
@@ -75,26 +75,26 @@ MOST_RIVALS = 3
 also distinguish the others."""
 
 
-def next_questions(
+def design_problems(
     saved: SavedModel, record: Report | None, pool: Array, criterion: str | None, rng: np.random.Generator
-) -> Asked:
+) -> Aim:
     """Return the experimental-design problem of selecting further poses among candidate joint values `pool`.
 
     criterion: "rivals", "effect", "i-optimal" or "spread"; None for the first applicable criterion. Raises InputError
     for a criterion that is not applicable.
     """
-    outlook = Outlook.over(saved, pool, rng)
-    of_point = outlook.of_the_point()
-    point = Asked("i-optimal", (of_point,), (of_point,), "± of the predicted point over the workspace [mm]", 1e3)
+    outlook = PlanningContext.from_joint_values(saved, pool, rng)
+    of_point = outlook.point_problem()
+    point = Aim("i-optimal", (of_point,), (of_point,), "± of the predicted point over the workspace [mm]", 1e3)
     if criterion == "spread":
-        return replace(point, said="spread, away from the measured poses", choose=(), taken=outlook.measured.dataset.q)
+        return replace(point, text="spread, away from the measured poses", choose=(), taken=outlook.measured.dataset.q)
     if criterion == "i-optimal":
         return point
     findings, (told, alike) = findings_of(outlook, record), _rivals(outlook, record)
     if told and criterion in (None, "rivals"):
         said = f"rivals: {'; '.join(told)}" + (f"; no poses separate {alike}" if alike else "")
         apart = tuple(question for question, _ in told.values())
-        return Asked(said, apart, apart, "separation of the closest alternatives [sigma]", inverse=True, pairs=told)
+        return Aim(said, apart, apart, "separation of the closest alternatives [sigma]", inverse=True, pairs=told)
     if criterion == "rivals":
         none = f"no poses separate {alike}" if alike else "no finding has an alternative cause in the catalogue"
         raise InputError(f"rivals: {none}", "criterion")
@@ -102,20 +102,20 @@ def next_questions(
         raise InputError("effect: the model has geometric constants only; expected a model with effects", "criterion")
     if not findings:
         return point
-    sizes: tuple[Question, ...] = tuple(outlook.of_finding(finding) for finding in findings)
+    sizes: tuple[Design, ...] = tuple(outlook.finding_problem(finding) for finding in findings)
     said = f"effect: {'; '.join(f.name for f in findings)}" + (f"; no poses separate {alike}" if alike else "")
-    return Asked(said, sizes, sizes, "± of the worst known effect [%]", 100.0)
+    return Aim(said, sizes, sizes, "± of the worst known effect [%]", 100.0)
 
 
-def _rivals(outlook: Outlook, record: Report | None) -> tuple[dict[str, tuple[Question, float]], str]:
+def _rivals(outlook: PlanningContext, record: Report | None) -> tuple[dict[str, tuple[Design, float]], str]:
     """Return design problems and odds by pairs of names of distinguishable alternatives, and the other names."""
     asked = [*findings_of(outlook, record), *constants_of(outlook, record)]
-    pairs = {f"{f.name} or {name}": (outlook.beside(f, e), odds) for f in asked for name, e, odds in f.rivals}
-    told = {said: pair for said, pair in pairs.items() if at_best(pair[0]) < 1.0 / TOLD_APART}
+    pairs = {f"{f.name} or {name}": (outlook.separation(f, e), odds) for f in asked for name, e, odds in f.rivals}
+    told = {said: pair for said, pair in pairs.items() if best_deviation(pair[0]) < 1.0 / TOLD_APART}
     return told, "; ".join(said for said in pairs if said not in told)
 
 
-def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, rng: np.random.Generator) -> Asked:
+def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, rng: np.random.Generator) -> Aim:
     """Return the experimental-design problem of lowering the error at a task and distinguishing alternatives.
 
     pool: joint values of candidate poses. Each pose is selected for the goal farthest from its target: precision
@@ -130,17 +130,17 @@ def of_task(model: Model, record: Report | None, pool: Array, task: TableLike, r
             more = f" ({len(lost)} targets in all)" if len(lost) > 1 else ""
             row = targets.dataset.row[lost[0]]
             raise InputError(f"{path.name}, row {row}: the target is {how} of {arm.name}{more}", "task")
-    outlook = Outlook.over(saved, pool, rng)
-    there = outlook.of_the_point(outlook.poses_of(targets.dataset, rng))
+    outlook = PlanningContext.from_joint_values(saved, pool, rng)
+    there = outlook.point_problem(outlook.task_poses(targets.dataset, rng))
     told, alike = _rivals(outlook, record)
     others = (in_units_of(1.0 / TOLD_APART, question) for question, _ in told.values())
-    chosen = (in_units_of(WITHIN * at_best(there), there), *others)
+    chosen = (in_units_of(WITHIN * best_deviation(there), there), *others)
     said = "; ".join([f"task: {len(targets.dataset)} targets of {path.name}", *told])
     said += f"; no poses separate {alike}" if alike else ""
-    return Asked(said, chosen, (there,), "± of the predicted point at the task [mm]", 1e3, pairs=told)
+    return Aim(said, chosen, (there,), "± of the predicted point at the task [mm]", 1e3, pairs=told)
 
 
-def of_rejected(saved: SavedModel, record: Report | None, pool: Array, number: int, rng: np.random.Generator) -> Asked:
+def of_rejected(saved: SavedModel, record: Report | None, pool: Array, number: int, rng: np.random.Generator) -> Aim:
     """Return the experimental design of further poses among `pool` that decide on a rejected candidate.
 
     number: number of the candidate, from 1. Raises InputError for an invalid number or a candidate without a name.
@@ -149,24 +149,24 @@ def of_rejected(saved: SavedModel, record: Report | None, pool: Array, number: i
     if not 1 <= number <= len(rejected):
         there = f"1 to {len(rejected)}" if rejected else "a result of discover that lists rejected candidates"
         raise InputError(f"{number}, expected {there}", "rejected")
-    outlook = Outlook.over(saved, pool, rng)
+    outlook = PlanningContext.from_joint_values(saved, pool, rng)
     names, name = names_of(outlook.measured.dataset), rejected[number - 1].name
     effects = next((e for c, e in outlook.candidates.items() if translate(c, names) == name), None)
     if effects is None:
         raise InputError(f"{number}, {name}, is not in the catalogue; expected one of its candidates", "rejected")
-    question = outlook.of_more(effects)
-    return Asked(f"rejected candidate: {name}", (question,), (question,), "± of the displacement [mm]", 1e3)
+    question = outlook.effects_problem(effects)
+    return Aim(f"rejected candidate: {name}", (question,), (question,), "± of the displacement [mm]", 1e3)
 
 
 def tellable_causes(model: Model, record: Report) -> frozenset[str]:
     """Return the names of alternative explanations that further poses could distinguish from their findings."""
-    rng, reach = np.random.default_rng(0), Reach(measured=measured_table(model.saved).q)
-    outlook = Outlook.over(model.saved, pool_of(model.mechanism, POOLED, rng, reach), rng)
-    asked = ((name, outlook.beside(f, own)) for f in findings_of(outlook, record) for name, own, _ in f.rivals)
-    return frozenset(name for name, question in asked if at_best(question) < 1.0 / TOLD_APART)
+    rng, reach = np.random.default_rng(0), Constraints(measured=measured_table(model.saved).q)
+    outlook = PlanningContext.from_joint_values(model.saved, pool_of(model.mechanism, POOLED, rng, reach), rng)
+    asked = ((name, outlook.separation(f, own)) for f in findings_of(outlook, record) for name, own, _ in f.rivals)
+    return frozenset(name for name, question in asked if best_deviation(question) < 1.0 / TOLD_APART)
 
 
-def findings_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
+def findings_of(outlook: PlanningContext, record: Report | None) -> list[Alternatives]:
     """Return the findings of a report with their alternatives; without a report, all effects but constants."""
     saved = outlook.saved
     effects = saved.model.effects
@@ -175,7 +175,7 @@ def findings_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
         stems: dict[str, list[int]] = {}
         for i in (i for i, e in enumerate(effects) if not e.constant and saved.theta[i]):
             stems.setdefault(without_phase(effects[i].name), []).append(i)
-        return [Questioned(translate(name, names), np.array(own)) for name, own in stems.items()]
+        return [Alternatives(translate(name, names), np.array(own)) for name, own in stems.items()]
     by_mechanism = {translate(c, names): c for c in outlook.candidates}
     found = []
     for effect in record.effects:
@@ -188,17 +188,17 @@ def findings_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
             for name, p in others[:MOST_RIVALS]
         )
         if own:
-            found.append(Questioned(effect.name, np.array(own), rivals))
+            found.append(Alternatives(effect.name, np.array(own), rivals))
     return found
 
 
-def constants_of(outlook: Outlook, record: Report | None) -> list[Questioned]:
+def constants_of(outlook: PlanningContext, record: Report | None) -> list[Alternatives]:
     """Return the constants of a report that an alternative effect could replace, and the alternative of each."""
     names = names_of(outlook.measured.dataset)
     own = {translate(e.name, names): i for i, e in enumerate(outlook.saved.model.effects)}
     rivals = {translate(name, names): effects for name, effects in outlook.candidates.items()} if record else {}
     return [
-        Questioned(mimic.constant, np.array([own[mimic.constant]]), ((mimic.rival, rivals[mimic.rival], 1.0),))
+        Alternatives(mimic.constant, np.array([own[mimic.constant]]), ((mimic.rival, rivals[mimic.rival], 1.0),))
         for mimic in (record.mimics if record else ())
         if mimic.constant in own and mimic.rival in rivals
     ]
@@ -248,7 +248,7 @@ class PosesResult(Shown):
         """Return text: number of poses, purpose of the poses, and precision as a function of the number of poses."""
         apart = f", no two closer than {self.spacing:.2f} of a range" if len(self.q) > 1 else ""
         lines = [f"{len(self.q)} poses of {self.mechanism.name}{apart}", wrapped(self.said, 0)]
-        if not knows_its_shape(self.mechanism):
+        if not has_collision_shape(self.mechanism):
             lines.append("the shapes of the links are not known: check each pose for collisions before moving")
         rows = np.unique(np.linspace(0, len(self.curve) - 1, min(ROWS, len(self.curve))).round().astype(int))
         few = self.curve.iloc[rows].set_axis(["poses", "chosen", "random"], axis=1)
@@ -298,14 +298,14 @@ def choose_poses(
     """
     check_function(progress, "progress")
     wanted = POOLED if count is None else check_integer(count, "count", 1, MOST)
-    tell, rng = Teller(progress), np.random.default_rng(check_integer(seed, "seed"))
+    tell, rng = Reporter(progress), np.random.default_rng(check_integer(seed, "seed"))
     model, record = (None, None) if after is None else read_result(after)
     _one_of(model, criterion=criterion, rejected=rejected, task=task, like=like)
     if model is None and mechanism is None:
         raise InputError("missing, expected a mechanism, or a result in `after`", "mechanism")
     arm, collides = mechanism_of(mechanism) if model is None else model.mechanism, check_bool(collisions, "collisions")
     seen = model.saved.measured.dataset.q if model and model.saved.measured else None
-    reach = Reach(_box(above, box), _tool(tool_point, model), _sight(instrument, normal, cone), collides, seen)
+    reach = Constraints(_box(above, box), _tool(tool_point, model), _sight(instrument, normal, cone), collides, seen)
     spread_of = to_si(noise, "length", "noise", positive=True, most=NOISIEST)
     kind = None if criterion is None else check_choice(criterion, BEFORE if model is None else AFTER, "criterion")
     tell(f"{wanted} poses of {arm.name}", passing=True)
@@ -319,16 +319,16 @@ def choose_poses(
     elif task is not None:
         asked = of_task(model, record, pool, task, rng)
     else:
-        asked = next_questions(model.saved, record, pool, kind, rng)
+        asked = design_problems(model.saved, record, pool, kind, rng)
     order = spread_among(arm, pool, wanted, asked.taken) if not asked.choose else choose_for_all(asked.choose, wanted)
     decided = {pair: decided_after(question, order, odds) for pair, (question, odds) in asked.pairs.items()}
     if count is None and asked.inverse and None not in decided.values():
         order = order[: (wanted := max(n or 0 for n in decided.values()))]
     tell("lower bound over all sets of poses", passing=True)
-    limit = float(asked.said_of(np.array(least_deviation(asked.measure, wanted))))
+    limit = float(asked.to_curve_unit(np.array(least_deviation(asked.measure, wanted))))
     columns = tuple(joint.name for joint in arm.joints) if model is None else model.saved.columns
     q, curve = pool[order], _curve(asked, order, len(pool), rng)
-    return PosesResult(arm, q, spacing(arm, q), curve, asked.said, limit, columns, decided)
+    return PosesResult(arm, q, spacing(arm, q), curve, asked.text, limit, columns, decided)
 
 
 def _one_of(model: Model | None, **given: object) -> None:
@@ -343,37 +343,37 @@ def _one_of(model: Model | None, **given: object) -> None:
         raise InputError(f"cannot be combined; expected {' or '.join(named)}, not both", named[-1])
 
 
-def _of_type(fleet: FleetPart, arm: Mechanism, pool: Array) -> Asked:
+def _of_type(fleet: FleetPart, arm: Mechanism, pool: Array) -> Aim:
     try:
-        asked = (typed_question(prior_model(fleet, arm), pool),)
+        asked = (type_problem(prior_model(fleet, arm), pool),)
     except InputError as error:
         raise InputError(error.said, "like") from None
     said = f"like {len(fleet.machines)} machines of the type"
-    return Asked(said, asked, asked, "± of the point over the workspace, with the prior of the type [mm]", 1e3)
+    return Aim(said, asked, asked, "± of the point over the workspace, with the prior of the type [mm]", 1e3)
 
 
-def _before(arm: Mechanism, pool: Array, count: int, kind: str, noise: float) -> Asked:
-    measure = geometric_question(arm, pool, noise)
+def _before(arm: Mechanism, pool: Array, count: int, kind: str, noise: float) -> Aim:
+    measure = geometric_problem(arm, pool, noise)
     unknowns = measure.columns.shape[2]
     if kind != "spread" and 3 * count <= unknowns:
         raise InputError(f"{count} poses give {3 * count} values for {unknowns} unknowns; expected more poses", "count")
-    choose = () if kind == "spread" else (replace(measure, goal=GOALS[kind](measure.columns)),)
-    return Asked(kind, choose, (measure,), "± of the point over the workspace, by the geometric errors [mm]", 1e3)
+    choose = () if kind == "spread" else (replace(measure, criterion=GOALS[kind](measure.columns)),)
+    return Aim(kind, choose, (measure,), "± of the point over the workspace, by the geometric errors [mm]", 1e3)
 
 
-def _curve(asked: Asked, order: IntArray, pool: int, rng: np.random.Generator) -> pd.DataFrame:
+def _curve(asked: Aim, order: IntArray, pool: int, rng: np.random.Generator) -> pd.DataFrame:
     """Return the precision after each selected pose, and after equally many random poses."""
     draws = [rng.choice(pool, len(order), replace=False) for _ in range(DRAWS)]
     chosen, random = (
-        asked.said_of(deviations(asked.measure, order)),
-        np.mean([asked.said_of(deviations(asked.measure, draw)) for draw in draws], axis=0),
+        asked.to_curve_unit(deviations(asked.measure, order)),
+        np.mean([asked.to_curve_unit(deviations(asked.measure, draw)) for draw in draws], axis=0),
     )
     columns = {"poses": np.arange(len(order) + 1), asked.label: chosen, f"{asked.label}, of random poses": random}
     return pd.DataFrame(columns)
 
 
 def _box(above: str | float | None, box: str | Sequence[Sequence[float]] | None) -> Array:
-    limits = Reach().box if box is None else box_limits(box, "box")
+    limits = Constraints().box if box is None else box_limits(box, "box")
     if above is not None:
         limits = limits.copy()
         limits[0, 2] = max(limits[0, 2], to_si(above, "length", "above", least=-np.inf))

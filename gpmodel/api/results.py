@@ -13,7 +13,7 @@ from gpmodel.application.model_reader import REPORT
 from gpmodel.errors import InputError, WriteError
 from gpmodel.executor import Forks, called_beside
 from gpmodel.extras import extra_for
-from gpmodel.files import finished_folder, told_of, write_text
+from gpmodel.files import as_write_error, finished_folder, write_text
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema import Report
 
@@ -51,18 +51,18 @@ def write_fitted(look: Callable[[], Report], model: Model, folder: str | Path, w
     """
     check_writable()
     from gpmodel.api.exports import ExportsResult
-    from gpmodel.application.exports.make import parts_of, together
+    from gpmodel.application.exports.make import merged, parts_of
     from gpmodel.application.exports.sample import Place
-    from gpmodel.report.figures import drawn_beside
+    from gpmodel.report.figures import draw_during
     from gpmodel.report.page import pictures
     from gpmodel.report.write import write_pages
 
     path = file_path(folder, "folder")
     with finished_folder(path) as draft, _kept(model, path):
-        with told_of(path):
+        with as_write_error(path):
             record, made = called_beside(workers, look, parts_of(model.saved, Place.of(model.saved)))
-        exports = ExportsResult(model.mechanism.name, together(made))
-        drawings, _ = drawn_beside(pictures(record), draft, partial(save_model, model, draft), workers)
+        exports = ExportsResult(model.mechanism.name, merged(made))
+        drawings, _ = draw_during(pictures(record), draft, partial(save_model, model, draft), workers)
         write_pages(replace(record, exports=exports.records), drawings, draft)
         exports.write(draft)
 
@@ -107,5 +107,5 @@ def save_record(record: Report, file: str | Path) -> None:
 
 
 def _exports(model: Model, path: Path) -> "ExportsResult":
-    with told_of(path):
+    with as_write_error(path):
         return model.export()

@@ -97,7 +97,7 @@ def read_table(
     arm, in_order = mechanism_of(mechanism), check_bool(in_order, "in_order")
     given = described(cameras, board, surfaces)
     dataset = dataset_of(table, arm, need_measurement=True, described=given)
-    check_told_of(dataset, given)
+    check_named(dataset, given)
     if choice_of(arm).payload_com is not None and choice_of(arm).payload is None and not dataset.payload_given:
         said = f"{dataset.source} has no payload; expected a payload or a column 'payload [kg]' too"
         raise InputError(said, "payload_com")
@@ -125,7 +125,7 @@ def described(
     }
 
 
-def check_told_of(dataset: Dataset, given: Collection[str]) -> None:
+def check_named(dataset: Dataset, given: Collection[str]) -> None:
     """Raise InputError naming the argument if a described camera, board or surface does not occur in the table."""
     for name, columns in (("cameras", ("u", "v")), ("board", ("u", "v")), ("surfaces", TOUCHED)):
         if name in given and not {*dataset.readings, *dataset.labels} & {*columns}:
@@ -173,7 +173,7 @@ def in_metres(value: str | float, dataset: Dataset, name: str, most: Mapping[str
     return to_si(value, "length", name, positive=True, most=most)
 
 
-def told_of_reading(source: TableLike, progress: Say) -> None:
+def announce_reading(source: TableLike, progress: Say) -> None:
     """Announce that a large table is being read."""
     with suppress(OSError, ValueError):  # the reader reports such errors
         if isinstance(source, str | Path) and os.path.isfile(source) and Path(source).stat().st_size > LARGE:

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from gpmodel.api.arguments import file_path
-from gpmodel.api.table import Described, Shown, TableLike, cells_of, check_told_of, dataset_of, described, in_metres
+from gpmodel.api.table import Described, Shown, TableLike, cells_of, check_named, dataset_of, described, in_metres
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.possible_changes import SIGNIFICANCE
 from gpmodel.application.recheck import Session, errors_at
@@ -114,7 +114,7 @@ def later_table(saved: SavedModel, table: TableLike, sights: Mapping[str, Descri
     """
     told = described(**sights)
     dataset, targets = _driven(saved, table, told)
-    check_told_of(dataset, told)
+    check_named(dataset, told)
     return dataset, targets
 
 

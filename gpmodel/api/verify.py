@@ -11,7 +11,7 @@ from gpmodel import wording
 from gpmodel.api.arguments import check_bool, check_function
 from gpmodel.api.model import Model
 from gpmodel.api.saved import model_of
-from gpmodel.api.table import Described, Shown, TableLike, told_of_reading
+from gpmodel.api.table import Described, Shown, TableLike, announce_reading
 from gpmodel.api.verification import VerifyResult, judged_by, later_table, verify_saved
 from gpmodel.application.model_file import SavedModel
 from gpmodel.application.next_check import FIRST, HiddenChange, Pool, significance
@@ -203,7 +203,7 @@ def verify(
     """
     name, judged = Path(model).name if isinstance(model, str | Path) else "model", model_of(model, "model")
     check_function(progress, "progress")
-    told_of_reading(table, progress)
+    announce_reading(table, progress)
     asked = VerifyRequest(command, name, judged.sha256)
     sights = {"cameras": cameras, "board": board, "surfaces": surfaces}
     return verify_saved(judged.saved, table, asked, tolerance, check_bool(in_order, "in_order"), sights)

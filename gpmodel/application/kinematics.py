@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from gpmodel.application.model_file import SavedModel
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.calibration.unmeasured_joints import ROTATION_WEIGHT
-from gpmodel.checks.mixed_up import FEWEST_OF_A_PART, MOST_ROWS, comparable_rows, mixed_up, typical
+from gpmodel.checks.mixed_up import FEWEST_OF_A_PART, MOST_ROWS, comparable_rows, mixed_up, typical_rows
 from gpmodel.checks.notes import POOR_LENGTH
 from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.branches import branched, random_poses
@@ -237,7 +237,7 @@ def matched_with_readings(saved: SavedModel, dataset: Dataset) -> Dataset:
             frames = tips(saved, fitting.subset(rows), nominal=False)[1].tip
         if not np.isfinite(frames).all():
             return fitting
-        most, errors = typical(frames, dataset.position[rows])
+        most, errors = typical_rows(frames, dataset.position[rows])
         if (left := root_mean_square(errors[most])) > POOR_LENGTH:
             raise InputError(
                 f"{dataset.source}: the positions do not fit the model of {saved.mechanism.name}, which leaves "

@@ -17,8 +17,8 @@ from gpmodel.families import catalogue
 from gpmodel.mechanism.protocol import closed
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses, closing, observe, prepare
-from gpmodel.planning.design import Question, Variance
-from gpmodel.planning.poses import over_the_pool
+from gpmodel.planning.design import Design, LOptimal
+from gpmodel.planning.poses import variance_root
 from gpmodel.table.dataset import Dataset
 
 BUILT = 1e-3
@@ -29,7 +29,7 @@ LITTLE = 1e-9
 
 
 @dataclass(frozen=True)
-class Questioned:
+class Alternatives:
     """A finding and its alternatives. effects: numbers of the effects of the finding in the model.
 
     rivals: names and effects of alternative explanations, and odds of the finding against each alternative.
@@ -52,7 +52,7 @@ def closing_pool(saved: SavedModel | None, pool: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Outlook:
+class PlanningContext:
     """A fitted model, its measured poses, and a pool of candidate poses."""
 
     saved: SavedModel
@@ -60,7 +60,7 @@ class Outlook:
     pool: Poses
 
     @classmethod
-    def over(cls, saved: SavedModel, pool: Array, rng: np.random.Generator) -> "Outlook":
+    def from_joint_values(cls, saved: SavedModel, pool: Array, rng: np.random.Generator) -> "PlanningContext":
         """Make the candidate poses from joint values. Their rows follow the last measured row; other inputs come from
         random rows of the measured table.
 
@@ -70,14 +70,14 @@ class Outlook:
         further = replace(at_joint_values(data, pool, rng), row=np.full(len(pool), data.row.max() + 1))
         return cls(saved, prepare(saved.mechanism, data), prepare(saved.mechanism, further))
 
-    def of_the_point(self, at: Poses | None = None) -> Question:
+    def point_problem(self, at: Poses | None = None) -> Design:
         """Return the experimental-design problem of the predicted point: its variance, m², at candidate poses or `at`
         (I-optimal)."""
         here, there = self._columns(self.measured), self._columns(self.pool)
         over = there if at is None else self._columns(at)
-        return _question(here, there, self.saved.sigma**2 * over_the_pool(over), self._believed)
+        return _question(here, there, self.saved.sigma**2 * variance_root(over), self._believed)
 
-    def poses_of(self, targets: Dataset, rng: np.random.Generator) -> Poses:
+    def task_poses(self, targets: Dataset, rng: np.random.Generator) -> Poses:
         """Return the poses of a task; inputs missing in the task's table are taken from random rows of the measured
         table."""
         like = at_joint_values(self.measured.dataset, targets.q, rng)
@@ -85,25 +85,25 @@ class Outlook:
         payload = targets.payload if targets.payload_given else like.payload
         return prepare(self.saved.mechanism, replace(like, extras=extras, payload=payload))
 
-    def of_finding(self, finding: Questioned) -> Question:
+    def finding_problem(self, finding: Alternatives) -> Design:
         """Return the experimental-design problem of a finding: standard error relative to the RMS displacement."""
         here, there = self._columns(self.measured), self._columns(self.pool)
         own = len(self.saved.covariance.placement) + finding.effects
-        theta, moves = self.saved.theta[finding.effects], over_the_pool(here[:, :, own])
+        theta, moves = self.saved.theta[finding.effects], variance_root(here[:, :, own])
         weight = np.zeros((there.shape[2], there.shape[2]))
         weight[np.ix_(own, own)] = moves / (theta @ moves @ theta)
         return _question(here, there, weight, self._believed)
 
-    def of_more(self, effects: tuple[Effect, ...]) -> Question:
+    def effects_problem(self, effects: tuple[Effect, ...]) -> Design:
         """Return the experimental-design problem of effects outside the model: mean square displacement, m²."""
         here, there = (self._columns(poses, effects) for poses in (self.measured, self.pool))
         own = np.arange(there.shape[2] - len(effects), there.shape[2])
         weight = np.zeros((there.shape[2], there.shape[2]))
-        weight[np.ix_(own, own)] = self.saved.sigma**2 * over_the_pool(there[:, :, own])
+        weight[np.ix_(own, own)] = self.saved.sigma**2 * variance_root(there[:, :, own])
         believed = np.concatenate([self._believed, np.zeros(len(effects))])
         return _question(here, there, weight, believed)
 
-    def beside(self, finding: Questioned, rival: tuple[Effect, ...]) -> Question:
+    def separation(self, finding: Alternatives, rival: tuple[Effect, ...]) -> Design:
         """Return the experimental-design problem of a finding's amplitude given an alternative explanation.
 
         With σ the standard error of the amplitude, 1 / σ is the distance of the two explanations in standard errors.
@@ -125,7 +125,7 @@ class Outlook:
         priors = np.array([min(e.prior, BUILT) if e.constant else e.prior for e in effects])
         return np.concatenate([np.zeros(len(self.saved.covariance.placement)), 1.0 / priors**2])
 
-    def _amplitude_last(self, poses: Poses, finding: Questioned, rival: tuple[Effect, ...]) -> Array:
+    def _amplitude_last(self, poses: Poses, finding: Alternatives, rival: tuple[Effect, ...]) -> Array:
         """Return the columns of the model without the finding, of the alternative, and of the fitted finding."""
         columns = self._columns(poses, rival)
         at = len(self.saved.covariance.placement) + finding.effects
@@ -149,10 +149,10 @@ class Outlook:
         return without_joint_motion(saved.mechanism, observed, np.ones(columns.shape[:2], dtype=bool), columns)
 
 
-def _question(here: Array, there: Array, weight: Array, believed: Array) -> Question:
+def _question(here: Array, there: Array, weight: Array, believed: Array) -> Design:
     """Return the experimental-design problem from columns at the measured and candidate poses, scaled by
     information."""
     known, may_tell = np.einsum("pij,pik->jk", here, here) + np.diag(believed), np.einsum("pij,pij->j", there, there)
     scale = np.sqrt(np.maximum(np.diag(known), LITTLE * may_tell))
     scale[scale == 0.0] = 1.0
-    return Question(there / scale, known / np.outer(scale, scale), Variance(weight / np.outer(scale, scale)))
+    return Design(there / scale, known / np.outer(scale, scale), LOptimal(weight / np.outer(scale, scale)))

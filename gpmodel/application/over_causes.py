@@ -26,7 +26,7 @@ from gpmodel.evidence.score import scores
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
-from gpmodel.mechanism.protocol import Ball, Mechanism, Reaching, Shift, balls_of
+from gpmodel.mechanism.protocol import Ball, FittedLever, Mechanism, Shift, balls_of
 from gpmodel.model.effect import Effect, Term
 from gpmodel.model.error_model import Poses
 from gpmodel.model.sites import translate
@@ -50,7 +50,7 @@ def of_the_ball(name: str, joint: SavedModel, machine: Mechanism) -> tuple[Effec
     if name not in balls:
         raise InputError(f"'{name}' is no ball of {machine.name}; expected {choices(name, balls)}", "joint")
     rig = joint.mechanism
-    if isinstance(rig, Reaching) and len(joint.placement.tool) == 1:  # the lever ends at the fitted tool point
+    if isinstance(rig, FittedLever) and len(joint.placement.tool) == 1:  # the lever ends at the fitted tool point
         rig = rig.reaching(next(iter(joint.placement.tool.values()))[:3, 3])
     single = balls_of(rig)
     if len(single) != 1 or single[0].name:

@@ -31,7 +31,7 @@ from gpmodel.model.error_model import ErrorModel, observe
 from gpmodel.model.observation import observations
 from gpmodel.model.sites import names_of, translate
 from gpmodel.numerics import rank
-from gpmodel.planning.design import Question, Variance, choose, deviations
+from gpmodel.planning.design import Design, LOptimal, choose, deviations
 from gpmodel.table.bundles import sharing
 from gpmodel.table.dataset import Dataset
 
@@ -274,8 +274,8 @@ def _ahead(fit: _Fit, saved: SavedModel, lasting: Mask, before: Array, pool: Poo
     known, moved = fit.left.T @ fit.left / fit.sigma**2, own @ step
     scale = np.sqrt(np.diag(known))
     scale[scale == 0.0] = 1.0
-    weight = Variance(moved.T @ moved / count / np.outer(scale, scale))
-    question = Question(columns @ step / fit.sigma / scale, known / np.outer(scale, scale), weight)
+    weight = LOptimal(moved.T @ moved / count / np.outer(scale, scale))
+    question = Design(columns @ step / fit.sigma / scale, known / np.outer(scale, scale), weight)
     left = pool.not_among(fit.session.poses.dataset.q)
     order = left[choose(question.columns[left], question.known, min(MOST_MORE, len(left)), weight)]
     errors = np.sqrt(deviations([question], order) ** 2 + more)

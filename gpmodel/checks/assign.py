@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.checks.formulas import EQUALLY, of_formulas
-from gpmodel.checks.mixed_up import FEWEST_ROWS, GOOD_SHARE, MOST_ROWS, typical
+from gpmodel.checks.formulas import EQUALLY, formula_readings
+from gpmodel.checks.mixed_up import FEWEST_ROWS, GOOD_SHARE, MOST_ROWS, typical_rows
 from gpmodel.checks.notes import POOR_LENGTH, Registered, flange, least_misfit, registered, spread_of
-from gpmodel.checks.readings import ALIKE, LENGTHS, MIRROR_IMAGE, OF_ANOTHER_SIZE, Reading, listed, of_joints
+from gpmodel.checks.readings import ALIKE, LENGTHS, MIRROR_IMAGE, OF_ANOTHER_SIZE, Reading, joint_readings, listed
 from gpmodel.mechanism.protocol import Mechanism, closed
 from gpmodel.numerics.least_squares import OUTLIER_SHARE, root_mean_square
 from gpmodel.table.layout import Sheet, name_and_unit
@@ -49,7 +49,7 @@ def joint_families(names: Sequence[str], mechanism: Mechanism, numeric: Sequence
                 yield from (tuple(group[first + k][c] for k in range(count)) for c in range(copies))
 
 
-def lettered(names: Sequence[str], numeric: Sequence[int], letters: Sequence[str] = ("xyz",)) -> Iterator[Columns]:
+def xyz_triples(names: Sequence[str], numeric: Sequence[int], letters: Sequence[str] = ("xyz",)) -> Iterator[Columns]:
     """Yield three columns whose names differ in one letter, x, y and z. If a name occurs several times, the next column
     to the right is used."""
     for i, word in product(numeric, letters):
@@ -75,7 +75,7 @@ def windows(numeric: Sequence[int], count: int, strides: Sequence[int] = (1,)) -
             yield found
 
 
-def said_to_be(names: Sequence[str], columns: Columns) -> int:
+def role_of(names: Sequence[str], columns: Columns) -> int:
     """Return 1 if the names of the columns indicate measured values, -1 if they indicate commanded values, else 0."""
     words = [word.lower() for i in columns for word in _WORDS.split(names[i]) if word]
     nominal = any(word.startswith(NOMINAL) for word in words)
@@ -143,7 +143,7 @@ class Assigner:
 
     def fits(self) -> list[Fit]:
         """Return all assignments of columns selected by name or, if none fits, of columns selected by position."""
-        readings = (None, partial(of_joints, scaled=False))
+        readings = (None, partial(joint_readings, scaled=False))
         names, numeric = [axis.name for axis in self.axes], sorted(self.values)
         count, few = len(self.mechanism.joints), numeric[:MOST_COLUMNS]
         named = list(dict.fromkeys(joint_families(names, self.mechanism, numeric)))
@@ -154,7 +154,7 @@ class Assigner:
         ]  # fmt: skip
         varied = [i for i in numeric if i in self.moving]
         points, beside = (
-            list(dict.fromkeys(lettered(names, varied))),
+            list(dict.fromkeys(xyz_triples(names, varied))),
             list(windows(varied[:MOST_COLUMNS], 3, (1, 2, 4))),
         )
         for joints, triples in product((named, placed), (points, beside)):
@@ -166,8 +166,8 @@ class Assigner:
         """Return the first fit of the columns with the joints' names, with other zeros, signs and couplings."""
         names = [axis.name for axis in self.axes]
         joints = list(dict.fromkeys(joint_families(names, self.mechanism, sorted(self.values))))
-        points = list(dict.fromkeys(lettered(names, [i for i in sorted(self.values) if i in self.moving])))
-        return list(self._fits(joints[:1], points[:1], (of_formulas,)))
+        points = list(dict.fromkeys(xyz_triples(names, [i for i in sorted(self.values) if i in self.moving])))
+        return list(self._fits(joints[:1], points[:1], (formula_readings,)))
 
     def _fits(
         self, joints: Iterable[Columns], triples: Sequence[Columns], readings: Sequence[Readings | None]
@@ -235,7 +235,7 @@ class Assigner:
                 continue
             if len(raw) < ENOUGH_TO_SCREEN and _roughly(frames, p) > ROUGH * spread_of(p):
                 continue
-            most, errors = typical(frames, p)
+            most, errors = typical_rows(frames, p)
             left = root_mean_square(errors[most])
             if left < max(POOR_LENGTH, GOOD_SHARE * min(spread_of(p), reach) / 2) and (best is None or left < best[1]):
                 best = unit, left, registered(frames[most], p[most])
@@ -248,7 +248,7 @@ def sign_doubts(mechanism: Mechanism, fit: Fit) -> list[str]:
     if fit.turned is None or not (flipped := np.diag(fit.turned) < 0).any():
         return equal
     frames, mirrored = flange(mechanism, np.where(flipped, -fit.q, fit.q)), fit.position * [-1.0, 1.0, 1.0]
-    most, errors = typical(frames, mirrored)
+    most, errors = typical_rows(frames, mirrored)
     if root_mean_square(errors[most]) > ALIKE * fit.left:
         return equal
     names = listed([joint.name for joint, wrong in zip(mechanism.joints, flipped.tolist(), strict=True) if wrong])

@@ -22,7 +22,7 @@ ROUNDS, MIRRORED = 8, 8
 are compared."""
 
 
-def of_formulas(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
+def formula_readings(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
     """Yield the interpretation with the fewest other zeros, couplings and signs of joints that fits, if any fits.
 
     A beam search adds one change at a level and compares lower bounds of the residual, which do not depend on the unit

@@ -10,8 +10,8 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauss_newton import calibrate
-from gpmodel.checks.assign import SI_UNIT, Assigner, Columns, Fit, header_of, said_to_be, si_of, sign_doubts, windows
-from gpmodel.checks.mixed_up import COARSE, FAR_BETTER, FEWEST_ROWS, PROPER, TAIT_BRYAN, miss
+from gpmodel.checks.assign import SI_UNIT, Assigner, Columns, Fit, header_of, role_of, si_of, sign_doubts, windows
+from gpmodel.checks.mixed_up import COARSE, FAR_BETTER, FEWEST_ROWS, PROPER, TAIT_BRYAN, rotation_misfit
 from gpmodel.checks.notes import POOR_LENGTH, flange
 from gpmodel.checks.readings import ENOUGH, FINEST, rounding
 from gpmodel.errors import InputError
@@ -203,7 +203,7 @@ def _one_set_of_joints(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: 
     fits = [fit for fit in fits if fit.left < max(FAR_BETTER * best.left, APART)]
     sets = list(dict.fromkeys(fit.joints for fit in fits))
     names = [column or str(i + 1) for i, column in enumerate(sheet.names)]
-    said = {joints: said_to_be(names, joints) for joints in sets}
+    said = {joints: role_of(names, joints) for joints in sets}
     first = max(sets, key=lambda joints: said[joints])
     for other in sets:
         if other != first:
@@ -256,7 +256,7 @@ def numbers_of(sheet: Sheet, column: int) -> Array:
 def _reflectors(sheet: Sheet, fits: list[Fit], doubts: list[str], lines: dict[int, str]) -> list[Fit]:
     """Return one fit for each tool point; of fits with equal tool points, that of columns named as measured."""
     taken: list[Fit] = []
-    said = {fit.points: said_to_be(sheet.names, fit.points) for fit in fits}
+    said = {fit.points: role_of(sheet.names, fit.points) for fit in fits}
     for fit in sorted(fits, key=lambda f: (-said[f.points], f.points)):
         if said[fit.points] < 0 <= max(said.values()):
             lines |= dict.fromkeys(fit.points, "left out: nominal by its name; another point is measured")
@@ -373,7 +373,7 @@ def _conventions(
         tried = [(c, unit, si_of(unit, "revolute")) for unit in ("deg", "rad") for c in CONVENTIONS]
     for convention, unit, size in tried:
         reader, _ = orientation_reader(convention, "")
-        if (left := miss(turned, reader(size * numbers).as_matrix())) < COARSE:
+        if (left := rotation_misfit(turned, reader(size * numbers).as_matrix())) < COARSE:
             yield left, convention, unit, columns
 
 

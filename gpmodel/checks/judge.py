@@ -12,7 +12,7 @@ from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, resolved, without_outlier_marks
 from gpmodel.calibration.unmeasured_joints import free_joints, points_flaw
 from gpmodel.calibration.weigh import with_weights
-from gpmodel.checks.mixed_up import mixed_up, of_the_rows, rotations_flaw
+from gpmodel.checks.mixed_up import mixed_up, rotations_flaw, row_faults
 from gpmodel.checks.notes import measured_values, not_read, notes, spread_of, unknowns
 from gpmodel.checks.readings import computed, written_to_a_digit
 from gpmodel.checks.warnings import POOR, built_wrong, poor_fit, warnings_of
@@ -29,7 +29,7 @@ from gpmodel.model.pixel import Pixels
 from gpmodel.model.sites import geometric_effects
 from gpmodel.model.touches import Touches
 from gpmodel.numerics.least_squares import root_mean_square
-from gpmodel.progress import Teller
+from gpmodel.progress import Reporter
 from gpmodel.table.bundles import SAME_JOINT, USUAL, different_poses, different_readings, noise_floor
 from gpmodel.table.dataset import Dataset
 
@@ -54,7 +54,7 @@ def another_centre(model: ErrorModel, data: Dataset) -> str | None:
     )
 
 
-NOBODY = Teller()
+NOBODY = Reporter()
 MOST_FITTED, STRETCH = 2000, 50
 """Number of rows that are fitted to check a table, and length of each stretch of adjacent rows. A fit of these rows
 takes a second, and the relative error of its RMS is 1 / √(6 · 2000)."""
@@ -81,7 +81,7 @@ class Remark:
 
 
 def check_dataset(
-    mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...] | None = None, tell: Teller = NOBODY
+    mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...] | None = None, tell: Reporter = NOBODY
 ) -> list[Remark]:
     """List the errors, warnings and notes of a table, errors first.
 
@@ -132,7 +132,7 @@ def _poor(fit: Calibration, poses: Poses) -> Iterator[tuple[str, str]]:
             root_mean_square(calibrate(soft, poses, start=without_outlier_marks(fit)).fitted_error) if pool else np.inf
         )
         if left > POOR:
-            rows = of_the_rows(fit.model.mechanism, poses.dataset, left)
+            rows = row_faults(fit.model.mechanism, poses.dataset, left)
             yield "; ".join(filter(None, (text, rows))), "the residual of the standard model is too large"
         else:
             yield f"{text}. With compliance of base and joints, {1e3 * left:.3g} mm remain", ""

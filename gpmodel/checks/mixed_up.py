@@ -8,14 +8,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.checks.formulas import of_formulas
+from gpmodel.checks.formulas import formula_readings
 from gpmodel.checks.notes import (
     POOR_LENGTH,
     POOR_SHARE,
     Registered,
-    core,
+    consistent_rows,
     flange,
-    gross,
+    gross_error_limit,
     least_misfit,
     registered,
     spread_of,
@@ -24,11 +24,11 @@ from gpmodel.checks.readings import (
     ALIKE,
     SCREENED,
     Reading,
-    of_joints,
-    of_lengths,
-    of_orders,
-    of_signs,
-    of_the_mechanism,
+    joint_readings,
+    length_readings,
+    mechanism_readings,
+    order_readings,
+    sign_readings,
 )
 from gpmodel.mechanism.branches import branched
 from gpmodel.mechanism.protocol import Mechanism, closed
@@ -72,14 +72,14 @@ def mixed_up(mechanism: Mechanism, data: Dataset) -> str | None:
         return _too_many_turns(largest) if largest > TURNS else None
     few = rows[:: max(1, len(rows) // MOST_ROWS)]
     frames = flange(mechanism, data.q[few])
-    most, errors = typical(frames, data.position[few])
+    most, errors = typical_rows(frames, data.position[few])
     q, p, now = data.q[few][most], data.position[few][most], root_mean_square(errors[most])
     spread, reach = spread_of(p), spread_of(frames[most, :3, 3])
     poor = now >= max(POOR_LENGTH, POOR_SHARE * min(spread, reach))
     hopeless = now > max(HOPELESS_LENGTH, HOPELESS_SHARE * spread)
     text = _better(mechanism, q, p, now, (spread, reach), hopeless) if poor else None
-    if text is None and (now >= POOR_LENGTH or np.mean(errors > gross(errors)) > OUTLIER_SHARE):
-        text = of_the_rows(mechanism, data, root_mean_square(errors))
+    if text is None and (now >= POOR_LENGTH or np.mean(errors > gross_error_limit(errors)) > OUTLIER_SHARE):
+        text = row_faults(mechanism, data, root_mean_square(errors))
     if not poor:
         return text
     if text is None and largest > TURNS:
@@ -102,14 +102,14 @@ def _better(
     hopeless: True to try changes of several columns together, and of the order of all columns.
     """
     longest = float(np.abs(mechanism.transforms(q)[..., :3, 3]).max())
-    kinds = [of_lengths(q, p, *sizes)]
+    kinds = [length_readings(q, p, *sizes)]
     if not closed(mechanism):  # other joint values of closed loops meet nowhere
-        kinds.insert(0, chain(of_joints(mechanism, q, p), of_signs(mechanism, q, p)))
+        kinds.insert(0, chain(joint_readings(mechanism, q, p), sign_readings(mechanism, q, p)))
     if not TINY < longest < GIANT:
-        kinds = [of_the_mechanism(mechanism.name, q, p)]
+        kinds = [mechanism_readings(mechanism.name, q, p)]
     found = [fit for kind in kinds if (fit := _best_of(mechanism, kind, now / FAR_BETTER))]
     if not found and hopeless and not closed(mechanism):
-        several, limit = (of_formulas(mechanism, q, p), of_orders(mechanism, q, p)), now / FAR_BETTER
+        several, limit = (formula_readings(mechanism, q, p), order_readings(mechanism, q, p)), now / FAR_BETTER
         found = [fit for kind in several if (fit := _best_of(mechanism, kind, limit))]
     if not found:
         return None
@@ -145,7 +145,7 @@ def comparable_rows(data: Dataset) -> IntArray:
     return np.flatnonzero(np.isfinite(data.position).all(axis=1) & usual)
 
 
-def typical(frames: Array, position: Array) -> tuple[IntArray, Array]:
+def typical_rows(frames: Array, position: Array) -> tuple[IntArray, Array]:
     """Return the numbers of the poses without the worst poses, and the error of every pose, m, by a fit without them.
 
     Gross errors of single poses do not indicate exchanged columns.
@@ -158,7 +158,7 @@ def typical(frames: Array, position: Array) -> tuple[IntArray, Array]:
     return best, errors
 
 
-def of_the_rows(mechanism: Mechanism, data: Dataset, now: float) -> str | None:
+def row_faults(mechanism: Mechanism, data: Dataset, now: float) -> str | None:
     """Find a lost row, a column shifted by a row, two set-ups in one, or bad measurements, from the rows that fit.
 
     now: RMS residual of registration and tool, m.
@@ -170,7 +170,7 @@ def of_the_rows(mechanism: Mechanism, data: Dataset, now: float) -> str | None:
     parts = []
     for shift in (0, 1, -1):
         paired = _paired(frames, p, shift)
-        found, good = core(*paired)
+        found, good = consistent_rows(*paired)
         left = root_mean_square(found.errors(*paired)[good])
         if good.sum() >= max(FEWEST_OF_A_PART, LEAST_PART * len(rows)) and left <= now / FAR_BETTER:
             parts.append((int(good.sum()), shift, found))
@@ -187,7 +187,7 @@ def _late_column(mechanism: Mechanism, q: Array, p: Array, now: float) -> str | 
         moved[:, i] = np.roll(q[:, i], -shift)
         frames = flange(mechanism, moved[1:-1])
         if least_misfit(frames, p[1:-1]) < now / FAR_BETTER:
-            most, errors = typical(frames, p[1:-1])
+            most, errors = typical_rows(frames, p[1:-1])
             if root_mean_square(errors[most]) < now / FAR_BETTER:
                 return (
                     f"column '{mechanism.joints[i].name}' is probably a row {'late' if shift > 0 else 'early'}; "
@@ -209,7 +209,7 @@ def _lost_row(found: Registered, frames: Array, p: Array, row: IntArray) -> str 
     errors = np.full((3, len(p)), np.inf)
     for shift in (-1, 0, 1):
         errors[shift + 1, max(shift, 0) : len(p) + min(shift, 0)] = found.errors(*_paired(frames, p, shift))
-    missed = errors > gross(errors.min(axis=0))
+    missed = errors > gross_error_limit(errors.min(axis=0))
     if missed[1].mean() <= OUTLIER_SHARE:
         return None
     before = np.hstack([np.zeros((3, 1)), np.cumsum(missed, axis=1)])
@@ -234,12 +234,12 @@ def _bad_rows(frames: Array, p: Array, row: IntArray, found: Registered) -> str 
     """Describe two set-ups in one if the bad rows fit a second registration; else list the rows of the bad
     measurements."""
     error = found.errors(frames, p)
-    bad = error > gross(error)
+    bad = error > gross_error_limit(error)
     if bad.mean() <= OUTLIER_SHARE:
         return None
     rows = some(row[bad].tolist())
     if bad.sum() >= FEWEST_OF_A_PART:
-        other, same = core(frames[bad], p[bad])
+        other, same = consistent_rows(frames[bad], p[bad])
         left = root_mean_square(other.errors(frames[bad][same], p[bad][same]))
         if same.mean() > 1.0 - OUTLIER_SHARE and left < root_mean_square(error[bad]) / FAR_BETTER:
             return (
@@ -281,10 +281,10 @@ def rotations_flaw(mechanism: Mechanism, data: Dataset) -> str | None:
     frames = flange(mechanism, data.q[rows])
     turned = registered(frames, data.position[rows]).turn @ frames[:, :3, :3]
     vectors = data.rotation[rows]
-    now = miss(turned, Rotation.from_rotvec(vectors).as_matrix())
+    now = rotation_misfit(turned, Rotation.from_rotvec(vectors).as_matrix())
     if now < COARSE:
         return None
-    misses = {name: miss(turned, rotations) for name, rotations in _conventions(vectors)}
+    misses = {name: rotation_misfit(turned, rotations) for name, rotations in _conventions(vectors)}
     best = min(misses, key=lambda name: round(misses[name], 6))
     said = f"rx, ry, rz differ from the rotations of the mechanism by {np.degrees(now):.3g} deg"
     if misses[best] > min(COARSE, now / FAR_BETTER):
@@ -300,7 +300,7 @@ def rotations_flaw(mechanism: Mechanism, data: Dataset) -> str | None:
     )
 
 
-def miss(turned: Array, measured: Array) -> float:
+def rotation_misfit(turned: Array, measured: Array) -> float:
     """Return the median angle, rad, between measured rotations and `turned` times the best constant rotation."""
     relative = np.swapaxes(turned, 1, 2) @ measured
     tool = se3.nearest_rotation(relative.sum(axis=0))

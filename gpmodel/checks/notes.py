@@ -12,7 +12,7 @@ from gpmodel.calibration.result import Calibration
 from gpmodel.calibration.unobservable import region_sentences, unobservable_sentences
 from gpmodel.checks.warnings import orientation_left
 from gpmodel.mechanism.branches import joint_range, random_poses
-from gpmodel.mechanism.protocol import Described, Mechanism, bare_of, followers
+from gpmodel.mechanism.protocol import Mechanism, WithIgnoredParts, followers, unwrapped
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.model.observation import Orientation, observations
@@ -105,7 +105,7 @@ def registered(frames: Array, position: Array) -> Registered:
     return Registered.of(frames, position, tool)
 
 
-def misfit(mechanism: Mechanism, q: Array, position: Array) -> float:
+def rms_misfit(mechanism: Mechanism, q: Array, position: Array) -> float:
     """Return the RMS residual, m, of registration and one tool point. q: joint values. position: (poses, 3), m."""
     frames = flange(mechanism, q)
     return root_mean_square(registered(frames, position).errors(frames, position))
@@ -123,7 +123,7 @@ def least_misfit(frames: Array, position: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(np.sum(left**2, axis=-1), axis=-1)))
 
 
-def core(frames: Array, position: Array) -> tuple[Registered, Mask]:
+def consistent_rows(frames: Array, position: Array) -> tuple[Registered, Mask]:
     """Return registration and tool point of the largest consistent part of the rows, and a mask of these rows.
 
     A Cauchy loss with a scale from COARSE to FINE starts from the least-squares fits to all rows, to the first and to
@@ -133,10 +133,10 @@ def core(frames: Array, position: Array) -> tuple[Registered, Mask]:
     found = [_robust(frames, position, part) for part in (slice(None), slice(third), slice(-third, None))]
     errors = [p.errors(frames, position) for p in found]
     best = int(np.argmin([np.quantile(e, QUARTER) for e in errors]))
-    return found[best], np.asarray(errors[best] <= gross(errors[best]))
+    return found[best], np.asarray(errors[best] <= gross_error_limit(errors[best]))
 
 
-def gross(errors: Array) -> float:
+def gross_error_limit(errors: Array) -> float:
     """Return the limit of gross position errors, m, computed from the smallest quarter of the errors."""
     return max(SMALLEST, SPREAD * float(np.quantile(errors, QUARTER)))
 
@@ -256,8 +256,8 @@ def not_read(mechanism: Mechanism, data: Dataset) -> Iterator[str]:
     for name in data.ignored:
         if (joint := identifier(name)) in following:
             yield f"{joint} follows {following[joint]}; the column of {joint} is ignored"
-    described = bare_of(mechanism)
-    if isinstance(described, Described):
+    described = unwrapped(mechanism)
+    if isinstance(described, WithIgnoredParts):
         yield from (f"ignored in the description of {mechanism.name}: {text}" for text in described.not_read)
 
 

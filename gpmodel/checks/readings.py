@@ -99,7 +99,7 @@ class Reading:
     scale: float = 1.0
 
 
-def of_joints(
+def joint_readings(
     mechanism: Mechanism, q: Array, p: Array, only: Mask | None = None, *, scaled: bool = True
 ) -> Iterator[Reading]:
     """Yield interpretations with the other angle unit, the other sign, two swapped columns, or two coupled joints.
@@ -133,7 +133,7 @@ def of_joints(
                 yield Reading(f"column '{name}' should probably be '{name}' {word} '{other}'", coupled, p)
 
 
-def of_signs(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
+def sign_readings(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
     """Yield interpretations with opposite signs of several joints, as for a mirrored arm or another controller."""
     names = [j.name for j in mechanism.joints]
     for size in range(2, len(names) + 1):
@@ -142,7 +142,7 @@ def of_signs(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
             yield Reading(f"columns {listed([names[i] for i in chosen])} probably have the opposite sign", flipped, p)
 
 
-def of_orders(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
+def order_readings(mechanism: Mechanism, q: Array, p: Array) -> Iterator[Reading]:
     """Yield interpretations with the joint columns in reverse order, rotated, or in any order for few joints."""
     names, count = [j.name for j in mechanism.joints], len(mechanism.joints)
     first = np.arange(count)
@@ -159,7 +159,7 @@ def listed(names: Sequence[str]) -> str:
     return " and ".join([", ".join(quoted[:-1]), quoted[-1]] if len(quoted) > 1 else quoted)
 
 
-def of_lengths(q: Array, p: Array, spread: float, reach: float) -> Iterator[Reading]:
+def length_readings(q: Array, p: Array, spread: float, reach: float) -> Iterator[Reading]:
     """Yield interpretations with other units of x, y and z, or of one of these coordinates, and with a mirrored frame.
 
     spread, reach: RMS distance, m, of the points and of the flange from their centres.
@@ -174,7 +174,7 @@ def of_lengths(q: Array, p: Array, spread: float, reach: float) -> Iterator[Read
     yield Reading(MIRROR_IMAGE, q, mirrored)
 
 
-def of_the_mechanism(name: str, q: Array, p: Array) -> Iterator[Reading]:
+def mechanism_readings(name: str, q: Array, p: Array) -> Iterator[Reading]:
     """Yield interpretations with the lengths of the mechanism's description in another unit."""
     for ratio in (1e-3, 1e3):
         what = f"the lengths of {name} look {1 / ratio:g} times too {'large' if ratio < 1 else 'small'}"

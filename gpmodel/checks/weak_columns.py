@@ -10,9 +10,9 @@ from gpmodel.arrays import Array
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration, problem_at
 from gpmodel.calibration.size import MOST, spread
-from gpmodel.checks.mixed_up import FEWEST_ROWS, MOST_ROWS, comparable_rows, typical
+from gpmodel.checks.mixed_up import FEWEST_ROWS, MOST_ROWS, comparable_rows, typical_rows
 from gpmodel.checks.notes import Registered, flange, least_misfit, registered
-from gpmodel.checks.readings import Reading, of_joints
+from gpmodel.checks.readings import Reading, joint_readings
 from gpmodel.families.catalogue import candidates, catalogue
 from gpmodel.formula.expression import Expression
 from gpmodel.mechanism.branches import branched
@@ -118,7 +118,7 @@ def misread(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -
     if len(rows) < FEWEST_ROWS or branched(mechanism) or not turned:
         return None
     frames = flange(mechanism, data.q[rows])
-    most, errors = typical(frames, data.position[rows])
+    most, errors = typical_rows(frames, data.position[rows])
     rows, frames, now = rows[most], frames[most], root_mean_square(errors[most])
     q, p = data.q[rows], data.position[rows]
     weak = _moved_by(mechanism, q, registered(frames, p)) < WEAK * now
@@ -127,7 +127,7 @@ def misread(mechanism: Mechanism, data: Dataset, standard: tuple[Effect, ...]) -
     fit = fitted(mechanism, data.subset(rows), standard)
     own = _left(fit, data.subset(rows))
     best: tuple[float, float, Reading] | None = None
-    for reading in of_joints(mechanism, q, p, weak):
+    for reading in joint_readings(mechanism, q, p, weak):
         if np.array_equal(reading.q, q) or least_misfit(flange(mechanism, reading.q), p) > NOT_WORSE * now:
             continue
         otherwise = replace(data.subset(rows), q=reading.q)

@@ -15,7 +15,7 @@ from gpmodel.cli import options as shared
 from gpmodel.cli.console import command_line, what_next
 from gpmodel.cli.terminal import echo
 from gpmodel.errors import InputError
-from gpmodel.files import alone_in
+from gpmodel.files import locked_folder
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.model.effect import Effect
 
@@ -54,7 +54,7 @@ def calibrate(
     With --out: report.html with its figures, report.json, model.json.
     """
     missing = ""
-    with nullcontext() if folder is None else alone_in(folder):
+    with nullcontext() if folder is None else locked_folder(folder):
         dataset = read_table(table, mechanism, in_order=in_order, **sights)
         every: list[str | Effect] = [*effects, *found_in(findings, formula)]
         result = fit(

@@ -31,7 +31,7 @@ from gpmodel.evolution.settings import SelectionScheme, Tournament, Truncation
 from gpmodel.executor import Workers
 from gpmodel.families.catalogue import catalogue
 from gpmodel.files import folder_for
-from gpmodel.hierarchy.found import KeptMachines
+from gpmodel.hierarchy.found import FindingsFile
 from gpmodel.hierarchy.record import MACHINES, NAME, folder_of_tables
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Progress, Say
@@ -266,7 +266,7 @@ def fleet(
     with (
         progress_line(quiet or named is not None) as say,
         scheduled(scheduler, workers or 0) as executor,
-        keeping(KeptMachines, mechanism, (Search(), Criteria()), say) as journal,
+        keeping(FindingsFile, mechanism, (Search(), Criteria()), say) as journal,
     ):
         found = calibrate_fleet(
             mechanism, tables, named, **asked, executor=executor, journal=journal, progress=say,

@@ -17,7 +17,7 @@ from gpmodel.characters import shell_quoted
 from gpmodel.cli.options import PATH, SIGHTS
 from gpmodel.cli.terminal import echo
 from gpmodel.errors import InputError, WriteError
-from gpmodel.files import alone_in, folder_for
+from gpmodel.files import folder_for, locked_folder
 from gpmodel.hierarchy.record import files_of, fleet_file
 from gpmodel.mechanism.source import LoadedMechanism
 from gpmodel.progress import Say
@@ -82,7 +82,7 @@ def keeping(
         return
     if ctx.default_map and folder_for(out).resolve() != Path(ctx.default_map["folder"]).resolve():
         raise InputError("the results go to the folder of --resume; omit --out", "folder")
-    with alone_in(folder_for(out)):
+    with locked_folder(folder_for(out)):
         files = _files(params)
         options = {k: v for k, v in params.items() if v is not None and k not in files and k not in NO_NUMBERS[:-1]}
         request = {

@@ -9,8 +9,8 @@ from gpmodel.evidence.criteria import Test, Verdict
 from gpmodel.evidence.cross_validation import Predicted, better_by, cross_validated, gained
 from gpmodel.evidence.dependence import inflation, order_matters
 from gpmodel.evidence.residual import Residual
-from gpmodel.evidence.score import Score, deflated, own_share
-from gpmodel.evolution.chance import Chance
+from gpmodel.evidence.score import Score, gains_by_inflation, unique_share
+from gpmodel.evolution.chance import PValue
 from gpmodel.families.candidate import Candidate
 from gpmodel.selection.causes import CredibleSet
 
@@ -26,7 +26,7 @@ class Hypothesis:
 
     candidate: Candidate
     score: Score
-    chance: Chance
+    chance: PValue
     cv_rms: float
     cv_before: float
     verdict: Verdict
@@ -41,17 +41,17 @@ class Hypothesis:
     @property
     def why(self) -> str:
         """Reason for the verdict on the candidate effect, in words."""
-        chance = wording.chance(self.chance.p, self.chance.shuffles, self.chance.of)
+        chance = wording.chance(self.chance.p, self.chance.shuffles, self.chance.noun)
         return self.verdict.why or f"removes {100 * self.score.gain:.0f} % of the residual energy, p {chance}"
 
 
-def tested(residual: Residual, candidate: Candidate, score: Score, by_chance: Chance, before: Predicted) -> Hypothesis:
+def tested(residual: Residual, candidate: Candidate, score: Score, by_chance: PValue, before: Predicted) -> Hypothesis:
     """Test a candidate effect by every criterion. residual: residual of the model without the candidate."""
     criteria = residual.criteria
     after = cross_validated(residual, candidate.effects)
     cv_t = gained(before, after, criteria.outlier_sigmas)
     inflated = inflation(residual, candidate)
-    share = own_share(residual, candidate)
+    share = unique_share(residual, candidate)
     predicts = criteria.minimum_cv_t if candidate.family else criteria.clear_cv_t
     tests = [
         Test("chance", by_chance.p, criteria.significance, by_chance.p < criteria.significance),
@@ -60,11 +60,11 @@ def tested(residual: Residual, candidate: Candidate, score: Score, by_chance: Ch
         Test("unique share", share, criteria.minimum_share, share > criteria.minimum_share),
     ]
     if order_matters(residual, candidate):
-        t = better_by(residual.in_stretches, candidate.effects)
+        t = better_by(residual.contiguous_folds, candidate.effects)
         apart = criteria.apart_cv_t if candidate.family else criteria.clear_cv_t
         tests.append(Test("stretches", t, apart, t > apart))
     shared = {name: factor for name, factor in inflated.items() if factor > 1.0}
-    for name, nats in zip(shared, deflated(residual, candidate, tuple(shared.values())), strict=True):
+    for name, nats in zip(shared, gains_by_inflation(residual, candidate, tuple(shared.values())), strict=True):
         tests.append(Test(name, nats, criteria.minimum_nats, nats > criteria.minimum_nats))
     return Hypothesis(candidate, score, by_chance, after.rms, before.rms, Verdict(tuple(tests)))
 

@@ -10,7 +10,7 @@ from gpmodel.arrays import Array, IntArray
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import aimed, readable_inputs, targets
 from gpmodel.evidence.residual import Residual
-from gpmodel.evidence.score import saved, scores
+from gpmodel.evidence.score import mdl_gain, scores
 from gpmodel.evolution.chance import FEWEST
 from gpmodel.evolution.constants import polish
 from gpmodel.evolution.input_histogram import Histogram, RunRecord, histogram, without_runs
@@ -23,7 +23,7 @@ from gpmodel.families.candidate import Candidate, maker_of
 from gpmodel.formula.program import Program
 from gpmodel.model.sites import Site
 from gpmodel.numerics.least_squares import MANY_COLUMNS
-from gpmodel.progress import Teller
+from gpmodel.progress import Reporter
 from gpmodel.selection.programs import as_candidate, parts, without_poles
 
 
@@ -37,7 +37,7 @@ class RoundContext:
     """
 
     number: int
-    tell: Teller
+    tell: Reporter
     kept: KeptRuns
     late: Callable[[], bool] = lambda: False
     opening: bool = False
@@ -78,7 +78,7 @@ def explore(
     settings = [Settings(strategy, search.selection, budget) for strategy in search.strategies]
     real = [Task(problem, s, rng.spawn(1)[0]) for s in settings for _ in range(search.runs)]
     chances = max(1, search.runs // 2) if context.pooled else max(search.runs, -(-FEWEST // len(settings)))
-    orders = residual.shuffled(rng, chances * len(settings)).T
+    orders = residual.permuted(rng, chances * len(settings)).T
     shuffles = [
         Task(replace(problem, targets=aimed(problem.targets, residual, sites, rows, order)), s, rng.spawn(1)[0])
         for s, order in zip(np.repeat(np.array(settings, dtype=object), chances).tolist(), orders, strict=True)
@@ -152,5 +152,5 @@ def candidates_of(
 
 def _most_saved(residual: Residual, search: Search, run: Evolution, sites: int) -> float:
     """Return the largest gain in description length, nats, of any program of an evolution run. sites: their number."""
-    nats = [saved(residual, c.gain, len(c.program.outputs), search.cost(c.complexity, sites)) for c in run.front]
+    nats = [mdl_gain(residual, c.gain, len(c.program.outputs), search.cost(c.complexity, sites)) for c in run.front]
     return float(max(nats, default=-np.inf))

@@ -17,11 +17,11 @@ from gpmodel.discovery.state import Discovery, drop_duplicate_rows
 from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import paired
-from gpmodel.evidence.residual import independent_units
+from gpmodel.evidence.residual import independent_blocks
 from gpmodel.executor import Forks, called, called_beside
 from gpmodel.families.candidate import is_program
 from gpmodel.model.error_model import Poses
-from gpmodel.progress import Teller, silent
+from gpmodel.progress import Reporter, silent
 from gpmodel.table.bundles import JUDGED, bundles, folds
 
 Loop = Callable[[Poses, IntArray, IntArray], Discovery]
@@ -41,7 +41,7 @@ def discover_by_folds(
     """
     started = time.monotonic()
     nothing = np.zeros(0, dtype=np.int64)
-    poses, everything, _ = drop_duplicate_rows(poses, np.arange(len(poses)), nothing, Teller(silent))
+    poses, everything, _ = drop_duplicate_rows(poses, np.arange(len(poses)), nothing, Reporter(silent))
     units = int(bundles(poses.dataset).max()) + 1
     if not 2 <= count <= units:
         raise InputError(f"{count}, expected 2 to {units}, the number of groups of poses", "folds")
@@ -68,7 +68,7 @@ def _repeated(found: Discovery, choices: Sequence[Discovery], criteria: Criteria
     )
     standard, last = steps[1].heldout_error, steps[-1].heldout_error
     doubt = (
-        paired(standard, last, independent_units(found.poses.dataset, criteria), criteria) if found.findings else None
+        paired(standard, last, independent_blocks(found.poses.dataset, criteria), criteria) if found.findings else None
     )
     final = found.final if doubt is None or doubt.passed else steps[1].calibration
     return replace(found, heldout=found.train, steps=steps, confirmation=doubt, final=final, parts=tuple(choices))

@@ -12,7 +12,7 @@ from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.gauge import moving_sites
 from gpmodel.discovery.search import Search
 from gpmodel.discovery.targets import readable_inputs, targets
-from gpmodel.evidence.residual import Residual, residual_of, squares, winsorising
+from gpmodel.evidence.residual import Residual, residual_of, squares_by_pose, winsorising
 from gpmodel.evidence.score import scores
 from gpmodel.evolution.description_length import fit_nats
 from gpmodel.evolution.formulas import formulas_at, shorter
@@ -252,4 +252,4 @@ def explained(residual: Residual, laws: Sequence[Candidate]) -> Mask:
 
 def _lengths(residual: Residual, values: Array) -> Array:
     """Return the length of each pose's residual vector. values: values of the measured rows, m."""
-    return np.sqrt(squares(residual.problem, values, len(residual.poses)))
+    return np.sqrt(squares_by_pose(residual.problem, values, len(residual.poses)))

@@ -33,7 +33,7 @@ from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics.least_squares import give_back
-from gpmodel.progress import Say, Teller, silent
+from gpmodel.progress import Reporter, Say, silent
 from gpmodel.table.bundles import JUDGED
 
 
@@ -68,7 +68,7 @@ def discover(
     for different candidates of one name, or if no held-out pose has a known set-up and tool.
     """
     started = time.monotonic()
-    search, say = search or Search(), Teller(progress)
+    search, say = search or Search(), Reporter(progress)
     poses, train, heldout = usable_rows(poses, train, heldout, say)
     offers = distinct(candidates)
     if not errors_alone:
@@ -218,7 +218,7 @@ def _earlier_nulls(state: State) -> list[np.ndarray]:
 def _explored(state: State, residual: Residual, number: int) -> Exploration:
     """Evolve programs for a residual; return the programs with the histogram of their inputs."""
     pooled = sum(len(nats) for nats in _earlier_nulls(state)) > 0
-    tell = Teller(state.say.say, f"round {number}: ")
+    tell = Reporter(state.say.send, f"round {number}: ")
     context = RoundContext(number, tell, state.kept, lambda: state.late, state.opening(number), pooled)
     sites = moving_sites(state.mechanism, residual.poses.dataset)
     return explore(residual, sites, state.search, np.random.default_rng([state.seed, number]), context)

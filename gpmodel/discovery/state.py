@@ -25,7 +25,7 @@ from gpmodel.families.inner import FittedConstant
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
-from gpmodel.progress import Teller
+from gpmodel.progress import Reporter
 from gpmodel.table.bundles import JUDGED, copies, sharing
 
 
@@ -124,7 +124,7 @@ Division = tuple[Poses, IntArray, IntArray]
 """Poses, and the rows for training and for testing."""
 
 
-def usable_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> Division:
+def usable_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Reporter) -> Division:
     """Return poses and rows for a search. Raises InputError if no held-out pose has a known set-up and tool."""
     poses, train, heldout = drop_duplicate_rows(poses, train, heldout, say)
     if not len(heldout):
@@ -142,7 +142,7 @@ def usable_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -
     return _only(poses, train, known)
 
 
-def drop_duplicate_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Teller) -> Division:
+def drop_duplicate_rows(poses: Poses, train: IntArray, heldout: IntArray, say: Reporter) -> Division:
     """Drop table rows that copy another row, since a copy would count twice."""
     copied = copies(poses.dataset)
     if not copied.any():
@@ -191,7 +191,7 @@ class State:
     criteria: Criteria
     condition_limit: float | None
     seed: int
-    say: Teller
+    say: Reporter
     kept: KeptRuns
     ends: float = math.inf
     errors_alone: bool = False

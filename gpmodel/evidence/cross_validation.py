@@ -9,7 +9,7 @@ from scipy import linalg, special
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.result import Calibration, errors_on
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evidence.residual import Residual, independent_units
+from gpmodel.evidence.residual import Residual, independent_blocks
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import Poses
 from gpmodel.numerics.least_squares import outlier_limit
@@ -42,13 +42,13 @@ def cross_validated(residual: Residual, effects: Sequence[Effect]) -> Predicted:
     products[:, :-1] += np.diag(belief**2)
     per_pose = np.zeros(len(residual.poses))
     coefficients = []
-    for fold in residual.omitted:
+    for fold in residual.fold_systems:
         freed = fold.freed(both[fold.rows])
         apart = products - both[fold.rows, :-1].T @ freed
         new = linalg.lstsq(apart[:, :-1], apart[:, -1], cond=1e-12, lapack_driver="gelsy", check_finite=False)[0]
         np.add.at(per_pose, residual.problem.pose_of_row[fold.rows], (freed[:, -1] - freed[:, :-1] @ new) ** 2)
         coefficients.append(new / scale)
-    per_unit = np.bincount(residual.unit_of_pose, per_pose).astype(float)
+    per_unit = np.bincount(residual.block_of_pose, per_pose).astype(float)
     return Predicted(float(np.sqrt(per_pose.mean())), per_unit, np.array(coefficients))
 
 
@@ -92,7 +92,7 @@ class Confirmation:
 
 def confirmation(standard: Calibration, found: Calibration, heldout: Poses, criteria: Criteria) -> Confirmation:
     """Test whether the found model predicts held-out poses better than the standard model does."""
-    unit = independent_units(heldout.dataset, criteria)
+    unit = independent_blocks(heldout.dataset, criteria)
     return paired(errors_on(standard, heldout), errors_on(found, heldout), unit, criteria)
 
 

@@ -28,8 +28,8 @@ def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
     score = np.zeros(len(residual.poses))
     rows = slice(0, residual.measured)
     np.add.at(score, residual.problem.pose_of_row, explained[rows] * left[rows])
-    slow = reads_a_clock(candidate, residual.poses.states)
-    out, placed = {}, residual.placed_by_units * explained[rows, None]
+    slow = depends_on_time(candidate, residual.poses.states)
+    out, placed = {}, residual.block_registration * explained[rows, None]
     for name, block in _partitions(residual):
         ratio, count = float(_ratios(score[:, None], block)[0]), int(block.max()) + 1
         if placed.shape[1]:
@@ -40,7 +40,7 @@ def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
     return out
 
 
-def reads_a_clock(candidate: Candidate, states: States) -> bool:
+def depends_on_time(candidate: Candidate, states: States) -> bool:
     """Return whether a candidate effect is a function of the row number or of time."""
     return not clock_names(states.units).isdisjoint(candidate.inputs)
 
@@ -101,8 +101,8 @@ def order_matters(residual: Residual, candidate: Candidate) -> bool:
 def _partitions(residual: Residual) -> Iterator[tuple[str, IntArray]]:
     """Yield the block of each pose for each kind of dependence: repeats, stretches of rows, regions of space."""
     count, poses = residual.criteria.blocks, len(residual.poses)
-    if residual.unit_of_pose.max() + 1 < poses:
-        yield "repeats", residual.unit_of_pose
+    if residual.block_of_pose.max() + 1 < poses:
+        yield "repeats", residual.block_of_pose
     if poses >= 3 * count:
         yield "rows", stretches(residual.poses.states["row"], count)
         yield "space", regions(np.column_stack([residual.poses.states[axis] for axis in "xyz"]), count)

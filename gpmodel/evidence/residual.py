@@ -21,7 +21,7 @@ from gpmodel.table.bundles import bundles, folds, replicates, stretches
 from gpmodel.table.dataset import Dataset
 
 
-def independent_units(dataset: Dataset, criteria: Criteria) -> IntArray:
+def independent_blocks(dataset: Dataset, criteria: Criteria) -> IntArray:
     """Return the number of the block of each pose; a block counts as one observation. Blocks are in order of rows.
 
     Poses with one value of `group` or `repeat` in the table form a block. If these blocks are too few for a permutation
@@ -34,20 +34,20 @@ def independent_units(dataset: Dataset, criteria: Criteria) -> IntArray:
     return np.argsort(np.argsort(first))[of_pose.reshape(-1)].astype(np.int64)
 
 
-def exchangeable(dataset: Dataset, criteria: Criteria) -> IntArray:
+def exchangeable_blocks(dataset: Dataset, criteria: Criteria) -> IntArray:
     """Return the number of the block of each pose; a permutation moves the poses of a block together.
 
     Blocks are groups and repeats of the table. For single poses in the order of measurement, blocks are stretches of
     rows, which keep the dependence between neighbouring rows. Source: Künsch (1989), blocks.
     """
-    unit = independent_units(dataset, criteria)
+    unit = independent_blocks(dataset, criteria)
     count = len(dataset)
     if not dataset.in_order or unit.max(initial=-1) + 1 < count or count < 2 * criteria.fewest_bundles:
         return unit
     return stretches(dataset.row.astype(float), criteria.fewest_bundles)
 
 
-def reordered(problem: Linearised, values: Array, unit: IntArray, rng: np.random.Generator, count: int) -> Array:
+def permuted_blocks(problem: Linearised, values: Array, unit: IntArray, rng: np.random.Generator, count: int) -> Array:
     """Permute whole blocks of poses `count` times; return one column of values of measured rows per permutation.
 
     unit: block number of each pose. Poses keep their order within a block. The value of a measured component is zero
@@ -80,9 +80,9 @@ class Residual:
     values: residual on measured rows and prior rows, m.
     names: effects of the columns after the columns of registration and tool.
     fold_of_row: fold of each measured row in the cross-validation.
-    unit_of_pose: number of the block of each pose; a block counts as one observation.
+    block_of_pose: number of the block of each pose; a block counts as one observation.
     gram: inner products of the columns; empty if no effect has a prior.
-    sizing: number of prior rows on lengths and tool point, the only rows that fix the overall scale.
+    scale_rows: number of prior rows on lengths and tool point, the only rows that fix the overall scale.
     noise: standard deviation σ that weights the priors, m.
     """
 
@@ -95,10 +95,10 @@ class Residual:
     values: Array
     names: tuple[str, ...]
     fold_of_row: IntArray
-    unit_of_pose: IntArray
+    block_of_pose: IntArray
     criteria: Criteria
     gram: Array
-    sizing: int = 0
+    scale_rows: int = 0
     noise: float = 0.0
 
     @property
@@ -114,7 +114,7 @@ class Residual:
     @property
     def freedom(self) -> int:
         """Degrees of freedom of the residual: number of rows minus number of fitted columns, at least 1."""
-        return max(len(self.values) - self.span.size - max(self.sizing - 1, 0), 1)
+        return max(len(self.values) - self.span.size - max(self.scale_rows - 1, 0), 1)
 
     @property
     def sigma(self) -> float:
@@ -179,20 +179,20 @@ class Residual:
             names=tuple(n for n in self.names if n not in set(given)), gram=gram,
         )  # fmt: skip
 
-    def shuffled(self, rng: np.random.Generator, count: int) -> Array:
+    def permuted(self, rng: np.random.Generator, count: int) -> Array:
         """Return the residual permuted over blocks of poses and projected again: one column a permutation."""
         out = np.repeat(self.values[:, None], count, axis=1)
-        out[: self.measured] = reordered(self.problem, self.values[: self.measured], self.unit_of_pose, rng, count)
+        out[: self.measured] = permuted_blocks(self.problem, out[: self.measured, 0], self.block_of_pose, rng, count)
         return self.span.remove(out)
 
     @cached_property
-    def placed_by_units(self) -> Array:
+    def block_registration(self) -> Array:
         """Basis of the registration columns that one block of poses alone determines, such as the columns of a bar."""
         columns = self.system[: self.measured]
-        alone = nonzero_in_one_fold(columns, self.unit_of_pose[self.problem.pose_of_row])
+        alone = nonzero_in_one_fold(columns, self.block_of_pose[self.problem.pose_of_row])
         return ident.orthonormal(columns[:, alone])
 
-    def at_own_noise(self) -> "Residual":
+    def with_refitted_noise(self) -> "Residual":
         """Weight the priors of the effects by the residual's standard deviation σ, by iteration: σ² = r·r / freedom.
 
         Without a large effect the residual r exceeds the noise of the full model. With the noise of the full model,
@@ -217,15 +217,15 @@ class Residual:
         )
 
     @cached_property
-    def in_stretches(self) -> "Residual":
+    def contiguous_folds(self) -> "Residual":
         """Residual with stretches of rows in the place of random folds, so that neighbouring rows are in one fold."""
-        first = np.full(self.unit_of_pose.max() + 1, np.inf)
-        np.minimum.at(first, self.unit_of_pose, self.poses.states["row"])
-        stretch = stretches(first, self.criteria.folds)[self.unit_of_pose]
+        first = np.full(self.block_of_pose.max() + 1, np.inf)
+        np.minimum.at(first, self.block_of_pose, self.poses.states["row"])
+        stretch = stretches(first, self.criteria.folds)[self.block_of_pose]
         return replace(self, fold_of_row=stretch[self.problem.pose_of_row])
 
     @cached_property
-    def omitted(self) -> tuple[Omitted, ...]:
+    def fold_systems(self) -> tuple[Omitted, ...]:
         """Rows of each fold of the cross-validation, and the linear system without the rows of the fold."""
         folds = (np.flatnonzero(self.fold_of_row == fold) for fold in np.unique(self.fold_of_row))
         return tuple(Omitted.of(rows, self.span.basis) for rows in folds)
@@ -249,7 +249,7 @@ def residual_of(
     fold = folds(poses.dataset, criteria.folds, np.random.default_rng(seed))[problem.pose_of_row]
     found = Residual(
         calibration, problem.poses, problem, system, target, span, span.remove(target), names, fold,
-        independent_units(poses.dataset, criteria), criteria, gram, sizing,
+        independent_blocks(poses.dataset, criteria), criteria, gram, sizing,
     )  # fmt: skip
     return replace(found, noise=calibration.model.noise or found.sigma)
 
@@ -276,10 +276,10 @@ def _system(calibration: Calibration, problem: Linearised, shrink: Array) -> tup
 
 def winsorising(problem: Linearised, poses: int, sigmas: float) -> Array:
     """Return factors that limit each pose's residual to median + sigmas · 1.4826 MAD of the lengths of all poses."""
-    length = np.sqrt(squares(problem, problem.residual, poses))
+    length = np.sqrt(squares_by_pose(problem, problem.residual, poses))
     return np.minimum(1.0, outlier_limit(length, sigmas) / np.maximum(length, 1e-12))
 
 
-def squares(problem: Linearised, values: Array, poses: int) -> Array:
+def squares_by_pose(problem: Linearised, values: Array, poses: int) -> Array:
     """Return the sum of squares of the values of each pose's measured rows; 0 for a pose without measured rows."""
     return np.asarray(np.bincount(problem.pose_of_row, values**2, poses), dtype=float)

@@ -32,12 +32,12 @@ class Score:
     share: float
 
 
-def saved(residual: Residual, gain: float | Array, unknowns: int, cost: float, inflation: float = 1.0) -> float | Array:
-    """Compute the gain in description length, nats: dof/2 · (-ln(1 - gain)) / inflation - unknowns/2 · ln M - cost.
+def mdl_gain(residual: Residual, gain: float | Array, count: int, cost: float, inflation: float = 1.0) -> float | Array:
+    """Compute the gain in description length, nats: dof/2 · (-ln(1 - gain)) / inflation - count/2 · ln M - cost.
 
-    dof: degrees of freedom of the residual. M: number of measured rows. Source: Rissanen (1978).
+    dof: degrees of freedom of the residual. count: number of unknowns. M: number of measured rows (Rissanen 1978).
     """
-    return fit_nats(gain, residual.freedom) / inflation - 0.5 * unknowns * float(np.log(residual.measured)) - cost
+    return fit_nats(gain, residual.freedom) / inflation - 0.5 * count * float(np.log(residual.measured)) - cost
 
 
 def scores(residual: Residual, pool: Sequence[Candidate]) -> tuple[Score, ...]:
@@ -55,7 +55,7 @@ def scores(residual: Residual, pool: Sequence[Candidate]) -> tuple[Score, ...]:
     return tuple(out)
 
 
-def deflated(residual: Residual, candidate: Candidate, inflations: Sequence[float]) -> list[float]:
+def gains_by_inflation(residual: Residual, candidate: Candidate, inflations: Sequence[float]) -> list[float]:
     """Compute the gain of a candidate effect, nats, for each of some inflation factors of the noise variance."""
     if not inflations:
         return []
@@ -74,7 +74,7 @@ def contribution(residual: Residual, candidate: Candidate) -> Array:
     return np.asarray(u @ (s**2 / (s**2 + sigma2) * along))
 
 
-def own_share(residual: Residual, candidate: Candidate) -> float:
+def unique_share(residual: Residual, candidate: Candidate) -> float:
     """Compute the share |C⊥ w| / |C w| of a candidate's motion that the other effects of the model do not explain.
 
     C: columns of the candidate; for an instrument error without the part of registration and tool. C⊥: part of C that
@@ -104,7 +104,7 @@ def _gain(residual: Residual, candidate: Candidate, span: Array, inflation: floa
     count = span.shape[1]
     q = ident.orthonormal(span) if count > 1 else span / np.linalg.norm(span, axis=0)
     gain = float(np.sum((q.T @ residual.values) ** 2)) / residual.energy
-    return gain, float(saved(residual, gain, count, candidate.cost, inflation))
+    return gain, float(mdl_gain(residual, gain, count, candidate.cost, inflation))
 
 
 def directions(residual: Residual, candidate: Candidate, span: Array) -> tuple[Array, Array]:
@@ -134,7 +134,7 @@ def fitted(variance: Array, s: Array, q: Array) -> Array:
     return np.asarray(np.sum(variance[:, None] * q**2 / (1.0 + variance[:, None] * np.maximum(s, 0.0)), axis=1))
 
 
-def with_own_noise(gains: Array, fit: Array, mismatch: float) -> Array:
+def with_refitted_noise(gains: Array, fit: Array, mismatch: float) -> Array:
     """Correct the gains of groups of effects, nats, for the noise, which is estimated again with each group.
 
     fit: decrease Q of the misfit E = yᵀC⁻¹y by each group. With prior variances in proportion to the noise, the gain is
@@ -143,7 +143,7 @@ def with_own_noise(gains: Array, fit: Array, mismatch: float) -> Array:
     return gains - 0.5 * fit - 0.5 * mismatch * np.log1p(-np.minimum(fit / mismatch, 1.0 - 1e-12))
 
 
-def rotated(inner: Array, rhs: Array) -> tuple[Array, Array]:
+def diagonalised(inner: Array, rhs: Array) -> tuple[Array, Array]:
     """Compute the eigenvalues of each group's symmetric matrix, and the products of its eigenvectors with `rhs`."""
     if inner.shape[-1] == 1:
         return inner[:, :, 0], rhs

@@ -14,16 +14,16 @@ _NODES = 21
 
 
 @dataclass(frozen=True)
-class Chance:
+class PValue:
     """A p-value from permutations. p: probability of a score as large under the null hypothesis. shuffles: number of
-    permutations. of: noun that follows the number of permutations in a text."""
+    permutations. noun: noun that follows the number of permutations in a text."""
 
     p: float
     shuffles: int
-    of: str = "permutations"
+    noun: str = "permutations"
 
 
-def chance(value: float, null: Array) -> Chance:
+def permutation_p_value(value: float, null: Array) -> PValue:
     """Return the p-value of a score, given the largest scores of T searches on permuted residuals.
 
     If some of these scores reach `value`, the p-value is the larger of the rank (1 + count) / (1 + T) and the tail of
@@ -31,12 +31,12 @@ def chance(value: float, null: Array) -> Chance:
     """
     finite = null[np.isfinite(null)]
     if len(finite) < FEWEST or np.isnan(value):
-        return Chance(1.0, len(null))
+        return PValue(1.0, len(null))
     reached, tail = int(np.sum(finite >= value)), _tail(value, finite)
-    return Chance(max((1 + reached) * (1.0 / (len(null) + 1)), tail) if reached else tail, len(null))
+    return PValue(max((1 + reached) * (1.0 / (len(null) + 1)), tail) if reached else tail, len(null))
 
 
-def larger(first: Chance, *others: Chance) -> Chance:
+def largest_p_value(first: PValue, *others: PValue) -> PValue:
     """Return the largest of several p-values of one finding."""
     return max((first, *others), key=lambda found: found.p)
 

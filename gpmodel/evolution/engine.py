@@ -99,13 +99,13 @@ def sizes(code: Code, base: int) -> NDArray[np.uint16]:
     return batch.sizes_by_outputs(code.words, code.count, base, code.outputs)
 
 
-def compensator_fitness(code: Code, fixed: Array, measured: Array, maximum: bool, hopeless: float) -> Array:
+def compensator_fitness(code: Code, fixed: Array, measured: Array, maximum: bool, cutoff: float) -> Array:
     """Return the largest or the RMS distance (Fig 5.5) of each program's output points from the measured points."""
     from gpmodel.evolution.kernels import batch
 
     found = np.empty(len(code.count))
     poses = fixed.shape[1]
-    limit = hopeless**2 if maximum else hopeless**2 * poses
+    limit = cutoff**2 if maximum else cutoff**2 * poses
     batch.compensator_fitness(
         code.words, code.outputs, code.count, code.constants,
         fixed, _rows(code, fixed, BLOCK), measured, maximum, limit, found,

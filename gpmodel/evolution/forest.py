@@ -37,7 +37,7 @@ class Forest:
         longest = int(np.max(self.bounds[part, -1] - self.bounds[part, 0]))
         code = empty_code(np.ascontiguousarray(self.constants[part]), longest, layout.outputs)
         decode_forest(
-            self.codes, self.bounds[part], code.constants.view(np.uint64), layout.base, layout.done_for,
-            layout.kind_of_rows, code.words, code.outputs, code.count, code.nodes, code.hashes,
+            self.codes, self.bounds[part], code.constants.view(np.uint64), layout.base, layout.replacements,
+            layout.row_kinds, code.words, code.outputs, code.count, code.nodes, code.hashes,
         )  # fmt: skip
         return code

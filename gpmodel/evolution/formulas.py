@@ -16,7 +16,7 @@ import numpy as np
 from gpmodel.arrays import Array
 from gpmodel.evolution.constants import polish
 from gpmodel.evolution.founders import binned, founders
-from gpmodel.evolution.memetic import GENERATIONS, LONGEST, Formulas, bred, shortened
+from gpmodel.evolution.memetic import GENERATIONS, LONGEST, Formulas, evolve_formulas, shortened
 from gpmodel.evolution.pareto import Solution, pareto
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets
@@ -75,7 +75,7 @@ def formulas_at(
         population.add(itertools.chain.from_iterable(structure.programs() for structure in structures))
     read = {name for one in population.best(1) for name in one.program.inputs}
     shortened(population)
-    bred(population, [name for name in there.inputs.names if name in read.union(names)], generations)
+    evolve_formulas(population, [name for name in there.inputs.names if name in read.union(names)], generations)
     return pareto(filter(_sound, population.found), lambda one: (one.complexity, length(one.program)))
 
 

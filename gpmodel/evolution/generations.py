@@ -31,10 +31,10 @@ class Generations:
             raise InputError(f"outputs: {self.layout.outputs}, a compensator has 3")
         self.fixed = self.layout.fixed_rows(problem.inputs.values)
         self.fitted: set[int] = set()
-        self.hopeless = np.inf
+        self.cutoff = np.inf
 
-    def scores(self, population: Population, hopeless: float = np.inf, known: Scores | None = None) -> Scores:
-        """Return the scores of a population of programs; scores of effective code in ``known`` are reused. hopeless:
+    def scores(self, population: Population, cutoff: float = np.inf, known: Scores | None = None) -> Scores:
+        """Return the scores of a population of programs; scores of effective code in ``known`` are reused. cutoff:
         limit of the score above which a program may get an infinite score."""
         decode = population.decoder(self.layout)
         found = Scores.empty(len(population))
@@ -43,14 +43,14 @@ class Generations:
         def work(part: slice) -> None:
             code = decode(part)
             if known is None or order is None:
-                found[part] = self.problem.scores(code, self.fixed, hopeless)
+                found[part] = self.problem.scores(code, self.fixed, cutoff)
                 return
             same = order[np.minimum(np.searchsorted(known.hashes, code.hashes, sorter=order), len(order) - 1)]
             met = known.hashes[same] == code.hashes
             old, new = np.flatnonzero(met), np.flatnonzero(~met)
             found[part.start + old] = known.take(same[old])
             if len(new):
-                found[part.start + new] = self.problem.scores(code.take(new), self.fixed, hopeless)
+                found[part.start + new] = self.problem.scores(code.take(new), self.fixed, cutoff)
 
         over_slices(len(population), self.threads, work, self.problem.slice)
         return found
@@ -60,7 +60,7 @@ class Generations:
         population = self.breeding.initial(self.budget.population, self.rng)
         return population, self.scores(population)
 
-    def following(self, population: Population, scores: Scores) -> tuple[Population, Scores]:
+    def next_generation(self, population: Population, scores: Scores) -> tuple[Population, Scores]:
         """Breed the next population of programs; return the population and its scores."""
         count = self.budget.population
         mothers, fathers = self.selection.parents(scores, self.rng)
@@ -78,12 +78,12 @@ class Generations:
         generation before. If fewer than ``few`` programs are below the limit, all programs are scored without the
         limit.
         """
-        if not self.problem.can_drop_the_hopeless:
+        if not self.problem.can_stop_early:
             return self.scores(children)
-        found = self.scores(children, self.hopeless)
-        if np.count_nonzero(found.score <= self.hopeless) < few:
+        found = self.scores(children, self.cutoff)
+        if np.count_nonzero(found.score <= self.cutoff) < few:
             found = self.scores(children)
-        self.hopeless = float(np.partition(found.score, few - 1)[few - 1])
+        self.cutoff = float(np.partition(found.score, few - 1)[few - 1])
         return found
 
     def polished(self, population: Population, scores: Scores) -> tuple[Population, Scores]:

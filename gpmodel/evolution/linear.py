@@ -104,8 +104,8 @@ class Sequences:
         longest = self.genes.shape[1] + layout.own_constants + 1
         code = empty_code(np.ascontiguousarray(self.constants[part]), longest, layout.outputs)
         decode_sequences(
-            self.genes[part], code.constants.view(np.uint64), layout.begun_by, layout.cell_of, layout.read_of,
-            layout.written_of, layout.start_rows, layout.done_for, layout.kind_of_cells, layout.base,
+            self.genes[part], code.constants.view(np.uint64), layout.op_codes, layout.operand_table, layout.read_mask,
+            layout.write_mask, layout.start_rows, layout.replacements, layout.cell_kinds, layout.base,
             code.words, code.outputs, code.count, code.nodes, code.hashes,
         )  # fmt: skip
         return code
@@ -168,7 +168,7 @@ def instructions(genes: NDArray[np.uint8], layout: Layout) -> list[tuple[int, in
     found: list[tuple[int, int | None]] = []
     pending = iter(int(gene) for gene in genes)
     for gene in pending:
-        code = int(layout.operator_of[gene])
+        code = int(layout.opcode_table[gene])
         if code in BY_CODE and BY_CODE[code].arity == 1:
             found.append((code, None))
         elif (operand := next(pending, None)) is not None:
@@ -189,7 +189,7 @@ def program_of(genes: NDArray[np.uint8], constants: Array, layout: Layout) -> Pr
         return builder.constant([*layout.constants, 0.0][index - len(layout.inputs)])
 
     def typed(index: int) -> tuple[int, int]:
-        return row(index), int(layout.kind_of_cells[len(layout.start) + index])
+        return row(index), int(layout.cell_kinds[len(layout.start) + index])
 
     registers = [typed(int(index)) for index in layout.start_rows]
     accumulator = registers[0]
@@ -206,7 +206,7 @@ def program_of(genes: NDArray[np.uint8], constants: Array, layout: Layout) -> Pr
                 continue
         kind = 0
         if layout.kinds:
-            code, kind = divmod(int(layout.done_for[code, accumulator[1], value[1] if value else 0]), 256)
+            code, kind = divmod(int(layout.replacements[code, accumulator[1], value[1] if value else 0]), 256)
         if code:
             arguments = (accumulator[0], value[0]) if value else (accumulator[0],)
             accumulator = builder.apply(BY_CODE[code].name, *arguments), kind

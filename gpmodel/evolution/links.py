@@ -26,7 +26,7 @@ LARGEST_POWER = 8
 
 
 @dataclass(frozen=True)
-class Link:
+class LinkFunction:
     """A link function of a response.
 
     operator, inverse: name of the link function and of its inverse; "" for the identity.
@@ -119,11 +119,11 @@ class Link:
 
 
 LINKS = (
-    Link(),
-    Link("log", "exp", with_inputs=True),
-    Link("reciprocal", "reciprocal"),
-    Link("square", "sqrt", with_inputs=True),
-    Link(quotient=True),
+    LinkFunction(),
+    LinkFunction("log", "exp", with_inputs=True),
+    LinkFunction("reciprocal", "reciprocal"),
+    LinkFunction("square", "sqrt", with_inputs=True),
+    LinkFunction(quotient=True),
 )
 
 

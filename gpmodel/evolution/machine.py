@@ -81,7 +81,7 @@ class Layout:
         return np.array(rows, dtype=np.uint16)
 
     @cached_property
-    def operator_of(self) -> NDArray[np.uint8]:
+    def opcode_table(self) -> NDArray[np.uint8]:
         """Op-code of each instruction byte (0 to 255). A byte that is the op-code of an available operator means this
         operator; the other bytes mean the available operators in turn."""
         offered = [INPUT, LOAD, STORE, *(operator.code for operator in self.operators)]
@@ -89,11 +89,11 @@ class Layout:
         return np.array(table, dtype=np.uint8)
 
     @cached_property
-    def begun_by(self) -> NDArray[np.uint16]:
+    def op_codes(self) -> NDArray[np.uint16]:
         """Table by instruction byte: 256 times its op-code, plus 255 if the op-code takes an operand."""
         alone = [code for code, operator in BY_CODE.items() if operator.arity == 1]
-        takes = ~np.isin(self.operator_of, alone)
-        return self.operator_of.astype(np.uint16) * np.uint16(256) + takes * np.uint16(255)
+        takes = ~np.isin(self.opcode_table, alone)
+        return self.opcode_table.astype(np.uint16) * np.uint16(256) + takes * np.uint16(255)
 
     def operand(self, code: int, gene: int) -> tuple[str, int]:
         """Return the operand of an op-code that an operand byte `gene` selects: ("register" or "row", number).
@@ -110,7 +110,7 @@ class Layout:
         return ("row", self.element_row(half % self.elements)) if odd else ("register", half % registers)
 
     @cached_property
-    def cell_of(self) -> NDArray[np.uint16]:
+    def operand_table(self) -> NDArray[np.uint16]:
         """Operand of every instruction, at index 256 * op-code + operand byte: register number, or number of registers
         + row number. The operand is row 0 for an op-code without operand."""
         registers = len(self.start)
@@ -122,13 +122,13 @@ class Layout:
         return table.ravel()
 
     @cached_property
-    def written_of(self) -> NDArray[np.uint32]:
+    def write_mask(self) -> NDArray[np.uint32]:
         """Bit mask of the register that each instruction writes, at index 256 * op-code + operand byte."""
         codes, bits = self._codes_and_bits()
         return np.where(codes == STORE, bits, ACCUMULATOR).astype(np.uint32)
 
     @cached_property
-    def read_of(self) -> NDArray[np.uint32]:
+    def read_mask(self) -> NDArray[np.uint32]:
         """Bit mask of the registers that each instruction reads, at index 256 * op-code + operand byte."""
         codes, bits = self._codes_and_bits()
         operands = np.where(codes == STORE, np.uint32(0), bits)
@@ -140,23 +140,23 @@ class Layout:
         return Typing(self.kinds)
 
     @cached_property
-    def done_for(self) -> NDArray[np.uint16]:
+    def replacements(self) -> NDArray[np.uint16]:
         """Operator that replaces an operator that is not allowed for its arguments; table as in ``Typing.repairs``."""
         return self.typing.repairs(self.operators)
 
     @cached_property
-    def kind_of_cells(self) -> NDArray[np.uint8]:
+    def cell_kinds(self) -> NDArray[np.uint8]:
         """Number of the kind of quantity in each register at the start, then of each row of values."""
-        return np.concatenate([self.kind_of_rows[self.start_rows], self.kind_of_rows])
+        return np.concatenate([self.row_kinds[self.start_rows], self.row_kinds])
 
     @cached_property
-    def kind_of_rows(self) -> NDArray[np.uint8]:
+    def row_kinds(self) -> NDArray[np.uint8]:
         """Number of the kind of quantity of each row of values: inputs, then constants."""
         rows = np.zeros(self.base + self.own_constants, dtype=np.uint8)
         rows[: len(self.kinds)] = self.typing.of_inputs
         return rows
 
     def _codes_and_bits(self) -> tuple[NDArray[np.intp], NDArray[np.uint32]]:
-        cells = self.cell_of.astype(np.uint32)
+        cells = self.operand_table.astype(np.uint32)
         bits = np.where(cells < len(self.start), np.uint32(1) << np.minimum(cells, 31), 0).astype(np.uint32)
         return np.arange(len(cells)) >> 8, bits

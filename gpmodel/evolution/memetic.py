@@ -129,7 +129,7 @@ def _centred(program: Program) -> Program:
     return program.rebuilt(build)
 
 
-def bred(population: Formulas, names: Sequence[str], generations: int = GENERATIONS) -> None:
+def evolve_formulas(population: Formulas, names: Sequence[str], generations: int = GENERATIONS) -> None:
     """Breed a population until a generation no longer improves it. names: inputs that formulas may use."""
     before = population.nats()
     varying = ((name, population.columns[name]) for name in names)

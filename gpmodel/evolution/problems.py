@@ -94,7 +94,7 @@ class CartesianProblem:
         return ("tip",)
 
     @property
-    def can_drop_the_hopeless(self) -> bool:
+    def can_stop_early(self) -> bool:
         """True if the scoring of a program may stop at a limit, as for the maximum over many poses."""
         return self.norm == "max" and not self.parsimony and self.measured.shape[1] > BLOCK
 
@@ -119,10 +119,10 @@ class CartesianProblem:
         error = (self.measured - model)[:, rng.permutation(self.measured.shape[1])]
         return replace(self, measured=model + error)
 
-    def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
+    def scores(self, code: Code, fixed: Array, cutoff: float = np.inf) -> Scores:
         """Return the scores of decoded programs: norm + parsimony * nodes; gain is 1 - norm / initial norm.
-        fixed: values (rows, poses) of inputs and constants. Scores above ``hopeless`` may be infinite."""
-        fitness = compensator_fitness(code, fixed, self.measured, self.norm == "max", hopeless)
+        fixed: values (rows, poses) of inputs and constants. Scores above ``cutoff`` may be infinite."""
+        fitness = compensator_fitness(code, fixed, self.measured, self.norm == "max", cutoff)
         whole = np.zeros(len(fitness), np.int64)
         with np.errstate(invalid="ignore"):
             gain = 1.0 - fitness / self._initial
@@ -139,7 +139,7 @@ class SlotProblem:
     parsimony: float = 1.0
     slice: ClassVar[int] = 512
     start: ClassVar[tuple[str, ...]] = ()
-    can_drop_the_hopeless: ClassVar[bool] = False
+    can_stop_early: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if self.targets.poses != self.inputs.values.shape[1]:
@@ -154,7 +154,7 @@ class SlotProblem:
         """Return the problem at one site with the inputs of the given names."""
         return SlotProblem(self.inputs.select(names), self.targets.only(site), self.parsimony)
 
-    def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
+    def scores(self, code: Code, fixed: Array, cutoff: float = np.inf) -> Scores:
         """Return the description length and gain of decoded programs at their best site."""
         return slot_scores(code, fixed, self.targets, self.parsimony)
 
@@ -187,12 +187,12 @@ class Scored(Protocol):
         """Number of programs that are scored together."""
 
     @property
-    def can_drop_the_hopeless(self) -> bool:
+    def can_stop_early(self) -> bool:
         """True if the scoring of a program may stop at a limit."""
 
-    def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
+    def scores(self, code: Code, fixed: Array, cutoff: float = np.inf) -> Scores:
         """Return the scores of decoded programs. fixed: values (rows, poses) of inputs and constants. Scores above
-        ``hopeless`` may be infinite."""
+        ``cutoff`` may be infinite."""
 
 
 Problem = CartesianProblem | SlotProblem

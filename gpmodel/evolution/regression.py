@@ -20,8 +20,8 @@ from gpmodel.evolution.formulas import formulas_at
 from gpmodel.evolution.founders import joined
 from gpmodel.evolution.generations import Generations
 from gpmodel.evolution.linear import Linear
-from gpmodel.evolution.links import LINKS, PRICE, Link, below_the_bar, exactly
-from gpmodel.evolution.memetic import Formulas, bred
+from gpmodel.evolution.links import LINKS, PRICE, LinkFunction, below_the_bar, exactly
+from gpmodel.evolution.memetic import Formulas, evolve_formulas
 from gpmodel.evolution.pareto import Archive
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import ROUNDING_SHARE, Targets, regression
@@ -112,7 +112,7 @@ class QuotientProblem(SlotProblem):
 
     response: Array = field(default_factory=lambda: np.zeros(0))
 
-    def scores(self, code: Code, fixed: Array, hopeless: float = np.inf) -> Scores:
+    def scores(self, code: Code, fixed: Array, cutoff: float = np.inf) -> Scores:
         """Return description length and gain of decoded programs; each output may enter numerator and
         denominator."""
         outputs = values(code, fixed).copy()
@@ -165,7 +165,7 @@ class QuotientProblem(SlotProblem):
 class _Island:
     """A population under one link function, and the best program found for each size."""
 
-    def __init__(self, inputs: Inputs, response: Array, link: Link, rng: np.random.Generator) -> None:
+    def __init__(self, inputs: Inputs, response: Array, link: LinkFunction, rng: np.random.Generator) -> None:
         self.link, self.columns, self.response = link, inputs.mapping(), response
         targets = link.targets(self.columns, response)
         plain = SlotProblem(inputs, targets, parsimony=PRICE)
@@ -194,7 +194,7 @@ class _Island:
             for guest in guests:
                 self.population, self.scores = self.population.join(guest), self.scores.join(self.run.scores(guest))
         else:
-            self.population, self.scores = self.run.following(self.population, self.scores)
+            self.population, self.scores = self.run.next_generation(self.population, self.scores)
         best = float(self.scores.score.min())
         self.idle = 0 if best < self.record - 1e-9 * abs(self.record) or self.record == np.inf else self.idle + 1
         self.record = min(self.record, best)
@@ -233,7 +233,7 @@ def _finished(laws: Iterable[Law], inputs: Inputs, response: Array) -> Iterator[
     plain = Targets(ones, nothing, response[None], energy, ("response",), len(response), ROUNDING_SHARE)
     population = Formulas(SlotProblem(inputs, plain, parsimony=PRICE))
     population.add(law.program for law in sorted(laws, key=lambda law: law.nats)[:FOUNDERS])
-    bred(population, inputs.names, 1)
+    evolve_formulas(population, inputs.names, 1)
     return (one.program for one in population.found)
 
 

@@ -11,7 +11,7 @@ from gpmodel.evolution.generations import Generations, distinct
 from gpmodel.evolution.kinds import Typing
 from gpmodel.evolution.links import summed
 from gpmodel.evolution.machine import Layout
-from gpmodel.evolution.memetic import Formulas, bred
+from gpmodel.evolution.memetic import Formulas, evolve_formulas
 from gpmodel.evolution.pareto import Archive, Solution, best_of, description_length, pareto
 from gpmodel.evolution.problems import Problem, SlotProblem
 from gpmodel.evolution.settings import Settings
@@ -87,7 +87,7 @@ def _search(problem: Problem, run: Generations, settings: Settings) -> Evolution
             population, scores = run.start()
             idle, record = 0, np.inf
             continue
-        population, scores = run.following(population, scores)
+        population, scores = run.next_generation(population, scores)
         if budget.polish_every and generation % budget.polish_every == 0:
             population, scores = run.polished(population, scores)
     front = archive.front(problem, run.layout)
@@ -115,6 +115,6 @@ def _finished(front: tuple[Solution, ...], problem: SlotProblem, layout: Layout,
         population = Formulas(problem.only(one.site, names), allows)
         terms = [one.program.select([k]) for k in range(len(one.coefficients))]
         population.add([*terms, summed(list(zip(terms, one.coefficients.tolist(), strict=True)))])
-        bred(population, names)
+        evolve_formulas(population, names)
         found += [replace(formula, site=one.site) for formula in population.found]
     return pareto(found)

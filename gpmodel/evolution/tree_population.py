@@ -158,7 +158,7 @@ def program_of(individual: Individual, layout: Layout) -> Program:
             return builder.constant(node.value), 0
         row = node.code - OPERATOR_CODES
         if row < len(layout.inputs):
-            return builder.input(layout.inputs[row]), int(layout.kind_of_rows[row])
+            return builder.input(layout.inputs[row]), int(layout.row_kinds[row])
         return builder.constant(layout.constants[row - len(layout.inputs)]), 0
 
     outputs = []
@@ -172,7 +172,7 @@ def program_of(individual: Individual, layout: Layout) -> Program:
             code, kind = node.code, 0
             if layout.kinds:
                 kinds = [kind for _, kind in arguments]
-                code, kind = divmod(int(layout.done_for[code, kinds[0], kinds[1] if len(kinds) > 1 else 0]), 256)
+                code, kind = divmod(int(layout.replacements[code, kinds[0], kinds[1] if len(kinds) > 1 else 0]), 256)
             made = builder.apply(BY_CODE[code].name, *(k for k, _ in arguments)) if code else None
             stack.append(arguments[0] if made is None else (made, kind))
         outputs.append(stack[0][0])

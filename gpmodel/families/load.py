@@ -8,7 +8,7 @@ from gpmodel.arrays import Array
 from gpmodel.families.candidate import Candidate, across, inside, loaded, one, revolute
 from gpmodel.families.inner import Constant, NonlinearParameters, symbol
 from gpmodel.formula.expression import Expression
-from gpmodel.mechanism.protocol import Massive, Mechanism, balls_of, bare_of
+from gpmodel.mechanism.protocol import KnownMasses, Mechanism, balls_of, unwrapped
 from gpmodel.model.effect import Effect, Term, drive_effect
 from gpmodel.model.sites import Site
 from gpmodel.model.states import States
@@ -233,8 +233,8 @@ def _changeable(mechanism: Mechanism, com: Array | None = None) -> Iterator[tupl
     A mass at the tool is the sum of first moments of mass, one per link: the mass times the lever to the next link.
     com: centre of this mass in the measured frame, m; None for that of the payload.
     """
-    bare = bare_of(mechanism)
-    if not isinstance(bare, Massive) or not all(j.kind == "revolute" for j in bare.joints):
+    bare = unwrapped(mechanism)
+    if not isinstance(bare, KnownMasses) or not all(j.kind == "revolute" for j in bare.joints):
         return
     fixed = bare.transforms(np.zeros((1, len(bare.joints))))[:, 0]
     moving = [k for k, slot in enumerate(bare.slots) if slot.endswith(".moving")]

@@ -21,7 +21,7 @@ has one degree of freedom, and no deviation is improbable."""
 
 
 @dataclass(frozen=True)
-class Shared:
+class TypeDistribution:
     """Distribution of a parameter between machines.
 
     mean, stderr: mean of the parameter over the type and its standard error.
@@ -55,7 +55,7 @@ class Deviations:
     inside: Mask
 
 
-def between(values: Array, variances: Array) -> Shared:
+def estimate_spread(values: Array, variances: Array) -> TypeDistribution:
     """Return mean and spread of one estimate for each of m ≥ 2 machines. variances: variance of each estimate.
 
     τ² solves Q(τ²) = m - 1 with Q = Σ w_i (y_i - μ)², w_i = 1 / (v_i + τ²), μ = Σ w y / Σ w (Paule and Mandel 1982;
@@ -65,7 +65,7 @@ def between(values: Array, variances: Array) -> Shared:
     tail = (1.0 - COVERAGE) / 2.0
     quantiles = special.chdtri(len(values) - 1, [tail, 1.0 - tail])
     low, high = (float(np.sqrt(_variance(values, variances, float(q)))) for q in quantiles)
-    return Shared(*_pooled(values, variances), low, high)
+    return TypeDistribution(*_pooled(values, variances), low, high)
 
 
 def _pooled(values: Array, variances: Array) -> tuple[float, float, float]:
@@ -118,10 +118,10 @@ def deviations(judges: Sequence[Judge], machines: int) -> Deviations:
 def residual(value: float, variance: float, mean: float, prior: float, machines: int) -> tuple[float, float]:
     """Return the deviation z of a further machine by mean and prior deviation of `machines` others, and its chance."""
     z = (value - mean) / float(np.hypot(np.sqrt(variance), prior))
-    return z, chance_of(z, machines)
+    return z, p_value_of(z, machines)
 
 
-def chance_of(z: float, machines: int) -> float:
+def p_value_of(z: float, machines: int) -> float:
     """Return the two-sided chance of a deviation of `z` from the mean of `machines` others in units of their spread.
 
     The deviation has Student's t distribution with `machines` - 1 degrees of freedom.
@@ -129,7 +129,7 @@ def chance_of(z: float, machines: int) -> float:
     return 2.0 * float(special.stdtr(machines - 1, -abs(z)))
 
 
-def in_normal(z: float, chance: float) -> float:
+def normal_score(z: float, chance: float) -> float:
     """Convert a corrected chance to the equally improbable number of standard deviations of a normal distribution.
 
     The converted number has the sign of z. Machines that are no outliers get small values.
@@ -137,7 +137,7 @@ def in_normal(z: float, chance: float) -> float:
     return float(np.copysign(special.ndtri(0.5 * max(chance, SMALLEST)), z))
 
 
-def deleted(values: Array, variances: Array, inside: Mask) -> tuple[Array, Array]:
+def deleted_residuals(values: Array, variances: Array, inside: Mask) -> tuple[Array, Array]:
     """Return the deviation z of each machine from the others, and the chance of z, from estimates and variances.
 
     Each machine is compared with the other machines that are `inside`: z_i = (y_i - μ) / √(v_i + τ² + stderr(μ)²). z_i

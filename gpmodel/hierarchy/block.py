@@ -14,7 +14,7 @@ from scipy import optimize, special
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.calibration.result import Calibration
-from gpmodel.hierarchy.between import chance_of
+from gpmodel.hierarchy.between import p_value_of
 from gpmodel.model.effect import Effect
 from gpmodel.numerics.interval import COVERAGE
 
@@ -90,7 +90,7 @@ def block_information(fits: Sequence[Calibration], effects: tuple[Effect, ...]) 
     return BlockInformation(np.array(values), root, np.sum(root.any(axis=2), axis=1))
 
 
-def shared(of: BlockInformation) -> tuple[float, float, float]:
+def block_spread(of: BlockInformation) -> tuple[float, float, float]:
     """Return τ of a block and its interval of coverage COVERAGE, as `between` does for one parameter.
 
     τ is the spread at which Q(τ²) equals its expectation. At the ends of the interval Q is a quantile of χ² with m - 1
@@ -101,7 +101,7 @@ def shared(of: BlockInformation) -> tuple[float, float, float]:
     return _common(of).spread, low, high
 
 
-def deleted(of: BlockInformation, inside: Mask) -> tuple[Array, Array]:
+def deleted_distances(of: BlockInformation, inside: Mask) -> tuple[Array, Array]:
     """Return the distance of each machine from the others that are `inside`, and that distance's chance."""
     distances, chance = np.empty(len(inside)), np.empty(len(inside))
     for i in range(len(inside)):
@@ -123,7 +123,7 @@ def distance(of: BlockInformation, machine: int, mean: Array, covariance: Array,
     left = of.values[machine] - root @ mean
     square = float(left @ np.linalg.solve(np.eye(len(left)) + root @ covariance @ root.T, left))
     z = float(np.sqrt(square / max(int(of.count[machine]), 1)))
-    return z, chance_of(z, machines)
+    return z, p_value_of(z, machines)
 
 
 def further_distance(

@@ -12,7 +12,7 @@ from gpmodel.calibration.gauge import LARGEST_LIMIT
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.hierarchy import block
-from gpmodel.hierarchy.between import Deviations, Shared, between, deleted, deviations
+from gpmodel.hierarchy.between import Deviations, TypeDistribution, deleted_residuals, deviations, estimate_spread
 from gpmodel.hierarchy.record import NOISE, BlockPart, FleetPart, SharedPart, prior_parts
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
@@ -39,7 +39,7 @@ class Information:
     vector: Array
 
 
-def learned(
+def type_prior(
     machines: Sequence[tuple[Mechanism, Poses]], own: Sequence[Calibration], effects: tuple[Effect, ...]
 ) -> tuple[Effect, ...]:
     """Return the effects with the mean of the type and the prior deviation √(τ² + var μ) of a further machine.
@@ -59,7 +59,7 @@ def learned(
     size = np.array([WIDE if e.constant else min(e.prior, _size(own, e.name)) for e in effects])
     wide = tuple(replace(e, mean=0.0, prior=float(s)) for e, s in zip(effects, size, strict=True))
     fits = [
-        calibrate(ErrorModel(mechanism, (*wide, *beyond(fit, wide)), fit.sigma), poses, condition_limit=LARGEST_LIMIT)
+        calibrate(ErrorModel(mechanism, (*wide, *extras(fit, wide)), fit.sigma), poses, condition_limit=LARGEST_LIMIT)
         for (mechanism, poses), fit in zip(machines, own, strict=True)
     ]
     kinds = np.unique([e.unit if e.constant else e.name for e in effects], return_inverse=True)[1]
@@ -70,7 +70,7 @@ def learned(
     )
 
 
-def beyond(fit: Calibration, effects: Sequence[Effect]) -> tuple[Effect, ...]:
+def extras(fit: Calibration, effects: Sequence[Effect]) -> tuple[Effect, ...]:
     """Return the effects of a fit that are not effects of the type."""
     names = {effect.name for effect in effects}
     return tuple(effect for effect in fit.model.effects if effect.name not in names)
@@ -138,28 +138,28 @@ class SharedBlock:
 class Fleet:
     """Machines of one type calibrated together.
 
-    alone: calibration of each machine alone, with its own selection of effects.
-    own: calibration of each machine by its poses alone, with the effects of the type.
-    shrunken: calibration of each machine by its poses and the type's `prior`, with complete geometry.
+    individual: calibration of each machine alone, with its own selection of effects.
+    type_effects: calibration of each machine by its poses alone, with the effects of the type.
+    shrunk: calibration of each machine by its poses and the type's `prior`, with complete geometry.
     effects: effects without priors of their own.
     values, stderr: of each machine, values and standard errors of the effects, last of the logarithm of the noise.
     shared: mean and spread over the machines of each effect and, last, of the logarithm of the noise.
     blocks: effects with priors of their own.
     deviations: deviation of each machine in each parameter and block.
-    left_out: names of effects that the poses of some machine do not determine.
+    undetermined: names of effects that the poses of some machine do not determine.
     """
 
-    alone: tuple[Calibration, ...]
-    own: tuple[Calibration, ...]
-    shrunken: tuple[Calibration, ...]
+    individual: tuple[Calibration, ...]
+    type_effects: tuple[Calibration, ...]
+    shrunk: tuple[Calibration, ...]
     prior: tuple[Effect, ...]
     effects: tuple[Effect, ...]
     values: Array
     stderr: Array
-    shared: tuple[Shared, ...]
+    shared: tuple[TypeDistribution, ...]
     blocks: tuple[SharedBlock, ...]
     deviations: Deviations
-    left_out: tuple[str, ...]
+    undetermined: tuple[str, ...]
 
 
 def calibrate_fleet(
@@ -179,7 +179,7 @@ def calibrate_fleet(
     common = tuple(effect for effect, k in zip(effects, held, strict=True) if k)
     own = tuple(
         calibrate(
-            ErrorModel(mechanism, (*common, *beyond(fit, effects)), fit.sigma), poses, condition_limit=LARGEST_LIMIT
+            ErrorModel(mechanism, (*common, *extras(fit, effects)), fit.sigma), poses, condition_limit=LARGEST_LIMIT
         )
         for (mechanism, poses), fit in zip(machines, alone, strict=True)
     )
@@ -188,11 +188,13 @@ def calibrate_fleet(
     stderr = np.array([[*fit.stderr[: len(bare)][bare], 1.0 / np.sqrt(2.0 * fit.freedom)] for fit in own])
     groups = block.blocks(common)
     information = [block.block_information(own, group) for _, group in groups]
-    alike = [partial(deleted, v, e**2) for v, e in zip(values.T, stderr.T, strict=True)]
-    found = deviations([*alike, *(partial(block.deleted, of) for of in information)], len(machines))
-    shared = tuple(between(v[i], e[i] ** 2) for v, e, i in zip(values.T, stderr.T, found.inside.T, strict=False))
+    alike = [partial(deleted_residuals, v, e**2) for v, e in zip(values.T, stderr.T, strict=True)]
+    found = deviations([*alike, *(partial(block.deleted_distances, of) for of in information)], len(machines))
+    shared = tuple(
+        estimate_spread(v[i], e[i] ** 2) for v, e, i in zip(values.T, stderr.T, found.inside.T, strict=False)
+    )
     spread = tuple(
-        SharedBlock(name, group, *block.shared(of.subset(inside)))
+        SharedBlock(name, group, *block.block_spread(of.subset(inside)))
         for (name, group), of, inside in zip(groups, information, found.inside.T[len(shared) :], strict=True)
     )
     plain = tuple(effect for effect, k in zip(common, bare, strict=True) if k)
@@ -201,7 +203,7 @@ def calibrate_fleet(
     typical = [k for k, outside in enumerate(outlying) if not outside]
     taught = typical if len(typical) > 1 else range(len(machines))
     whole = tuple(effect for effect, k in zip(effects, held, strict=True) if k or effect.constant)
-    prior = learned([machines[i] for i in taught], [own[i] for i in taught], whole)
+    prior = type_prior([machines[i] for i in taught], [own[i] for i in taught], whole)
     shrunken = tuple(
         with_prior(fit, poses, prior, outside) for fit, (_, poses), outside in zip(own, machines, outlying, strict=True)
     )
@@ -215,7 +217,7 @@ def with_prior(own: Calibration, poses: Poses, prior: tuple[Effect, ...], outlyi
     Effects in `outlying` and effects of the machine alone keep their priors.
     """
     untaught = {e.name: e for e in own.model.effects if e.name in outlying}
-    effects = (*(untaught.get(e.name, e) for e in prior), *beyond(own, prior))
+    effects = (*(untaught.get(e.name, e) for e in prior), *extras(own, prior))
     return calibrate(ErrorModel(own.model.mechanism, effects, own.sigma), poses, condition_limit=LARGEST_LIMIT)
 
 
@@ -226,7 +228,7 @@ def shared_parts(final: Fleet) -> tuple[SharedPart, ...]:
     for k, (effect, of) in enumerate(zip((*final.effects, noise), final.shared, strict=True)):
         z, chances = final.deviations.z[:, k], final.deviations.chance[:, k]
         outside = np.flatnonzero(np.logical_not(final.deviations.inside[:, k]))
-        fits = () if effect.constant else final.shrunken
+        fits = () if effect.constant else final.shrunk
         at = [[e.name for e in fit.model.effects].index(effect.name) for fit in fits]
         both = [(float(fit.theta[j]), float(fit.stderr[j])) for fit, j in zip(fits, at, strict=True)]
         out.append(

@@ -14,10 +14,10 @@ from gpmodel.discovery.search import Search
 from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import cross_validated, paired, paired_t
-from gpmodel.evidence.dependence import reads_a_clock
-from gpmodel.evidence.residual import Residual, independent_units, residual_of
-from gpmodel.evidence.score import fitted, with_own_noise
-from gpmodel.evolution.chance import chance
+from gpmodel.evidence.dependence import depends_on_time
+from gpmodel.evidence.residual import Residual, independent_blocks, residual_of
+from gpmodel.evidence.score import fitted, with_refitted_noise
+from gpmodel.evolution.chance import permutation_p_value
 from gpmodel.evolution.variances import best
 from gpmodel.executor import Workers
 from gpmodel.families.candidate import Candidate
@@ -26,7 +26,7 @@ from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import Effect
 from gpmodel.model.error_model import ErrorModel, Poses
 from gpmodel.model.sites import geometric_effects
-from gpmodel.progress import Teller
+from gpmodel.progress import Reporter
 from gpmodel.records.unfinished import Unfinished
 from gpmodel.selection.group import Group, Shapes, group_of
 from gpmodel.table.bundles import JUDGED
@@ -37,7 +37,7 @@ Residuals = Callable[[Sequence[Candidate]], Sequence[Residual]]
 
 
 @dataclass(frozen=True)
-class Pooled:
+class PooledGroup:
     """A candidate group of effects, scored on all machines.
 
     nats: net gain at the best common prior variance, nats.
@@ -68,14 +68,14 @@ def select_for_type(
         if name is None or not _passes(machines, groups[name], typical[name], criteria):
             break
         null = _null(machines, list(groups.values()), rng, criteria.shuffles)
-        if chance(typical[name], null).p >= criteria.significance:
+        if permutation_p_value(typical[name], null).p >= criteria.significance:
             break
         chosen[name] = left.pop(name)
         chosen = _weeded(chosen, residuals, criteria)
     return tuple(chosen.values())
 
 
-def pooled(machines: Sequence[Residual], group: Group) -> Pooled:
+def pooled(machines: Sequence[Residual], group: Group) -> PooledGroup:
     """Score a candidate group on all machines. The noise of each machine is estimated with the group.
 
         gain(a) = Σ_i ½ Σ_k [ a q_ik² / (1 + a s_ik) - ln(1 + a s_ik) ] - cost            i: machines, k: directions
@@ -89,7 +89,7 @@ def pooled(machines: Sequence[Residual], group: Group) -> Pooled:
     others = [k for k in range(len(machines)) if k != int(np.argmax(gains))]
     rest = _gains([machines[k] for k in others], group, [spectra[k] for k in others])
     typical = float(np.mean(gains > 0.0)) > 0.5 and float(np.sum(rest)) > group.cost
-    return Pooled(float(np.sum(gains)) - group.cost, typical)
+    return PooledGroup(float(np.sum(gains)) - group.cost, typical)
 
 
 def _gains(machines: Sequence[Residual], group: Group, spectra: Sequence[tuple[Array, Array]]) -> Array:
@@ -104,7 +104,7 @@ def _gain(of: Residual, variance: float, s: Array, q: Array) -> float:
     ratio = 1.0 + variance * s
     gain = 0.5 * float(np.sum(variance * q[0] ** 2 / ratio - np.log(ratio)))
     fit = fitted(np.array([variance]), s[None], q)
-    return float(with_own_noise(np.array([gain]), fit, float(of.freedom))[0])
+    return float(with_refitted_noise(np.array([gain]), fit, float(of.freedom))[0])
 
 
 def _spectrum(of: Residual, group: Group, trials: Array) -> tuple[Array, Array]:
@@ -118,7 +118,7 @@ def _spectrum(of: Residual, group: Group, trials: Array) -> tuple[Array, Array]:
 
 def _null(machines: Sequence[Residual], groups: Sequence[Group], rng: np.random.Generator, count: int) -> Array:
     """Return the largest pooled net gain of any group of effects on residuals permuted within each machine, nats."""
-    trials, most = [of.shuffled(rng, count) for of in machines], np.full(count, -np.inf)
+    trials, most = [of.permuted(rng, count) for of in machines], np.full(count, -np.inf)
     for group in groups:
         spectra = [_spectrum(of, group, t) for of, t in zip(machines, trials, strict=True)]
         s, q = (np.concatenate(parts, axis=-1) for parts in zip(*spectra, strict=True))
@@ -135,7 +135,7 @@ def _weeded(chosen: dict[str, Candidate], residuals: Residuals, criteria: Criter
         for name, candidate in chosen.items():
             without = [of.without(candidate.effects) for of in full]
             group = _common(candidate, without)
-            score = pooled(without, group) if group is not None else Pooled(-np.inf, False)
+            score = pooled(without, group) if group is not None else PooledGroup(-np.inf, False)
             passes = group is not None and score.typical and _passes(without, group, score.nats, criteria)
             nats[name] = np.inf if passes else score.nats
         weakest = min(nats, key=nats.__getitem__)
@@ -173,7 +173,7 @@ def _common(candidate: Candidate, machines: Sequence[Residual]) -> Group | None:
 
 
 @dataclass(frozen=True)
-class Found:
+class MachineFindings:
     """Findings of the search on one machine, and whether its held-out poses confirm them."""
 
     candidates: tuple[Candidate, ...]
@@ -186,7 +186,7 @@ class Found:
 
 
 @dataclass(frozen=True)
-class KeptMachines:
+class FindingsFile:
     """Storage of the findings of each machine in a file, so that an interrupted run repeats only unfinished machines.
 
     files: files of the storage; None for no storage.
@@ -194,12 +194,12 @@ class KeptMachines:
 
     files: Unfinished | None = None
 
-    def machine(self, name: str) -> Found | None:
+    def machine(self, name: str) -> MachineFindings | None:
         """Return the stored findings of the search named `name`, or None if there are none."""
         content = self.files.read(name) if self.files else None
-        return None if content is None else Found(tuple(content["found"]), bool(content["confirmed"]))
+        return None if content is None else MachineFindings(tuple(content["found"]), bool(content["confirmed"]))
 
-    def keep_machine(self, name: str, found: Found) -> None:
+    def keep_machine(self, name: str, found: MachineFindings) -> None:
         """Store the findings of one machine. Raises WriteError if the file cannot be written."""
         if self.files:
             self.files.write(name, {"found": found.candidates, "confirmed": found.confirmed})
@@ -209,7 +209,7 @@ Rows = tuple[IntArray, IntArray]
 
 
 @dataclass(frozen=True)
-class Searched:
+class MachineSearch:
     """Data of the search on one machine, sent to a worker process.
 
     rows: numbers of the training and held-out poses.
@@ -222,12 +222,12 @@ class Searched:
     seed: int
     known: tuple[Candidate, ...] = ()
 
-    def found(self) -> Found:
+    def found(self) -> MachineFindings:
         """Search the catalogue for effects of the machine, without evolution."""
         result = discover(
             self.mechanism, self.poses, *self.rows, search=Search(runs=0, workers=1), known=self.known, seed=self.seed
         )
-        return Found(tuple(finding.candidate for finding in result.findings), result.confirmed)
+        return MachineFindings(tuple(finding.candidate for finding in result.findings), result.confirmed)
 
     def fit(self, shared: Sequence[Candidate]) -> Calibration:
         """Calibrate the training poses with the geometry and the effects `shared`."""
@@ -247,25 +247,25 @@ class FleetSearch:
     """
 
     serials: Sequence[str]
-    tasks: Sequence[Searched]
+    tasks: Sequence[MachineSearch]
     workers: Workers
-    kept: KeptMachines
-    say: Teller
+    kept: FindingsFile
+    say: Reporter
     criteria: Criteria = field(default_factory=Criteria)
 
-    def found(self, places: Sequence[int], known: tuple[Candidate, ...] = ()) -> dict[int, Found]:
+    def found(self, places: Sequence[int], known: tuple[Candidate, ...] = ()) -> dict[int, MachineFindings]:
         """Return the findings of some machines by number, given the effects `known` in their models. places: their
         numbers."""
         names = {k: f"machine-{k + 1:04d}{'-again' if known else ''}" for k in places}
         done = {k: one for k, name in names.items() if (one := self.kept.machine(name)) is not None}
         left, which = [k for k in places if k not in done], "again, " if known else ""
-        for number, one in self.workers(Searched.found, [replace(self.tasks[k], known=known) for k in left]):
+        for number, one in self.workers(MachineSearch.found, [replace(self.tasks[k], known=known) for k in left]):
             self.kept.keep_machine(names[left[number]], one)
             done[left[number]] = one
             self.say(f"searching {which}{len(done)} of {len(names)} machines done", passing=True)
         return done
 
-    def shared(self, found: Sequence[Found]) -> tuple[Candidate, ...]:
+    def shared(self, found: Sequence[MachineFindings]) -> tuple[Candidate, ...]:
         """Return the effects of the type, or none if the held-out poses of all machines together do not confirm them.
 
         The pooled evidence of the training poses selects among the findings of all machines and the catalogue.
@@ -274,7 +274,7 @@ class FleetSearch:
         named = candidates(first.mechanism, first.poses.states)
         proposals: dict[str, Candidate] = {}
         for c in (*chain.from_iterable(one.candidates for one in found), *named):
-            if not reads_a_clock(c, first.poses.states):
+            if not depends_on_time(c, first.poses.states):
                 same = proposals.get(c.name)
                 proposals[c.name] = c if same is None or len(c.effects) < len(same.effects) else same
 
@@ -290,7 +290,7 @@ class FleetSearch:
         for task in self.tasks:
             fits, unseen = (task.fit(()), task.fit(chosen)), task.poses.subset(task.rows[1])
             errors.append([errors_on(fit, unseen) / fits[1].sigma for fit in fits])
-            units.append(count + independent_units(unseen.dataset, self.criteria))
+            units.append(count + independent_blocks(unseen.dataset, self.criteria))
             count += len(unseen)
         before, after = np.concatenate(errors, axis=1)
         return paired(before, after, np.concatenate(units), self.criteria).passed
@@ -309,7 +309,7 @@ def found_on_type(search: FleetSearch) -> tuple[tuple[Effect, ...], tuple[tuple[
     shared = search.shared([alone[k] for k in everyone])
     names = frozenset(c.name for c in shared)
     again = search.found([k for k in everyone if alone[k].names != names], shared) if shared else {}
-    last = [again.get(k, Found((), True) if shared else alone[k]) for k in everyone]
+    last = [again.get(k, MachineFindings((), True) if shared else alone[k]) for k in everyone]
     own = [one.candidates if one.confirmed else () for one in last]
     counts = {c.name: sum(c.name in one.names for one in alone.values()) for c in shared}
     said = [f"{name} on all (by itself on {count})" for name, count in counts.items()]

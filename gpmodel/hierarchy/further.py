@@ -36,7 +36,7 @@ neglects the error of the estimated prior, so that the ratio has to be at least 
 
 
 @dataclass(frozen=True)
-class Likeness:
+class TypeComparison:
     """Comparison of a machine with the machines of its type.
 
     times: ratio s of the machine's distance from the mean of the type to the distance of a machine of the type.
@@ -49,12 +49,12 @@ class Likeness:
     noise: float
 
     @property
-    def brother(self) -> bool:
+    def may_be_of_type(self) -> bool:
         """True if the machine may be of its type: the distance ratio s is below TWICE or its chance above DOUBTFUL."""
         return self.times < TWICE or self.chance > DOUBTFUL
 
 
-def likeness(fit: Calibration, poses: Poses) -> Likeness:
+def compare_with_type(fit: Calibration, poses: Poses) -> TypeComparison:
     """Compare a machine with its type by the marginal likelihood of s ≥ 1, with the most likely σ for each s.
 
     fit: fit to the poses with the prior and the noise of the type. Effects without a prior are fitted and not compared.
@@ -89,7 +89,7 @@ def likeness(fit: Calibration, poses: Poses) -> Likeness:
     best = optimize.minimize_scalar(lambda s: least(s)[0], bounds=(0.0, np.log(LARGEST)), method="bounded")
     value, log_noise = least(0.0)
     chance = 0.5 * float(special.chdtrc(1.0, max(value - float(best.fun), 0.0)))
-    return Likeness(float(np.exp(best.x)), chance, noise * float(np.exp(log_noise)))
+    return TypeComparison(float(np.exp(best.x)), chance, noise * float(np.exp(log_noise)))
 
 
 PRIOR, ALONE = "the prior of the fleet", "its own poses alone"
@@ -105,16 +105,16 @@ class Further:
 
     steps: registration, the fit to its poses alone if there are enough, and the fit with the type's prior.
     final: the last of the fits.
-    alone: the fit to the machine's poses alone, None if the poses do not determine every effect.
+    individual: the fit to the machine's poses alone, None if the poses do not determine every effect.
     outlying: names of effects in which the machine differs from its type.
-    likeness: comparison in the effects that are not outlying, or in all effects if at least half are outlying.
+    comparison: comparison in the effects that are not outlying, or in all effects if at least half are outlying.
     """
 
     steps: tuple[Step, ...]
     final: Calibration
-    alone: Calibration | None
+    individual: Calibration | None
     outlying: tuple[str, ...]
-    likeness: Likeness
+    comparison: TypeComparison
 
     @property
     def too_few(self) -> bool:
@@ -122,11 +122,11 @@ class Further:
         return [step.name for step in self.steps] == ["registration", PRIOR]
 
     @property
-    def no_brother(self) -> str:
+    def dissimilarity(self) -> str:
         """Text that states how far the machine is from its type; empty if the machine may be of the type."""
-        if self.likeness.brother:
+        if self.comparison.may_be_of_type:
             return ""
-        times, chance = wording.significant(self.likeness.times, 2), wording.chance(self.likeness.chance)
+        times, chance = wording.significant(self.comparison.times, 2), wording.chance(self.comparison.chance)
         return f"is unlike the machines of its type: {times} times as far from the mean, p {chance}"
 
     def without_prior(self, poses: Poses, argument: str) -> str:
@@ -134,9 +134,9 @@ class Further:
 
         Raises InputError for `argument` if the poses are too few without the prior.
         """
-        if not self.no_brother:
+        if not self.dissimilarity:
             return ""
-        said = f"This machine {self.no_brother}; the prior of the type is not used."
+        said = f"This machine {self.dissimilarity}; the prior of the type is not used."
         if self.too_few:
             raise InputError(f"{said} Without the prior, {len(poses)} poses are too few; expected more poses", argument)
         return said
@@ -144,10 +144,10 @@ class Further:
     def in_words(self, poses: Poses) -> str:
         """State how many poses the prior is worth, and the effects in which a machine of the type differs from it."""
         found = f" This machine is unlike its type in {', '.join(self.outlying)}." if self.outlying else ""
-        if self.alone is None:
+        if self.individual is None:
             return f"These {len(poses)} poses alone do not determine the model.{found}"
         both = _known(self.final, poses)
-        alone = _known(self.alone, poses) * self.final.sigma / self.alone.sigma
+        alone = _known(self.individual, poses) * self.final.sigma / self.individual.sigma
         worth = round(max(len(poses) * ((alone / both) ** 2 - 1.0), 0.0))
         return (
             f"± of the tool point: {length(1e3 * alone)} by the {len(poses)} poses alone, {length(1e3 * both)} "
@@ -170,7 +170,7 @@ def further_machine(fleet: FleetPart, mechanism: Mechanism, seen: Poses, unseen:
     fit = fitted_with_prior(fleet, prior, seen, alone, outlying)
     most = 2 * len(outlying) >= len(fleet.effects) + len(fleet.blocks)
     judged = fitted_with_prior(fleet, prior, seen, alone) if most else fit
-    return Further((*steps, step_of(PRIOR, fit, seen, unseen)), fit, alone, outlying, likeness(judged, seen))
+    return Further((*steps, step_of(PRIOR, fit, seen, unseen)), fit, alone, outlying, compare_with_type(judged, seen))
 
 
 def _own_poses(fleet: FleetPart, prior: ErrorModel, seen: Poses, unseen: Poses, seed: int) -> tuple[Step, ...]:
@@ -198,7 +198,7 @@ def from_the_type(
     held = np.isin(poses.dataset.row[heldout], found.poses.dataset.row[found.heldout])
     own = (replace(step, name=ALONE, heldout_error=step.heldout_error[held]) for step in machine.steps[1:-1])
     found, final = replace(found, alone=tuple(own)), found.final
-    noise = likeness(final, found.poses).noise
+    noise = compare_with_type(final, found.poses).noise
     if noise < LOUDER * fleet.noise:
         return found
     final = calibrate(replace(final.model, noise=noise), found.poses, condition_limit=LARGEST_LIMIT, start=final)

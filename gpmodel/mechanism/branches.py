@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from gpmodel.arrays import Array, Mask
 from gpmodel.errors import InputError, choices
-from gpmodel.mechanism.protocol import Joint, Levered, Mechanism, bare_of, closed
+from gpmodel.mechanism.protocol import Joint, Mechanism, ThermalLevers, closed, unwrapped
 from gpmodel.numerics import se3
 from gpmodel.numerics.se3 import chain
 
@@ -73,7 +73,7 @@ def links(mechanism: Mechanism) -> dict[str, Array]:
 
     A Levered mechanism states these vectors itself, such as a joint whose lever a first fit determines.
     """
-    if isinstance(mechanism, Levered):
+    if isinstance(mechanism, ThermalLevers):
         return mechanism.levers
     rest = mechanism.transforms(np.zeros((1, len(mechanism.joints))))[:, 0, :3, :]
     return {slot: f[:, :3].T @ f[:, 3] for slot, f in zip(mechanism.slots[1:], rest[1:], strict=True)}
@@ -131,7 +131,7 @@ class Branched(Protocol):
 
 def branched(mechanism: Mechanism) -> Branched | None:
     """Return the mechanism, or the mechanism inside a loaded mechanism, if it has several chains, else None."""
-    bare = bare_of(mechanism)
+    bare = unwrapped(mechanism)
     return bare if isinstance(bare, Branched) else None
 
 
@@ -191,7 +191,7 @@ def carrier_slot(mechanism: Mechanism, link: str, where: str) -> int:
     loops only "world", "base" and "tool" are known. where: location of the name in the message. Raises InputError for
     an unknown name.
     """
-    bare = bare_of(mechanism)
+    bare = unwrapped(mechanism)
     known = {**dict.fromkeys(WORLD, ""), "tool": "tool"}
     if not closed(mechanism):
         own = dict(bare.link_slots) if isinstance(bare, Linked) else {}

@@ -134,7 +134,7 @@ class ClosedLoops(Protocol):
 
 def closed(mechanism: Mechanism) -> ClosedLoops | None:
     """Return the mechanism, or the mechanism inside a loaded mechanism, if it has closed loops, else None."""
-    bare = bare_of(mechanism)
+    bare = unwrapped(mechanism)
     return bare if isinstance(bare, ClosedLoops) else None
 
 
@@ -148,7 +148,7 @@ def places(mechanism: Mechanism) -> tuple[str, ...]:
 
 
 @runtime_checkable
-class Weighed(Protocol):
+class WeightByPart(Protocol):
     """A mechanism that states the weight of each part separately.
 
     Static gravity loads are linear in masses and first moments of mass (kg·m), which can therefore be unknowns.
@@ -181,7 +181,7 @@ def followers(mechanism: Mechanism) -> dict[str, str]:
 
 
 @runtime_checkable
-class Described(Protocol):
+class WithIgnoredParts(Protocol):
     """A mechanism that lists the ignored parts of its description."""
 
     @property
@@ -189,13 +189,13 @@ class Described(Protocol):
         """Ignored parts of the description, each with its location."""
 
 
-def bare_of(mechanism: Mechanism) -> Mechanism:
+def unwrapped(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism that the provider built."""
     return mechanism.bare if isinstance(mechanism, Wrapping) else mechanism
 
 
 @runtime_checkable
-class Levered(Protocol):
+class ThermalLevers(Protocol):
     """A mechanism that states which of its lengths grow with temperature."""
 
     @property
@@ -204,7 +204,7 @@ class Levered(Protocol):
 
 
 @runtime_checkable
-class Reaching(Protocol):
+class FittedLever(Protocol):
     """A mechanism whose lever a first fit determines, because its nominal description has none."""
 
     def reaching(self, point: Iterable[float]) -> Mechanism:
@@ -212,7 +212,7 @@ class Reaching(Protocol):
 
 
 @runtime_checkable
-class Massive(Protocol):
+class KnownMasses(Protocol):
     """A mechanism whose masses are known one by one."""
 
     @property
@@ -229,7 +229,7 @@ class Massive(Protocol):
 
 
 @runtime_checkable
-class Collides(Protocol):
+class CollisionShape(Protocol):
     """A mechanism that may know the shape of its parts."""
 
     @property
@@ -300,7 +300,7 @@ class BallJointed(Protocol):
 
 def ball_jointed(mechanism: Mechanism) -> BallJointed | None:
     """Return the mechanism, or the mechanism inside a loaded mechanism, if it has ball joints, else None."""
-    bare = bare_of(mechanism)
+    bare = unwrapped(mechanism)
     return bare if isinstance(bare, BallJointed) else None
 
 

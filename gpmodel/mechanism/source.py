@@ -15,7 +15,7 @@ from gpmodel.arrays import Array
 from gpmodel.characters import harmless
 from gpmodel.errors import InputError, choices
 from gpmodel.mechanism.branches import links
-from gpmodel.mechanism.protocol import Joint, Mechanism, Reaching, Weighed, checked_mass
+from gpmodel.mechanism.protocol import FittedLever, Joint, Mechanism, WeightByPart, checked_mass
 from gpmodel.texts import read_text
 
 PROVIDERS = "gpmodel.mechanisms"
@@ -159,7 +159,7 @@ class LoadedMechanism:
 
     def unit_loads(self, q: Array) -> dict[str, Array]:
         """Return the loads by unit first moments and masses of links, as Weighed.unit_loads; empty without them."""
-        return self.bare.unit_loads(q) if isinstance(self.bare, Weighed) else {}
+        return self.bare.unit_loads(q) if isinstance(self.bare, WeightByPart) else {}
 
     @property
     def levers(self) -> dict[str, Array]:
@@ -169,7 +169,7 @@ class LoadedMechanism:
     def reaching(self, point: Iterable[float]) -> "LoadedMechanism":
         """Return the mechanism with its lever adapted to the tool `point` (3,), m, from a first fit, in the measured
         frame."""
-        return replace(self, bare=self.bare.reaching(point)) if isinstance(self.bare, Reaching) else self
+        return replace(self, bare=self.bare.reaching(point)) if isinstance(self.bare, FittedLever) else self
 
     def carrying_at(self, point: Iterable[float]) -> "LoadedMechanism":
         """Return the mechanism with the centre of mass of its payload at `point` (3,), m, in the measured frame."""

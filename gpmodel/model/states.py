@@ -12,7 +12,7 @@ from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError, choices
 from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.branches import branched
-from gpmodel.mechanism.protocol import Joint, Mechanism, Weighed, ball_jointed
+from gpmodel.mechanism.protocol import Joint, Mechanism, WeightByPart, ball_jointed
 from gpmodel.model import memory
 from gpmodel.model.memory import Past
 from gpmodel.numerics.se3 import chain
@@ -86,7 +86,7 @@ def link_weights(mechanism: Mechanism, q: Array) -> Derived | None:
 
     The unit is N·m; for a first moment of mass (`_of_J4_x`) the unit is N·m per kg·m, which is m/s².
     """
-    if not isinstance(mechanism, Weighed):
+    if not isinstance(mechanism, WeightByPart):
         return None
     return Derived(partial(mechanism.unit_loads, q), _of_a_link, _unit_of_weight)
 

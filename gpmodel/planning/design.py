@@ -16,7 +16,7 @@ from scipy.special import ndtri
 from gpmodel.arrays import Array, IntArray, Mask
 from gpmodel.errors import InputError
 from gpmodel.mechanism.branches import random_poses, ranges
-from gpmodel.mechanism.protocol import Collides, Mechanism, bare_of, closed
+from gpmodel.mechanism.protocol import CollisionShape, Mechanism, closed, unwrapped
 from gpmodel.numerics.interval import COVERAGE
 from gpmodel.numerics.se3 import chain
 
@@ -42,7 +42,7 @@ class Sight:
 
 
 @dataclass(frozen=True)
-class Reach:
+class Constraints:
     """Constraints that every pose has to meet.
 
     box: lowest and highest tool point in the root frame, (2, 3), m.
@@ -63,8 +63,8 @@ class Reach:
         frames = chain(mechanism.transforms(q))[-1]
         points = frames[:, :3, :3] @ self.tool + frames[:, :3, 3]
         found: dict[str, Mask] = {"outside the box": ((points < self.box[0]) | (points > self.box[1])).any(axis=1)}
-        bare = bare_of(mechanism)
-        body = bare if self.collisions and isinstance(bare, Collides) else None
+        bare = unwrapped(mechanism)
+        body = bare if self.collisions and isinstance(bare, CollisionShape) else None
         if self.sight is not None:
             beam = self.sight.instrument - points
             facing = np.einsum("ni,ni->n", frames[:, :3, :3] @ _unit(self.sight.normal), _unit(beam))
@@ -78,20 +78,24 @@ class Reach:
         return found | {"in collision with itself": meets, "hidden from the instrument": hidden}
 
 
-def knows_its_shape(mechanism: Mechanism) -> bool:
+def has_collision_shape(mechanism: Mechanism) -> bool:
     """Return True if the mechanism has a shape for collision tests."""
-    bare = bare_of(mechanism)
-    return isinstance(bare, Collides) and bare.has_shape
+    bare = unwrapped(mechanism)
+    return isinstance(bare, CollisionShape) and bare.has_shape
 
 
 def candidates(
-    mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Reach | None = None, least: int | None = None
+    mechanism: Mechanism,
+    count: int,
+    rng: np.random.Generator,
+    reach: Constraints | None = None,
+    least: int | None = None,
 ) -> Array:
     """Draw at most `count` random rows of joint values inside the joint limits that meet all constraints.
 
     Raises InputError with the constraint that excludes most poses if fewer than `least` are found, by default `count`.
     """
-    reach = reach or Reach()
+    reach = reach or Constraints()
     middle = np.mean(ranges(mechanism, reach.measured), axis=0)
     chosen: list[Array] = []
     found, tried, failed = 0, 0, dict[str, int]()
@@ -138,7 +142,7 @@ SHORTLIST = 60
 with most information on its eigenvector."""
 
 
-class Goal(Protocol):
+class Criterion(Protocol):
     """Criterion of an experimental design; smaller is better."""
 
     def value(self, information: Array) -> float:
@@ -149,7 +153,7 @@ class Goal(Protocol):
 
 
 @dataclass(frozen=True)
-class Determinant:
+class DOptimal:
     """D-optimality: minimise the volume of the confidence region of the unknowns, -log det of their information."""
 
     def value(self, information: Array) -> float:
@@ -162,7 +166,7 @@ class Determinant:
 
 
 @dataclass(frozen=True)
-class Smallest:
+class EOptimal:
     """E-optimality: minimise the variance of the least determined combination of unknowns."""
 
     def value(self, information: Array) -> float:
@@ -181,7 +185,7 @@ class Smallest:
 
 
 @dataclass(frozen=True)
-class Variance:
+class LOptimal:
     """I-, c- and L-optimality: minimise the variance trace(weight M⁻¹) of a prediction; M: information matrix."""
 
     weight: Array
@@ -205,7 +209,7 @@ def _inner(inverse: Array, columns: Array, sign: float) -> Array:
     return np.eye(columns.shape[1]) + sign * columns @ inverse @ np.swapaxes(columns, 1, 2)
 
 
-def choose(columns: Array, known: Array, count: int, goal: Goal) -> IntArray:
+def choose(columns: Array, known: Array, count: int, goal: Criterion) -> IntArray:
     """Select `count` poses that minimise a criterion; return their numbers in the pool, the most informative first.
 
     Poses are added greedily, then exchanged until no exchange improves the criterion, then sorted by greedy gain.
@@ -225,7 +229,7 @@ def choose(columns: Array, known: Array, count: int, goal: Goal) -> IntArray:
     return _greedy(columns, known, count, chosen, goal)[0]
 
 
-def _swap(columns: Array, chosen: IntArray, information: Array, goal: Goal) -> tuple[int, int] | None:
+def _swap(columns: Array, chosen: IntArray, information: Array, goal: Criterion) -> tuple[int, int] | None:
     """Return a pose to add and the position in `chosen` of the pose to remove, or None if no exchange improves the
     criterion."""
     gains = goal.change(information, columns, 1.0)
@@ -238,7 +242,7 @@ def _swap(columns: Array, chosen: IntArray, information: Array, goal: Goal) -> t
     return None
 
 
-def _greedy(columns: Array, known: Array, count: int, among: IntArray, goal: Goal) -> tuple[IntArray, Array]:
+def _greedy(columns: Array, known: Array, count: int, among: IntArray, goal: Criterion) -> tuple[IntArray, Array]:
     """Select poses of `among` one by one, each with the largest gain; return also the information matrix."""
     information, left, chosen = known.copy(), list(among.tolist()), []
     for _ in range(count):
@@ -249,20 +253,20 @@ def _greedy(columns: Array, known: Array, count: int, among: IntArray, goal: Goa
 
 
 @dataclass(frozen=True)
-class Question:
+class Design:
     """An experimental-design problem: selection of poses from a pool.
 
     columns: derivatives (poses, 3, unknowns) of the coordinates, over the standard deviation of a coordinate.
     known: information matrix (unknowns, unknowns) of the existing measurements.
-    goal: criterion to minimise.
+    criterion: criterion to minimise.
     """
 
     columns: Array
     known: Array
-    goal: Goal
+    criterion: Criterion
 
 
-def at_best(question: Question) -> float:
+def best_deviation(question: Design) -> float:
     """Return the standard deviation of the predicted quantity if every pose of the pool is measured.
 
     Raises TypeError if the criterion is not a Variance.
@@ -272,37 +276,37 @@ def at_best(question: Question) -> float:
     return float(_deviations(whole, every[:0])[0])
 
 
-def in_units_of(deviation: float, question: Question) -> Question:
+def in_units_of(deviation: float, question: Design) -> Design:
     """Return the design problem with its variance in units of deviation².
 
     Raises TypeError if the criterion is not a Variance.
     """
-    if not isinstance(question.goal, Variance):
+    if not isinstance(question.criterion, LOptimal):
         raise TypeError("a deviation is that of a Variance")
-    return replace(question, goal=Variance(question.goal.weight / deviation**2))
+    return replace(question, criterion=LOptimal(question.criterion.weight / deviation**2))
 
 
-def choose_for_all(questions: Sequence[Question], count: int) -> IntArray:
+def choose_for_all(questions: Sequence[Design], count: int) -> IntArray:
     """Select `count` poses for several design problems; return the numbers of the poses in the pool.
 
     Each selected pose is the most informative pose for the problem with the worst criterion so far. A single problem is
     solved by `choose`.
     """
     if len(questions) == 1:
-        return choose(questions[0].columns, questions[0].known, count, questions[0].goal)
+        return choose(questions[0].columns, questions[0].known, count, questions[0].criterion)
     known = [question.known + LITTLE * np.eye(len(question.known)) for question in questions]
     left, chosen = list(range(len(questions[0].columns))), list[int]()
     for _ in range(count):
-        values = [question.goal.value(m) for question, m in zip(questions, known, strict=True)]
+        values = [question.criterion.value(m) for question, m in zip(questions, known, strict=True)]
         worst = int(np.argmax(values))
         question = questions[worst]
-        at = left.pop(int(np.argmax(question.goal.change(known[worst], question.columns[left], 1.0))))
+        at = left.pop(int(np.argmax(question.criterion.change(known[worst], question.columns[left], 1.0))))
         known = [m + q.columns[at].T @ q.columns[at] for m, q in zip(known, questions, strict=True)]
         chosen.append(at)
     return np.array(chosen, dtype=np.int64)
 
 
-def deviations(questions: Sequence[Question], order: IntArray) -> Array:
+def deviations(questions: Sequence[Design], order: IntArray) -> Array:
     """Return the largest predicted standard deviation of all problems after 0, 1, 2, ... of the poses `order`.
 
     The value is NaN if an unknown is not determined.
@@ -310,7 +314,7 @@ def deviations(questions: Sequence[Question], order: IntArray) -> Array:
     return np.asarray(np.max([_deviations(question, order) for question in questions], axis=0))
 
 
-def decided_after(question: Question, order: IntArray, odds: float) -> int | None:
+def decided_after(question: Design, order: IntArray, odds: float) -> int | None:
     """Return the number of poses of `order` after which the true one of two causes has the probability COVERAGE.
 
     The result holds with probability COVERAGE, whichever cause is true. The result is None if the poses do not suffice.
@@ -325,9 +329,9 @@ def decided_after(question: Question, order: IntArray, odds: float) -> int | Non
     return int(enough[0]) if len(enough) else None
 
 
-def _deviations(question: Question, order: IntArray) -> Array:
-    goal = question.goal
-    if not isinstance(goal, Variance):
+def _deviations(question: Design, order: IntArray) -> Array:
+    goal = question.criterion
+    if not isinstance(goal, LOptimal):
         raise TypeError("a deviation is that of a Variance")
     out, information = [], question.known.copy()
     for step in range(len(order) + 1):
@@ -342,10 +346,10 @@ def _deviations(question: Question, order: IntArray) -> Array:
 
 
 @dataclass(frozen=True)
-class Asked:
+class Aim:
     """A purpose for which poses are selected, and the curve of precision over the number of poses.
 
-    said: description of the purpose.
+    text: description of the purpose.
     choose: design problems that select the poses; if empty, poses are spread evenly, away from the poses `taken`.
     measure: design problems; the curve plots the largest standard deviation of these problems.
     label: label of the curve.
@@ -354,16 +358,16 @@ class Asked:
     pairs: {name of two causes: design problem that separates the causes, ratio of their probabilities}.
     """
 
-    said: str
-    choose: tuple[Question, ...]
-    measure: tuple[Question, ...]
+    text: str
+    choose: tuple[Design, ...]
+    measure: tuple[Design, ...]
     label: str
     factor: float = 1.0
     inverse: bool = False
     taken: Array | None = None
-    pairs: Mapping[str, tuple[Question, float]] = field(default_factory=dict)
+    pairs: Mapping[str, tuple[Design, float]] = field(default_factory=dict)
 
-    def said_of(self, deviation: Array) -> Array:
+    def to_curve_unit(self, deviation: Array) -> Array:
         """Convert standard deviations to the unit of the curve of precision, or to their inverse."""
         with np.errstate(divide="ignore"):
             return np.asarray(1.0 / deviation if self.inverse else self.factor * deviation)

@@ -15,7 +15,7 @@ from gpmodel.model.error_model import ErrorModel, prepare
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank as ident
 from gpmodel.numerics.se3 import chain
-from gpmodel.planning.design import LITTLE, Determinant, Goal, Question, Reach, Smallest, Variance, candidates
+from gpmodel.planning.design import LITTLE, Constraints, Criterion, Design, DOptimal, EOptimal, LOptimal, candidates
 from gpmodel.table.dataset import Dataset, unmeasured
 
 STEPS = 300
@@ -25,7 +25,7 @@ CLOSE = 0.01
 """Largest relative gap between lower bound and best variance of a design: half a per cent of the standard deviation."""
 
 
-def least_deviation(questions: Sequence[Question], count: int) -> float:
+def least_deviation(questions: Sequence[Design], count: int) -> float:
     """Return a lower bound of the largest standard deviation of the design problems, over all choices of `count` poses.
 
     The bound holds even if a pose is measured twice. Raises TypeError if a criterion is not a Variance. A selection of
@@ -36,10 +36,10 @@ def least_deviation(questions: Sequence[Question], count: int) -> float:
     return max(_least(question, count) for question in questions)
 
 
-def _least(question: Question, count: int) -> float:
-    if not isinstance(question.goal, Variance):
+def _least(question: Design, count: int) -> float:
+    if not isinstance(question.criterion, LOptimal):
         raise TypeError("a deviation is that of a Variance")
-    columns, weight = question.columns, question.goal.weight
+    columns, weight = question.columns, question.criterion.weight
     known = question.known + LITTLE * np.eye(len(question.known))
     share, best = np.full(len(columns), 1.0 / len(columns)), 0.0
     for _ in range(STEPS):
@@ -71,13 +71,13 @@ def coordinates(mechanism: Mechanism, q: Array) -> Array:
     return np.hstack([q / ranges, tips / max(float(np.ptp(tips, axis=0).max()), 1e-9)])
 
 
-def pool_of(mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Reach | None = None) -> Array:
+def pool_of(mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Constraints | None = None) -> Array:
     """Draw a pool of random joint values (poses, joints), from which `count` poses are selected.
     Raises InputError as `candidates` does."""
     return candidates(mechanism, max(min(POOL * count, LARGEST_POOL), 2 * count, SMALLEST_POOL), rng, reach, count)
 
 
-def spread_poses(mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Reach | None = None) -> Array:
+def spread_poses(mechanism: Mechanism, count: int, rng: np.random.Generator, reach: Constraints | None = None) -> Array:
     """Select joint values (count, joints) that differ as much as possible from one another: the equal distribution
     criterion.
 
@@ -142,31 +142,31 @@ def _by_pose(pose_of_row: IntArray, columns: Array) -> Array:
     return blocks
 
 
-def over_the_pool(columns: Array) -> Array:
+def variance_root(columns: Array) -> Array:
     """Return the matrix L for which trace(L covariance) is the mean variance of the point over the poses of a pool."""
     return np.asarray(np.einsum("pij,pik->jk", columns, columns)) / len(columns)
 
 
-GOALS: dict[str, Callable[[Array], Goal]] = {
-    "d-optimal": lambda columns: Determinant(),
-    "e-optimal": lambda columns: Smallest(),
-    "i-optimal": lambda columns: Variance(over_the_pool(columns)),
+GOALS: dict[str, Callable[[Array], Criterion]] = {
+    "d-optimal": lambda columns: DOptimal(),
+    "e-optimal": lambda columns: EOptimal(),
+    "i-optimal": lambda columns: LOptimal(variance_root(columns)),
 }
 """{name: function that returns the criterion of a design}, given the columns (poses, 3, unknowns) of a pool."""
 
 
-def geometric_question(mechanism: Mechanism, pool: Array, noise: float) -> Question:
+def geometric_problem(mechanism: Mechanism, pool: Array, noise: float) -> Design:
     """Return the I-optimal design problem of the tool position, m, over a pool, with unknown geometric constants.
 
     pool: joint values (poses, joints).
     noise: standard deviation of one coordinate, m.
     """
     columns = geometric_columns(mechanism, pool)
-    goal = Variance(noise**2 * over_the_pool(columns))
-    return Question(columns, np.zeros((columns.shape[2], columns.shape[2])), goal)
+    goal = LOptimal(noise**2 * variance_root(columns))
+    return Design(columns, np.zeros((columns.shape[2], columns.shape[2])), goal)
 
 
-def typed_question(prior: ErrorModel, pool: Array) -> Question:
+def type_problem(prior: ErrorModel, pool: Array) -> Design:
     """Return the I-optimal design problem of the tool position, m, over a pool, for a machine of a known type.
 
     Registration and tool are unknown. Effects that depend on inputs other than the pose are omitted.
@@ -179,4 +179,4 @@ def typed_question(prior: ErrorModel, pool: Array) -> Question:
     deviation = np.concatenate([np.full(problem.placement, np.inf), [e.prior for e in effects]])
     scale = np.maximum(np.sqrt(np.mean(problem.columns**2, axis=0)), ident.NEGLIGIBLE) / noise
     columns = _by_pose(problem.pose_of_row, problem.columns / (noise * scale))
-    return Question(columns, np.diag(1.0 / (deviation * scale) ** 2), Variance(noise**2 * over_the_pool(columns)))
+    return Design(columns, np.diag(1.0 / (deviation * scale) ** 2), LOptimal(noise**2 * variance_root(columns)))

@@ -176,7 +176,7 @@ CLOSE, STEPS, REDRAWN = 1e-9, 25, 12
 
 
 @dataclass(frozen=True)
-class Real:
+class TrueMechanism:
     """A mechanism with known errors. theta: values of the effects of `model`. placement: registration, tool point."""
 
     model: ErrorModel
@@ -185,7 +185,7 @@ class Real:
 
 
 def read_in(
-    scene: Scene, real: Real, empty: Dataset, noise: float, rng: np.random.Generator
+    scene: Scene, real: TrueMechanism, empty: Dataset, noise: float, rng: np.random.Generator
 ) -> tuple[Dataset, Placement]:
     """Simulate the measurements of a mechanism with known errors.
 
@@ -222,7 +222,7 @@ def _mounted(scene: Scene, rng: np.random.Generator) -> dict[str, Array]:
     return {"vertical": np.array([0.0, 0.0, 1.0]), f"inclinometer {link}": rng.normal(0.0, 0.3, 3)}
 
 
-def _reached(scene: Scene, real: Real, empty: Dataset, noise: float, rng: np.random.Generator) -> Array:
+def _reached(scene: Scene, real: TrueMechanism, empty: Dataset, noise: float, rng: np.random.Generator) -> Array:
     """Return joint values (poses, joints) at which the true tool point is on its target, up to contact noise."""
     assert scene.aims is not None
     mechanism, q = real.model.mechanism, scene.q.copy()
@@ -274,7 +274,7 @@ class Simulation:
     noise: float
 
 
-def planted(
+def parse_true_effects(
     text: str, mechanism: Mechanism, states: States, rng: np.random.Generator
 ) -> tuple[tuple[Effect, ...], Array]:
     """Parse `NAME=VALUE UNIT` into effects and their values, in the unit of the effects.
@@ -313,7 +313,7 @@ def simulate(
 ) -> Simulation:
     """Simulate measurements of `mechanism` at joint values q (poses, joints), with an instrument at a random place.
 
-    effects: texts as `planted` parses them.
+    effects: texts as `parse_true_effects` parses them.
     noise: standard deviation of each of x, y, z, m, or of one value in the unit of the instrument of `scene`.
     geometry_sigma: standard deviation of every geometric constant, m, and rad at a lever of 1 m.
     payload: mass at the tool at each pose, kg.
@@ -337,7 +337,7 @@ def simulate(
     theta = [geometry_sigma * scale * rng.normal(size=len(geometry))]
     chosen = list(geometry)
     for text in effects:
-        added, values = planted(text, mechanism, poses.states, rng)
+        added, values = parse_true_effects(text, mechanism, poses.states, rng)
         chosen += added
         theta.append(values)
     model = ErrorModel(mechanism, tuple(chosen))
@@ -350,7 +350,7 @@ def simulate(
             "effects",
         )
     if scene is not None:
-        seen, placement = read_in(scene, Real(model, values, placement), empty, noise, rng)
+        seen, placement = read_in(scene, TrueMechanism(model, values, placement), empty, noise, rng)
         return Simulation(seen, model, values, placement, noise)
     empty = _closed(model, empty, values, rng if drawn else None)
     tip = observe(model, prepare(mechanism, empty), values, placement).tip[:, :3, 3]

@@ -17,11 +17,11 @@ from gpmodel.evolution.search import Evolution
 from gpmodel.evolution.settings import Settings
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.inner import Constant, NonlinearParameters
-from gpmodel.files import remove_folder, set_aside
+from gpmodel.files import mark_damaged, remove_folder
 from gpmodel.formula.expression import Expression
 from gpmodel.formula.program import Node, Program
 from gpmodel.model.effect import Effect, TakenUp, Term
-from gpmodel.progress import Say, Teller, silent
+from gpmodel.progress import Reporter, Say, silent
 from gpmodel.texts import read_json, seal, write_json
 
 _TYPES = {
@@ -115,7 +115,7 @@ class Unfinished:
         kinds = sorted(Counter(path.name.split("-")[0] for path in self._finished()).items())
         if kinds:
             counted = " and ".join(f"{count} finished {kind}{'s' * (count > 1)}" for kind, count in kinds)
-            Teller(self.say)(f"going on from {counted} in {self.folder}")
+            Reporter(self.say)(f"going on from {counted} in {self.folder}")
 
     def write(self, name: str, content: Mapping[str, Any]) -> None:
         """Write the record `name` with content that `encode` can convert. Raises WriteError if it cannot be written."""
@@ -133,7 +133,7 @@ class Unfinished:
         except FileNotFoundError:
             return None
         except (*_BROKEN, OSError) as error:
-            Teller(self.say)(f"{path}: {error}; set aside as {set_aside(path).name}, this part is repeated")
+            Reporter(self.say)(f"{path}: {error}; set aside as {mark_damaged(path).name}, this part is repeated")
             return None
 
     def close(self) -> None:
@@ -167,7 +167,7 @@ def unfinished(out: Path) -> dict[str, Any] | None:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     except _BROKEN as error:
-        aside = set_aside(path)
+        aside = mark_damaged(path)
         raise InputError(f"{path}: damaged ({error}), set aside as {aside.name}; start the command again") from None
 
 

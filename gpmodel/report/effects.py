@@ -209,7 +209,7 @@ def effect_records(
         return ()
     points, moves = tool_displacements(final, resolved(final, poses), groups)
     anywhere = over_the_workspace(final, poses, groups)
-    alone = fitted.moves_alone(final, poses, groups)
+    alone = fitted.unabsorbed_rms(final, poses, groups)
     out = []
     for candidate, move, far, own in zip(candidates, moves, anywhere, alone, strict=True):
         number = quantity(final, candidate, states)

@@ -86,10 +86,10 @@ def draw(report: Report, folder: Path | None = None) -> dict[str, str]:
 
 def drawn(pictures: Iterable[Picture], folder: Path | None = None) -> dict[str, str]:
     """Draw pictures in parallel; return inline SVG by name."""
-    return drawn_beside(pictures, folder, lambda: None, Forks())[0]
+    return draw_during(pictures, folder, lambda: None, Forks())[0]
 
 
-def drawn_beside(
+def draw_during(
     pictures: Iterable[Picture], folder: Path | None, call: Callable[[], Made], workers: Forks
 ) -> tuple[dict[str, str], Made]:
     """Draw pictures in parallel while `call` runs; return the SVG by name and the result of the call."""
@@ -120,7 +120,7 @@ def figure(picture: Picture) -> Figure:
     return out
 
 
-def in_a_page_of_its_own(picture: Picture) -> str:
+def standalone_svg(picture: Picture) -> str:
     """Return SVG with the colours of the pictures included, for pages other than the report."""
     colours = "; ".join(f"--{name}: {colour}" for colour, name in COLOURS.items())
     return f'<div style="{colours}">{drawn([picture])[picture.name]}</div>'

@@ -111,7 +111,7 @@ def of_specification(effects: Sequence[Effect], moved: ErrorsMm, data: Dataset) 
     return moved.rms_mm / (1e3 * data.instrument.at(data.position))
 
 
-def moves_alone(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]) -> list[float | None]:
+def unabsorbed_rms(fit: Calibration, poses: Poses, groups: Sequence[Sequence[Effect]]) -> list[float | None]:
     """Return the RMS displacement, mm, by each group of effects that nothing else in the model absorbs.
 
     The RMS is that of the displacement minus its projection on the columns of all other unknowns, registration and tool

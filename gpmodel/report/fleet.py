@@ -12,7 +12,7 @@ import numpy as np
 from gpmodel import wording
 from gpmodel.files import write_text
 from gpmodel.formula.expression import ONE
-from gpmodel.hierarchy.between import FEWEST, in_normal
+from gpmodel.hierarchy.between import FEWEST, normal_score
 from gpmodel.hierarchy.record import MACHINES, NOISE, BlockPart, FleetPart, Part, SharedPart
 from gpmodel.numerics.interval import coverage_factor
 from gpmodel.report.page import PAGE as REPORT
@@ -145,7 +145,7 @@ def _map(figure: Figure, fleet: FleetPart) -> None:
     order = fleet.worst_first()
     for row, part in enumerate(fleet.parts):
         for column, k in enumerate(order):
-            z = in_normal(part.z[k], part.chances[k])
+            z = normal_score(part.z[k], part.chances[k])
             colour = NULL if k in part.outliers else AFTER_LIGHT if z > 0 else BEFORE
             axes.plot(column, row, "o", ms=min(1.5 + 2.0 * abs(z), 11.0), mec=colour, mew=1.1, alpha=0.9,
                       mfc=colour if z > 0 else PAPER)  # fmt: skip
@@ -206,7 +206,7 @@ def sentences(fleet: FleetPart) -> list[str]:
 
 def deviation(part: Part, machine: int) -> str:
     """State the deviation of a machine from the others, in σ of a normal distribution of equal probability."""
-    value = in_normal(part.z[machine], part.chances[machine])
+    value = normal_score(part.z[machine], part.chances[machine])
     return f"{wording.minus(f'{value:+.1f}') if abs(value) >= 0.05 else '0.0'} σ"
 
 

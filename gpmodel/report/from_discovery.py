@@ -184,7 +184,7 @@ def _effects(discovery: Discovery, names: Mapping[str, str]) -> Iterator[EffectR
             cv_before_mm=1e3 * hypothesis.cv_before,
             p_value=hypothesis.chance.p,
             shuffles=hypothesis.chance.shuffles,
-            shuffled=hypothesis.chance.of,
+            shuffled=hypothesis.chance.noun,
             tests=_tests(hypothesis),
             gain=hypothesis.score.gain,
             sign_stable=bool(hypothesis.verdict.passed("sign")),

@@ -305,7 +305,7 @@ class EffectRecord:
         return tuple(cause for cause in self.causes or () if not cause.own)
 
     @property
-    def likelier(self) -> CauseRecord | None:
+    def most_probable_cause(self) -> CauseRecord | None:
         """The most probable cause if it is more probable than the finding, else None."""
         most = max(self.others, key=lambda cause: cause.probability, default=None)
         return most if most and most.probability > (self.probability or 0.0) else None

@@ -91,7 +91,7 @@ def _undecided(report: Report) -> Iterator[str]:
     """Name each effect that the measured poses do not distinguish from another cause."""
     for effect in report.effects:
         others = effect.others
-        if likely := effect.likelier:
+        if likely := effect.most_probable_cause:
             yield (
                 f"The fitted {effect.name} ({wording.percent(effect.probability)}) is a less probable cause than "
                 f"{likely.names[0]} ({wording.percent(likely.probability)})."

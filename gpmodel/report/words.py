@@ -140,7 +140,7 @@ def causes(effect: EffectRecord) -> str:
 
 def title(effect: EffectRecord) -> str:
     """Return the name of a finding, preceded by its most probable cause if that is another effect."""
-    likely = effect.likelier
+    likely = effect.most_probable_cause
     if likely is None:
         return effect.name
     return f"{likely.names[0]} ({wording.percent(likely.probability)} likely), fitted as {effect.name}"

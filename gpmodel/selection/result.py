@@ -8,7 +8,7 @@ import numpy as np
 
 from gpmodel.arrays import Array, IntArray
 from gpmodel.calibration.gauge import nonzero_in_one_fold
-from gpmodel.evidence.residual import exchangeable, reordered
+from gpmodel.evidence.residual import exchangeable_blocks, permuted_blocks
 from gpmodel.evolution.variances import best
 from gpmodel.families.frequency_grid import FrequencyGrid
 from gpmodel.mechanism.protocol import Mechanism
@@ -95,7 +95,7 @@ class Selection:
     def permutation_null(self) -> Array:
         """Largest gain of any group of effects minus its description price, nats, on each permuted residual."""
         screening, rng = self.offered.screening, np.random.default_rng(JUDGED)
-        together = exchangeable(self.state.fitting.poses.dataset, screening.prices.limits)
+        together = exchangeable_blocks(self.state.fitting.poses.dataset, screening.prices.limits)
         return gain_null(self.active, self.offered.grids, together, rng, screening.prices.limits.shuffles)
 
 
@@ -173,7 +173,7 @@ def permuted(active: Active, bundle: IntArray, rng: np.random.Generator, count: 
     """
     rows, left = active.pool.rows, active.left
     codes = np.unique(bundle, return_inverse=True)[1].reshape(-1)
-    turned = reordered(rows.problem, left, codes, rng, count)
+    turned = permuted_blocks(rows.problem, left, codes, rng, count)
     energy, size = max(active.energy, np.finfo(float).tiny), float(len(left))
     own = _of_one_bundle(rows, codes)
     if own.shape[1]:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import linalg
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.evidence.score import fitted, rotated, with_own_noise
+from gpmodel.evidence.score import diagonalised, fitted, with_refitted_noise
 from gpmodel.evolution.variances import best
 from gpmodel.selection.group import FEW
 from gpmodel.selection.pool import GroupPool, SizeClass
@@ -66,8 +66,8 @@ class Scan:
             ridge = (1e-12 * np.trace(inner, axis1=1, axis2=2)[:, None, None] + 1e-300) * np.eye(inner.shape[-1])
             bound = 0.5 * np.sum(rhs * np.linalg.solve(inner + ridge, rhs[:, :, None])[:, :, 0], axis=1)
             some = -np.inf if least is None else least[c.ids]
-            gains[c.ids], able = bound, np.flatnonzero(with_own_noise(bound, 2.0 * bound, mismatch) >= some)
-            (s, q), ids = rotated(inner[able], rhs[able]), c.ids[able]
+            gains[c.ids], able = bound, np.flatnonzero(with_refitted_noise(bound, 2.0 * bound, mismatch) >= some)
+            (s, q), ids = diagonalised(inner[able], rhs[able]), c.ids[able]
             gains[ids], variances[ids] = best(s, q, pool.cap[ids])
             fit[ids] = fitted(variances[ids], s, q)
         return gains, variances, fit

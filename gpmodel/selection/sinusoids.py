@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from gpmodel.arrays import Array
-from gpmodel.evidence.score import rotated
+from gpmodel.evidence.score import diagonalised
 from gpmodel.evolution.variances import best
 from gpmodel.families.catalogue import Family, Offer
 from gpmodel.families.frequency_grid import FrequencyGrid
@@ -74,7 +74,7 @@ class Spectrum:
     def gain(self, rate: float) -> float:
         """Compute the gain, nats, of the sinusoid of one rate at its best prior variance, on the first target."""
         inner, rhs = self.at(np.array([rate]))
-        return float(best(*rotated(inner, rhs[:, :, 0]), np.array([CAP]))[0][0])
+        return float(best(*diagonalised(inner, rhs[:, :, 0]), np.array([CAP]))[0][0])
 
 
 def _bound(inner: Array, rhs: Array) -> Array:
@@ -109,7 +109,7 @@ def sinusoid_null(active: Active, grids: Sequence[FrequencyGrid], targets: Array
         rates = grid.rates[np.argmax(there.bound(), axis=0)]
         inner, rhs = there.at(rates)
         own = rhs[np.arange(len(rates)), :, np.arange(len(rates))]
-        net = best(*rotated(inner, own), np.full(len(rates), CAP))[0] - grid.template.cost
+        net = best(*diagonalised(inner, own), np.full(len(rates), CAP))[0] - grid.template.cost
         found = np.maximum(found, net)
     return found
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpmodel.arrays import Array, IntArray
-from gpmodel.evidence.score import fitted, rotated, with_own_noise
+from gpmodel.evidence.score import diagonalised, fitted, with_refitted_noise
 from gpmodel.evolution.smooth import Sines
 from gpmodel.evolution.variances import best
 from gpmodel.families.candidate import SMOOTH_TERM, Candidate
@@ -154,9 +154,9 @@ def _best(active: Active, sites: Sequence[Site], inputs: Sequence[str]) -> Itera
             places.products(function.values(), active.sigma2, slice(site, site + 1))
             for function, (_, site) in zip(functions, there, strict=True)
         ]
-        size, turned = rotated(*(np.concatenate(part) for part in zip(*products, strict=True)))
+        size, turned = diagonalised(*(np.concatenate(part) for part in zip(*products, strict=True)))
         gains, variances = best(size, turned, np.full(len(there), CAP))
-        gains = with_own_noise(gains, fitted(variances, size, turned), active.mismatch)
+        gains = with_refitted_noise(gains, fitted(variances, size, turned), active.mismatch)
         alternatives = len(sites) * sum(len(names) == len(lengths) for names in asked)
         cost = math.log(alternatives * sum(len(some) == len(lengths) for some in LENGTHS))
         for function, (_, site), gain in zip(functions, there, gains.tolist(), strict=True):

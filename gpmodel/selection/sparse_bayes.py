@@ -18,7 +18,7 @@ from functools import reduce
 import numpy as np
 
 from gpmodel.arrays import Array, IntArray, Mask
-from gpmodel.evidence.score import with_own_noise
+from gpmodel.evidence.score import with_refitted_noise
 from gpmodel.selection.group import FEW
 from gpmodel.selection.pool import GroupPool
 from gpmodel.selection.posterior import LEAST_NOISE, Active
@@ -76,9 +76,9 @@ def grow(model: Active, listed: IntArray | None = None, reading: bool = False, g
         net = gains - price
         net[[*model.variances, *refused]] = -np.inf
         if net.max() < 0.0:
-            net = with_own_noise(net, fit, model.mismatch)
+            net = with_refitted_noise(net, fit, model.mismatch)
         g = int(np.argmax(net))
-        if _together(with_own_noise(net, fit, model.mismatch)) < GO_ON * (goal - model.utility):
+        if _together(with_refitted_noise(net, fit, model.mismatch)) < GO_ON * (goal - model.utility):
             return model
         if not net[g] > 0.0:
             if among is listed:
@@ -125,7 +125,7 @@ def _exchanged(model: Active, removed: frozenset[int], first: Mask) -> Iterator[
     small = {g for g in fewer.found if pool.sizes[g] <= FEW}
     free = replace(fewer, variances={g: a * FREE if g in small else a for g, a in fewer.variances.items()})
     gains, variances, fit = Scan(free).gains(fewer.prices + pool.reading)
-    net = with_own_noise(gains - fewer.prices - pool.reading, fit, free.mismatch)
+    net = with_refitted_noise(gains - fewer.prices - pool.reading, fit, free.mismatch)
     net[[*fewer.variances, *_forbidden(pool, removed)]] = -np.inf
 
     def regrown(net: Array, begin: Array) -> Active | None:

@@ -83,10 +83,10 @@ def fresh(model: Model, count: int = 60) -> np.ndarray:
 
 
 def test_everything_is_made_and_says_its_error(exports: Exports) -> None:
-    assert {e.file for e in exports.made} - REFUSED == FILES
-    assert set(exports.refused) == REFUSED - {e.file for e in exports.made}
+    assert {e.file for e in exports.files} - REFUSED == FILES
+    assert set(exports.refused) == REFUSED - {e.file for e in exports.files}
     assert "exports/ur_kinematics.yaml" in exports.refused
-    known = {e.file: (e.rms, e.largest) for e in exports.made}
+    known = {e.file: (e.rms, e.largest) for e in exports.files}
     assert known["exports/model.py"][1] < 1e-10
     assert np.isfinite([known[f][0] for f in FILES - {"exports/model.c", "exports/model.h"}]).all()
 
@@ -106,7 +106,7 @@ def test_parts_that_run_at_the_same_time_compare_at_the_same_poses(
     parts = make.parts_of(model.saved, Place.of(model.saved))
     with ThreadPoolExecutor(2) as pool:
         source, latex = pool.map(lambda part: part(), parts[1:3])
-    known = {export.file: export for export in exports.made}
+    known = {export.file: export for export in exports.files}
     for export in (*source.made, *latex.made):
         assert export.text == known[export.file].text
 
@@ -118,14 +118,14 @@ def test_a_session_is_a_number_in_exports_and_what_reads_it_with_the_pose_is_mis
     texts = [text.rpartition("=")[0] for text in effects]
     for count, largest in ((1, 1e-10), (2, 1e-3)):
         saved = calibrate(mechanism, made.dataset, texts[:count]).model.saved
-        source = next(e for e in exports_of(saved, Place.of(saved)).made if e.file == "exports/model.py")
+        source = next(e for e in exports_of(saved, Place.of(saved)).files if e.file == "exports/model.py")
         assert len(source.missing) == count - 1
         assert (source.largest < 1e-10) == (count == 1)
         assert source.largest < largest
 
 
 def test_the_numpy_source_is_the_model(model: Model, exports: Exports) -> None:
-    text = next(e.text for e in exports.made if e.file == "exports/model.py")
+    text = next(e.text for e in exports.files if e.file == "exports/model.py")
     module = types.ModuleType("exported")
     exec(text, module.__dict__)
     q = fresh(model)
@@ -136,7 +136,7 @@ ROW = re.compile(r"\\xi_\{\\mathrm\{(?P<slot>[^{}]*)\},\\,(?P<axis>\w+)\} &= (?P
 
 
 def test_the_latex_read_back_is_the_model_to_its_digits(model: Model, exports: Exports) -> None:
-    export = next(e for e in exports.made if e.file == "exports/model.tex")
+    export = next(e for e in exports.files if e.file == "exports/model.tex")
     rows = [line.removesuffix(" \\\\") for line in export.text.splitlines()[1:-1]]
     found = [match for match in map(ROW.match, rows) if match]
     assert len(found) == len(rows)
@@ -156,7 +156,7 @@ def test_the_latex_read_back_is_the_model_to_its_digits(model: Model, exports: E
 
 
 def test_the_c_source_compiles_and_is_the_model(exports: Exports) -> None:
-    text = next(e.text for e in exports.made if e.file == "exports/model.c")
+    text = next(e.text for e in exports.files if e.file == "exports/model.c")
     found = make.tested(text)
     assert np.isnan(found["RMS"]) or found["RMS"] <= found["largest"] < 1e-10
     assert np.isnan(found["miss"]) or found["miss"] < 1e-8
@@ -168,7 +168,7 @@ def test_the_c_source_compiles_and_is_the_model(exports: Exports) -> None:
 def test_the_rigid_exports_are_one_refitted_geometry_and_name_what_is_missing(
     model: Model, exports: Exports, tmp_path: Path
 ) -> None:
-    made = {e.file: e for e in exports.made}
+    made = {e.file: e for e in exports.files}
     rigid = [made[f] for f in ("calibrated.urdf", "exports/dh_modified.toml", "exports/dh_standard.toml")]
     varying = {e.name for e in model.saved.model.effects if not e.constant}
     assert all(set(e.missing) == varying for e in rigid)
@@ -214,7 +214,7 @@ def test_rows_are_read_back_as_the_chain_they_were_made_of(name: str, convention
 
 
 def test_the_grid_is_read_back_and_its_corrections_reach_its_nodes(model: Model, exports: Exports) -> None:
-    grid = pd.read_csv(io.StringIO(next(e.text for e in exports.made if e.file == "exports/grid.csv")))
+    grid = pd.read_csv(io.StringIO(next(e.text for e in exports.files if e.file == "exports/grid.csv")))
     sides = [np.unique(grid[f"{a} [mm]"]) for a in "xyz"]
     assert [len(side) for side in sides] == [5, 5, 5]
     joints = [f"{j.name} [deg]" for j in model.mechanism.joints]
@@ -225,10 +225,10 @@ def test_the_grid_is_read_back_and_its_corrections_reach_its_nodes(model: Model,
 
 
 def test_a_controller_that_interpolates_in_the_grid_misses_by_what_is_said(model: Model, exports: Exports) -> None:
-    export = next(e for e in exports.made if e.file == "exports/grid.csv")
+    export = next(e for e in exports.files if e.file == "exports/grid.csv")
     measured = model.saved.measured
     assert measured is not None
-    assert bool(export.said) == (measured.dataset.payload_given or bool(model.saved.input_units))
+    assert bool(export.notes) == (measured.dataset.payload_given or bool(model.saved.input_units))
     grid = pd.read_csv(io.StringIO(export.text))
     sides = [np.unique(grid[f"{a} [mm]"]) for a in "xyz"]
     between = RegularGridInterpolator(sides, grid.to_numpy().reshape(5, 5, 5, -1))

@@ -23,7 +23,7 @@ from gpmodel.api.calibrate import calibrate
 from gpmodel.api.model import Model
 from gpmodel.application.exports import make, programs
 from gpmodel.application.exports.forward import forward_of
-from gpmodel.application.exports.make import exports_of, parts_of, together
+from gpmodel.application.exports.make import exports_of, merged, parts_of
 from gpmodel.application.exports.programs import program_read, program_text
 from gpmodel.application.exports.sample import Place
 from gpmodel.application.exports.sources import c_text
@@ -117,9 +117,9 @@ def test_no_text_leaves_its_place_and_none_is_run(text: str, tmp_path: Path, mon
 @cache
 def written(text: str) -> dict[str, str]:
     saved = named(benign(), text)
-    made = together([part() for part in parts_of(saved, Place.of(saved))[:-1]])  # the grid is a table
+    made = merged([part() for part in parts_of(saved, Place.of(saved))[:-1]])  # the grid is a table
     assert set(made.refused) == {"exports/ur_kinematics.yaml", "exports/robodk.csv"}
-    return {e.file: e.text for e in made.made}
+    return {e.file: e.text for e in made.files}
 
 
 @pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
@@ -225,7 +225,7 @@ def test_a_bump_is_found_named_and_exported_with_one_exponential() -> None:
     (finding,) = found.findings
     assert finding.name.startswith("bump of J2 at 17.")
     saved = found.model.saved
-    texts = {Path(export.file).suffix: export.text for export in exports_of(saved, Place.of(saved)).made}
+    texts = {Path(export.file).suffix: export.text for export in exports_of(saved, Place.of(saved)).files}
     for suffix, (written, place) in EXPONENTIAL.items():
         (line,) = [line for line in texts[suffix].splitlines() if written in line and place in line]
         assert line.count(written) == 1

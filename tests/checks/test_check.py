@@ -10,7 +10,7 @@ from instances import some
 
 from gpmodel.checks.judge import check_dataset, refuse
 from gpmodel.checks.mixed_up import mixed_up
-from gpmodel.checks.notes import flange, least_misfit, misfit, unknowns
+from gpmodel.checks.notes import flange, least_misfit, rms_misfit, unknowns
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import effect_at
@@ -245,7 +245,7 @@ def test_no_registration_and_tool_come_below_the_least_misfit(arm: str) -> None:
     mechanism, made = robot(40, name=arm)
     position = made.dataset.position + np.random.default_rng(0).normal(0.0, 0.01, (40, 3))
     bound = least_misfit(flange(mechanism, made.dataset.q), position)
-    reached = misfit(mechanism, made.dataset.q, position)
+    reached = rms_misfit(mechanism, made.dataset.q, position)
     assert 0.5 * reached < bound <= reached
 
 

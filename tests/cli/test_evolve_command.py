@@ -18,7 +18,7 @@ from gpmodel.evolution.linear import Linear
 from gpmodel.evolution.settings import Truncation
 from gpmodel.evolution.tree import Tree
 from gpmodel.formula.expression import parse
-from gpmodel.progress import Teller
+from gpmodel.progress import Reporter
 from gpmodel.records.unfinished import FOLDER
 from gpmodel.report.saved import read_report
 
@@ -64,14 +64,14 @@ def test_an_interrupted_search_goes_on_with_resume_alone_to_the_same_numbers(tab
     options = [*QUICK, "--space", "slot", "--standard", "J* R?"]
     run(table, *options, "--out", tmp_path / "whole", "--workers", 2)
     out = tmp_path / "out"
-    said = Teller.__call__
+    said = Reporter.__call__
 
-    def stopped(teller: Teller, text: str, passing: bool = False) -> None:
+    def stopped(teller: Reporter, text: str, passing: bool = False) -> None:
         said(teller, text, passing)
         if "5 of 8" in text:
             raise KeyboardInterrupt
 
-    with mock.patch.object(Teller, "__call__", stopped):
+    with mock.patch.object(Reporter, "__call__", stopped):
         interrupted = main_with("evolve", table, *options, "--out", out, "--workers", 1)
     assert interrupted.exit_code == 130
     assert f"gpmodel evolve --resume {out}" in interrupted.stderr

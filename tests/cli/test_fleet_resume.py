@@ -13,14 +13,14 @@ from cli_cases import one_line, run
 from fleet_cases import two_joint_arms
 
 from gpmodel.families.candidate import Candidate
-from gpmodel.files import alone_in
-from gpmodel.hierarchy.found import Searched
+from gpmodel.files import locked_folder
+from gpmodel.hierarchy.found import MachineSearch
 from gpmodel.records.unfinished import FOLDER, REQUEST
 
 pytestmark = pytest.mark.usefixtures("brief")
 
 MACHINES = 3
-_search = Searched.found
+_search = MachineSearch.found
 
 
 def fleet_of(out: Path) -> dict[str, Any]:
@@ -35,7 +35,7 @@ class Searches:
     def __init__(self, allowed: int = MACHINES) -> None:
         self.done, self.allowed = 0, allowed
 
-    def __call__(self, task: Searched) -> tuple[Candidate, ...]:
+    def __call__(self, task: MachineSearch) -> tuple[Candidate, ...]:
         if self.done == self.allowed and not task.known:
             raise KeyboardInterrupt
         self.done += not task.known
@@ -45,7 +45,7 @@ class Searches:
 def resumed(out: Path, *options: object) -> tuple[int, str]:
     """Resume in this process; return the number of machines searched, and the output."""
     searches = Searches()
-    with mock.patch.object(Searched, "found", lambda task: searches(task)):
+    with mock.patch.object(MachineSearch, "found", lambda task: searches(task)):
         done = run("fleet", "--resume", out, "--workers", 1, *options)
     assert done.exit_code == 0, done.stderr
     return searches.done, done.stderr
@@ -71,7 +71,7 @@ def interrupted(tables: Path) -> Path:
     """The folder of a fleet that was interrupted in its second machine, beside its tables."""
     out = tables.parent / "my fleet"
     searches = Searches(allowed=1)
-    with mock.patch.object(Searched, "found", lambda task: searches(task)):
+    with mock.patch.object(MachineSearch, "found", lambda task: searches(task)):
         stopped = run("fleet", tables, "--out", out, "--workers", 1)
     assert stopped.exit_code == 130
     assert f"resume with: gpmodel fleet --resume '{out}'" in stopped.stderr.splitlines()[-1]
@@ -143,7 +143,7 @@ def test_what_changed_since_is_said_and_nothing_is_touched(case: str, cut: Path,
 
 def test_another_command_another_process_and_nothing_to_resume_are_one_line(cut: Path, tmp_path: Path) -> None:
     assert "the unfinished run belongs to fleet" in one_line(run("discover", "--resume", cut, "--quiet"), 2)
-    with alone_in(cut):
+    with locked_folder(cut):
         assert "another gpmodel process uses this folder" in one_line(run("fleet", "--resume", cut, "--quiet"), 2)
     assert "has no unfinished search" in one_line(run("fleet", "--resume", tmp_path / "tables"), 2)
     assert "Missing argument 'DIR'" in one_line(run("fleet"), 2)

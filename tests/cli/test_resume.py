@@ -10,7 +10,7 @@ import pytest
 from cli_cases import one_line, run
 from durable_cases import OPTIONS, resume, small
 
-from gpmodel.files import alone_in
+from gpmodel.files import locked_folder
 from gpmodel.records.unfinished import FOLDER, REQUEST
 from gpmodel.texts import read_json, write_json
 
@@ -153,5 +153,5 @@ def test_files_that_options_name_move_with_the_result_and_are_part_of_what_was_a
 
 
 def test_two_at_once_do_not_touch_each_other(cut: Path) -> None:
-    with alone_in(cut):
+    with locked_folder(cut):
         assert "another gpmodel process uses this folder" in one_line(run("discover", "--resume", cut, "--quiet"), 2)

@@ -23,7 +23,7 @@ from gpmodel.cli import terminal
 from gpmodel.cli.console import session_note
 from gpmodel.cli.main import main
 from gpmodel.errors import InputError
-from gpmodel.files import alone_in
+from gpmodel.files import locked_folder
 from gpmodel.mechanism import source as plugins
 from gpmodel.model.described import KINDS, SOLVED
 from gpmodel.table.dataset import LABELS, READINGS
@@ -153,7 +153,7 @@ def test_printed_text_steers_no_terminal(capsys: pytest.CaptureFixture[str]) -> 
 
 
 def test_calibrate_keeps_out_of_a_folder_where_a_search_is_running(given: Path, tmp_path: Path) -> None:
-    with alone_in(tmp_path / "out"):
+    with locked_folder(tmp_path / "out"):
         line = one_line(run("calibrate", given / "table.csv", "--mechanism", "irb6400r", "--out", tmp_path / "out"), 2)
     assert "another gpmodel process uses this folder" in line
     assert not (tmp_path / "out").exists()

@@ -11,7 +11,7 @@ from gpmodel.discovery.acceptance import Hypothesis
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import cross_validated
 from gpmodel.evidence.score import Score, scores
-from gpmodel.evolution.chance import Chance, chance
+from gpmodel.evolution.chance import PValue, permutation_p_value
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import drive_effect
@@ -30,7 +30,7 @@ def strongest(planted: str, null: np.ndarray = LOW, criteria: Criteria = RULE) -
     there = replace(seen(planted), criteria=criteria)
     ranked = sorted(zip(unnamed(), scores(there, unnamed()), strict=True), key=lambda one: -one[1].nats)
     candidate, score = ranked[0]
-    return acceptance.tested(there, candidate, score, chance(score.nats, null), cross_validated(there, ()))
+    return acceptance.tested(there, candidate, score, permutation_p_value(score.nats, null), cross_validated(there, ()))
 
 
 @pytest.mark.long
@@ -52,7 +52,7 @@ def test_nothing_is_accepted_where_permuted_residuals_do_as_well() -> None:
 @pytest.mark.long
 def test_nothing_is_accepted_of_a_robot_without_an_undeclared_effect() -> None:
     there = seen("nothing")
-    null = best_nats(there, unnamed(), there.shuffled(np.random.default_rng(1), 60))
+    null = best_nats(there, unnamed(), there.permuted(np.random.default_rng(1), 60))
     assert not strongest("nothing", null=null).accepted
 
 
@@ -81,5 +81,5 @@ def test_a_term_whose_motion_is_a_hundred_times_its_own_is_refused(own: float, r
     sine, cosine = np.linalg.lstsq(columns, there.values)[0] / np.linalg.norm(there.values)
     text = f"1 + {own}*({sine:.4f}*sin(2*J4) + {cosine:.4f}*cos(2*J4))"
     term = Candidate("term", (drive_effect("term", joint, Expression(text)),), "gear_harmonic", 1.0)
-    hypothesis = acceptance.tested(there, term, Score(0.3, 30.0, own), Chance(1e-6, 99), cross_validated(there, ()))
+    hypothesis = acceptance.tested(there, term, Score(0.3, 30.0, own), PValue(1e-6, 99), cross_validated(there, ()))
     assert [t.name for t in hypothesis.verdict.tests if not t.passed] == ["unique share"] * refused

@@ -14,9 +14,9 @@ from gpmodel.discovery.loop import discover
 from gpmodel.errors import InputError
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import confirmation
-from gpmodel.evidence.residual import Residual, exchangeable, independent_units, residual_of
+from gpmodel.evidence.residual import Residual, exchangeable_blocks, independent_blocks, residual_of
 from gpmodel.evidence.score import scores
-from gpmodel.evolution.chance import chance
+from gpmodel.evolution.chance import permutation_p_value
 from gpmodel.families.catalogue import candidates
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
@@ -99,7 +99,7 @@ def innocent(labelled: bool, seed: int) -> Residual:
 @pytest.mark.parametrize("labelled", [True, False])
 def test_repeats_are_one_unit_never_parted_and_permuted_together(labelled: bool) -> None:
     residual = innocent(labelled, 3)
-    assert residual.unit_of_pose.tolist() == np.repeat(np.arange(60), 3).tolist()
+    assert residual.block_of_pose.tolist() == np.repeat(np.arange(60), 3).tolist()
     fold = dict(zip(residual.problem.pose_of_row.tolist(), residual.fold_of_row.tolist(), strict=True))
     assert all(len({fold[3 * i], fold[3 * i + 1], fold[3 * i + 2]}) == 1 for i in range(60))
 
@@ -110,17 +110,17 @@ def test_repeats_are_one_unit_never_parted_and_permuted_together(labelled: bool)
 def test_repeats_of_an_innocent_robot_are_no_evidence(labelled: bool, seed: int) -> None:
     residual = innocent(labelled, seed)
     pool = candidates(residual.calibration.model.mechanism, residual.poses.states)
-    null = best_nats(residual, pool, residual.shuffled(np.random.default_rng(0), 60))
-    assert chance(max(s.nats for s in scores(residual, pool)), null).p > 0.01
+    null = best_nats(residual, pool, residual.permuted(np.random.default_rng(0), 60))
+    assert permutation_p_value(max(s.nats for s in scores(residual, pool)), null).p > 0.01
 
 
 def test_few_groups_are_no_units_and_their_repeats_still_are() -> None:
     data = bare(ARM, 30, 0)
     few = replace(data, labels={"group": np.array([f"g{i // 10}" for i in range(30)])})
     many = replace(data, labels={"group": np.array([f"g{i // 1}" for i in range(30)])})
-    assert independent_units(few, Criteria()).tolist() == list(range(30))
-    assert independent_units(many, Criteria()).tolist() == list(range(30))
-    assert set(independent_units(few, Criteria(fewest_bundles=3))) == {0, 1, 2}
+    assert independent_blocks(few, Criteria()).tolist() == list(range(30))
+    assert independent_blocks(many, Criteria()).tolist() == list(range(30))
+    assert set(independent_blocks(few, Criteria(fewest_bundles=3))) == {0, 1, 2}
 
 
 def test_held_out_poses_of_a_set_up_never_trained_on_are_left_out_or_refused_before_the_search() -> None:
@@ -141,8 +141,8 @@ def test_held_out_poses_of_a_set_up_never_trained_on_are_left_out_or_refused_bef
 
 def test_chance_keeps_stretches_of_rows_together_where_they_are_in_order() -> None:
     data = bare("ur5", 60, 2, in_order=True)
-    stretches = exchangeable(data, Criteria())
+    stretches = exchangeable_blocks(data, Criteria())
     assert np.bincount(stretches).tolist() == [3] * Criteria().fewest_bundles
     assert np.all(np.diff(stretches[np.argsort(data.row)]) >= 0)
-    apart = exchangeable(replace(data, in_order=False), Criteria())
-    assert len(np.unique(apart)) == len(np.unique(independent_units(data, Criteria())))
+    apart = exchangeable_blocks(replace(data, in_order=False), Criteria())
+    assert len(np.unique(apart)) == len(np.unique(independent_blocks(data, Criteria())))

@@ -12,9 +12,9 @@ from residual_cases import NAMES, pool, seen
 
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evidence.dependence import inflation, reads_a_clock
+from gpmodel.evidence.dependence import depends_on_time, inflation
 from gpmodel.evidence.residual import Residual, residual_of
-from gpmodel.evidence.score import deflated, scores
+from gpmodel.evidence.score import gains_by_inflation, scores
 from gpmodel.evolution.description_length import fit_nats
 from gpmodel.families import catalogue
 from gpmodel.model.error_model import ErrorModel, prepare
@@ -37,7 +37,7 @@ def test_where_nothing_depends_on_anything_no_candidate_pays_for_chance() -> Non
     slow, quick = [], []
     for candidate in pool():
         factor = max(inflation(residual, candidate).values())
-        (slow if reads_a_clock(candidate, residual.poses.states) else quick).append(factor)
+        (slow if depends_on_time(candidate, residual.poses.states) else quick).append(factor)
     assert max(quick) == 1.0
     assert max(slow) > 2.0
 
@@ -78,7 +78,7 @@ def test_evidence_is_of_so_many_times_fewer_readings(planted: str, prior: float)
     residual, own = seen(planted), next(c for c in pool() if c.name == planted)
     candidate = replace(own, effects=tuple(replace(e, prior=prior) for e in own.effects))
     (score,) = scores(residual, [candidate])
-    same, *fewer = deflated(residual, candidate, (1.0, 2.0, 8.0, 32.0))
+    same, *fewer = gains_by_inflation(residual, candidate, (1.0, 2.0, 8.0, 32.0))
     assert same == pytest.approx(score.nats, rel=1e-12)
     assert fewer == sorted(fewer, reverse=True)
     if prior == np.inf:

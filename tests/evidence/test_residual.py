@@ -14,8 +14,8 @@ from gpmodel.discovery.targets import targets
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.evidence.cross_validation import better_by, cross_validated
 from gpmodel.evidence.residual import residual_of
-from gpmodel.evidence.score import saved, scores
-from gpmodel.evolution.chance import chance
+from gpmodel.evidence.score import mdl_gain, scores
+from gpmodel.evolution.chance import permutation_p_value
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import Candidate
 from gpmodel.formula.expression import Expression
@@ -41,20 +41,20 @@ def test_the_planted_effect_scores_best_or_its_column_is_that_of_the_best(plante
 @pytest.mark.parametrize("planted", NAMES)
 def test_the_planted_effect_stands_out_of_shuffled_residuals(planted: str) -> None:
     there, candidates = seen(planted), pool()
-    null = best_nats(there, candidates, there.shuffled(np.random.default_rng(0), 60))
-    assert chance(max(s.nats for s in scores(there, candidates)), null).p < 0.01
+    null = best_nats(there, candidates, there.permuted(np.random.default_rng(0), 60))
+    assert permutation_p_value(max(s.nats for s in scores(there, candidates)), null).p < 0.01
 
 
 @pytest.mark.long
 def test_nothing_stands_out_of_an_innocent_robot() -> None:
     there = seen("nothing")
-    null = best_nats(there, pool(), there.shuffled(np.random.default_rng(0), 60))
-    assert chance(max(s.nats for s in scores(there, pool())), null).p > 0.05
+    null = best_nats(there, pool(), there.permuted(np.random.default_rng(0), 60))
+    assert permutation_p_value(max(s.nats for s in scores(there, pool())), null).p > 0.05
 
 
 def test_the_best_of_all_is_that_of_each_residual_by_itself() -> None:
     there, candidates = seen(NAMES[0]), pool()[::5]
-    trials = there.shuffled(np.random.default_rng(3), 3)
+    trials = there.permuted(np.random.default_rng(3), 3)
     one_by_one = [max(s.nats for s in scores(replace(there, values=trial), candidates)) for trial in trials.T]
     np.testing.assert_allclose(best_nats(there, candidates, trials), one_by_one, rtol=1e-6)
 
@@ -91,9 +91,9 @@ def test_what_the_model_already_has_scores_nothing_and_neither_does_what_is_not_
 
 def test_a_description_pays_for_its_unknowns_and_for_what_it_was_chosen_from() -> None:
     there = seen(NAMES[0])
-    assert saved(there, 0.2, 1, 4.0) > saved(there, 0.2, 2, 4.0) > saved(there, 0.2, 2, 6.0)
-    assert saved(there, 0.0, 1, 4.0) < 0
-    assert np.isfinite(saved(there, 1.0, 1, 4.0))
+    assert mdl_gain(there, 0.2, 1, 4.0) > mdl_gain(there, 0.2, 2, 4.0) > mdl_gain(there, 0.2, 2, 6.0)
+    assert mdl_gain(there, 0.0, 1, 4.0) < 0
+    assert np.isfinite(mdl_gain(there, 1.0, 1, 4.0))
 
 
 @pytest.mark.parametrize("name", [NAMES[0], NAMES[1]])
@@ -138,10 +138,10 @@ def test_the_gps_view_of_the_problem_is_the_same_problem() -> None:
 
 def test_shuffling_keeps_the_poses_whole_and_the_model_out() -> None:
     there = seen(NAMES[0])
-    order = there.shuffled(np.random.default_rng(0), 5)
+    order = there.permuted(np.random.default_rng(0), 5)
     assert np.abs(there.span.basis.T @ order).max() < 1e-12
     assert (np.abs(there.values @ order) < 0.5 * there.energy).all()
-    again = there.shuffled(np.random.default_rng(0), 5)
+    again = there.permuted(np.random.default_rng(0), 5)
     np.testing.assert_array_equal(order, again)
 
 
@@ -187,9 +187,9 @@ def test_what_is_believed_of_the_rest_holds_without_a_large_effect() -> None:
     believed = tuple(replace(e, prior=1e-4) for e in circle)
     model = ErrorModel(arm, (*geometric_effects(arm), *believed, *spring))
     whole = residual_of(calibrate(model, truth.poses), truth.poses, Criteria(), 0)
-    assert whole.at_own_noise() is whole
+    assert whole.with_refitted_noise() is whole
     without = whole.without(spring)
-    found = without.at_own_noise()
+    found = without.with_refitted_noise()
     assert found.noise == pytest.approx(found.sigma, rel=0.01)
     weighed = np.where(np.arange(len(found.values)) < found.measured, 1.0, found.noise / without.noise)[:, None]
     system, target = without.system * weighed, without.target * weighed[:, 0]

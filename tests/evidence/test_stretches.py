@@ -24,12 +24,12 @@ def test_stretches_are_neighbours_of_nearly_equal_number() -> None:
 
 def test_each_fold_is_one_stretch_and_no_unit_is_parted() -> None:
     residual = seen("nothing")
-    doubled = replace(residual, unit_of_pose=residual.unit_of_pose // 2)
-    there = doubled.in_stretches
+    doubled = replace(residual, block_of_pose=residual.block_of_pose // 2)
+    there = doubled.contiguous_folds
     fold = np.zeros(len(there.poses), dtype=int)
     fold[there.problem.pose_of_row] = there.fold_of_row
-    for code in np.unique(doubled.unit_of_pose):
-        assert len(set(fold[doubled.unit_of_pose == code])) == 1
+    for code in np.unique(doubled.block_of_pose):
+        assert len(set(fold[doubled.block_of_pose == code])) == 1
     rows = [there.poses.states["row"][fold == k] for k in np.unique(fold)]
     assert len(rows) == residual.criteria.folds
     assert all(a.max() < b.min() for a, b in pairwise(rows))
@@ -44,12 +44,12 @@ def test_what_happened_once_predicts_no_stretch_that_was_left_out() -> None:
     there = replace(there, target=target, values=there.span.remove(target))
     assert order_matters(there, own)
     assert better_by(there, own.effects) > 2.0
-    assert better_by(there.in_stretches, own.effects) < 2.0
+    assert better_by(there.contiguous_folds, own.effects) < 2.0
 
 
 @pytest.mark.parametrize("name", ["coupling, J4 to J5", "gear error, 2 per turn, J4"])
 def test_what_is_no_matter_of_rows_is_predicted_as_well_in_stretches(name: str) -> None:
     own = next(c for c in pool() if c.name == name)
     assert not order_matters(seen(name), own)
-    random, stretched = better_by(seen(name), own.effects), better_by(seen(name).in_stretches, own.effects)
+    random, stretched = better_by(seen(name), own.effects), better_by(seen(name).contiguous_folds, own.effects)
     assert stretched > 0.6 * random > 2.0

@@ -7,7 +7,7 @@ import pytest
 
 from gpmodel.errors import InputError
 from gpmodel.evolution.formulas import LONGEST, formulas_at, shorter
-from gpmodel.evolution.memetic import Formulas, bred
+from gpmodel.evolution.memetic import Formulas, evolve_formulas
 from gpmodel.evolution.pareto import Solution
 from gpmodel.evolution.problems import Inputs, SlotProblem
 from gpmodel.evolution.projection import Targets, regression
@@ -90,7 +90,7 @@ def test_a_formula_that_is_bred_has_its_generation() -> None:
     problem = curve("sin(2*J2)*exp(0.8*J5)", 0.05).only(1, ("J2", "J5"))
     population = Formulas(problem)
     population.add([parse("sin(2*J2)")])
-    bred(population, ("J2", "J5"), 1)
+    evolve_formulas(population, ("J2", "J5"), 1)
     assert {one.generation for one in population.found} == {0, 1}
     assert max(population.found, key=lambda one: one.gain).generation == 1
 
@@ -171,5 +171,5 @@ def test_a_formula_whose_spread_has_no_square_is_bred_from_as_any_other(exponent
     targets = Targets(np.ones((1, 90)), there.cross, there.pull, there.energy, ("here",), 90)
     population = Formulas(SlotProblem(INPUTS, targets, parsimony=2.0))
     population.take(parse(f"exp({exponent}*J5)"))
-    bred(population, NAMES, 1)
+    evolve_formulas(population, NAMES, 1)
     assert len(population.found) > 1

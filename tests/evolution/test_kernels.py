@@ -143,7 +143,7 @@ def test_compensator_fitness_is_the_norm_of_fig_5_5(norm: str, poses: int) -> No
     expected = np.array([problem.norm_of(o) if np.all(np.isfinite(o)) else np.inf for o in outputs])
     np.testing.assert_allclose(found, expected, rtol=1e-12)
     limit = float(np.median(found))
-    early = problem.scores(code, fixed, hopeless=limit).score
+    early = problem.scores(code, fixed, cutoff=limit).score
     np.testing.assert_array_equal(early[found <= limit], found[found <= limit])
     assert np.all(np.isinf(early[found > limit * (1 + 1e-12)]))
 

@@ -45,8 +45,8 @@ def test_open_choices(genes: list[int], expected: str) -> None:
 def test_codes_on_offer_are_themselves_and_others_stand_for_one() -> None:
     smooth = Layout(ELEMENTS, operator_set("smooth"), (), ("x", "y", "z"), 3)
     offered = {0, 1, 2, *(operator.code for operator in operator_set("smooth"))}
-    assert set(smooth.operator_of.tolist()) == offered
-    assert all(smooth.operator_of[code] == code for code in offered)
+    assert set(smooth.opcode_table.tolist()) == offered
+    assert all(smooth.opcode_table[code] == code for code in offered)
 
 
 def test_every_element_register_and_operand_can_be_named() -> None:

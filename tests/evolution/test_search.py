@@ -213,7 +213,7 @@ def test_dropping_the_hopeless_changes_nothing_that_is_selected(monkeypatch: pyt
     run = Generations(problem, settings, np.random.default_rng(1))
     population = run.breeding.initial(1000, np.random.default_rng(2))
     whole = run.scores(population).score
-    run.hopeless = float(np.partition(whole, 60)[60])
+    run.cutoff = float(np.partition(whole, 60)[60])
     dropped = run.scores_of_eligible(population, 50).score
     assert np.count_nonzero(np.isinf(dropped)) > np.count_nonzero(np.isinf(whole)) + 20
     np.testing.assert_array_equal(np.sort(dropped)[:60], np.sort(whole)[:60])

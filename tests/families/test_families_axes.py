@@ -18,7 +18,7 @@ from gpmodel.families import session as memory
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates, catalogue
 from gpmodel.families.frequency_grid import FrequencyGrid
-from gpmodel.mechanism.protocol import Mechanism, Weighed
+from gpmodel.mechanism.protocol import Mechanism, WeightByPart
 from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.model.error_model import ErrorModel, Poses, prepare
 from gpmodel.model.sites import geometric_effects
@@ -165,7 +165,7 @@ def test_an_innocent_robot_yields_to_no_unknown_mass(masses: str) -> None:
 @pytest.mark.long
 def test_only_mechanisms_that_weigh_their_parts_are_offered_unknown_masses() -> None:
     free = spherical_joint()
-    assert not isinstance(free, Weighed)
+    assert not isinstance(free, WeightByPart)
     loaded = MechanismChoice("spherical-joint").load()
     assert loaded.unit_loads(np.zeros((2, len(free.joints)))) == {}
     for each in (free, loaded):

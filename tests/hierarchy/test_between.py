@@ -16,15 +16,22 @@ from gpmodel.evidence.score import scores
 from gpmodel.executor import ALONE
 from gpmodel.families.candidate import Candidate
 from gpmodel.families.catalogue import candidates
-from gpmodel.hierarchy.between import Deviations, between, deleted, deviations
+from gpmodel.hierarchy.between import Deviations, deleted_residuals, deviations, estimate_spread
 from gpmodel.hierarchy.fleet import Information, _expectation_maximisation
-from gpmodel.hierarchy.found import FleetSearch, Found, KeptMachines, Searched, found_on_type, select_for_type
+from gpmodel.hierarchy.found import (
+    FindingsFile,
+    FleetSearch,
+    MachineFindings,
+    MachineSearch,
+    found_on_type,
+    select_for_type,
+)
 from gpmodel.mechanism.branches import random_poses
 from gpmodel.mechanism.source import MechanismChoice
 from gpmodel.model.error_model import prepare
 from gpmodel.numerics.interval import COVERAGE, SIGNIFICANCE, holm
 from gpmodel.planning.simulate import simulate
-from gpmodel.progress import Teller, silent
+from gpmodel.progress import Reporter, silent
 from gpmodel.report.fleet import summary
 
 FLEETS, MACHINES, PARAMETERS = 30, 12, 8
@@ -38,7 +45,9 @@ def drawn(seed: int, spread: float, machines: int = MACHINES) -> tuple[np.ndarra
 
 
 def judged(values: np.ndarray, variances: np.ndarray) -> Deviations:
-    return deviations([partial(deleted, v, s) for v, s in zip(values.T, variances.T, strict=True)], len(values))
+    return deviations(
+        [partial(deleted_residuals, v, s) for v, s in zip(values.T, variances.T, strict=True)], len(values)
+    )
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.5, 2.0, 20.0])
@@ -46,7 +55,7 @@ def test_mean_and_spread_are_covered_as_often_as_they_say(spread: float) -> None
     found = []
     for seed in range(FLEETS):
         values, variances = drawn(seed, spread)
-        found += [between(values[:, k], variances[:, k]) for k in range(PARAMETERS)]
+        found += [estimate_spread(values[:, k], variances[:, k]) for k in range(PARAMETERS)]
     t = np.abs([(b.mean - 5.0) / b.stderr for b in found])
     inside = [b.low <= spread <= b.high for b in found]
     sure = 3.0 * np.sqrt(0.05 * 0.95 / len(found))
@@ -75,7 +84,7 @@ def test_planted_outliers_are_found_and_hide_no_other(others: tuple[int, ...]) -
     assert found.chance[7, 2] < SIGNIFICANCE
     assert found.z[7, 2] > 0
     clean = np.delete(values[:, 2], 7)
-    of = between(clean, np.delete(variances[:, 2], 7))
+    of = estimate_spread(clean, np.delete(variances[:, 2], 7))
     assert abs(of.mean - 5.0) < 3.0 * of.stderr
 
 
@@ -89,7 +98,10 @@ def test_of_three_machines_none_stands_out() -> None:
 
 def test_units_do_not_matter() -> None:
     values, variances = drawn(1, 2.0)
-    large, small = between(values[:, 0], variances[:, 0]), between(1e-9 * values[:, 0], 1e-18 * variances[:, 0])
+    large, small = (
+        estimate_spread(values[:, 0], variances[:, 0]),
+        estimate_spread(1e-9 * values[:, 0], 1e-18 * variances[:, 0]),
+    )
     assert 1e-9 * large.spread == pytest.approx(small.spread, rel=1e-6)
     assert 1e-9 * large.high == pytest.approx(small.high, rel=1e-6)
 
@@ -161,7 +173,7 @@ BASE = "base_compliance=8e-8 rad/Nm"
 
 
 @cache
-def fleet(seed: int, effects: tuple[tuple[str, ...], ...]) -> list[Searched]:
+def fleet(seed: int, effects: tuple[tuple[str, ...], ...]) -> list[MachineSearch]:
     """One machine for each tuple of effects, all of its poses for training."""
     mechanism, rng = MechanismChoice(MECHANISM).load(), np.random.default_rng(seed)
     out = []
@@ -169,18 +181,18 @@ def fleet(seed: int, effects: tuple[tuple[str, ...], ...]) -> list[Searched]:
         q = random_poses(mechanism, POSES, rng)
         made = simulate(mechanism, q, list(own), rng, noise=NOISE, geometry_sigma=GEOMETRY).dataset
         rows = np.arange(POSES), np.arange(0, POSES, 3)
-        out.append(Searched(mechanism, prepare(mechanism, made), rows, number))
+        out.append(MachineSearch(mechanism, prepare(mechanism, made), rows, number))
     return out
 
 
-def named(tasks: Sequence[Searched]) -> dict[str, Candidate]:
+def named(tasks: Sequence[MachineSearch]) -> dict[str, Candidate]:
     """The named effects of loads, which these machines have or could have instead."""
     families = {"joint_compliance", "base_compliance", "parallel_bar_closure", "joint_bending", "gear_harmonic"}
     pool = candidates(tasks[0].mechanism, tasks[0].poses.states)
     return {c.name: c for c in pool if c.family in families}
 
 
-def selected(tasks: Sequence[Searched], proposals: dict[str, Candidate]) -> set[str]:
+def selected(tasks: Sequence[MachineSearch], proposals: dict[str, Candidate]) -> set[str]:
     criteria = Criteria()
     found = select_for_type(proposals, lambda some: [t.residual(some, criteria) for t in tasks], criteria, 0)
     return {c.name for c in found}
@@ -220,12 +232,12 @@ def test_a_machine_is_asked_again_given_the_effects_of_the_type(monkeypatch: pyt
     pool, asked = named(tasks), list[tuple[str, ...]]()
     base, rival = pool["base compliance"], pool["parallel-bar closure, J2"]
 
-    def found(task: Searched) -> Found:
+    def found(task: MachineSearch) -> MachineFindings:
         asked.append(tuple(c.name for c in task.known))
-        return Found((), True) if task.known else Found((rival if task.seed == 2 else base,), True)
+        return MachineFindings((), True) if task.known else MachineFindings((rival if task.seed == 2 else base,), True)
 
-    monkeypatch.setattr(Searched, "found", found)
-    search = FleetSearch(list("abcd"), tasks, ALONE, KeptMachines(), Teller(silent))
+    monkeypatch.setattr(MachineSearch, "found", found)
+    search = FleetSearch(list("abcd"), tasks, ALONE, FindingsFile(), Reporter(silent))
     shared, own, chosen = found_on_type(search)
     assert [e.name for e in shared] == ["base compliance"]
     assert asked == [(), (), (), (), ("base compliance",)]

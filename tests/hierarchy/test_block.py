@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from gpmodel.hierarchy.between import deviations
-from gpmodel.hierarchy.block import BlockInformation, deleted, shared
+from gpmodel.hierarchy.block import BlockInformation, block_spread, deleted_distances
 from gpmodel.numerics.interval import SIGNIFICANCE
 
 FLEETS, MACHINES, EFFECTS = 20, 8, 6
@@ -34,7 +34,7 @@ def drawn(seed: int, spread: float, differing: int = EFFECTS, odd: int | None = 
 
 @pytest.mark.parametrize("spread", [0.0, 0.3])
 def test_the_spread_is_covered_as_often_as_it_says(spread: float) -> None:
-    found = [shared(drawn(seed, spread)) for seed in range(FLEETS)]
+    found = [block_spread(drawn(seed, spread)) for seed in range(FLEETS)]
     inside = sum(low <= spread <= high for _, low, high in found)
     assert stats.binomtest(inside, FLEETS, 0.95, alternative="less").pvalue > 0.001
     assert np.sqrt(np.mean([s**2 for s, _, _ in found])) == pytest.approx(spread, rel=0.2, abs=0.05)
@@ -43,11 +43,11 @@ def test_the_spread_is_covered_as_often_as_it_says(spread: float) -> None:
 @pytest.mark.parametrize("differing", [1, EFFECTS])
 @pytest.mark.parametrize("spread", [0.0, 0.3])
 def test_innocent_machines_stand_out_no_more_often_than_stated(spread: float, differing: int) -> None:
-    found = [deviations([partial(deleted, drawn(k, spread, differing))], MACHINES) for k in range(2 * FLEETS)]
+    found = [deviations([partial(deleted_distances, drawn(k, spread, differing))], MACHINES) for k in range(2 * FLEETS)]
     false = sum(not of.inside.all() for of in found)
     assert stats.binomtest(false, len(found), SIGNIFICANCE, alternative="greater").pvalue > 0.001
 
 
 def test_a_planted_machine_is_found() -> None:
-    found = deviations([partial(deleted, drawn(0, 0.1, odd=5))], MACHINES)
+    found = deviations([partial(deleted_distances, drawn(0, 0.1, odd=5))], MACHINES)
     assert np.flatnonzero(~found.inside[:, 0]).tolist() == [5]

@@ -13,7 +13,7 @@ from fleet_cases import BASE, GEOMETRY, JOINT, MECHANISM, NOISE, SPREAD, TRUTH, 
 
 import gpmodel as gp
 from gpmodel.api.fleet import FleetResult
-from gpmodel.hierarchy.between import FEWEST, in_normal
+from gpmodel.hierarchy.between import FEWEST, normal_score
 from gpmodel.hierarchy.record import NOISE as NOISE_NAME
 from gpmodel.hierarchy.record import SharedPart, prior_model, read_fleet
 from gpmodel.numerics.interval import SIGNIFICANCE
@@ -113,9 +113,9 @@ def test_a_machine_keeps_what_it_alone_has_and_is_named_with_it(tmp_path: Path) 
 
 def test_no_machine_is_far_where_none_stands_out() -> None:
     """Four machines hardly know their spread: sixty of it may be chance, and is then said as what it is."""
-    assert abs(in_normal(-59.5, 0.02)) < abs(in_normal(-59.5, SIGNIFICANCE)) < 2.6
-    assert in_normal(-59.5, 0.02) < 0.0
-    assert in_normal(3.0, 1.0) == 0.0
+    assert abs(normal_score(-59.5, 0.02)) < abs(normal_score(-59.5, SIGNIFICANCE)) < 2.6
+    assert normal_score(-59.5, 0.02) < 0.0
+    assert normal_score(3.0, 1.0) == 0.0
 
 
 def test_joints_are_said_as_the_tables_call_them(found: FleetResult) -> None:

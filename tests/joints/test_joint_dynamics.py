@@ -25,7 +25,7 @@ from joints.dynamics import (
 )
 from joints.film import FilmGeometry
 from joints.orifice import ATMOSPHERE, LinearOrifice, NozzleOrifice, Orifice
-from joints.reynolds import FedFilm, compressible_film, fed_film, left_a_cycle_later
+from joints.reynolds import FedFilm, compressible_film, decay_per_cycle, fed_film
 from joints.stiffness import magnet_force
 
 LIGHT = SpringMassDamper(0.5, 100.0, 4.5e6)
@@ -258,7 +258,7 @@ def test_impossible_questions_are_refused(call: Callable[[FedFilm], object], wor
     [(-1 + 10j, np.exp(-0.2 * np.pi)), (1 + 10j, np.exp(0.2 * np.pi)), (-3 + 0j, np.exp(-50)), (3 + 0j, np.exp(50))],
 )
 def test_of_a_vibration_is_left_what_its_decrement_says(root: complex, left: float) -> None:
-    assert left_a_cycle_later(root) == pytest.approx(left)
+    assert decay_per_cycle(root) == pytest.approx(left)
 
 
 SYSTEM = SpringMassDamper(0.54, 900.0, 4.6e6)

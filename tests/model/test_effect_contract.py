@@ -325,7 +325,7 @@ def test_a_new_basis_is_predicted_fitted_judged_and_reported() -> None:
     candidate = Candidate("notched track", (NOTCH,), "", 4.0)
     residual = residual_of(without, train, Criteria(), 0)
     (score,) = scores(residual, [candidate])
-    null = best_nats(residual, [candidate], residual.shuffled(np.random.default_rng(0), 40))
+    null = best_nats(residual, [candidate], residual.permuted(np.random.default_rng(0), 40))
     assert score.nats > null.max() + 20
     fit = calibrate(ErrorModel(mechanism("irb6400r"), (*standard, NOTCH)), train)
     found = quantity(fit, candidate, train.states)

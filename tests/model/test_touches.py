@@ -17,7 +17,7 @@ from gpmodel.model.instruments import with_observations
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import se3
 from gpmodel.numerics.se3 import frame_of, numbers_of
-from gpmodel.planning.simulate import BALL, Real, read_in, scene_of
+from gpmodel.planning.simulate import BALL, TrueMechanism, read_in, scene_of
 from gpmodel.table.dataset import Dataset
 
 NOISE = 3e-5
@@ -45,7 +45,7 @@ def test_planes_of_one_artefact_have_one_pose() -> None:
     made = simulated("planes", 90)
     data = described(made, CORNER)
     assert [o.name for o in data.observations] == ["surfaces"]
-    assert [len(names) for o in data.observations for names in o.effect_rows.values()] == [6]
+    assert [len(names) for o in data.observations for names in o.own.values()] == [6]
     fit, poses = fitted(made, data)
     assert fit.status == "converged"
     assert left(fit, poses) < 1.1 * NOISE
@@ -68,8 +68,8 @@ def test_spheres_of_known_diameter_lose_their_radius_as_an_unknown() -> None:
     made = simulated("spheres", 90)
     sizes = {name: {"diameter_mm": 2e3 * BALL} for name in "ABC"}
     data = described(made, {"sphere": sizes})
-    free = [len(names) for o in made.table.observations for names in o.effect_rows.values()]
-    known = [len(names) for o in data.observations for names in o.effect_rows.values()]
+    free = [len(names) for o in made.table.observations for names in o.own.values()]
+    known = [len(names) for o in data.observations for names in o.own.values()]
     assert (free, known) == ([4, 4, 4], [3, 3, 3])
     fit, poses = fitted(made, data)
     assert left(fit, poses) < 1.1 * NOISE
@@ -94,7 +94,7 @@ def touched_lines(count: int = 90) -> tuple[SimulationResult, Dataset]:
     """Three lines, each touched along its length."""
     made, rng = simulated("planes", 60), np.random.default_rng(4)
     saved = made.truth.saved
-    real = Real(saved.model, saved.theta, saved.placement)
+    real = TrueMechanism(saved.model, saved.theta, saved.placement)
     pool = rng.uniform(-1.0, 1.0, (20 * count, 6)) * 0.9
     scene = scene_of("planes", saved.mechanism, pool, count, saved.placement.tool[""][:3, 3], rng)
     which, along = np.arange(count) % 3, np.eye(3)

@@ -18,18 +18,18 @@ from gpmodel.mechanism.source import load_mechanism
 from gpmodel.model.error_model import observe, prepare
 from gpmodel.numerics.se3 import chain
 from gpmodel.planning.design import (
-    Determinant,
-    Question,
-    Reach,
+    Constraints,
+    Design,
+    DOptimal,
+    EOptimal,
+    LOptimal,
     Sight,
-    Smallest,
-    Variance,
     candidates,
     choose,
     decided_after,
     deviations,
 )
-from gpmodel.planning.poses import geometric_question, least_deviation, over_the_pool, spacing, spread_poses
+from gpmodel.planning.poses import geometric_problem, least_deviation, spacing, spread_poses, variance_root
 from gpmodel.report.saved import to_json
 from gpmodel.report.schema_search import CandidateRecord, RoundRecord
 from gpmodel.table.cells import joint_table
@@ -57,9 +57,9 @@ def test_each_goal_is_best_served_by_its_own_design(arm: str) -> None:
     mechanism = load_mechanism(arm)
     rng = np.random.default_rng(1)
     pool = candidates(mechanism, 400, rng)
-    question = geometric_question(mechanism, pool, 3e-5)
+    question = geometric_problem(mechanism, pool, 3e-5)
     columns, known = question.columns, question.known
-    goals = (Determinant(), Smallest(), Variance(over_the_pool(columns)))
+    goals = (DOptimal(), EOptimal(), LOptimal(variance_root(columns)))
     designs = [choose(columns, known, 30, goal) for goal in goals]
     designs += [rng.choice(400, 30, replace=False)]
     for k, goal in enumerate(goals):
@@ -74,7 +74,7 @@ def test_what_a_goal_says_of_a_pose_is_what_it_then_gains() -> None:
     rng = np.random.default_rng(2)
     columns = rng.normal(size=(12, 3, 5))
     information = np.einsum("pij,pik->jk", columns, columns)
-    for goal in (Determinant(), Smallest(), Variance(over_the_pool(columns))):
+    for goal in (DOptimal(), EOptimal(), LOptimal(variance_root(columns))):
         for sign in (1.0, -1.0):
             said = goal.change(information, columns, sign)
             moved = [goal.value(information + sign * c.T @ c) for c in columns]
@@ -83,11 +83,11 @@ def test_what_a_goal_says_of_a_pose_is_what_it_then_gains() -> None:
 
 def test_a_deviation_is_that_of_the_fit() -> None:
     rng = np.random.default_rng(3)
-    question = geometric_question(load_mechanism("ur5"), candidates(load_mechanism("ur5"), 60, rng), 1e-4)
+    question = geometric_problem(load_mechanism("ur5"), candidates(load_mechanism("ur5"), 60, rng), 1e-4)
     order = np.arange(40)
     found = deviations((question,), order)
     rows = question.columns[:40].reshape(120, -1)
-    wanted = 1e-4 * np.sqrt(np.trace(np.linalg.inv(rows.T @ rows) @ over_the_pool(question.columns)))
+    wanted = 1e-4 * np.sqrt(np.trace(np.linalg.inv(rows.T @ rows) @ variance_root(question.columns)))
     assert np.isnan(found[:5]).all()
     assert found[-1] == pytest.approx(wanted, rel=1e-6)
 
@@ -96,10 +96,10 @@ def test_a_deviation_is_that_of_the_fit() -> None:
 @pytest.mark.parametrize("arm", ARMS)
 def test_no_choice_goes_below_the_limit_and_the_best_nearly_reaches_it(arm: str) -> None:
     mechanism, rng = load_mechanism(arm), np.random.default_rng(4)
-    question = geometric_question(mechanism, candidates(mechanism, 400, rng), 3e-5)
+    question = geometric_problem(mechanism, candidates(mechanism, 400, rng), 3e-5)
     columns, known = question.columns, question.known
     least = least_deviation((question,), 40)
-    goals = (Determinant(), Smallest(), question.goal)
+    goals = (DOptimal(), EOptimal(), question.criterion)
     reached = [deviations((question,), choose(columns, known, 40, goal))[-1] for goal in goals]
     reached += [deviations((question,), rng.choice(400, 40, replace=False))[-1] for _ in range(5)]
     assert least <= min(reached) < 1.06 * least
@@ -108,7 +108,7 @@ def test_no_choice_goes_below_the_limit_and_the_best_nearly_reaches_it(arm: str)
 def test_the_limit_of_unknowns_that_are_measured_one_by_one_is_exact() -> None:
     columns = np.zeros((5, 3, 5))
     columns[np.arange(5), 0, np.arange(5)] = 1.0
-    question = Question(columns, np.zeros((5, 5)), Variance(np.diag([1.0, 4.0, 9.0, 16.0, 25.0])))
+    question = Design(columns, np.zeros((5, 5)), LOptimal(np.diag([1.0, 4.0, 9.0, 16.0, 25.0])))
     assert least_deviation((question,), 30) == pytest.approx(15.0 / np.sqrt(30.0), rel=0.005)
 
 
@@ -117,7 +117,7 @@ def test_two_causes_are_told_apart_after_as_many_poses_as_it_says() -> None:
     rng = np.random.default_rng(3)
     columns = rng.normal(size=(60, 3, 2)) * 0.9
     columns[:, :, 1] = 0.8 * columns[:, :, 0] + 0.6 * columns[:, :, 1]  # the rival first, the finding last
-    question = Question(columns, 1e-9 * np.eye(2), Variance(np.diag([0.0, 1.0])))
+    question = Design(columns, 1e-9 * np.eye(2), LOptimal(np.diag([0.0, 1.0])))
     order, odds = np.arange(60), 4.0
     count = decided_after(question, order, odds)
     assert count is not None
@@ -143,7 +143,7 @@ def test_the_tool_stays_in_its_box_and_in_sight() -> None:
     mechanism, point = load_mechanism("ur5"), np.array([0.05, 0.0, 0.1])
     box = np.array([[-0.5, -0.8, 0.1], [0.6, 0.8, 0.9]])
     sight = Sight(np.array([3.0, 0.5, 1.0]), np.array([0.0, 0.0, 1.0]), np.radians(40))
-    q = spread_poses(mechanism, 20, np.random.default_rng(0), Reach(box, point, sight))
+    q = spread_poses(mechanism, 20, np.random.default_rng(0), Constraints(box, point, sight))
     frames = chain(mechanism.transforms(q))[-1]
     tips = frames[:, :3, 3] + frames[:, :3, :3] @ point
     assert (tips >= box[0]).all()
@@ -152,20 +152,20 @@ def test_the_tool_stays_in_its_box_and_in_sight() -> None:
     facing = np.sum(frames[:, :3, 2] * beam, axis=1) / np.linalg.norm(beam, axis=1)
     assert (facing >= np.cos(sight.cone)).all()
     with pytest.raises(InputError, match="outside the box"):
-        spread_poses(mechanism, 30, np.random.default_rng(0), Reach(box + 5.0))
+        spread_poses(mechanism, 30, np.random.default_rng(0), Constraints(box + 5.0))
 
 
 def test_an_arm_that_folds_into_itself_is_left_out_and_one_in_the_beam_too() -> None:
     mechanism = load_mechanism("ur5")
     folded, straight = np.radians([[0, -90, 170, 0, 90, 0]]), np.radians([[0, -90, 0, 0, 90, 0]])
-    reach = Reach()
+    reach = Constraints()
     assert reach.failures(mechanism, folded)["in collision with itself"].all()
     assert not any(bad.any() for bad in reach.failures(mechanism, straight).values())
-    assert not any(bad.any() for bad in Reach(collisions=False).failures(mechanism, folded).values())
+    assert not any(bad.any() for bad in Constraints(collisions=False).failures(mechanism, folded).values())
     tip = chain(mechanism.transforms(straight))[-1][0, :3, 3]
     up = np.array([0.0, 0.0, 1.0])
     places = [tip + np.array(way) for way in ([3.0, 0.0, 1.0], [0.0, 3.0, 0.0], [0.0, 0.0, -3.0])]
-    reaches = [Reach(sight=Sight(place, up, np.pi)) for place in places]
+    reaches = [Constraints(sight=Sight(place, up, np.pi)) for place in places]
     hidden = [bool(r.failures(mechanism, straight)["hidden from the instrument"][0]) for r in reaches]
     assert hidden == [False, False, True]
 
@@ -234,7 +234,7 @@ def test_joints_without_limits_keep_to_the_measured_range() -> None:
     assert not np.isfinite([j.upper for j in arm.joints]).any()
     assert (travel[0] <= q).all()
     assert (q <= travel[1]).all()
-    assert (candidates(arm, 50, rng, Reach(measured=travel)) >= travel[0]).all()
+    assert (candidates(arm, 50, rng, Constraints(measured=travel)) >= travel[0]).all()
     limited = mechanism("irb6400r")
     np.testing.assert_array_equal(ranges(limited, np.zeros((2, 6))), ranges(limited))
 

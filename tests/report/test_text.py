@@ -13,7 +13,7 @@ from gpmodel import wording
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.evidence.cross_validation import Confirmation
 from gpmodel.evolution.input_histogram import Histogram
-from gpmodel.report.fitted import moves_alone
+from gpmodel.report.fitted import unabsorbed_rms
 from gpmodel.report.from_discovery import from_discovery
 from gpmodel.report.origin import Origin
 from gpmodel.report.page import html
@@ -151,7 +151,7 @@ def test_what_an_effect_moves_comes_with_what_nothing_else_takes_up() -> None:
     model = dataclasses.replace(truth.model, effects=(*truth.model.effects, twin))
     kept = np.append(fit.free, True)
     both = dataclasses.replace(fit, model=model, theta=np.append(fit.theta, 1e-3), free=kept)
-    (alone,) = moves_alone(both, truth.poses, [[twin]])
+    (alone,) = unabsorbed_rms(both, truth.poses, [[twin]])
     assert alone == pytest.approx(0.0, abs=1e-6)
 
 

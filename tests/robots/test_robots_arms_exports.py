@@ -60,7 +60,7 @@ def points(model: Model, tip: str, q: np.ndarray) -> np.ndarray:
 
 def test_the_source_of_an_arm_is_predict_of_its_tool(model: Model, of_one_arm: tuple[str, Exports]) -> None:
     tip, exports = of_one_arm
-    texts = {e.file: e.text for e in exports.made}
+    texts = {e.file: e.text for e in exports.files}
     space: dict[str, object] = {}
     exec(texts["exports/model.py"], space)
     q = np.random.default_rng(1).uniform(-1.0, 1.0, (20, 11))
@@ -69,7 +69,7 @@ def test_the_source_of_an_arm_is_predict_of_its_tool(model: Model, of_one_arm: t
 
 
 def test_the_c_source_of_an_arm_runs_and_undoes_its_errors(of_one_arm: tuple[str, Exports]) -> None:
-    found = compiled(next(e.text for e in of_one_arm[1].made if e.file == "exports/model.c"))
+    found = compiled(next(e.text for e in of_one_arm[1].files if e.file == "exports/model.c"))
     assert found["largest"] < TOLERANCE
     assert found["miss"] < 2e-9
 
@@ -79,7 +79,7 @@ def test_offsets_of_two_arms_lead_to_what_predict_gives(tmp_path: Path) -> None:
     theta = np.where([e.name == SMOOTH for e in stiff.saved.model.effects], 0.0, stiff.saved.theta)
     stiff = Model(replace(stiff.saved, theta=theta))  # without functions of undeclared effects, which no offset holds
     exports = exports_of(stiff.saved, Place.of(stiff.saved))
-    offsets = next(e for e in exports.made if e.file == "exports/joint_offsets.yaml")
+    offsets = next(e for e in exports.files if e.file == "exports/joint_offsets.yaml")
     assert offsets.largest < TOLERANCE
     (tmp_path / "offsets.yaml").write_text(offsets.text)
     frames = stiff.mechanism.bare.write_urdf(tmp_path / "nominal.urdf", {})

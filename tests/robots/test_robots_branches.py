@@ -140,7 +140,7 @@ def test_bars_between_two_arms_are_no_copies_and_cost_one_unknown_each(file: Pat
     data = gp.read_table(frame, arms)
     assert not copies(data).any()
     (touches,) = data.observations
-    assert sum(map(len, touches.effect_rows.values())) == 80
+    assert sum(map(len, touches.own.values())) == 80
     fit, bare = (calibrate(ErrorModel(arms, effects), prepare(arms, data)) for effects in (geometric_effects(arms), ()))
     assert fit.status == "converged"
     assert not len(fit.outliers)
@@ -304,10 +304,10 @@ def test_arms_are_written_with_their_errors(source: str, file: Path, tmp_path: P
 def test_a_fit_of_two_arms_is_exported_as_a_urdf_that_says_its_own_error(made, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     """Functions of undeclared effects, which it cannot hold, are named; without them it is the model."""
     saved = gp.calibrate(made.truth.mechanism, made.table).model.saved
-    whole = next(e for e in exports_of(saved, Place.of(saved)).made if e.file == "calibrated.urdf")
+    whole = next(e for e in exports_of(saved, Place.of(saved)).files if e.file == "calibrated.urdf")
     assert (whole.largest > 1e-9) == (whole.missing == (SMOOTH,))
     saved = replace(saved, theta=np.where([e.name == SMOOTH for e in saved.model.effects], 0.0, saved.theta))
-    found = {e.file: e for e in exports_of(saved, Place.of(saved)).made}
+    found = {e.file: e for e in exports_of(saved, Place.of(saved)).files}
     assert found["calibrated.urdf"].largest < 1e-9
     (tmp_path / "arms.urdf").write_text(found["calibrated.urdf"].text)
     again = gp.load_mechanism(str(tmp_path / "arms.urdf"), frame=TIPS)

@@ -13,7 +13,7 @@ from scipy import linalg, stats
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.noise import Whitening
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evidence.score import with_own_noise
+from gpmodel.evidence.score import with_refitted_noise
 from gpmodel.families import catalogue
 from gpmodel.families.catalogue import explained
 from gpmodel.formula.expression import Expression
@@ -97,7 +97,7 @@ def test_at_its_own_noise_a_group_gains_what_the_density_does_once_everything_is
     active, target = problem()
     active = scaled(active, active.mismatch / active.pool.rows.freedom)
     gains, variances, fit = Scan(active).gains()
-    gains = with_own_noise(gains, fit, active.mismatch)
+    gains = with_refitted_noise(gains, fit, active.mismatch)
     for g in [g for g in range(2, len(gains)) if g not in active.variances][::9]:
         there = scaled(active.added(g, float(variances[g])), 1.0 - fit[g] / active.mismatch)
         assert gains[g] == pytest.approx(dense(there, target) - dense(active, target), abs=1e-3)

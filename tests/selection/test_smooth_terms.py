@@ -10,7 +10,7 @@ from group_cases import ARM, offering, problem
 from gpmodel.calibration.gauss_newton import calibrate
 from gpmodel.calibration.result import Calibration
 from gpmodel.evidence.criteria import Criteria
-from gpmodel.evidence.score import rotated
+from gpmodel.evidence.score import diagonalised
 from gpmodel.evolution.variances import best
 from gpmodel.formula.expression import Expression
 from gpmodel.model.effect import effect_at
@@ -55,7 +55,7 @@ def test_products_without_columns_are_those_of_the_columns() -> None:
         pool = GroupPool(active.pool.rows, [*active.pool.groups, group], active.pool.prices)
         wider = Active(pool, active.variances, active.chosen, active.sigma2)
         products = places.products(function.values(), active.sigma2, slice(k, k + 1))
-        gained, _ = best(*rotated(*products), np.array([CAP]))
+        gained, _ = best(*diagonalised(*products), np.array([CAP]))
         assert gained[0] == pytest.approx(Scan(wider).gains()[0][-1], rel=1e-4, abs=1e-4)
 
 

@@ -21,7 +21,7 @@ from gpmodel.arrays import ROUNDING, Array
 from gpmodel.errors import InputError
 from gpmodel.formula.expression import Basis, Expression
 from gpmodel.mechanism.branches import branched, random_poses
-from gpmodel.mechanism.protocol import AXES, Massive, Mechanism, bare_of, closed
+from gpmodel.mechanism.protocol import AXES, KnownMasses, Mechanism, closed, unwrapped
 from gpmodel.model.memory import read_by
 from gpmodel.model.sites import translate
 from gpmodel.model.states import measured_torques
@@ -276,8 +276,8 @@ def _measured_torques(saved: SavedModel) -> set[str]:
 def _masses(saved: SavedModel, chain: Chain, tip: str) -> tuple[tuple[Body, ...], Array]:
     """Return the bodies with mass, and gravity; each of several arms carries only its own links, without payload."""
     tree = branched(saved.mechanism)
-    bare = bare_of(saved.mechanism) if tree is None else tree.alone(tip)
-    if not isinstance(bare, Massive):
+    bare = unwrapped(saved.mechanism) if tree is None else tree.alone(tip)
+    if not isinstance(bare, KnownMasses):
         return (), np.zeros(3)
     slots = dict(zip(bare.slots, range(len(chain.slots)), strict=True))
     bodies = [Body(slots[slot], mass, centre) for slot, (mass, centre) in bare.bodies.items()]

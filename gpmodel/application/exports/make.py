@@ -88,7 +88,7 @@ class Export:
     """Exported file, and its errors against `predict` at unmeasured poses within the measured ranges, m.
 
     file: path. what: description. text: content. heldout: RMS on held-out poses, m, if the geometry was refitted.
-    missing: effects that the file cannot express. said: notes on joint values and on the state of the machine. Errors
+    missing: effects that the file cannot express. notes: notes on joint values and on the state of the machine. Errors
     that were not computed are NaN.
     """
 
@@ -99,14 +99,14 @@ class Export:
     largest: float = np.nan
     heldout: float = np.nan
     missing: tuple[str, ...] = ()
-    said: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Exports:
-    """made: exported files. refused: reason by name of each file that could not be made."""
+    """files: exported files. refused: reason by name of each file that could not be made."""
 
-    made: tuple[Export, ...]
+    files: tuple[Export, ...]
     refused: Mapping[str, str]
 
 
@@ -117,7 +117,7 @@ def exports_of(
 
     box, nodes: limits and nodes of the lookup grid. Raises InputError if an effect is undefined at a fitted pose.
     """
-    return together([part() for part in parts_of(saved, place, box=box, nodes=nodes, seed=seed)])
+    return merged([part() for part in parts_of(saved, place, box=box, nodes=nodes, seed=seed)])
 
 
 def parts_of(
@@ -158,10 +158,10 @@ def parts_of(
     return [partial(_made, saved, part) for part in makers]
 
 
-def together(parts: Iterable[Exports]) -> Exports:
+def merged(parts: Iterable[Exports]) -> Exports:
     """Merge the exports of all parts."""
     every = tuple(parts)
-    made = chain.from_iterable(part.made for part in every)
+    made = chain.from_iterable(part.files for part in every)
     return Exports(tuple(made), {file: why for part in every for file, why in part.refused.items()})
 
 
@@ -281,10 +281,10 @@ def _grid(file: str, grid: Grid, nodes: int) -> Export:
         f"without it {1e3 * root_mean_square(grid.before):.3g} mm RMS"
     )
     said = (f"valid at {grid.state}",) if grid.state else ()
-    return Export(file, what, grid.text, root_mean_square(grid.error), float(grid.error.max()), said=said)
+    return Export(file, what, grid.text, root_mean_square(grid.error), float(grid.error.max()), notes=said)
 
 
 def _note(forward: Forward) -> str:
     left = f" Not in it: {'; '.join(forward.missing)}." if forward.missing else ""
-    place = forward.place.said(forward.saved)
+    place = forward.place.label(forward.saved)
     return f"Model of {forward.saved.mechanism.name}, as gpmodel predict has it.{left}{place and f' {place}'}"

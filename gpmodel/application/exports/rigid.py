@@ -21,7 +21,7 @@ from gpmodel.calibration.undeclared import UNDECLARED
 from gpmodel.characters import harmless
 from gpmodel.errors import InputError
 from gpmodel.mechanism.branches import branched
-from gpmodel.mechanism.protocol import INSTRUMENT, ExportsUrdf, Mechanism, bare_of
+from gpmodel.mechanism.protocol import INSTRUMENT, ExportsUrdf, Mechanism, unwrapped
 from gpmodel.model.error_model import ErrorModel, Placement, Poses, measured_minus, observe, prepare
 from gpmodel.model.sites import translate
 from gpmodel.numerics.least_squares import root_mean_square
@@ -124,7 +124,7 @@ def written(mechanism: Mechanism, twists: Mapping[str, Array]) -> tuple[str, str
 
     Raises InputError if the mechanism cannot be written as URDF.
     """
-    bare = bare_of(mechanism)
+    bare = unwrapped(mechanism)
     if not isinstance(bare, ExportsUrdf):
         raise InputError(f"{bare.name} cannot be written as URDF; expected a mechanism that implements write_urdf")
     with tempfile.TemporaryDirectory() as folder:

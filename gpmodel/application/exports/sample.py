@@ -43,7 +43,7 @@ class Place:
             here["tip"] = np.full(len(data), self.tip)
         return replace(data, labels={**data.labels, **here})
 
-    def said(self, saved: SavedModel) -> str:
+    def label(self, saved: SavedModel) -> str:
         """Name the set-up and tool in a sentence; empty if the model has one set-up and one tool."""
         placed = saved.placement
         own = (("Set-up", self.setup, placed.registration), ("Tool", self.tool, placed.tool))

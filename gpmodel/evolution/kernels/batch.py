@@ -20,13 +20,13 @@ from gpmodel.evolution.kernels.machine import (
 def decode_sequences(
     genes: NDArray[np.uint8],
     constant_bits: NDArray[np.uint64],
-    begun_by: NDArray[np.uint16],
-    cell_of: NDArray[np.uint16],
-    read_of: NDArray[np.uint32],
-    written_of: NDArray[np.uint32],
+    op_codes: NDArray[np.uint16],
+    operand_table: NDArray[np.uint16],
+    read_mask: NDArray[np.uint32],
+    write_mask: NDArray[np.uint32],
     start: NDArray[np.uint16],
-    done_for: NDArray[np.uint16],
-    kind_of_cells: NDArray[np.uint8],
+    replacements: NDArray[np.uint16],
+    cell_kinds: NDArray[np.uint8],
     base: int,
     words: IntArray,
     outputs: NDArray[np.uint16],
@@ -38,17 +38,17 @@ def decode_sequences(
     own = constant_bits.shape[1]
     cells = np.empty(len(start) + base + own + 1, np.uint16)
     pairs = np.empty(words.shape[1], np.uint16)
-    kinds = np.empty(len(kind_of_cells), np.uint8)
+    kinds = np.empty(len(cell_kinds), np.uint8)
     for row in range(base):
         cells[len(start) + row] = row
     for p in range(len(genes)):
-        found = split_instructions(genes[p], begun_by, pairs)
-        if done_for.size:
-            for k in range(len(kind_of_cells)):
-                kinds[k] = kind_of_cells[k]
-            found = allowed_instructions(pairs, found, cell_of, done_for, kinds)
-        begin = reaching_instructions(pairs, found, read_of, written_of, outputs.shape[1])
-        n = decode_sequence(pairs, begin, found, cell_of, start, base, own, words[p], outputs[p], cells)
+        found = split_instructions(genes[p], op_codes, pairs)
+        if replacements.size:
+            for k in range(len(cell_kinds)):
+                kinds[k] = cell_kinds[k]
+            found = allowed_instructions(pairs, found, operand_table, replacements, kinds)
+        begin = reaching_instructions(pairs, found, read_mask, write_mask, outputs.shape[1])
+        n = decode_sequence(pairs, begin, found, operand_table, start, base, own, words[p], outputs[p], cells)
         count[p] = n
         nodes[p], hashes[p] = nodes_and_hash(words[p], n, base, outputs[p], constant_bits[p])
 
@@ -59,8 +59,8 @@ def decode_forest(
     bounds: NDArray[np.int32],
     constant_bits: NDArray[np.uint64],
     base: int,
-    done_for: NDArray[np.uint16],
-    kind_of_rows: NDArray[np.uint8],
+    replacements: NDArray[np.uint16],
+    row_kinds: NDArray[np.uint8],
     words: IntArray,
     outputs: NDArray[np.uint16],
     count: IntArray,
@@ -74,8 +74,8 @@ def decode_forest(
     live = np.empty(base + longest, np.uint8)
     place = np.arange(base + longest).astype(np.uint16)
     for p in range(len(bounds)):
-        n = decode_trees(codes, bounds[p], base, done_for, kind_of_rows, words[p], outputs[p], stack, kinds)
-        if done_for.size:
+        n = decode_trees(codes, bounds[p], base, replacements, row_kinds, words[p], outputs[p], stack, kinds)
+        if replacements.size:
             n = keep_live(words[p], n, base, outputs[p], live, place)
         count[p] = n
         nodes[p], hashes[p] = nodes_and_hash(words[p], n, base, outputs[p], constant_bits[p])
@@ -152,12 +152,12 @@ def compensator_fitness(
     rows: Array,
     measured: Array,
     maximum: bool,
-    hopeless: float,
+    cutoff: float,
     fitness: Array,
 ) -> None:
     """Fill ``fitness`` with the largest squared distance, or the sum, of three outputs from the measured points.
 
-    A program is dropped with an infinite fitness once its value exceeds ``hopeless`` after a block of poses, or if an
+    A program is dropped with an infinite fitness once its value exceeds ``cutoff`` after a block of poses, or if an
     output is not finite. The last row of ``rows`` is scratch space for the squares.
     """
     base, poses = fixed.shape
@@ -179,4 +179,4 @@ def compensator_fitness(
             for j in range(width):
                 squares[j] = squared_distance(x[j] - true_x[j], y[j] - true_y[j], z[j] - true_z[j])
             value = max(value, _largest(squares, width)) if maximum else value + _sum(squares, width)
-            fitness[p] = value if value <= hopeless else np.inf
+            fitness[p] = value if value <= cutoff else np.inf

@@ -22,22 +22,22 @@ ROW = 0xFFFF
 
 
 @inlined
-def split_instructions(genes: NDArray[np.uint8], begun_by: NDArray[np.uint16], pairs: NDArray[np.uint16]) -> int:
+def split_instructions(genes: NDArray[np.uint8], op_codes: NDArray[np.uint16], pairs: NDArray[np.uint16]) -> int:
     """Split a sequence of bytes into instructions 256 * op-code + operand byte (0: no operand); return their number.
 
-    ``begun_by[byte]`` is 256 times the op-code, plus 255 if it takes an operand. A byte begins an instruction unless it
+    ``op_codes[byte]`` is 256 times the op-code, plus 255 if it takes an operand. A byte begins an instruction unless it
     is the operand of the byte before it. An op-code whose operand is beyond the end is dropped. There is no branch on
     the op-code, because a processor could not predict it.
     """
     found = 0
     is_operand = 0
-    here = np.int64(begun_by[genes[0]])
+    here = np.int64(op_codes[genes[0]])
     for i in range(len(genes) - 1):
         gene = np.int64(genes[i + 1])
         pairs[found] = here & (gene | 0xFF00)
         found += 1 - is_operand
         is_operand = here & ~is_operand & 1
-        here = np.int64(begun_by[gene])
+        here = np.int64(op_codes[gene])
     pairs[found] = here & 0xFF00
     return found + (~is_operand & ~here & 1)
 
@@ -46,24 +46,24 @@ def split_instructions(genes: NDArray[np.uint8], begun_by: NDArray[np.uint16], p
 def allowed_instructions(
     pairs: NDArray[np.uint16],
     count: int,
-    cell_of: NDArray[np.uint16],
-    done_for: NDArray[np.uint16],
+    operand_table: NDArray[np.uint16],
+    replacements: NDArray[np.uint16],
     kinds: NDArray[np.uint8],
 ) -> int:
     """Replace or drop, in ``pairs``, operators that are not allowed; return the number of instructions that remain.
 
-    done_for: table of replaced operators, see ``Typing.repairs``. kinds: work array, on entry the kind of quantity in
-    each register at the start, then in each row of values; register kinds are overwritten.
+    replacements: table of replaced operators, see ``Typing.repairs``. kinds: work array, on entry the kind of quantity
+    in each register at the start, then in each row of values; register kinds are overwritten.
     """
     accumulator = np.int64(kinds[0])
     kept = 0
     for k in range(count):
         pair = np.int64(pairs[k])
         code = pair >> 8
-        cell = cell_of[pair]
+        cell = operand_table[pair]
         if code > 2:
             second = np.int64(kinds[cell]) if code <= LAST_BINARY else 0
-            done = np.int64(done_for[code, accumulator, second])
+            done = np.int64(replacements[code, accumulator, second])
             pairs[kept] = (done & 0xFF00) | (pair & 0xFF)
             accumulator = done & 0xFF if done else accumulator
             kept += done != 0
@@ -79,7 +79,7 @@ def allowed_instructions(
 
 @inlined
 def reaching_instructions(
-    pairs: NDArray[np.uint16], count: int, read_of: NDArray[np.uint32], written_of: NDArray[np.uint32], outputs: int
+    pairs: NDArray[np.uint16], count: int, read_mask: NDArray[np.uint32], write_mask: NDArray[np.uint32], outputs: int
 ) -> int:
     """Move the instructions that reach the first ``outputs`` registers to the end of ``pairs``; return the position of
     the first.
@@ -89,13 +89,13 @@ def reaching_instructions(
     """
     needed = (np.uint32(1) << np.uint32(outputs)) - np.uint32(1)
     end = count
-    while end > 0 and (written_of[pairs[end - 1]] & needed) == 0:
+    while end > 0 and (write_mask[pairs[end - 1]] & needed) == 0:
         end -= 1
     begin = count
     for k in range(end - 1, -1, -1):
         pair = pairs[k]
-        written = written_of[pair]
-        read = read_of[pair]
+        written = write_mask[pair]
+        read = read_mask[pair]
         live = (needed & written) != 0
         needed = (needed & ~written) | (read if live else np.uint32(0))
         pairs[begin - 1] = pair
@@ -108,7 +108,7 @@ def decode_sequence(
     pairs: NDArray[np.uint16],
     begin: int,
     end: int,
-    cell_of: NDArray[np.uint16],
+    operand_table: NDArray[np.uint16],
     start: NDArray[np.uint16],
     base: int,
     constants: int,
@@ -118,9 +118,9 @@ def decode_sequence(
 ) -> int:
     """Fill the words of the instructions ``pairs[begin:end]`` of an accumulator machine; return their number.
 
-    ``cell_of[pair]`` is the cell of an instruction's operand: a register, or a cell that holds the number of a row. The
-    last ``constants`` rows are the program's constants; those in use become the first words. cells: scratch space, with
-    the row numbers after the registers and one further cell.
+    ``operand_table[pair]`` is the cell of an instruction's operand: a register, or a cell with the number of a row.
+    The last ``constants`` rows are the program's constants; those in use become the first words. cells: scratch space,
+    with the row numbers after the registers and one further cell.
     """
     count = 0
     own = len(start) + base
@@ -128,7 +128,7 @@ def decode_sequence(
         for c in range(constants):
             cells[own + c] = 0
         for k in range(begin, end):
-            cell = np.int64(cell_of[pairs[k]])
+            cell = np.int64(operand_table[pairs[k]])
             cells[cell if cell >= own else len(cells) - 1] = 1
         for c in range(constants):
             words[count] = CONSTANT | (c << 16)
@@ -142,7 +142,7 @@ def decode_sequence(
     for k in range(begin, end):
         pair = pairs[k]
         code = np.int64(pair >> 8)
-        cell = np.int64(cell_of[pair])
+        cell = np.int64(operand_table[pair])
         value = np.int64(cells[cell])
         cells[cell if code == 2 else unused] = accumulator
         words[count] = code | (accumulator << 16) | (value << 32)
@@ -159,8 +159,8 @@ def decode_trees(
     codes: NDArray[np.int16],
     bounds: NDArray[np.int32],
     base: int,
-    done_for: NDArray[np.uint16],
-    kind_of_rows: NDArray[np.uint8],
+    replacements: NDArray[np.uint16],
+    row_kinds: NDArray[np.uint8],
     words: IntArray,
     outputs: NDArray[np.uint16],
     stack: IntArray,
@@ -169,10 +169,10 @@ def decode_trees(
     """Fill the instructions of the trees ``codes[bounds[k]:bounds[k + 1]]`` in prefix order; return their number.
 
     A code below 32 is an operator, below 16384 a row plus 32, otherwise a program's constant plus 16384. An
-    operator that ``done_for`` (see ``Typing.repairs``) does not allow is replaced by another or by its argument.
+    operator that ``replacements`` (see ``Typing.repairs``) does not allow is replaced by another or by its argument.
     stack, kinds: scratch space.
     """
-    typed = done_for.size > 0
+    typed = replacements.size > 0
     count = 0
     for root in range(len(outputs)):
         top = 0
@@ -184,7 +184,7 @@ def decode_trees(
                 kind = kinds[top - 1]
                 second = stack[top - 2] if binary else 0
                 if typed:
-                    done = np.int64(done_for[code, kind, kinds[top - 2] if binary else 0])
+                    done = np.int64(replacements[code, kind, kinds[top - 2] if binary else 0])
                     code = done >> 8
                     kind = done & 0xFF if done else kind
                 top -= 2 if binary else 1
@@ -194,7 +194,7 @@ def decode_trees(
                 count += code != 0
             elif code < 16384:
                 stack[top] = code - 32
-                kinds[top] = kind_of_rows[code - 32]
+                kinds[top] = row_kinds[code - 32]
             else:
                 kinds[top] = 0
                 words[count] = CONSTANT | ((code - 16384) << 16)
