@@ -1,7 +1,8 @@
 """Monte Carlo error budget: the distribution of the tooling ball's position error, and the share of each error source.
 
-For every pose θ the errors ε of the joint's parameters are drawn at random. The exact kinematics X give the position
-error |X(θ, ε) - X(θ, 0)|. Share of a parameter in the mean squared error: Σ |dX/dε|² var(ε) over the poses.
+For every pose θ the errors ε of the joint's parameters are drawn at random; with X(θ, ε) the exact position of the
+tooling ball, the position error is |X(θ, ε) - X(θ, 0)|. A parameter with error ε of variance var(ε) has the share Σ
+|dX/dε|² var(ε), a sum over the poses, of the mean squared position error.
 Source: Robertson (2003), 3.3.2, Figures 3.18 and 3.19.
 """
 

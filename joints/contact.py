@@ -103,7 +103,8 @@ class HertzContact:
 
 
 def contact_modulus(one: Body, two: Body) -> float:
-    """Return E* = 1 / ((1 - nu1^2)/E1 + (1 - nu2^2)/E2) [Pa]: contact modulus of two bodies."""
+    """Return 1 / ((1 - nu1^2)/E1 + (1 - nu2^2)/E2) [Pa], the contact modulus for elastic moduli E and Poisson's ratios
+    nu."""
     return 1 / sum((1 - body.poisson**2) / body.elastic_modulus for body in (one, two))
 
 
@@ -111,7 +112,8 @@ def relative_curvatures(one: Body, two: Body, angle: float = 0.0) -> tuple[float
     """Return A <= B [1/m]: the distance of the surfaces of two touching bodies is A x^2 + B y^2 near the contact.
 
     angle: angle between the planes of minor curvature, rad. With the principal curvatures k of both bodies, 2 (A + B)
-    is their sum, and 2 (B - A) = sqrt(d1^2 + d2^2 + 2 d1 d2 cos(2 angle)), d = k_minor - k_major of one body.
+    is their sum, and 2 (B - A) = sqrt(d1^2 + d2^2 + 2 d1 d2 cos(2 angle)), with d1, d2 the difference k_minor - k_major
+    of either body.
     """
     total = sum(1 / body.major_radius + 1 / body.minor_radius for body in (one, two))
     first, second = (1 / body.minor_radius - 1 / body.major_radius for body in (one, two))
@@ -142,8 +144,9 @@ def hertz(force: ArrayLike, one: Body, two: Body, angle: float = 0.0) -> HertzCo
 def first_yield_pressure(yield_stress: ArrayLike, poisson: float = 0.3) -> Array:
     """Return the peak pressure [Pa] at which a circular contact first yields (Tresca, below the surface).
 
-    For Poisson's ratio nu = 0.3 the peak pressure p is 1.61 times the yield stress. Stresses on the axis, depth s times
-    the contact radius: |sigma_z - sigma_r| / p = |3/2/(1 + s^2) - (1 + nu)(1 - s atan(1/s))| (Johnson 3.45).
+    For Poisson's ratio nu = 0.3 the peak pressure p is 1.61 times the yield stress. On the axis, at the depth s times
+    the contact radius, the stresses sigma_z and sigma_r satisfy |sigma_z - sigma_r| / p = |3/2/(1 + s^2) - (1 + nu)(1 -
+    s atan(1/s))|, with peak pressure p and Poisson's ratio nu (Johnson 3.45).
     """
 
     def shear(s: float) -> float:

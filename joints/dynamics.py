@@ -38,7 +38,7 @@ class BallOnFilm:
         positive("stiffness", self.stiffness, "N/m")
 
     def dynamic_stiffness(self, frequency: ArrayLike) -> NDArray[np.complex128]:
-        """Return the dynamic stiffness k - m w^2 + Z(w) [N/m] at `frequency` [Hz], above 0; w = 2 pi frequency."""
+        """Return the sum k - m w^2 + Z [N/m] of stiffness k, mass m and air Z at w = 2 pi `frequency` [Hz], above 0."""
         f = positive("frequency", frequency, "Hz")
         return self.stiffness - self.mass * (2 * np.pi * f) ** 2 + self.air(f)
 
@@ -120,7 +120,8 @@ class ResponseFit:
 def fit_response(frequency: ArrayLike, measured: ArrayLike, impedance: ArrayLike) -> ResponseFit:
     """Fit stiffness k, mass m and resistance s to a measured receptance H (frequencies,), complex [m/N].
 
-    1/H = k - m w^2 + s Z is linear in k, m and s; w: angular frequency. Weights |H| make the errors relative.
+    At the angular frequency w the inverse receptance 1/H = k - m w^2 + s Z is linear in k, m and s. Weights |H| make
+    the errors relative.
     impedance: Z (frequencies,) [N/m]. If Z = i w (plain damper), the unit of s is N s/m.
     Raises InputError below 3 frequencies, or if the fitted mass or stiffness is not above 0.
     """
@@ -206,7 +207,7 @@ class SteadyState:
 
 
 def magnet_stiffness(preload: float, stand_off: float) -> float:
-    """Return the stiffness -2 P / s [N/m] at contact of a magnetic pull P (s / (s + x))^2 at distance x."""
+    """Return the stiffness -2 P / s [N/m] at contact of magnets with pull P (s / (s + x))^2 [N] at distance x [m]."""
     return float(-2 * positive("preload", preload, "N") / positive("stand-off", stand_off, "m"))
 
 

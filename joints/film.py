@@ -55,8 +55,9 @@ class FilmGeometry:
 
     @property
     def socket_length(self) -> float:
-        """Width l_s = eta r (alpha - phi) [m] of the flat pad, 32.2 mm in the thesis; symbols as in `orifice_length`.
-        Fig 4.10 prints the bracket with the opposite sign."""
+        """Width eta r (alpha - phi) [m] of the equivalent flat pad (32.2 mm in the thesis) of a ball of radius r, from
+        the orifices at polar angle phi to the socket's edge at alpha, with eta = sqrt(4 alpha / pi). Fig 4.10 prints
+        the bracket with the opposite sign."""
         return self._arc_factor * self.ball_radius * (self.socket_angle - self.orifice_angle)
 
     @property
@@ -75,11 +76,10 @@ class FilmGeometry:
 
 
 def film_gap(geometry: FilmGeometry, displacement: ArrayLike, angle: ArrayLike) -> Array:
-    """Return the gap h(t) = h0 + (d - h0) cos t [m] between ball and socket at polar angle t.
+    """Return the gap h0 + (d - h0) cos t [m] at polar angle t: clearance h0, displacement d of the ball from contact.
 
-    h0: radial clearance; d: displacement of the ball from rest in the socket. Figs 4.10 and 4.12 print h0 + d
-    cos(alpha), with d measured from the concentric ball; Table 4.2 and Fig 4.17 measure d from contact. Raises
-    InputError if the ball would touch the socket.
+    Figs 4.10 and 4.12 print h0 + d cos(alpha), with d measured from the concentric ball; Table 4.2 and Fig 4.17 measure
+    d from contact. Raises InputError if the ball would touch the socket.
     """
     gap = gap_along(geometry, not_negative("displacement", displacement, "m"), np.cos(np.asarray(angle, float)))
     require(gap > 0, "film gap", gap, "above 0 m")
@@ -97,7 +97,7 @@ def edge_gap(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
 
 
 def film_resistance(geometry: FilmGeometry, gap: ArrayLike) -> Array:
-    """Return the film's resistance 6 mu log_ratio / (pi gap^3) [Pa s/m^3]: pressure over total flow (Fig 4.9)."""
+    """Return pressure over total flow of a film of viscosity mu, 6 mu log_ratio / (pi gap^3) [Pa s/m^3] (Fig 4.9)."""
     return 6 * geometry.viscosity * geometry.log_ratio / (np.pi * positive("film gap", gap, "m") ** 3)
 
 
@@ -122,8 +122,9 @@ def pad_load(geometry: FilmGeometry, socket_pressure: ArrayLike) -> Array:
 
 
 def published_load(geometry: FilmGeometry, socket_pressure: ArrayLike) -> Array:
-    """Return the load pi R^2 P_s (1 - 1/(2 ln(R/l_o))) [N] as printed in Fig 4.12, for a pressure that grows outwards.
-    The result for Table 4.2 is 199 N; the preload is 100.7 N and the classical pad carries 111 N."""
+    """Return the pad load printed in Fig 4.12, pi R^2 P_s (1 - 1/(2 ln(R/l_o))) [N], symbols as in `pad_load`. The
+    printed load is that of a pressure that grows outwards. The result for Table 4.2 is 199 N; the preload is 100.7 N
+    and the classical pad carries 111 N."""
     shape = 1 - 1 / (2 * geometry.log_ratio)
     return np.pi * geometry.outer_length**2 * not_negative("socket pressure", socket_pressure, "Pa") * shape
 

@@ -250,9 +250,8 @@ class SixLegged:
         return frames, lengths, miss
 
     def carried(self, frames: Array, slot: int) -> Array:
-        """Return the twist of the tool per unit error twist at a slot, (poses, 6, 6).
-        The twist ζ of the tool solves J ζ + c = 0: J ζ is the change of the link lengths by ζ, and c their change by
-        the error at the slot."""
+        """Return the twist of the tool per unit error twist at a slot, (poses, 6, 6). The twist ζ of the tool solves J
+        ζ + c = 0, with the change J ζ of the link lengths by ζ and their change c by the error at the slot."""
         tool = frames[-1]
         if slot == len(frames) - 1:
             return np.broadcast_to(np.eye(6), (len(tool), 6, 6))

@@ -70,8 +70,8 @@ class MagnetSeat:
         return float(np.arcsin(diameter / (2 * self.radius)))
 
     def fitting_count(self, diameter: float, angle: float) -> int:
-        """Return the number n of magnets that fit on a ring at polar angle `angle`, rad.
-        The largest n with 2 radius sin(angle) sin(pi/n) >= diameter + clearance."""
+        """Return the number of magnets that fit on a ring at polar angle `angle`, rad. The number n is the largest at
+        which the chord 2 radius sin(angle) sin(pi/n) between neighbours is at least diameter + clearance."""
         chord = (diameter + self.clearance) / (2 * self.radius * np.sin(angle))
         if chord > 1:
             return 0 if self.paired else 1

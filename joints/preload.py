@@ -51,11 +51,11 @@ def ball_fixed_limit(preload: ArrayLike, angle: ArrayLike) -> Array:
 
 
 def socket_fixed_limit(preload: ArrayLike, angle: ArrayLike, reaction_angle: float) -> Array:
-    """Return the largest pull [N] at `angle` t from the axis with the socket fixed: P / (cos t + sin t cot phi) (Fig
-    3.7).
+    """Return the largest pull [N] on the ball at `angle` from the axis, with the socket fixed (Fig 3.7).
 
-    P: preload. phi: `reaction_angle`, polar angle at which the resultant of the socket's reaction acts. The smallest
-    limit over all angles t is P sin(phi), at t = 90 deg - phi: half of P for phi = 30 deg, as in Fig 3.9.
+    At the angle t the limit is P / (cos t + sin t cot phi), with preload P and polar angle phi (`reaction_angle`) of
+    the resultant of the socket's reaction. The smallest limit over all angles t is P sin(phi), at t = 90 deg - phi:
+    half of P for phi = 30 deg, as in Fig 3.9.
     """
     phi = angle_within("reaction angle", reaction_angle, np.pi / 2)
     theta = _pull_angle(angle)

@@ -49,9 +49,10 @@ class SphericalFilm:
 
 
 def spherical_resistance(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
-    """Return the flow resistance (6 mu / pi) integral of dt / (sin t h^3) [Pa s/m^3] from the orifices to the edge.
+    """Return pressure over flow [Pa s/m^3] of incompressible air between the orifices and the edge of the socket.
 
-    Incompressible air. Gauss-Legendre quadrature with 24 nodes agrees with adaptive quadrature to 1e-9.
+    The resistance is 6 mu / pi times the integral of dt / (sin t h^3) over the polar angle t, with gap h and viscosity
+    mu. Gauss-Legendre quadrature with 24 nodes agrees with adaptive quadrature to 1e-9.
     """
     return 6 * geometry.viscosity / np.pi * _log_integral(geometry, displacement)
 
@@ -73,7 +74,7 @@ def orifice_spreading_resistance(geometry: FilmGeometry, displacement: ArrayLike
 
 
 def spherical_area(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
-    """Return load over socket pressure [m^2]: pi r^2 (integral sin t / h^3 dt) / (integral dt / (sin t h^3))."""
+    """Return load over socket pressure [m^2]: pi r^2 ∫ sin t / h^3 dt / ∫ dt / (sin t h^3), gap h(t), ball radius r."""
     load_integral = _load_integral(geometry, displacement)
     return np.pi * geometry.ball_radius**2 * load_integral / _log_integral(geometry, displacement)
 
@@ -82,7 +83,8 @@ def spherical_film(geometry: FilmGeometry, load: ArrayLike, orifice: Orifice, di
     """Return flow, pressures and stiffnesses of the incompressible spherical film that carries `load` [N].
 
     load = 6 mu r^2 flow integral(sin t / h^3 dt) at ball radius r, gap h and polar angle t, in closed form; stiffnesses
-    follow from dh/dd = cos t. At constant inlet pressure the orifices reduce the stiffness as in the flat film.
+    follow from the derivative cos t of the gap by the displacement of the ball. At constant inlet pressure the orifices
+    reduce the stiffness as in the flat film.
     """
     lift = positive("displacement", displacement, "m")
     weight = not_negative("load", load, "N")
@@ -116,7 +118,8 @@ def spherical_pressure(
 def compressible_film(geometry: FilmGeometry, load: float, displacement: float) -> tuple[float, float]:
     """Return flow [m^3/s] of one orifice and socket pressure [Pa] of isothermal compressible air that carries `load`.
 
-    flow = pi (p_s^2 - p_a^2) / (12 mu p_a G N): absolute socket pressure p_s, N orifices, G of `_log_integral`.
+    The flow is pi (p_s^2 - p_a^2) / (12 mu p_a G N), with absolute pressures p_s in the socket and p_a outside,
+    viscosity mu, N orifices and the integral G of `_log_integral`.
     """
     target = float(positive("load", load, "N"))
     alpha, phi, r = geometry.socket_angle, geometry.orifice_angle, geometry.ball_radius
@@ -144,7 +147,8 @@ def _share(geometry: FilmGeometry, displacement: float, angle: ArrayLike) -> Arr
 
 
 def _log_integral(geometry: FilmGeometry, displacement: ArrayLike, lower: ArrayLike | None = None) -> Array:
-    """Return the integral of dt / (sin t h^3) over the polar angle t from `lower` (default: orifices) to the edge."""
+    """Return the integral of dt / (sin t h^3), h(t) the gap, from polar angle `lower` (default: orifices) to the
+    edge."""
     lift = np.asarray(displacement, float)
     total: Array | float = 0.0
     for cosine, weight in _rule(geometry, lower):
@@ -154,7 +158,7 @@ def _log_integral(geometry: FilmGeometry, displacement: ArrayLike, lower: ArrayL
 
 
 def _log_integral_and_slope(geometry: FilmGeometry, displacement: ArrayLike) -> tuple[Array, Array]:
-    """Return the integral G of dt / (sin t h^3) from orifices to edge, and its derivative by the displacement."""
+    """Return the integral of `_log_integral` from the orifices to the edge, and its derivative by the displacement."""
     lift = np.asarray(displacement, float)
     total, slope = np.zeros_like(lift), np.zeros_like(lift)
     for cosine, weight in _rule(geometry, None):
@@ -175,7 +179,7 @@ def _rule(geometry: FilmGeometry, lower: ArrayLike | None) -> Iterator[tuple[Arr
 
 
 def _load_integral(geometry: FilmGeometry, displacement: ArrayLike) -> Array:
-    """Return the integral of sin t / h^3 over the polar angle t from the orifices to the edge, in closed form."""
+    """Return the integral of sin t / h^3 dt, h the gap at polar angle t, from orifices to edge, in closed form."""
     inner = film_gap(geometry, displacement, geometry.orifice_angle)
     outer = film_gap(geometry, displacement, geometry.socket_angle)
     cosines = float(np.cos(geometry.orifice_angle) - np.cos(geometry.socket_angle))
@@ -198,9 +202,10 @@ CELLS = 800
 def lateral_stiffness(
     geometry: FilmGeometry, film: SphericalFilm, orifice: Orifice | None = None, cells: int = CELLS
 ) -> Array:
-    """Return the lateral stiffness -dF/dx [N/m] of a film at each displacement: pi r² times the integral of p1 sin² t
-    dt.
+    """Return the lateral stiffness [N/m] of an air film (lateral force per lateral displacement) at each axial
+    displacement.
 
+    The stiffness is pi r² times the integral of p1 sin² t over the polar angle t, with ball radius r and p1 as below.
     With an orifice the inlet pressure is constant; without one, the flow at each azimuth is constant. A lateral move x
     of the ball changes the gap h(t) at azimuth f by -x sin t cos f, and the pressure p(t) by x p1(t) cos f to first
     order. Reynolds' equation (incompressible) becomes
@@ -266,7 +271,7 @@ class FedFilm:
     ring: int
 
     def impedance(self, frequency: ArrayLike, pocket: float = 0.0) -> NDArray[np.complex128]:
-        """Return the complex stiffness -F/x [N/m] of the film at `frequency` [Hz], 0 for static.
+        """Return the complex stiffness [N/m] of the film (force over displacement) at `frequency` [Hz], 0 for static.
         pocket: total volume of the air pockets behind the orifices, m^3."""
         omega = 2 * np.pi * not_negative("frequency", frequency, "Hz")
         stored, result = self._stored(pocket), np.empty(omega.shape, complex)
@@ -360,8 +365,9 @@ def linearised_film(
 
 
 def squeeze_number(geometry: FilmGeometry, displacement: ArrayLike, frequency: ArrayLike) -> Array:
-    """Return the squeeze number 12 mu omega (r alpha)^2 / (p_a h^2), with the gap h at the edge of the socket. Air
-    escapes from the film if the number is well below 1, and acts as a spring if it is well above 1."""
+    """Return the squeeze number 12 mu omega (r alpha)^2 / (p_a h^2): viscosity mu, angular frequency omega, ball radius
+    r, atmospheric pressure p_a, polar angle alpha and gap h of the socket's edge. Air escapes from the film if the
+    number is well below 1, and acts as a spring if it is well above 1."""
     gap = film_gap(geometry, displacement, geometry.socket_angle)
     omega = 2 * np.pi * not_negative("frequency", frequency, "Hz")
     length = geometry.ball_radius * geometry.socket_angle
@@ -371,6 +377,7 @@ def squeeze_number(geometry: FilmGeometry, displacement: ArrayLike, frequency: A
 def squeeze_impedance(
     geometry: FilmGeometry, displacement: float, frequency: ArrayLike, cells: int = 400
 ) -> NDArray[np.complex128]:
-    """Return the complex stiffness -F/x [N/m] of the unfed isothermal film at atmospheric mean pressure. The imaginary
-    part over omega is the damping of slow motion; the real part is the spring of the trapped air."""
+    """Return the complex stiffness [N/m], force over displacement, of the unfed isothermal film at atmospheric
+    pressure. The imaginary part divided by the angular frequency is the damping of slow motion; the real part is the
+    spring of the trapped air."""
     return linearised_film(geometry, displacement, nodes=cells).impedance(positive("frequency", frequency, "Hz"))

@@ -155,7 +155,7 @@ class SerialChain(Chain):
         return gravity_loads(self, q, payload)
 
     def unit_loads(self, q: Array) -> dict[str, Array]:
-        """Return the loads by the mass and by unit first moments of mass of each link, named as in `Weighed`."""
+        """Return the loads by the mass and by unit first moments of mass of each link, as in WeightByPart."""
         return unit_loads(self, q)
 
     @cached_property

@@ -59,7 +59,7 @@ class HeldOutFit:
 
     @property
     def known(self) -> Poses:
-        """The unseen poses whose set-up and tool occur in the fit."""
+        """The held-out poses whose set-up and tool occur in the fit."""
         return self.heldout.subset(known_rows(self.train.dataset, self.heldout.dataset))
 
 

@@ -37,10 +37,10 @@ smaller singular value, a millimetre of residual would move the tool by a metre.
 def with_taken_up(model: ErrorModel, known: ErrorModel) -> ErrorModel:
     """Return the model with the instrument's effects split into rigid motion and distortion as in a `known` model.
 
-    D: columns of the instrument's effects θ. P: columns of registrations and tools. With G = P⁺ D, the error θ D of the
-    measurements is P G θ + (D - P G) θ. The first part moves robot and tool rigidly; the second part is distortion by
-    the instrument. The measurements determine only the sum of rigid motion and distortion, so the split is copied from
-    the known model.
+    With the columns D of the instrument's effects θ, the columns P of registrations and tools, and G = P⁺ D, the error
+    D θ of the measurements is P G θ + (D - P G) θ. The first part moves robot and tool rigidly; the second part is
+    distortion by the instrument. The measurements determine only the sum of rigid motion and distortion, so the split
+    is copied from the known model.
     """
     there = {(e.name, e.terms): e.taken_up for e in known.effects if e.taken_up}
     if not there:

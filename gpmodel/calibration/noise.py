@@ -16,10 +16,11 @@ of repeats carries no information."""
 
 @dataclass(frozen=True)
 class Whitening:
-    """Random-effects noise: the rows of a block share an error, cov = σ² (I + ρ 11ᵀ) in each block.
+    """Random-effects noise: the rows of a block share an error of ρ times the variance σ² of one row's own error.
 
-    A block holds one component (such as x) of all repeats of a pose. The whitened row of a value v is
-    v - (1 - 1/√(1 + n ρ)) mean(v), with n rows in the block. block: block of each row. ratio: variance ratio ρ.
+    A block holds one component (such as x) of all repeats of a pose. The covariance of a block of n rows is σ² (I + ρ
+    11ᵀ); a value v becomes v - (1 - 1/√(1 + n ρ)) mean(v), with the mean of v over the block. block: block of each row.
+    ratio: variance ratio ρ.
     Source: Fuller and Battese (1973), transformation of the random-effects model.
     """
 
@@ -68,7 +69,8 @@ class Whitening:
     def estimated(self, residual: Array, unknowns: float) -> "Whitening":
         """Return the whitening with ρ, the variance ratio, estimated from the residual of a fit of `unknowns` unknowns.
 
-        ρ = max(0, between / within - 1) / n0, with the mean squares of one-way analysis of variance.
+        ρ is max(0, B / W - 1) / n0, with the mean squares B between and W within blocks, and n0 rows in a typical
+        block.
         """
         sizes = self.sizes
         inside = len(self.block) - len(sizes)

@@ -84,10 +84,10 @@ def _explained(
 
 
 def tool_rows(problem: Linearised, placement: Placement) -> tuple[Array, Array]:
-    """Return left and right side of the prior of every tool point p, p σ / TOOL_REACH = 0, in the tool's own axes.
+    """Return left and right side of the prior p σ / TOOL_REACH = 0 of every tool point p, m, with σ the noise, m.
 
     Without this prior, the tool point of a table with few moving joints can drift by kilometres without changing the
-    fit. σ is the noise.
+    fit. The rows are in the axes of the tool.
     """
     rows = np.zeros((3 * len(placement.tool), problem.columns.shape[1]))
     pull = np.zeros(len(rows))
@@ -129,7 +129,7 @@ def fit_priors(model: ErrorModel, problem: Linearised, theta: Array, placement: 
 
 @dataclass(frozen=True)
 class JointPriors:
-    """Prior rows of the approximate joint values q in the table: (q_table - q) σ / τ = 0.
+    """Prior rows (q_table - q) σ / τ = 0 of approximate joint values q: noise σ, m, and error τ of the joint values.
 
     combinations: combinations of joint values that the measurements determine less well.
     weight: weight σ / τ of a row, m, with noise σ and error τ of the joint values.

@@ -189,10 +189,10 @@ def without_outlier_marks(calibration: Calibration) -> Calibration:
 
 
 def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
-    """Return the uncertainty at the end of a fit: covariance σ² (CᵀC)⁻¹ with C the columns and the prior rows.
+    """Return the uncertainty at the end of a fit: covariance σ² (CᵀC)⁻¹ with noise σ, columns and prior rows C.
 
-    σ² is the sum of squares of the residual over (rows - rank), unless the model has its own noise. Approximate joint
-    values of unmeasured joints add rows for unknowns that the measurements leave undetermined.
+    The noise variance is the sum of squares of the residual over (rows - rank), unless the model states its noise.
+    Approximate joint values of unmeasured joints add rows for unknowns that the measurements leave undetermined.
     """
     problem, at = fitted.problem, np.flatnonzero(kept)
     free = problem.free(kept)

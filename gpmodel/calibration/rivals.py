@@ -163,10 +163,11 @@ def alternatives_of_constants(
 ) -> tuple[Alternative, ...]:
     """Return every significant constant that a candidate of `pool` imitates within the noise, the closest first.
 
-    c: column of the constant θ. C: columns of the candidate. ⊥: part that no other column of the model explains (smooth
-    terms as far as their priors allow). The coefficients w minimise |θ c⊥ - C⊥ w|. Constant and candidate are
-    indistinguishable if the minimum is below TOLD_APART σ. With all columns removed, c included, C⊥ - ĉ ĉᵀC of C
-    remains, ĉ along c⊥. Thus one projection of a candidate serves all constants; the QR triangle and ĉᵀC replace C⊥.
+    The coefficients w of the candidate minimise |θ c⊥ - C⊥ w|, with the column c of the constant θ, the columns C of
+    the candidate, and ⊥ the part that no other column of the model explains (smooth terms as far as their priors
+    allow). Constant and candidate are indistinguishable if the minimum is below TOLD_APART times the noise. With all
+    columns removed, c included, C⊥ - ĉ ĉᵀC of C remains, ĉ along c⊥. Thus one projection of a candidate serves all
+    constants; the QR triangle and ĉᵀC replace C⊥.
     """
     model, theta = calibration.model, calibration.theta
     here = FittedColumns.at(calibration, poses)

@@ -124,7 +124,7 @@ class Undeclared:
 
 @dataclass(frozen=True)
 class UndeclaredCovariance:
-    """Covariance n² L Lᵀ of the measurements by noise n and undeclared effects (unknown functions).
+    """Covariance n² L Lᵀ of the measurements by noise n and undeclared effects (unknown functions), Cholesky factor L.
 
     axes: displacement of each measurement per unit of each axis, times γ / n (standard deviation of the function).
     values: products of sinusoids of the joint values at each measurement.
@@ -144,7 +144,7 @@ class UndeclaredCovariance:
         return replace(problem, columns=columns, residual=residual, ratio=ratio)
 
     def posterior_mean(self, white: Array, model: ErrorModel) -> Effect | None:
-        """Return the conditional mean of the unknown functions, as an effect, given the whitened residual `whiten`.
+        """Return the conditional mean of the unknown functions, as an effect, given the whitened residual `white`.
 
         The result is None if all functions are below SHOWN times the noise. The effect's prior is the standard
         deviation of the functions relative to their mean, both RMS over the measurements.
@@ -293,7 +293,7 @@ def _axes(problem: Linearised, model: ErrorModel) -> Array:
 
 
 def uncertain_functions(model: ErrorModel, fitted: Linearised, theta: Array, other: Linearised) -> tuple[Array, Array]:
-    """Return the covariance factor, m, and shares of `Coloured.left_among` for a model's undeclared effects.
+    """Return the covariance factor, m, and shares of `posterior_root` for a model's undeclared effects.
 
     fitted: problem to which the model was fitted, at effects `theta`. other: problem of other measurements.
     """

@@ -123,9 +123,10 @@ def observable(rows: Array, nominal: Array, sizes: Array) -> Array:
 def solve_joints(model: ErrorModel, poses: Poses, theta: Array, placement: Placement) -> Poses:
     """Return the poses with the values of unmeasured joints solved against the measurements.
 
-    Solution per pose: the joint values q nearest to the table's (in units σ of `prior_sigmas`) among those that fit the
-    measurements best, by truncated Gauss-Newton:  δ = σ (V S⁺ Uᵀ r + (I - V V⁺) (q_table - q) / σ). r: residual.
-    U S Vᵀ: weighted derivatives by q / σ. Joint values in rows without a measurement are unchanged.
+    Of the joint values q that fit the measurements of a pose best, the nearest to the table's are selected, in units σ
+    of `prior_sigmas`. The truncated Gauss-Newton step is σ (V S⁺ Uᵀ r + (I - V V⁺) (q_table - q) / σ), with residual r
+    and singular value decomposition U S Vᵀ of the weighted derivatives by q / σ. Joint values in rows without a
+    measurement are unchanged.
     """
     free = list(free_joints(model.mechanism))
     if not free:

@@ -88,9 +88,9 @@ def _counted(kind: Readings, spreads: dict[str, float], lengths: list[float], ob
 def _spread(kind: Observation, observed: Observed) -> float:
     """Return a robust standard deviation of the residuals of one instrument, in its unit, corrected for its unknowns.
 
-    σ² = Σ |r|² / (ν F) over the rows of the smaller |r|, with ν degrees of freedom per row and F the share of the sum
-    that these rows of normal residuals have. A median of components would fail: of the six components of a ball bar,
-    five are fitted to zero.
+    The variance is Σ |r|² / (ν F) over the rows with the smaller residuals r, with ν degrees of freedom per row and F
+    the share of these rows in the sum of normal residuals. A median of components would fail: of the six components of
+    a ball bar, five are fitted to zero.
     """
     left = kind.residual(observed.tips, observed.own)
     read = np.isfinite(left)

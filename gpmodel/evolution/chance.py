@@ -44,9 +44,10 @@ def largest_p_value(first: PValue, *others: PValue) -> PValue:
 def _tail(value: float, null: Array) -> float:
     """Return the tail probability of Gumbel's distribution of maxima (Gumbel 1958), fitted to T maxima under the null.
 
-    β = s √6 / π and μ = mean - 0.5772 β. The standard deviation s is uncertain: the tail is averaged over its
-    log-normal distribution of width √((κ - 1) / 4T), corrected for its bias 1 - (κ - 1) / 8T, and widened by √(1 + 1/T)
-    for the uncertainty of the mean; κ = 5.4 is Gumbel's kurtosis.
+    Gumbel's scale is β = s √6 / π, with s the standard deviation of the maxima, and Gumbel's location is their mean
+    minus 0.5772 β. The tail is averaged over the log-normal distribution of s of width √((κ - 1) / 4T), corrected for
+    the bias 1 - (κ - 1) / 8T of s, and widened by √(1 + 1/T) for the uncertainty of the mean, with Gumbel's kurtosis κ
+    = 5.4.
     """
     count = len(null)
     nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES)

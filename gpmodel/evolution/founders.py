@@ -49,8 +49,8 @@ BINS, CHUNK = 64, 1_000_000
 class Element:
     """An element of formulas: a function of x = k (u - c), where u is the input scaled to [0, 1].
 
-    text: shape of the element, a formula in the unit of the input: {q} is the input, {k} and {a} are k and c, {b} is
-    c + 1/k, {d} is 1/k², {e} is -k².
+    text: shape of the element, a formula in the unit of the input with {q} for the input, {k} for k, {a} for c, {b} for
+    c + 1/k, {d} for 1/k² and {e} for -k².
     """
 
     text: str

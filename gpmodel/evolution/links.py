@@ -1,7 +1,8 @@
 """Link functions that turn a response into a sum, whose coefficients are solved (McCullagh, Nelder 1989).
 
-A formula ``y = inverse(c1 phi1 + c2 phi2 + ...)`` is searched as ``forward(y) = c1 phi1 + c2 phi2 + ...``. Each point
-is weighted by the ratio of an error of the response to an error of the link function.
+A formula ``y = inverse(c1 phi1 + c2 phi2 + ...)`` of the response y, with terms phi and coefficients c, is searched as
+``forward(y) = c1 phi1 + c2 phi2 + ...``, with the link function ``forward`` and its inverse. Each point is weighted by
+the ratio of an error of the response to an error of the link function.
 """
 
 from collections.abc import Mapping, Sequence

@@ -163,7 +163,8 @@ class SlotProblem:
         return self.targets.set_gain(values, site)[0]
 
     def nats(self, gain: Array | float, size: Array | float) -> Array:
-        """Return the decrease of the description length, nats: -components/2 · ln(1 - gain) - parsimony · size."""
+        """Return the decrease of the description length, nats: -components/2 · ln(1 - gain) minus the price of the
+        size."""
         return ranked(fit_nats(gain, self.targets.components) - self.parsimony * np.asarray(size))
 
     def shuffled(self, rng: np.random.Generator) -> "SlotProblem":

@@ -71,7 +71,7 @@ def links(mechanism: Mechanism) -> dict[str, Array]:
     """Return {slot: vector (3,) [m] from the previous slot, in the frame of the slot}: lengths that grow with
     temperature.
 
-    A Levered mechanism states these vectors itself, such as a joint whose lever a first fit determines.
+    A mechanism with ThermalLevers states these vectors itself, such as a joint whose lever a first fit determines.
     """
     if isinstance(mechanism, ThermalLevers):
         return mechanism.levers

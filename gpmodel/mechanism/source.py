@@ -158,7 +158,7 @@ class LoadedMechanism:
         return self.bare.loads(q, payload)
 
     def unit_loads(self, q: Array) -> dict[str, Array]:
-        """Return the loads by unit first moments and masses of links, as Weighed.unit_loads; empty without them."""
+        """Return the loads by unit first moments and masses of links, as WeightByPart.unit_loads; empty if unknown."""
         return self.bare.unit_loads(q) if isinstance(self.bare, WeightByPart) else {}
 
     @property

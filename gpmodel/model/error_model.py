@@ -78,10 +78,12 @@ def rows_named(dataset: Dataset) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class ErrorModel:
-    """T = E · T_register · Π_i T_i(q) exp(Σ_k θ_k φ_k e_k) · T_tool, with one coefficient θ_k for each effect.
+    """Error model of a mechanism: nominal transforms between frames, followed by the error twists of the frames.
 
-    φ_k, e_k: basis function and axis of effect k. E: twist of the effects at the slot `instrument`, whose basis
-    functions may depend on the point in the frame of the instrument.
+    The measured pose is E · T_register · Π_i T_i(q) exp(Σ_k θ_k φ_k e_k) · T_tool, with registration T_register,
+    nominal transform T_i of slot i, coefficient θ_k, basis function φ_k and axis e_k of effect k, tool T_tool, and the
+    twist E of the effects at the slot `instrument`, whose basis functions may depend on the point in the instrument's
+    frame.
 
     noise: standard deviation of one measured coordinate, m, if known beforehand. With noise = None the noise is
     estimated from the residual.
@@ -175,8 +177,7 @@ def closing(model: ErrorModel, data: Dataset, theta: Array) -> IntArray:
 
 
 def observe(model: ErrorModel, poses: Poses, theta: Array, placement: Placement) -> Observed:
-    """Predict the measurements at `poses`, with the frames of all slots: T_register · Π T_i exp(Σ_k θ_k φ_k e_k) ·
-    T_tool.
+    """Predict the measurements at `poses`, and the frames of all slots, by the equation of ErrorModel.
 
     theta: values θ_k of model.effects, SI units.
     placement: a registration for every set-up of the poses and a point for every tool. KeyError if a registration or

@@ -1,7 +1,8 @@
 """An inclinometer on a link: the inclination of two of its axes to the horizontal.
 
-measured = asin(s · up), s = F_link M e_x and F_link M e_y: rotation F_link of the link, mounting M (a rotation), axes
-e_x, e_y. The vertical `up` in the root frame has an unknown tilt. A rotation about the vertical changes nothing.
+An inclination is asin(s · up) for each sensor axis s = F M e, with the rotation F of the link, the rotation M of the
+mounting, the unit vector e (x or y) and the vertical `up`. The vertical has an unknown tilt in the root frame. A
+rotation about the vertical changes nothing.
 """
 
 from collections.abc import Mapping

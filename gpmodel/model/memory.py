@@ -131,7 +131,7 @@ def play(values: Array, half_width: float) -> Array:
 
 
 def lag(values: Array, time: Array, constant: float) -> Array:
-    """Return the lagged column y with tau dy/dt = x - y, y_0 = x_0, at the rows; the input x is linear between rows."""
+    """Return the solution y of tau dy/dt = x - y, with input x linear between rows, time constant tau and y_0 = x_0."""
     out = np.array(values, dtype=float)
     step = np.diff(time) / constant
     decay = np.exp(-step)

@@ -163,7 +163,7 @@ class Point(NothingOwn):
 class Orientation(NothingOwn):
     """Orientation of the tip in the frame of the instrument: rotation vectors (poses, 3), rad.
 
-    The residual of an orientation is the rotation vector of R_measured R_predictedᵀ, with rotation matrices R.
+    The residual is the rotation vector of the measured rotation matrix times the transpose of the predicted one.
     """
 
     values: Array
@@ -196,9 +196,9 @@ class Orientation(NothingOwn):
 class Distance(AtTheTip):
     """Distance of the tip from an anchor fixed to the mechanism's root, plus a zero: one value per pose, m.
 
-    d = |p - a| + z: the unknowns of a distance are the position a (3,) of the anchor in the root frame and the zero z
-    of the instrument, m. Source: Driels and Swayze (1994), "Automated partial pose measurement system for manipulator
-    calibration experiments", IEEE Trans. Robotics and Automation 10.
+    The distance of a tip p is |p - a| + z, with the unknown position a (3,) of the anchor in the root frame and the
+    unknown zero z of the instrument, m. Source: Driels and Swayze (1994), "Automated partial pose measurement system
+    for manipulator calibration experiments", IEEE Trans. Robotics and Automation 10.
     """
 
     name: str

@@ -74,10 +74,11 @@ class Observed:
         """Return derivatives (poses, components, 6) of the measurements by an error twist ξ at a slot, at its present
         value.
 
-        slot: number of the frame; the number after that of the instrument is the tool. exp(ξ + dξ) = exp(ξ) exp(J_r dξ)
-        contains the right Jacobian J_r(ξ). With the rotation R of the frame after ξ, a translation e moves the point by
-        R e. A rotation e moves the point by (R e) × (p_tip - p_slot) and turns the tip by R e. With closed loops, the
-        twist is first converted to a twist of the tool slot, the last slot before the instrument.
+        slot: number of the frame; the number after that of the instrument is the tool. The right Jacobian J_r(ξ)
+        converts a change of the twist: exp(ξ + dξ) = exp(ξ) exp(J_r dξ). With the rotation R of the frame after ξ, a
+        translation e moves the tip by R e; a rotation e turns the tip by R e and moves the tip by (R e) × d, with d the
+        vector from the slot to the tip. With closed loops, the twist is first converted to a twist of the tool slot,
+        the last slot before the instrument.
         """
         if slot not in self._known:
             self._known[slot] = self._sensitivity(slot)

@@ -82,7 +82,7 @@ class Derived:
 
 
 def link_weights(mechanism: Mechanism, q: Array) -> Derived | None:
-    """Return the joint torques of the weight of each link, as `Weighed.unit_loads`; None if the weights are unknown.
+    """Return the joint torques of the weight of each link (WeightByPart.unit_loads); None if the weights are unknown.
 
     The unit is N·m; for a first moment of mass (`_of_J4_x`) the unit is N·m per kg·m, which is m/s².
     """

@@ -181,9 +181,9 @@ def _changes(
     """Return the change of every quantity in both reports, with its p-value by a two-sided Student's t test.
 
     shared: share of the rows of each report that the other report also has; shared rows correlate the estimates. For s
-    shared rows of n the covariance is the smaller (s / n) v of the two, with v the variance in the other report. The
-    covariance is exact if one table contains the other (Hausman 1978: the variance of the difference is the difference
-    of the variances).
+    shared rows of the n rows of a report, the covariance is the smaller of the two values (s / n) v, with v the
+    variance of the estimate in the other report. The covariance is exact if one table contains the other (Hausman 1978:
+    the variance of the difference is the difference of the variances).
     freedoms: degrees of freedom of the standard errors of each report.
     """
     pairs = [

@@ -85,8 +85,9 @@ def _curve_in_words(candidate: Candidate) -> str:
 
 
 def shape(calibration: Calibration, candidate: Candidate, states: States) -> Array:
-    """Return a finding at every pose of `states`: Σ θ φ, coefficients times basis functions, along its first axis.
-    For one basis function along several axes, the value is φ times the length of the vector of the coefficients θ."""
+    """Return coefficients times basis functions of a finding, summed, at every pose of `states`, along its first axis.
+    For one basis function along several axes, the basis function is multiplied by the length of the vector of
+    coefficients."""
     if candidate.kind in ("single", "vector"):
         term = candidate.place
         return quantity(calibration, candidate, states).value * term.weight * term.basis(states)
@@ -112,8 +113,8 @@ def shape_record(
 ) -> ShapeRecord | None:
     """Return the partial residual of a candidate pose by pose: its contribution plus the residual along its column.
 
-    The partial residual is θ φ + l·r / l·l: θ φ the contribution, l the motion of the measured components per unit of
-    the twist, r the residual, both weighted as in the fit. The result is None if the model lacks the candidate.
+    The partial residual is θ φ + l·r / l·l, with contribution θ φ, motion l of the measured components per unit of the
+    twist, and residual r, both weighted as in the fit. The result is None if the model lacks the candidate.
     """
     mechanism = final.model.mechanism
     poses = resolved(final, poses)

@@ -134,11 +134,11 @@ REPEATS = 30
 
 
 def repeatability(data: Dataset) -> Repeatability | None:
-    """Return the pose repeatability of ISO 9283, 7.2.2: RP = l + 3 S_l over repeats of a pose; None without repeats.
+    """Return the pose repeatability RP of ISO 9283, 7.2.2, over the repeats of each pose; None without repeats.
 
-    l_j: distance of repeat j from the mean position of its pose. l, S_l: mean and standard deviation (n - 1) of l_j.
-    The uncertainty of the mean over the poses is computed from the spread between poses. With fewer repeats than the 30
-    of the standard, RP is smaller.
+    RP is l + 3 S, with mean l and standard deviation S (n - 1) of the distances of the repeats from their mean
+    position. The uncertainty of the mean over the poses is computed from the spread between poses. With fewer repeats
+    than the 30 of the standard, RP is smaller.
     """
     by_pose = [1e3 * np.linalg.norm(data.position[k] - data.position[k].mean(axis=0), axis=1) for k in _repeats(data)]
     if not by_pose:

@@ -317,8 +317,9 @@ class EffectRecord:
 
     @property
     def stderr_over_causes(self) -> float | None:
-        """Root mean square deviation of the true value from the fitted value over all causes.
-        √(σ² + value² Σ p (1 - amount)²), σ² for causes with the finding alone. Outside the credible set amount = 0.
+        """Root mean square deviation of the true value from the fitted value over all causes. The deviation is √(σ² +
+        value² Σ p (1 - a)²) over the causes of probability p that contain the share a of the value, with σ² for causes
+        with the finding alone. Outside the credible set the share a is 0.
         Source: Hoeting et al. (1999), variance within and between models."""
         if self.causes is None or self.probability is None or self.value is None or self.stderr is None:
             return None

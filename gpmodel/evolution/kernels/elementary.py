@@ -103,8 +103,8 @@ def tangent(x: float) -> float:
 
 @of_a_number
 def arctangent(x: float) -> float:
-    """Return atan(x).
-    The argument is reduced to tan(pi / 8) by atan(t) = pi/4 + atan((t - 1)/(t + 1)) = pi/2 - atan(1/t)."""
+    """Return atan(x). An argument t is reduced to at most tan(pi / 8) by atan(t) = pi/4 + atan((t - 1)/(t + 1)) = pi/2
+    - atan(1/t)."""
     t = abs(x)
     big = t > _TAN_3PI_8
     middle = (t > _TAN_PI_8) & (not big)
