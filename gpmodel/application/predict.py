@@ -24,10 +24,11 @@ from gpmodel.table.units import joint_column, split_header
 
 
 def point_deviation(saved: SavedModel, poses: Poses, observed: Observed, *, placed: bool = True) -> Array:
-    """Return the standard deviation of each predicted point, m: √ (trace(J Σ Jᵀ) + 3 d²), NaN if not fitted.
+    """Return the standard deviation of each predicted point, m, without noise of the instrument; NaN if not fitted.
 
-    J: derivatives of the point. Σ: covariance of the parameters, over alternative explanations of the findings. d:
-    model discrepancy. Noise of the instrument is not included. placed: True to include registration and tool."""
+    The standard deviation is √(trace(J Σ Jᵀ) + 3 d²), with derivatives J of the point, covariance Σ of the parameters
+    over alternative explanations of the findings, and model discrepancy d. placed: True to include registration and
+    tool."""
     return np.asarray(np.linalg.norm(coordinate_deviations(saved, poses, observed, placed=placed), axis=1))
 
 

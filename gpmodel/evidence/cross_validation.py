@@ -29,9 +29,9 @@ class Predicted:
 def cross_validated(residual: Residual, effects: Sequence[Effect]) -> Predicted:
     """Compute the cross-validated errors of the model with some effects, with one factorisation for all folds.
 
-    X: columns of the effects; r: residual; both after projection; x and r_f: their rows in a fold. A = I - H, with H
-    the hat matrix of these rows. Without the fold, the products XᵀX and Xᵀr become XᵀX - xᵀA⁻¹x and Xᵀr - xᵀA⁻¹r_f.
-    Their coefficients β leave the error A⁻¹ (r_f - x β) in the fold. Source: Cook and Weisberg (1982), 2.2.
+    With the projected columns X of the effects, the residual r, their rows x and r_f in a fold, and A = I - H, H the
+    hat matrix of these rows, the products XᵀX and Xᵀr without the fold are XᵀX - xᵀA⁻¹x and Xᵀr - xᵀA⁻¹r_f. The
+    coefficients β of these products leave the error A⁻¹ (r_f - x β) in the fold. Source: Cook and Weisberg (1982), 2.2.
     """
     scale = np.linalg.norm(residual.columns(effects), axis=0)
     scale = np.where(scale > 0, scale, 1.0)

@@ -16,12 +16,12 @@ from gpmodel.table.units import clock_names
 def inflation(residual: Residual, candidate: Candidate) -> dict[str, float]:
     """Return the variance inflation (at least 1) of a candidate's coefficient by dependent repeats, rows and regions.
 
-    s is the sum, over the rows of a pose, of the candidate's contribution times the remaining residual. The inflation
-    is Σ_blocks (Σ s)² / Σ s², the ratio of cluster-robust to plain variance (Liang and Zeger 1986). The inflation is
-    divided by its expectation for independent noise (`_when_independent`), and set to 1 unless it exceeds 1 by two
-    standard deviations √(2/blocks), as one candidate in thirty does without dependence. The inflation of a candidate
-    that does not depend on time is therefore shrunk to the mean of the model's columns (`_among`). A permutation of
-    blocks corrects less: a drift within a block remains in any order of the blocks.
+    The inflation is Σ_blocks (Σ s)² / Σ s², the ratio of cluster-robust to plain variance (Liang and Zeger 1986), with
+    the score s of a pose: the candidate's contribution times the remaining residual, summed over the rows of the pose.
+    The inflation is divided by its expectation for independent noise (`_when_independent`), and set to 1 unless it
+    exceeds 1 by two standard deviations √(2/blocks), as one candidate in thirty does without dependence. The inflation
+    of a candidate that does not depend on time is therefore shrunk to the mean of the model's columns (`_among`). A
+    permutation of blocks corrects less: a drift within a block remains in any order of the blocks.
     """
     explained = contribution(residual, candidate)
     left = residual.values - explained * (explained @ residual.values / max(float(explained @ explained), 1e-300))
@@ -60,9 +60,9 @@ def _if_above(ratio: float, count: int) -> float:
 def _among(residual: Residual, ratio: float, block: IntArray) -> float:
     """Shrink a variance inflation toward the mean inflation of the model's columns, by the share of chance in it.
 
-    The result is m + (ratio - m) τ² / (τ² + c), τ² = max(0, v - c). m and v: mean and variance of the inflation of the
-    columns. c = 2 m²/blocks: variance of an inflation under independence. Without dependence all inflations are equal;
-    with an instrument's drift a slowly varying column has a larger inflation. Source: Efron and Morris (1973).
+    The result is m + (ratio - m) τ² / (τ² + c), with mean m and variance v of the inflation of the columns, variance c
+    = 2 m²/blocks of an inflation under independence, and τ² = max(0, v - c). Without dependence all inflations are
+    equal; with an instrument's drift a slowly varying column has a larger inflation. Source: Efron and Morris (1973).
     """
     columns = residual.system[: residual.measured]
     scores = np.zeros((len(residual.poses), columns.shape[1]))

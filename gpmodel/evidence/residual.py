@@ -73,7 +73,7 @@ STEPS, SETTLED = 30, 1.01
 class Residual:
     """Training residual of a calibration with the columns of its model projected out.
 
-    Each effect θ with a prior adds a row θ σ / prior = 0 below the measured rows; σ is the noise.
+    Each effect θ with a prior adds a row θ σ / prior = 0 below the measured rows, with σ the noise.
     system: columns of the model, scaled to unit length, on measured rows and prior rows.
     target: right side of the linear system, m.
     span: orthonormal basis of the columns of the model.
@@ -193,7 +193,7 @@ class Residual:
         return ident.orthonormal(columns[:, alone])
 
     def with_refitted_noise(self) -> "Residual":
-        """Weight the priors of the effects by the residual's standard deviation σ, by iteration: σ² = r·r / freedom.
+        """Iterate the weights of the effects' priors until they agree with the residual's standard deviation.
 
         Without a large effect the residual r exceeds the noise of the full model. With the noise of the full model,
         other effects would exceed their priors to explain r, and a small effect would replace the large one.

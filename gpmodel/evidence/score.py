@@ -120,8 +120,8 @@ def directions(residual: Residual, candidate: Candidate, span: Array) -> tuple[A
 def _noise(residual: Residual, s: Array, parts: Array) -> float:
     """Estimate the noise variance by the marginal likelihood, for a candidate whose coefficients have priors.
 
-    r: residual. u, s: singular vectors and values of the candidate's columns times priors. With f = s² / (s² + σ²), the
-    remaining sum of squares is r·r - Σ f (u·r)². parts: squares of u·r. Source: MacKay (1992), evidence.
+    With singular vectors u and values s of the columns times priors, noise variance σ² and f = s² / (s² + σ²), the
+    residual r keeps the sum of squares r·r - Σ f (u·r)². parts: squares of u·r. Source: MacKay (1992), evidence.
     """
     sigma2 = residual.energy / residual.freedom
     for _ in range(NOISE_STEPS):
@@ -130,15 +130,15 @@ def _noise(residual: Residual, s: Array, parts: Array) -> float:
 
 
 def fitted(variance: Array, s: Array, q: Array) -> Array:
-    """Compute the misfit Σ_i a q_i² / (1 + a s_i) removed by each group of prior variance a and eigenvalues s_i."""
+    """Compute the misfit Σ a q² / (1 + a s) removed by each group: prior variance a, eigenvalues s, products q."""
     return np.asarray(np.sum(variance[:, None] * q**2 / (1.0 + variance[:, None] * np.maximum(s, 0.0)), axis=1))
 
 
 def with_refitted_noise(gains: Array, fit: Array, mismatch: float) -> Array:
     """Correct the gains of groups of effects, nats, for the noise, which is estimated again with each group.
 
-    fit: decrease Q of the misfit E = yᵀC⁻¹y by each group. With prior variances in proportion to the noise, the gain is
-    gain - Q/2 - E/2 ln(1 - Q/E). With few poses the noise without the group is too large, and the first gain too small.
+    fit: decrease Q of the misfit E by each group. With prior variances in proportion to the noise the gain is gain -
+    Q/2 - E/2 ln(1 - Q/E). With few poses the noise without the group is too large, and the first gain too small.
     """
     return gains - 0.5 * fit - 0.5 * mismatch * np.log1p(-np.minimum(fit / mismatch, 1.0 - 1e-12))
 

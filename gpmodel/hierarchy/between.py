@@ -1,6 +1,6 @@
 """Random effects: mean and spread of a parameter between machines, and a test for outlying machines.
 
-y_i = μ + δ_i + ε_i,   δ_i ~ N(0, τ²),   ε_i ~ N(0, v_i)          y_i: estimate of machine i, v_i its variance
+y_i = μ + δ_i + ε_i, δ_i ~ N(0, τ²), ε_i ~ N(0, v_i) y_i: estimate of machine i; μ, τ: mean and spread
 """
 
 from collections.abc import Callable, Sequence
@@ -58,9 +58,9 @@ class Deviations:
 def estimate_spread(values: Array, variances: Array) -> TypeDistribution:
     """Return mean and spread of one estimate for each of m ≥ 2 machines. variances: variance of each estimate.
 
-    τ² solves Q(τ²) = m - 1 with Q = Σ w_i (y_i - μ)², w_i = 1 / (v_i + τ²), μ = Σ w y / Σ w (Paule and Mandel 1982;
-    DerSimonian and Kacker 2007). At the ends of the interval of τ², Q is a quantile of χ² with m - 1 degrees of freedom
-    (Viechtbauer 2007).
+    The variance τ² between machines solves Q(τ²) = m - 1, with Q = Σ w_i (y_i - μ)² over the estimates y_i of variance
+    v_i, weights w_i = 1 / (v_i + τ²) and weighted mean μ (Paule and Mandel 1982; DerSimonian and Kacker 2007). At the
+    ends of the interval of τ², Q is a quantile of χ² with m - 1 degrees of freedom (Viechtbauer 2007).
     """
     tail = (1.0 - COVERAGE) / 2.0
     quantiles = special.chdtri(len(values) - 1, [tail, 1.0 - tail])
@@ -140,9 +140,9 @@ def normal_score(z: float, chance: float) -> float:
 def deleted_residuals(values: Array, variances: Array, inside: Mask) -> tuple[Array, Array]:
     """Return the deviation z of each machine from the others, and the chance of z, from estimates and variances.
 
-    Each machine is compared with the other machines that are `inside`: z_i = (y_i - μ) / √(v_i + τ² + stderr(μ)²). z_i
-    has Student's t distribution with m - 2 degrees of freedom because τ is estimated (Viechtbauer and Cheung 2010;
-    Higgins et al. 2009).
+    Each machine, with estimate y of variance v, is compared with mean μ and spread τ of the other machines that are
+    `inside`: z = (y - μ) / √(v + τ² + stderr(μ)²). The deviation z has Student's t distribution with m - 2 degrees of
+    freedom because τ is estimated (Viechtbauer and Cheung 2010; Higgins et al. 2009).
     """
     z, chance = np.empty(len(values)), np.empty(len(values))
     for i in range(len(values)):

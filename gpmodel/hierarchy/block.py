@@ -72,7 +72,8 @@ def _alike(names: list[str]) -> str:
 def block_information(fits: Sequence[Calibration], effects: tuple[Effect, ...]) -> BlockInformation:
     """Compute the information of each fit about a block of effects, given their priors and the noise.
 
-    Information: Λ = C⁻¹ - 1 = Rᵀ R. Estimates b̂: Λ b̂ = C⁻¹ θ. C, θ: covariance and values of the fitted effects.
+    With the covariance C and the values θ of the fitted effects, the information is Λ = C⁻¹ - 1 = RᵀR and the estimates
+    b̂ solve Λ b̂ = C⁻¹ θ.
     """
     values, roots = [], []
     prior, mean = (np.array([getattr(e, k) for e in effects]) for k in ("prior", "mean"))
@@ -91,7 +92,7 @@ def block_information(fits: Sequence[Calibration], effects: tuple[Effect, ...]) 
 
 
 def block_spread(of: BlockInformation) -> tuple[float, float, float]:
-    """Return τ of a block and its interval of coverage COVERAGE, as `between` does for one parameter.
+    """Return τ of a block and its interval of coverage COVERAGE, as `estimate_spread` does for one parameter.
 
     τ is the spread at which Q(τ²) equals its expectation. At the ends of the interval Q is a quantile of χ² with m - 1
     degrees of freedom, as if all effects of a machine differed in one proportion.

@@ -46,9 +46,9 @@ def exp(twists: Array) -> Array:
 def right_jacobian(twists: Array) -> Array:
     """Return the right Jacobian J (..., 6, 6) of the exponential: exp(ξ + dξ) = exp(ξ) exp(J dξ) to first order in dξ.
 
-    J = Σ (-ad)ᵏ / (k + 1)!, with ad of twists (..., 6) in metres and radians. The series ends where its terms are below
-    rounding at every pose. If all twists are equal, J is computed once. Source: Barfoot (2017), State Estimation for
-    Robotics, 7.1.5.
+    J is Σ (-ad)ᵏ / (k + 1)! over k from 0, with the adjoint matrix ad of each twist (..., 6) in metres and radians. The
+    series ends where its terms are below rounding at every pose. If all twists are equal, J is computed once. Source:
+    Barfoot (2017), State Estimation for Robotics, 7.1.5.
     """
     flat = twists.reshape(-1, 6)
     if len(flat) > 1 and not np.ptp(flat, axis=0).any():

@@ -186,7 +186,7 @@ class EOptimal:
 
 @dataclass(frozen=True)
 class LOptimal:
-    """I-, c- and L-optimality: minimise the variance trace(weight M⁻¹) of a prediction; M: information matrix."""
+    """I-, c- and L-optimality: minimise the variance trace(weight M⁻¹) of a prediction, M the information matrix."""
 
     weight: Array
 
@@ -269,7 +269,7 @@ class Design:
 def best_deviation(question: Design) -> float:
     """Return the standard deviation of the predicted quantity if every pose of the pool is measured.
 
-    Raises TypeError if the criterion is not a Variance.
+    Raises TypeError if the criterion is not LOptimal.
     """
     every = np.arange(len(question.columns))
     whole = replace(question, known=question.known + np.einsum("pij,pik->jk", question.columns, question.columns))
@@ -279,10 +279,10 @@ def best_deviation(question: Design) -> float:
 def in_units_of(deviation: float, question: Design) -> Design:
     """Return the design problem with its variance in units of deviation².
 
-    Raises TypeError if the criterion is not a Variance.
+    Raises TypeError if the criterion is not LOptimal.
     """
     if not isinstance(question.criterion, LOptimal):
-        raise TypeError("a deviation is that of a Variance")
+        raise TypeError("the criterion must be LOptimal")
     return replace(question, criterion=LOptimal(question.criterion.weight / deviation**2))
 
 
@@ -332,7 +332,7 @@ def decided_after(question: Design, order: IntArray, odds: float) -> int | None:
 def _deviations(question: Design, order: IntArray) -> Array:
     goal = question.criterion
     if not isinstance(goal, LOptimal):
-        raise TypeError("a deviation is that of a Variance")
+        raise TypeError("the criterion must be LOptimal")
     out, information = [], question.known.copy()
     for step in range(len(order) + 1):
         if step:

@@ -38,7 +38,7 @@ def least_deviation(questions: Sequence[Design], count: int) -> float:
 
 def _least(question: Design, count: int) -> float:
     if not isinstance(question.criterion, LOptimal):
-        raise TypeError("a deviation is that of a Variance")
+        raise TypeError("the criterion must be LOptimal")
     columns, weight = question.columns, question.criterion.weight
     known = question.known + LITTLE * np.eye(len(question.known))
     share, best = np.full(len(columns), 1.0 / len(columns)), 0.0
