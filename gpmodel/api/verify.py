@@ -1,7 +1,7 @@
 """Test a model on poses measured after its fit."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from gpmodel.api.saved import model_of
 from gpmodel.api.table import Described, Shown, TableLike, announce_reading
 from gpmodel.api.verification import VerifyResult, judged_by, later_table, verify_saved
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.next_check import FIRST, HiddenChange, Pool, significance
+from gpmodel.application.next_check import FIRST, HiddenChange, Pool, level
 from gpmodel.application.repair import MOST_MORE, Repaired, repaired
 from gpmodel.application.verify import afterwards
 from gpmodel.arrays import Array
@@ -83,9 +83,10 @@ class NextCheck(Shown):
     judged: result of the tests on the measured poses; None with too few poses.
     poses: number of different measured poses.
     limit: displacement of the tool, mm, that a change must cause to be detected.
-    unseen: joint zeros whose change could move the tool by more than `limit` without being detected.
+    unseen: changes that could move the tool by more than `limit` without being detected.
     next: pose to measure next; None if the check has ended.
     repaired: model of the changed machine, if the change is identified.
+    suspect: name of the most probable change if a change is more probable than none; empty if not.
     """
 
     judged: VerifyResult | None
@@ -94,6 +95,7 @@ class NextCheck(Shown):
     unseen: tuple[HiddenChange, ...]
     next: pd.DataFrame | None
     repaired: RepairedModel | None = None
+    suspect: str = ""
 
     @property
     def decided(self) -> bool:
@@ -116,15 +118,21 @@ class NextCheck(Shown):
         elif self.unseen:
             worst = max(self.unseen, key=lambda one: one.moves)
             by = f"by {wording.length(1e3 * worst.moves)}" if np.isfinite(worst.moves) else "by centimetres"
-            others = f"; {len(self.unseen) - 1} more joints have undetectable changes" if len(self.unseen) > 1 else ""
+            others = f"; {len(self.unseen) - 1} more changes are undetectable" if len(self.unseen) > 1 else ""
             lines.append(
-                f"Not decided after {self.poses} poses: a change of the zero of {worst.joint} that moves the tool {by} "
+                f"Not decided after {self.poses} poses: a change of {worst.name} that moves the tool {by} "
                 f"is not detectable yet{others}. The limit is {limit}."
+            )
+        elif self.suspect and not self.decided:
+            lines.append(
+                f"Not decided after {self.poses} poses: a change of {self.suspect} is more probable than no change, "
+                "but not significant yet."
             )
         elif self.judged.holds:
             lines.append(
-                f"Decided after {self.poses} poses: a change of any joint's zero that moves the tool by {limit} would "
-                "have been detected. For unchanged machines, one check in twenty reports a change."
+                f"Decided after {self.poses} poses: a change of a joint zero, the tool, the geometry or an effect of "
+                f"the model that moves the tool by {limit} would have been detected. For unchanged machines, one check "
+                "in twenty reports a change."
             )
         elif self.decided:
             lines.append(f"Decided after {self.poses} poses.")
@@ -158,14 +166,19 @@ def next_check(
     count = different_poses(fresh)
     if count < FIRST:
         return NextCheck(None, count, np.nan, (), _row(saved, Pool.of(saved).next(fresh.q)))
-    result, found = judged_by(saved, later, asked, tolerance, in_order, significance(count))
-    record, pool = result.record, Pool.of(saved, found.session)
+    spent = level(saved, replace(fresh, in_order=in_order or fresh.in_order))
+    result, found = judged_by(saved, later, asked, tolerance, in_order, spent)
+    record, pool = result.record, Pool.of(saved, found)
     limit = record.tolerance_mm if record.tolerance_mm is not None else TWICE * record.promised_mm
-    lacking = pool.unseen(found.visible, 1e-3 * limit) if result.holds else ()
-    unnamed = not (result.holds or record.changes) and count < NAMED_BY
-    further = _row(saved, pool.next(fresh.q)) if lacking or unnamed else None
-    repair = None if result.holds or further is not None else repaired(found, pool)
-    return NextCheck(result, count, limit, lacking, further, None if repair is None else RepairedModel(repair))
+    lacking = pool.unseen(spent, 1e-3 * limit) if result.holds else ()
+    repair = None if result.holds else repaired(found, pool)
+    apart = None if repair is None or count >= NAMED_BY else repair.apart
+    open_still = count < NAMED_BY and (found.suspect is not None if result.holds else len(record.changes) != 1)
+    further = apart if apart is not None else pool.next(fresh.q) if lacking or open_still else None
+    suspect = "" if found.suspect is None else found.suspect.name
+    if further is not None:
+        return NextCheck(result, count, limit, lacking, _row(saved, further), None, suspect)
+    return NextCheck(result, count, limit, lacking, None, None if repair is None else RepairedModel(repair), suspect)
 
 
 def _row(saved: SavedModel, q: Array) -> pd.DataFrame:
@@ -216,13 +229,16 @@ def verify_next(
     """Check a model pose by pose: test the measured poses, and propose the next pose until the result is decided.
 
     Measure the pose `next`, add its row to the table, and call again. A test with n poses has the significance 0.05 · 6
-    / (π² (n - 5)²), so that at most one check in twenty of an unchanged machine ends with a change. The check ends when
-    a change is identified, or when a change of any joint zero that moves the tool by more than the tolerance would be
-    detected with probability 0.9. Without a tolerance, twice the expected error of the model is the limit. The proposed
-    pose is the pose of the fit that is most sensitive to the least determined joint zero. If a change is identified,
-    `repaired` is the model refitted to the poses of the check. The prior of the refit is the former model, with the
-    changed parameters free. `repaired.model.save(...)` writes the model; `repaired.more` are further poses that the
-    refit needs.
+    / (π² (n - 5)²), so that at most one check in twenty of an unchanged machine ends with a change. A change reported
+    at n poses remains if later poses confirm it at the level of n poses. The check ends when a change is identified:
+    one change is named and its rivals predict almost the same tool points, or twelve poses are measured. The check also
+    ends when any change of a joint zero, tool, geometry or effect that moves the tool by more than the tolerance
+    would be detected with probability 0.9, and no change is more probable than none. Without a tolerance, twice the
+    expected error of the model is the limit. The proposed pose is the pose of the fit at which the possible causes
+    differ most; before a change is named, the pose most sensitive to the most probable or the least determined change.
+    If a change is identified, `repaired` is the model refitted to the poses of the check. The prior of the refit is the
+    former model, with the changed parameters free. `repaired.model.save(...)` writes the model; `repaired.more` are
+    further poses that the refit needs.
 
     model, table, tolerance, in_order, cameras, board, surfaces: as in `verify`. Without a table, or with fewer than six
     poses, a pose far from the others is proposed. Raises InputError as `verify` does, and if the model does not contain

@@ -2,26 +2,35 @@
 
 With n poses, each of the two tests of a model has the significance FALSE_ALARM · 6 / (π² k²), k = n - 5. All tests
 together report a change for at most one unchanged machine in twenty (union bound, Σ 1/k² = π²/6). A check ends when a
-change is significant, or when any change of a joint zero that moves the tool by more than a limit would be significant.
+change is identified, or when any change of a joint zero, the tool, the geometry or the size of an effect that moves the
+tool by more than a limit would be significant.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from scipy import special
 
+from gpmodel.application.changed_model import motions
 from gpmodel.application.exports.sample import measured_table
 from gpmodel.application.model_file import SavedModel
-from gpmodel.application.possible_changes import Visible, zero_of
-from gpmodel.application.recheck import Session
-from gpmodel.arrays import Array, IntArray, Mask
-from gpmodel.calibration.linearise import effect_columns
-from gpmodel.formula.expression import ONE
-from gpmodel.model.effect import drive_effect
-from gpmodel.model.error_model import Poses, observe, prepare
+from gpmodel.application.possible_changes import POWER, Kind, PossibleChange
+from gpmodel.application.verify import Verified, verified
+from gpmodel.arrays import Array, IntArray
+from gpmodel.errors import InputError
+from gpmodel.model.error_model import Poses, prepare
+from gpmodel.numerics import rank
 from gpmodel.planning.poses import spread_among
+from gpmodel.table.bundles import sharing
+from gpmodel.table.dataset import Dataset
 
+LAST = 20
+"""Number of different poses of the last earlier test that counts. Later tests have a level below FALSE_ALARM / 700."""
+EXCLUDED: tuple[Kind, ...] = ("zero", "tool", "size", "geometry")
+"""Kinds of change that a check excludes before a machine holds."""
 FALSE_ALARM = 0.05
 """Probability that the check of an unchanged machine ends with a change, over any number of poses."""
 FIRST = 6
@@ -36,10 +45,13 @@ SAME = 1e-4
 
 @dataclass(frozen=True)
 class HiddenChange:
-    """A joint whose zero may have changed without being detected. moves: largest resulting displacement of the tool, m,
-    RMS over the poses."""
+    """A possible change that may be undetected.
 
-    joint: str
+    moves: largest resulting displacement of the tool, m, RMS over the poses, without the part that a registration
+    absorbs.
+    """
+
+    name: str
     moves: float
 
 
@@ -49,65 +61,43 @@ def significance(poses: int) -> float:
     return 0.5 * FALSE_ALARM * 6.0 / (math.pi * look) ** 2
 
 
-@dataclass(frozen=True)
-class _Columns:
-    """Derivatives of the measured point at each pose by the registration and by the zero of each joint."""
+def level(saved: SavedModel, dataset: Dataset) -> float:
+    """Return the significance level of the present test: that of the first test that reported a change, if any did.
 
-    placed: Array
-    zeros: Array
-
-    @staticmethod
-    def of(saved: SavedModel, poses: Poses) -> "_Columns":
-        observed = observe(saved.model, poses, saved.theta, saved.placement)
-        effects = tuple(drive_effect(zero_of(joint.name), joint, ONE) for joint in saved.mechanism.joints)
-        points, axes = observed.tip[:, :3, 3], np.eye(3)
-        turned = np.stack([np.cross(axis, points) for axis in axes], axis=2)
-        placed = np.concatenate([np.broadcast_to(axes, turned.shape), turned], axis=2)
-        return _Columns(placed, effect_columns(effects, saved.model, poses, observed)[:, :3])
-
-    def part(self, k: int) -> "_Columns":
-        """Return the columns (derivatives of the point) of pose number k."""
-        return _Columns(self.placed[[k]], self.zeros[[k]])
-
-    def beside(self, more: "_Columns") -> "_Columns":
-        """Return the columns of the present poses and of further poses together."""
-        return _Columns(np.concatenate([self.placed, more.placed]), np.concatenate([self.zeros, more.zeros]))
-
-    @property
-    def alone(self) -> Array:
-        """Sum of squares of the displacements over the poses by each joint zero."""
-        return np.asarray(np.sum(self.zeros**2, axis=(0, 1)))
-
-    @property
-    def information(self) -> Array:
-        """Sum of squares of each joint zero's displacements after the registration is projected out."""
-        placed, zeros = (part.reshape(-1, part.shape[2]) for part in (self.placed, self.zeros))
-        basis = np.linalg.qr(placed)[0]
-        return np.asarray(np.sum((zeros - basis @ (basis.T @ zeros)) ** 2, axis=0))
+    The tests are those of the first 6, 7, ... different poses. A change that one test reports remains reported as long
+    as it is significant at the level of that test, which spends no further part of FALSE_ALARM.
+    """
+    bundle = sharing(dataset)
+    starts = np.sort(np.unique(bundle, return_index=True)[1])
+    for count, end in enumerate(starts[FIRST:LAST].tolist(), FIRST):
+        try:
+            if verified(saved, dataset.subset(np.arange(end)), significance(count)).verdict != "holds":
+                return significance(count)
+        except InputError:
+            continue
+    return significance(len(starts))
 
 
 @dataclass(frozen=True)
 class Pool:
     """Candidate poses of a check: the poses of the model's fit, which the arm can reach.
 
-    session: the check so far; None with too few poses for a test. columns: derivatives of the point, with the session's
-    registration.
+    found: result of the check so far; None with too few poses for a test.
     """
 
     saved: SavedModel
-    session: Session | None
+    found: Verified | None
     poses: Poses
-    columns: _Columns
 
     @staticmethod
-    def of(saved: SavedModel, session: Session | None = None) -> "Pool":
+    def of(saved: SavedModel, found: Verified | None = None) -> "Pool":
         """Return the candidate poses; raise InputError if the model does not contain the table of its fit."""
-        data, now = measured_table(saved), saved if session is None else session.saved
-        if session is not None:
-            here = {name: np.full(len(data), session.poses.dataset.label(name)[0]) for name in ("setup", "tool")}
+        data = measured_table(saved)
+        if found is not None:
+            there = found.session.poses.dataset
+            here = {name: np.full(len(data), there.label(name)[0]) for name in ("setup", "tool")}
             data = replace(data, labels={**data.labels, **here})
-        poses = prepare(saved.mechanism, data)
-        return Pool(saved, session, poses, _Columns.of(now, poses))
+        return Pool(saved, found, prepare(saved.mechanism, data))
 
     @property
     def q(self) -> Array:
@@ -119,29 +109,61 @@ class Pool:
         there = np.array([len(taken) > 0 and (np.abs(taken - one) < SAME).all(axis=1).any() for one in self.q])
         return np.flatnonzero(~there) if not there.all() else np.arange(len(self.q))
 
-    @property
-    def able(self) -> Mask:
-        """Mask of the joints whose zero the candidate poses determine in addition to the registration."""
-        return np.asarray(self.columns.information > SEEN * self.columns.alone)
+    @cached_property
+    def _tried(self) -> list[PossibleChange]:
+        """Changes of the machine that a check of a machine that holds has to exclude."""
+        return [] if self.found is None else [c for c in self.found.tried if c.kind in EXCLUDED]
 
-    def unseen(self, visible: Sequence[Visible], limit: float) -> tuple[HiddenChange, ...]:
-        """Return the determinable joints whose undetected zero shift could move the tool by more than `limit`, m."""
-        levers = np.sqrt(self.columns.alone / len(self.q))
-        moves = [(math.inf if v.size is None else v.size) * lever for v, lever in zip(visible, levers, strict=True)]
-        hidden = zip(visible, moves, self.able, strict=True)
-        return tuple(HiddenChange(v.joint, float(m)) for v, m, able in hidden if able and m > limit)
+    def reads(self, change: PossibleChange) -> bool:
+        """Return whether the candidate poses have all inputs of a change."""
+        assert self.found is not None
+        inputs = {name for effect in change.effects for name in effect.inputs}
+        return inputs & set(self.found.session.poses.states.columns) <= set(self.poses.states.columns)
+
+    def _motions(self, changes: Sequence[PossibleChange], poses: Poses) -> tuple[Array, Array]:
+        assert self.found is not None
+        return motions(self.found.near.session, self.found.near.problem, changes, poses)
+
+    def unseen(self, level: float, limit: float) -> tuple[HiddenChange, ...]:
+        """Return the possible changes that could move the tool by more than `limit`, m, without being detected.
+
+        level: significance level of the test.
+        """
+        levers = _levers(*self._motions(self._tried, self.poses))
+        share = np.concatenate([np.full(c.columns.shape[1], c.share) for c in self._tried])
+        seen = np.concatenate([np.linalg.norm(c.columns, axis=0) for c in self._tried])
+        moves = (special.ndtri(POWER) - special.ndtri(0.5 * level * share)) * levers / seen
+        names = [change.name for change in self._tried for _ in range(change.columns.shape[1])]
+        found = {n: float(m) for n, m in sorted(zip(names, moves, strict=True), key=lambda one: one[1]) if m > limit}
+        return tuple(HiddenChange(name, moved) for name, moved in found.items())
 
     def next(self, taken: Array) -> Array:
         """Return the joint values of the next pose to measure, none of the poses `taken`.
 
-        The pose maximises the information on the least determined joint zero, relative to its displacement of the tool.
-        Without a session, the pose farthest from `taken` is returned.
+        The pose maximises the information on the suspected change, or else on the least determined one, relative to the
+        displacement of the tool. Without a test, the pose farthest from `taken` is returned.
         """
         left = self.not_among(taken)
-        if self.session is None:
+        if self.found is None:
             others = taken if len(taken) else None
             return np.asarray(self.q[left[spread_among(self.saved.mechanism, self.q[left], 1, others)[0]]])
-        have = _Columns.of(self.session.saved, self.session.poses.subset(np.flatnonzero(self.session.use)))
-        able, alone = self.able, self.columns.alone
-        seen = np.array([have.beside(self.columns.part(int(k))).information[able] for k in left]) / alone[able]
+        session, suspect = self.found.session, self.found.suspect
+        changes = self._tried if suspect is None or not self.reads(suspect) else [suspect]
+        there = self._motions(changes, self.poses)
+        able = (levers := _levers(*there)) > 0.0
+        have = self._motions(changes, session.poses.subset(np.flatnonzero(session.use)))
+        ahead = [[np.concatenate([h, c[[k]]]) for h, c in zip(have, there, strict=True)] for k in left]
+        seen = np.array([_information(*one) for one in ahead])[:, able] / levers[able] ** 2
         return np.asarray(self.q[left[int(np.argmax(seen.min(axis=1, initial=np.inf)))]])
+
+
+def _levers(placed: Array, moves: Array) -> Array:
+    """Return the displacement of the tool, m, RMS over poses, by each column; zero if the registration absorbs it."""
+    left, alone = _information(placed, moves), np.sum(moves**2, axis=(0, 1))
+    return np.asarray(np.sqrt(np.where(left > SEEN * alone, left, 0.0) / len(placed)))
+
+
+def _information(placed: Array, moves: Array) -> Array:
+    """Return the sum of squares of the displacements by each column, after the registration is projected out."""
+    placed, moves = (part.reshape(-1, part.shape[2]) for part in (placed, moves))
+    return np.asarray(np.sum(rank.remove(rank.orthonormal(placed), moves) ** 2, axis=0))

@@ -10,12 +10,13 @@ import numpy as np
 from scipy import special
 
 from gpmodel.application.recheck import LEAST_FREEDOM, Recheck, kept_by
-from gpmodel.arrays import Array, NotNegative, Share
+from gpmodel.arrays import Array, IntArray, NotNegative, Share
 from gpmodel.calibration.rivals import ROW
 from gpmodel.evidence.criteria import Criteria
 from gpmodel.families import catalogue
 from gpmodel.families.candidate import without_phase
 from gpmodel.families.load import mass_at_tool
+from gpmodel.families.session import arm_growth
 from gpmodel.formula.expression import ONE, Expression
 from gpmodel.mechanism.protocol import AXES, INSTRUMENT
 from gpmodel.mechanism.source import choice_of
@@ -24,14 +25,15 @@ from gpmodel.model.effect import Effect, drive_effect, effect_at
 from gpmodel.model.memory import clock_of
 from gpmodel.model.sites import geometric_effects
 from gpmodel.numerics import rank
-from gpmodel.numerics.interval import chance_of_ratio
+from gpmodel.numerics.interval import COVERAGE, chance_of_ratio
 
-Kind = Literal["zero", "tool", "size", "geometry", "catalogue", "set-up"]
+Kind = Literal["growth", "zero", "tool", "size", "geometry", "catalogue", "set-up"]
 SHARES: dict[Kind, float] = {
-    "set-up": 1 / 12, "zero": 1 / 3, "tool": 1 / 6, "size": 1 / 6, "geometry": 1 / 6, "catalogue": 1 / 12
+    "growth": 1 / 24, "set-up": 1 / 12, "zero": 5 / 24, "tool": 1 / 6, "size": 1 / 6, "geometry": 1 / 6,
+    "catalogue": 1 / 6,
 }  # fmt: skip
-"""Share of the significance for each kind of change, in the order of checks by a repairer. Frequent causes (slips,
-crashes) get the most."""
+"""Share of the significance, and prior probability, of each kind of change, in the order of checks by a repairer.
+Within a kind the shares are in proportion to exp(-price). Frequent causes (slips, crashes) get the most."""
 LEAST = 1e-3
 """Least share of a column's length that registration and tool do not absorb; a change with less is not tested."""
 STANDING = "base"
@@ -48,8 +50,10 @@ class PossibleChange:
 
     columns: whitened derivatives of the measurements by the change, in `unit`; for kind `size`, by a relative change.
     kind: `set-up` means that the instrument or a stationary object moved during the session, not the machine.
-    share: share of the significance level. effects: effects that the change adds to the model. at: columns of the
-    linear problem that the change moves, if the change adds no effect.
+    share: share of the significance level, and prior probability. price: price of the description, nats; zero for a
+    set-up, any of whose axes and rows is as likely as another.
+    effects: effects that the change adds to the model. at: columns of the linear problem that the change moves, if the
+    change adds no effect.
     """
 
     name: str
@@ -59,6 +63,7 @@ class PossibleChange:
     share: float = 1.0
     effects: tuple[Effect, ...] = ()
     at: tuple[int, ...] = ()
+    price: float = 0.0
 
     @cached_property
     def _parts(self) -> tuple[Array, Array, Array]:
@@ -70,6 +75,14 @@ class PossibleChange:
         """Return the part of the chi-square |z|² that the change explains, and the number of its parameters."""
         part = self._parts[0].T @ z
         return float(part @ part), len(part)
+
+    def evidence(self, left: Recheck) -> float:
+        """Return the log posterior probability of the change as the only one, nats, up to a constant.
+
+        The likelihood is Student's t, since σ is an estimate; p parameters at n rows cost p/2 ln n (Schwarz 1978).
+        """
+        explained, numbers = self.explained(left.z)
+        return _likelihood(left, explained) + float(np.log(self.share) - 0.5 * numbers * np.log(left.degrees))
 
     def part_of(self, z: Array) -> Array:
         """Return the part of the whitened residual z that the change explains."""
@@ -108,9 +121,21 @@ def zero_of(joint: str) -> str:
 
 def possible_changes(found: Recheck) -> tuple[PossibleChange, ...]:
     """Return all changes that the later poses could reveal, each with its share of the significance level."""
-    all_of = [*_zeros(found), *_tools(found), *_sizes(found), *_geometry(found), *_of_the_catalogue(found)]
-    counts = Counter(m.kind for m in all_of)
-    return tuple(replace(m, share=SHARES[m.kind] / counts[m.kind]) for m in all_of)
+    raw = [
+        *_growth(found), *_zeros(found), *_tools(found), *_sizes(found), *_geometry(found), *_of_the_catalogue(found)
+    ]  # fmt: skip
+    all_of = list(_seen(found, raw))
+    sums = Counter[Kind]()
+    for m in all_of:
+        sums[m.kind] += np.exp(-m.price)
+    return tuple(replace(m, share=float(SHARES[m.kind] * np.exp(-m.price) / sums[m.kind])) for m in all_of)
+
+
+def _growth(found: Recheck) -> Iterator[PossibleChange]:
+    """Yield the thermal growth of all lengths, at a temperature that the table need not state."""
+    for effect in arm_growth("scale of the machine", found.session.saved.mechanism, ONE, "1", "thermal_growth"):
+        raw = found.problem.effect_rows([effect], found.session.saved.model)
+        yield PossibleChange(effect.name, "growth", effect.unit, raw, effects=(effect,))
 
 
 def _zeros(found: Recheck) -> Iterator[PossibleChange]:
@@ -118,7 +143,7 @@ def _zeros(found: Recheck) -> Iterator[PossibleChange]:
     effects = [drive_effect(zero_of(joint.name), joint, ONE) for joint in joints]
     raw = found.problem.effect_rows(effects, found.session.saved.model)
     for k, effect in enumerate(effects):
-        yield from _seen(found, PossibleChange(effect.name, "zero", effect.unit, raw[:, [k]], effects=(effect,)))
+        yield PossibleChange(effect.name, "zero", effect.unit, raw[:, [k]], effects=(effect,))
 
 
 def _tools(found: Recheck) -> Iterator[PossibleChange]:
@@ -127,7 +152,7 @@ def _tools(found: Recheck) -> Iterator[PossibleChange]:
         title = f"tool{f' {label}' if label else ''}"
         at = [k for k, name in enumerate(names) if name.rsplit(" ", 1)[0] == title and " T" in name[len(title) :]]
         if at:
-            yield from _seen(found, PossibleChange(f"{title} point", "tool", "m", columns[:, at], at=tuple(at)))
+            yield PossibleChange(f"{title} point", "tool", "m", columns[:, at], at=tuple(at))
     yield from _carried(found)
     yield from _mass(found)
 
@@ -143,7 +168,7 @@ def _mass(found: Recheck) -> Iterator[PossibleChange]:
     effect = mass_at_tool(saved.mechanism, states, saved.model.effects, saved.theta, com)
     if effect is not None:
         raw = found.problem.effect_rows([effect], saved.model)
-        yield from _seen(found, PossibleChange(effect.name, "tool", effect.unit, raw, effects=(effect,)))
+        yield PossibleChange(effect.name, "tool", effect.unit, raw, effects=(effect,))
 
 
 def _carried(found: Recheck) -> Iterator[PossibleChange]:
@@ -157,10 +182,10 @@ def _carried(found: Recheck) -> Iterator[PossibleChange]:
         at = {own: names.index(f"{key} {own}") for own in kind.own[key]}
         for name, unit, axes in (("place", "m", AXES[:3]), ("angle", "rad", AXES[3:])):
             if own := tuple(at[axis] for axis in axes if axis in at):
-                yield from _seen(found, PossibleChange(f"{name} of {key}", "tool", unit, raw[:, own], at=own))
+                yield PossibleChange(f"{name} of {key}", "tool", unit, raw[:, own], at=own)
         for number, k in at.items() if of_a_lens else ():
             unit = "px" if number in PIXELS else "1"
-            yield from _seen(found, PossibleChange(f"{key} {number}", "tool", unit, raw[:, [k]], at=(k,)))
+            yield PossibleChange(f"{key} {number}", "tool", unit, raw[:, [k]], at=(k,))
 
 
 def _sizes(found: Recheck) -> Iterator[PossibleChange]:
@@ -172,7 +197,7 @@ def _sizes(found: Recheck) -> Iterator[PossibleChange]:
     for name, at in groups.items():
         raw = found.problem.effect_rows([model.effects[k] for k in at], model) @ theta[at]
         columns = tuple(found.problem.placement + k for k in at)
-        yield from _seen(found, PossibleChange(name, "size", "1", raw[:, None], at=columns))
+        yield PossibleChange(name, "size", "1", raw[:, None], at=columns)
 
 
 def _geometry(found: Recheck) -> Iterator[PossibleChange]:
@@ -182,7 +207,7 @@ def _geometry(found: Recheck) -> Iterator[PossibleChange]:
     effects = [e for e in geometric_effects(mechanism) if e.terms not in zeros]
     raw = found.problem.effect_rows(effects, found.session.saved.model)
     for k, effect in enumerate(effects):
-        yield from _seen(found, PossibleChange(effect.name, "geometry", effect.unit, raw[:, [k]], effects=(effect,)))
+        yield PossibleChange(effect.name, "geometry", effect.unit, raw[:, [k]], effects=(effect,))
 
 
 def _of_the_catalogue(found: Recheck) -> Iterator[PossibleChange]:
@@ -202,9 +227,9 @@ def _of_the_catalogue(found: Recheck) -> Iterator[PossibleChange]:
             e.of_the_instrument or (e.slots == (STANDING,) and set(e.inputs) <= {ROW, clock}) for e in candidate.effects
         )
         kind: Kind = "set-up" if aside else "catalogue"
-        yield from _seen(
-            found, PossibleChange(candidate.name, kind, candidate.unit, columns, effects=candidate.effects)
-        )
+        price = 0.0 if aside else candidate.cost
+        change = PossibleChange(candidate.name, kind, candidate.unit, columns, effects=candidate.effects, price=price)
+        yield change
 
 
 def wander(found: Recheck) -> Array:
@@ -218,12 +243,15 @@ def wander(found: Recheck) -> Array:
     return found.whitened(found.problem.effect_rows(effects, found.session.saved.model))
 
 
-def _seen(found: Recheck, raw: PossibleChange) -> Iterator[PossibleChange]:
-    """Yield the change with whitened columns, unless the later poses could not reveal the change."""
-    columns = found.whitened(raw.columns)
-    whole, left = (np.linalg.norm(c) for c in (found.spread.whiten(found.blocks.means(raw.columns)), columns))
-    if left > LEAST * whole and np.isfinite(left):
-        yield replace(raw, columns=columns)
+def _seen(found: Recheck, raw: Sequence[PossibleChange]) -> Iterator[PossibleChange]:
+    """Yield the changes with whitened columns, without those that the later poses could not reveal."""
+    ends = np.cumsum([change.columns.shape[1] for change in raw])[:-1]
+    whole = found.spread.whiten(found.blocks.means(np.hstack([change.columns for change in raw])))
+    parts = (np.split(columns, ends, axis=1) for columns in (whole, rank.remove(found.basis, whole)))
+    for change, alone, columns in zip(raw, *parts, strict=True):
+        left = np.linalg.norm(columns)
+        if left > LEAST * np.linalg.norm(alone) and np.isfinite(left):
+            yield replace(change, columns=columns)
 
 
 SET_UP: Kind = "set-up"
@@ -244,7 +272,8 @@ class NamedChange:
     """Identified change: value ± one standard error, in `unit`; for kind `size`, relative to the model's value.
 
     chance: probability of such a change by noise alone, corrected for all tested changes. rivals: names of other
-    changes that explain the later poses as well.
+    changes that explain the later poses as well, and of those in the 95 % credible set, the most probable first.
+    shares: posterior probabilities of the change and of its rivals.
     """
 
     name: str
@@ -254,6 +283,7 @@ class NamedChange:
     unit: str
     chance: Share
     rivals: tuple[str, ...]
+    shares: tuple[Share, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -268,7 +298,7 @@ class Visible:
 def changes(
     found: Recheck, tried: Sequence[PossibleChange], significance: float = SIGNIFICANCE
 ) -> tuple[tuple[NamedChange, ...], Recheck]:
-    """Select the significant changes, the least probable first, each given the earlier ones; return the residual after
+    """Select the significant changes, the most probable first, each given the earlier ones; return the residual after
     these changes, too.
 
     Changes that the poses do not distinguish are one change, with the name that a repairer checks first.
@@ -283,20 +313,42 @@ def changes(
         here = [h.beside(left) for h in tried]
         scores = [h.explained(left.z) for h in here]
         chances = [_chance(found, *score) / h.share for h, score in zip(here, scores, strict=True)]
-        able = [k for k, chance in enumerate(chances) if chance < significance]
-        able.sort(key=lambda k: (chances[k], -scores[k][0]))
+        shares, credible = _posterior(here, left)
+        able = [k for k in np.argsort(-shares).tolist() if chances[k] < significance]
         best = next((k for k in able if not here[k].fits_an_outlier(left)), None)
         if best is None:
             break
         part = here[best].part_of(left.z)
         alike = [k for k, h in enumerate(here) if h.explained(part)[0] > scores[best][0] - AS_LIKELY]
-        alike.sort(key=lambda k: (kinds.index(here[k].kind), chances[k]))
+        alike.sort(key=lambda k: (kinds.index(here[k].kind), -shares[k]))
         best = next(k for k in alike if k in able and not here[k].fits_an_outlier(left))
-        chosen, rivals = here[best], tuple(here[k].name for k in alike if k != best)
+        chosen, rivals = here[best], [k for k in np.argsort(-shares) if k != best and k in {*alike, *credible}]
+        named = tuple(here[k].name for k in rivals), tuple(shares[[best, *rivals]].tolist())
         size = chosen.fitted(left.z)
-        out.append(NamedChange(chosen.name, chosen.kind, *size, chosen.unit, chances[best], rivals[:4]))
+        out.append(NamedChange(chosen.name, chosen.kind, *size, chosen.unit, chances[best], *named))
         left = left.without(chosen.columns if chosen.kind != SET_UP else np.hstack([chosen.columns, wander(left)]))
     return tuple(out), left
+
+
+def _likelihood(left: Recheck, explained: float = 0.0) -> float:
+    """Return the log likelihood, nats, of a residual of which a part of the chi-square is explained."""
+    rest, freedom = max(left.chi_square - explained, 0.0), left.freedom
+    return -0.5 * float(rest if np.isinf(freedom) else (freedom + left.degrees) * np.log1p(rest / freedom))
+
+
+def suspected(found: Recheck, tried: Sequence[PossibleChange]) -> PossibleChange | None:
+    """Return the most probable change if a single change is more probable than none; prior probability one half."""
+    nats = np.array([change.evidence(found) for change in tried]) - _likelihood(found)
+    return tried[int(np.argmax(nats))] if tried and np.logaddexp.reduce(nats) > 0.0 else None
+
+
+def _posterior(tried: Sequence[PossibleChange], left: Recheck) -> tuple[Array, IntArray]:
+    """Return the posterior probability of each change as the only one, and the numbers of the 95 % credible set."""
+    nats = np.array([change.evidence(left) for change in tried])
+    shares = np.exp(nats - nats.max())
+    shares /= shares.sum()
+    order = np.argsort(-shares)
+    return shares, order[: int(np.searchsorted(np.cumsum(shares[order]), COVERAGE)) + 1]
 
 
 def _chance(found: Recheck, score: float, numbers: int) -> float:

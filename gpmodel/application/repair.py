@@ -1,8 +1,8 @@
 """Refit a model after an identified change to the poses of a check, with the former model as prior.
 
-Tool and effects have the prior x ~ N(m, Σ) of model.json. Changed parameters are free: covariance Σ + D Dᵀ with one
-column of D for each, 1 m, 1 rad or the value of an effect. With x = m + L u, L Lᵀ = Σ + D Dᵀ, every Gauss-Newton step
-is
+Tool and effects have the prior x ~ N(m, Σ) of model.json. Changed parameters have the covariance Σ + D Dᵀ: one column
+of D per parameter, which moves the tool by WIDE times the RMS error of the poses. With x = m + L u, L Lᵀ = Σ + D Dᵀ,
+every Gauss-Newton step is
 
     [F  K L; 0  σ] (ρ, u) = (r, -σ u)         F, K, r, σ: as in `application.recheck`; the registration ρ has no prior
 """
@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gpmodel.application.changed_model import with_changes
 from gpmodel.application.kinematics import remembered
 from gpmodel.application.model_file import Measured, SavedModel, needed
 from gpmodel.application.next_check import Pool
-from gpmodel.application.possible_changes import SET_UP, PossibleChange, possible_changes
+from gpmodel.application.possible_changes import SET_UP, PossibleChange
 from gpmodel.application.predict import point_columns
 from gpmodel.application.recheck import PASSES, Recheck, Session, in_covariance
 from gpmodel.application.verify import Verified
@@ -26,11 +27,12 @@ from gpmodel.calibration.noise import blocks_of
 from gpmodel.calibration.result import Covariance
 from gpmodel.calibration.size import without_frame
 from gpmodel.mechanism.protocol import AXES
-from gpmodel.model.effect import Effect, Term
+from gpmodel.model.effect import Term
 from gpmodel.model.error_model import ErrorModel, observe
 from gpmodel.model.observation import observations
 from gpmodel.model.sites import names_of, translate
 from gpmodel.numerics import rank
+from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.planning.design import Design, LOptimal, choose, deviations
 from gpmodel.table.bundles import sharing
 from gpmodel.table.dataset import Dataset
@@ -40,6 +42,13 @@ ENOUGH = 1.2
 many poses are needed."""
 MOST_MORE = 30
 """Largest number of further poses for a repair. A new calibration needs hardly more poses."""
+WIDE = 10.0
+"""Displacement of the tool by one prior standard deviation of a changed parameter, relative to the RMS error of the
+poses. The registration takes up to nine tenths of a displacement; a tenth of that shrinks the change by a percent."""
+UNKNOWN = 0.02
+"""Standard deviation of a tool coordinate, m, above which the fit did not determine it. The prior of a fit is 1 m."""
+MOST_CAUSES = 8
+"""Largest number of rivals of a change whose repaired models are compared. With 95 % credible sets more are rare."""
 KEPT_LABELS = ("setup", "tool", "tip")
 """Labels that the rows of the fit keep when they are joined to the rows of the check."""
 
@@ -59,9 +68,11 @@ class Repaired:
     """Model of a machine after a change. numbers: the changed parameters.
 
     expected, before: RMS error, m, of the point at the poses of the fit, without the part that a registration absorbs,
-    now and before the change.
-    more: joint values of further poses until the expected error is at most ENOUGH times the error before the
-    change; None if MOST_MORE poses do not suffice.
+    now and before the change. `expected` includes that another change of the credible set may be the cause.
+    more: joint values of further poses until the part of the expected error due to the parameters, which alone further
+    poses reduce, is at most ENOUGH times that part before the change; None if MOST_MORE poses do not suffice.
+    apart: joint values of the pose at which the possible causes differ most; None if the cause is identified: the
+    causes alone raise the error before the change to at most ENOUGH times.
     """
 
     saved: SavedModel
@@ -69,6 +80,7 @@ class Repaired:
     expected: NotNegative
     before: NotNegative
     more: Array | None
+    apart: Array | None
 
 
 @dataclass(frozen=True)
@@ -102,23 +114,53 @@ def repaired(found: Verified, pool: Pool) -> Repaired | None:
     data = found.session.poses.dataset
     if found.verdict != "drifted" or not found.changes or without_frame(observations(data)):
         return None
-    named, near = {(change.name, change.kind) for change in found.changes}, found.near
-    before = near.session.saved
-    changes = [change for change in possible_changes(near) if (change.name, change.kind) in named]
+    near = found.near
+    before, ((_, changes), *others) = near.session.saved, list(_causes(found))
     fit = _fitted(near, changes)
-    aside = {e.name for change in changes if change.kind == SET_UP for e in change.effects}
-    lasting = np.array([e.name not in aside for e in fit.session.saved.model.effects], dtype=bool)
-    saved = _kept(fit, pool.saved, lasting)
-    ahead = _ahead(fit, saved, lasting, _before(before, fit.problem), pool)
+    lasting = _lasting(fit, changes)
+    saved, own = _kept(fit, pool.saved, lasting), _tips(fit, changes, pool)
+    off = [
+        share**0.5 * (_tips(_fitted(near, cause), cause, pool) - own)
+        for share, cause in others if all(pool.reads(change) for change in cause)
+    ]  # fmt: skip
+    ahead = _ahead(fit, saved, lasting, _determined(_before(before, fit.problem), fit.problem), pool, off)
     was = replace(before, placement=replace(before.placement, tool=pool.saved.placement.tool))
     called = [(c.effects[0].terms, c.name) for c in changes if len(c.effects) == 1]
     return Repaired(saved, tuple(_numbers(was, fit, lasting, called)), *ahead)
 
 
+def _causes(found: Verified) -> Iterator[tuple[float, list[PossibleChange]]]:
+    """Yield the named changes, then the changes with one replaced by a rival, each with its probability.
+
+    The MOST_CAUSES most probable rivals of each change are included.
+    """
+    tried = {change.name: change for change in found.tried}
+    named = [tried[c.name] for c in found.changes if c.name in tried]
+    yield 1.0, named
+    for k, change in enumerate(c for c in found.changes if c.name in tried):
+        for rival, share in [*zip(change.rivals, change.shares[1:], strict=True)][:MOST_CAUSES]:
+            yield share, [*named[:k], tried[rival], *named[k + 1 :]]
+
+
+def _lasting(fit: _Fit, changes: Sequence[PossibleChange]) -> Mask:
+    """Return a mask of the effects of the model without those of the set-up."""
+    aside = {e.name for change in changes if change.kind == SET_UP for e in change.effects}
+    return np.array([e.name not in aside for e in fit.session.saved.model.effects], dtype=bool)
+
+
+def _tips(fit: _Fit, changes: Sequence[PossibleChange], pool: Pool) -> Array:
+    """Return the points (N, 3) of the candidate poses by a refitted model."""
+    saved = fit.session.saved
+    theta = np.where(_lasting(fit, changes), saved.theta, 0.0)
+    return np.asarray(observe(saved.model, pool.poses, theta, saved.placement).tip[:, :3, 3])
+
+
 def _fitted(near: Recheck, changes: Sequence[PossibleChange]) -> _Fit:
     """Iterate to the posterior mode of the changed model, excluding outliers at each step."""
-    session, changed = _with(near.session, near.problem, changes)
+    session, changed = with_changes(near.session, near.problem, changes)
     sigma, total = near.spread.sigma, np.zeros(0)
+    lever = np.sqrt(np.sum((session.problem.columns @ changed) ** 2, axis=0) / session.use.sum())
+    changed = changed * WIDE * root_mean_square(near.session.errors) / np.maximum(lever, np.finfo(float).tiny)
     for _ in range(PASSES):
         problem = session.problem
         blocks, free = blocks_of(problem, sharing(session.poses.dataset)), session.anew(problem)
@@ -138,34 +180,9 @@ def _fitted(near: Recheck, changes: Sequence[PossibleChange]) -> _Fit:
     return _Fit(session, changed, problem, left, step, sigma)
 
 
-def _with(session: Session, problem: Linearised, changes: Sequence[PossibleChange]) -> tuple[Session, Array]:
-    """Add the effects of the machine's changes to the model of a session; return it and one column D per change."""
-    saved, count = session.saved, problem.placement
-    known, added = [effect.terms for effect in saved.model.effects], list[Effect]()
-    columns: list[dict[int, float]] = []
-    for change in changes:
-        for effect in change.effects:
-            if effect.terms not in known:
-                known.append(effect.terms)
-                added.append(effect)
-            columns.append({count + known.index(effect.terms): 1.0})
-        if change.kind == "size":
-            columns.append({k: float(saved.theta[k - count]) for k in change.at})
-        else:
-            columns += [{k: 1.0} for k in change.at]
-    model = ErrorModel(saved.mechanism, (*saved.model.effects, *added))
-    theta, stderr = (
-        np.append(v, np.full(len(added), fill)) for v, fill in ((saved.theta, 0.0), (saved.stderr, np.nan))
-    )
-    changed = np.zeros((count + len(theta), len(columns)))
-    for column, entries in enumerate(columns):
-        changed[list(entries), column] = list(entries.values())
-    return replace(session, saved=replace(saved, model=model, theta=theta, stderr=stderr)), changed
-
-
 def _root(saved: SavedModel, problem: Linearised, held: Mask) -> Array:
     """Return a root L of the model's covariance of the columns `held`, in the order of all parameters."""
-    covariance = _before(saved, problem)
+    covariance = _determined(_before(saved, problem), problem)
     covariance[~held] = covariance[:, ~held] = 0.0
     size = np.sqrt(np.diag(covariance))
     known = size > 0
@@ -173,6 +190,21 @@ def _root(saved: SavedModel, problem: Linearised, held: Mask) -> Array:
     root = np.zeros((len(size), known.sum()))
     root[known] = size[known, None] * vectors * np.sqrt(np.maximum(values, 0.0))
     return root
+
+
+def _determined(covariance: Array, problem: Linearised) -> Array:
+    """Return the covariance given the coordinates of tools that the fit did not determine.
+
+    An example is the height of the tool of an arm with parallel axes.
+
+    Predictions hardly depend on such a coordinate, but a step of it by its standard deviation changes every lever.
+    """
+    tools = [k for k, name in enumerate(problem.placement_names) if name.startswith("tool")]
+    for k in tools:
+        if covariance[k, k] > UNKNOWN**2:
+            covariance = covariance - np.outer(covariance[k], covariance[k]) / covariance[k, k]
+            covariance[k] = covariance[:, k] = 0.0
+    return covariance
 
 
 def _before(saved: SavedModel, problem: Linearised) -> Array:
@@ -256,10 +288,14 @@ def _numbers(
             yield Renewed(f"{title} point {axis}", "m", *values)
 
 
-def _ahead(fit: _Fit, saved: SavedModel, lasting: Mask, before: Array, pool: Pool) -> tuple[float, float, Array | None]:
-    """Return the expected error, m, now and before the change, and the further poses until the ratio is at most ENOUGH.
+def _ahead(
+    fit: _Fit, saved: SavedModel, lasting: Mask, before: Array, pool: Pool, off: Sequence[Array]
+) -> tuple[float, float, Array | None, Array | None]:
+    """Return the expected error, m, now and before the change, the further poses until the ratio is at most ENOUGH, and
+    the pose at which the causes differ most if the cause is not identified.
 
-    before: covariance of the former model.
+    before: covariance of the former model. off: distances (N, 3) of the candidate points by the model of each rival
+    from those by the named changes, times the root of the probability of the rival.
     """
     rows = np.concatenate([np.ones(fit.problem.placement, dtype=bool), lasting])
     observed = observe(saved.model, pool.poses, saved.theta, saved.placement)
@@ -269,8 +305,7 @@ def _ahead(fit: _Fit, saved: SavedModel, lasting: Mask, before: Array, pool: Poo
     basis = rank.orthonormal(own[:, placed])
     own[:, placed] = 0.0
     own = rank.remove(basis, own)
-    more = 3.0 * saved.discrepancy**2
-    was = float(np.sqrt(np.sum((own @ before[np.ix_(rows, rows)]) * own) / count + more))
+    was = float(np.sqrt(np.sum((own @ before[np.ix_(rows, rows)]) * own) / count))
     known, moved = fit.left.T @ fit.left / fit.sigma**2, own @ step
     scale = np.sqrt(np.diag(known))
     scale[scale == 0.0] = 1.0
@@ -278,6 +313,11 @@ def _ahead(fit: _Fit, saved: SavedModel, lasting: Mask, before: Array, pool: Poo
     question = Design(columns @ step / fit.sigma / scale, known / np.outer(scale, scale), weight)
     left = pool.not_among(fit.session.poses.dataset.q)
     order = left[choose(question.columns[left], question.known, min(MOST_MORE, len(left)), weight)]
-    errors = np.sqrt(deviations([question], order) ** 2 + more)
+    errors = deviations([question], order)
     enough = np.flatnonzero(errors <= ENOUGH * was)
-    return float(errors[0]), was, pool.q[order[: enough[0]]] if len(enough) else None
+    between = sum(float(np.sum(rank.remove(basis, one.ravel()) ** 2)) for one in off) / count
+    apart, more = None, 3.0**0.5 * saved.discrepancy
+    if between > (ENOUGH**2 - 1.0) * was**2:
+        apart = pool.q[left[int(np.argmax(np.sum(np.square(off), axis=(0, 2))[left]))]]
+    now, was = (float(np.sqrt(np.sum(np.square(v)))) for v in ((errors[0], between**0.5, more), (was, more)))
+    return now, was, pool.q[order[: enough[0]]] if len(enough) else None, apart

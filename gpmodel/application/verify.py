@@ -16,9 +16,11 @@ from gpmodel.application.possible_changes import (
     SET_UP,
     SIGNIFICANCE,
     NamedChange,
+    PossibleChange,
     Visible,
     changes,
     possible_changes,
+    suspected,
     visible,
 )
 from gpmodel.application.recheck import Recheck, Session, kept_by, recheck, settled
@@ -61,6 +63,7 @@ class Verified:
     alone_turn: orientation error of nominal geometry, rad, NaN without measured orientation.
     outside: inputs beyond the model's ranges.
     instrument: True if the measurements contain the instrument errors of the model; None if the model has none.
+    tried: all tested changes. suspect: the most probable change, if a change is more probable than none.
     """
 
     verdict: Verdict
@@ -72,6 +75,8 @@ class Verified:
     changes: tuple[NamedChange, ...]
     visible: tuple[Visible, ...]
     instrument: bool | None
+    tried: tuple[PossibleChange, ...]
+    suspect: PossibleChange | None
 
     @property
     def session(self) -> Session:
@@ -125,7 +130,7 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
         residual, unknowns = near.problem.residual, near.basis.shape[1]
         useless = np.linalg.norm(residual) / np.sqrt(len(residual) - unknowns) > HALF * alone.sigma
         nothing_else = left.chance >= significance and len(named) < MOST
-        complete = nothing_else or left.chi_square < UNEXPLAINED * near.chi_square
+        complete = nothing_else or left.chi_square / left.degrees < UNEXPLAINED * near.chi_square / near.degrees
         verdict = "another machine" if useless and not complete else "drifted"
     nominal = observe(alone.model, session.poses, alone.theta, alone.placement)
     points = session.observed.tip[:, :3, 3]
@@ -139,6 +144,8 @@ def verified(saved: SavedModel, dataset: Dataset, significance: float = SIGNIFIC
         changes=() if verdict == "another machine" else (*moved, *named),
         visible=visible(near, tried, significance),
         instrument=instrument,
+        tried=tried,
+        suspect=suspected(near, tried),
     )
 
 

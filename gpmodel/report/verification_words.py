@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 MOST_ROWS, MOST_PRINTED = 400, 8
 """Number of rows listed on the page and on a terminal, the largest error first; verify.csv has all rows."""
+MOST_RIVALS = 4
+"""Number of rivals of a change in a sentence; verify.json has all."""
 UNLIKELY = 0.001
 """Probability of a row's error below which the row is marked; one of fifty tables with twenty rows has a mark."""
 NOMINAL = "nominal, as driven"
@@ -101,8 +103,10 @@ def tolerance(record: Verification) -> str:
 
 def change(found: NamedChange) -> str:
     """Return a change with its size and its alternatives: `tool point moved by 31.0 ± 4.1 µm; may instead be J6 Tx`."""
-    instead = f"; may instead be {', or '.join(found.rivals)}" if found.rivals else ""
-    if found.kind == "size":
+    instead = f"; may instead be {', or '.join(found.rivals[:MOST_RIVALS])}" if found.rivals else ""
+    if len(found.rivals) > MOST_RIVALS:
+        instead += f", or {len(found.rivals) - MOST_RIVALS} others"
+    if found.kind in ("size", "growth"):
         more, by = ("more" if found.value > 0 else "less"), abs(found.value)
         return f"{found.name}: {wording.percent(by)} ± {wording.percent(found.stderr)} {more} than before{instead}"
     moved = " changed" if found.unit == "kg" else " moved" if found.kind in ("zero", "tool") else ""

@@ -12,7 +12,7 @@ from verify_cases import Fitted, fitted_robot, placed_anew, read_later
 
 import gpmodel as gp
 from gpmodel.api.verify import NextCheck
-from gpmodel.application.next_check import FALSE_ALARM, FIRST, significance
+from gpmodel.application.next_check import FALSE_ALARM, FIRST, level, significance
 from gpmodel.mechanism.branches import random_poses
 from gpmodel.planning.simulate import Simulation
 from gpmodel.table.cells import frame_of, table_text
@@ -56,6 +56,15 @@ def test_all_looks_together_spend_the_false_alarm() -> None:
     spent = sum(2.0 * significance(n) for n in range(FIRST, 100_000))
     assert spent == pytest.approx(FALSE_ALARM, rel=1e-4)
     assert spent < FALSE_ALARM
+
+
+@pytest.mark.parametrize(("moved", "first"), [(5e-4, True), (0.0, False)])
+def test_a_change_that_one_test_reports_is_tested_at_the_level_of_that_test(
+    fitted: Fitted, moved: float, first: bool
+) -> None:
+    model, made = fitted
+    later = measured(made, model.saved.measured.dataset.q[:10], 2, moved)
+    assert level(model.saved, later) == significance(FIRST if first else 10)
 
 
 def test_a_machine_that_did_not_change_is_good_after_a_few_different_poses() -> None:
