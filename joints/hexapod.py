@@ -59,7 +59,6 @@ class Hexapod(SixLegged):
         return np.full((1, LEGS), np.mean(self.limits))
 
     def feet(self, frames: Array, own: Array, q: Array) -> tuple[Array, Array]:
-        """Place the lower balls on the base; arguments and results as in SixLegged.feet."""
         frames[1:-1:3] = own[0] @ shift(self.base)[:, None] @ own[1:-1:3]
         apart = np.linalg.norm((self.platform - self.base)[:, :2], axis=1).mean()
         high = np.sqrt(max(np.mean(self.limits) ** 2 - apart**2, 0.0)) + np.mean(self.base - self.platform, 0)[2]
@@ -187,11 +186,9 @@ class Tau(SixLegged):
         return np.asarray(np.linalg.norm(self.platform + np.array(self.start) - lower, axis=1))
 
     def links_behind(self, slot: int) -> list[int]:
-        """Return the numbers (from 0) of the links that the actuator of a slot moves."""
         return [k for k, arm in enumerate(ARMS) if arm == (slot - 1) // 2]
 
     def feet(self, frames: Array, own: Array, q: Array) -> tuple[Array, Array]:
-        """Place the lower balls on the actuators; arguments and results as in SixLegged.feet."""
         for a, actuator in enumerate(self.actuators):
             frames[1 + 2 * a] = own[0] @ actuator.frame @ own[1 + 2 * a]
             frames[2 + 2 * a] = frames[1 + 2 * a] @ actuator.moved(q[:, a]) @ own[2 + 2 * a]

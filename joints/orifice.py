@@ -44,16 +44,13 @@ class LinearOrifice:
         not_negative("orifice offset", self.offset, "Pa")
 
     def flow(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
-        """Return the flow (inlet pressure - socket pressure + offset) / slope [m^3/s]."""
         return (_drop(inlet, socket) + self.offset) / self.slope
 
     def inlet_pressure(self, flow: ArrayLike, socket: ArrayLike) -> Array:
-        """Return the inlet pressure: socket pressure + max(0, slope flow - offset) [Pa]."""
         drop = np.maximum(self.slope * not_negative("flow", flow, "m^3/s") - self.offset, 0.0)
         return not_negative("socket pressure", socket, "Pa") + drop
 
     def flow_slope(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
-        """Return the derivative of the flow by the socket pressure, -1 / slope [m^3/(s Pa)]."""
         return np.full_like(_drop(inlet, socket), -1 / self.slope)
 
 
@@ -75,7 +72,6 @@ class NozzleOrifice:
         positive("air temperature", self.temperature, "K")
 
     def flow(self, inlet: ArrayLike, socket: ArrayLike) -> Array:
-        """Return the flow [m^3/s] of the nozzle at inlet and socket pressures [Pa]."""
         _drop(inlet, socket)
         upstream = np.asarray(inlet, float) + ATMOSPHERE
         ratio = (np.asarray(socket, float) + ATMOSPHERE) / upstream

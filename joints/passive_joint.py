@@ -108,7 +108,6 @@ class PassiveJoint:
         )
 
     def transforms(self, q: Array) -> Array:
-        """Return nominal transforms (slots, poses, 4, 4), m, between successive slots: the rotations and the shaft."""
         q = np.asarray(q, dtype=float)
         if q.ndim != 2 or q.shape[1] != len(self.rotations):
             names = ", ".join(r.name for r in self.rotations)

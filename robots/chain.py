@@ -173,11 +173,9 @@ class SerialChain(Chain):
         return self._shape is not None
 
     def collides(self, q: Array) -> Mask:
-        """Return for each row of joint values whether the arm collides with itself; False if its shape is unknown."""
         return np.zeros(len(q), dtype=bool) if self._shape is None else self._shape.collides(q)
 
     def hides(self, q: Array, points: Array, instrument: Array) -> Mask:
-        """Return for each pose whether the arm blocks the line from `points` (poses, 3) to the instrument (3,), m."""
         return np.zeros(len(q), dtype=bool) if self._shape is None else self._shape.hides(q, points, instrument)
 
     def write_urdf(self, path: Path, twists: Mapping[str, Array] | None = None) -> str:
@@ -216,7 +214,6 @@ class Branches:
         return {chain.tool_frame: own[-1] for chain, own in zip(self.chains, self._own, strict=True)}
 
     def alone(self, tip: str) -> SerialChain:
-        """Return the chain that ends at the measured link `tip`; see gpmodel.mechanism.branches.Branched."""
         return next(chain for chain in self.chains if chain.tool_frame == tip)
 
     @cached_property
@@ -245,7 +242,6 @@ class Branches:
         return max((own.index(slot) for own in self._own if slot in own), default=-1)
 
     def transforms(self, q: Array) -> Array:
-        """Return transforms (slots, poses, 4, 4), m, from each slot to the next slot in the list, at joint values q."""
         frames: dict[str, Array] = {}
         for chain, own in zip(self.chains, self._own, strict=True):
             frames.update(zip(own, se3.chain(chain.transforms(self._of(chain, q))), strict=True))

@@ -188,7 +188,8 @@ def read_tree(path: Path) -> UrdfTree:
             raise ValueError(
                 f"links form no tree: {said}; expected one without a parent, and one parent of every other link"
             )
-        tree = UrdfTree(_title(robot.get("name", "")), roots[0], masses, joints)
+        title = re.fullmatch(rf"[\w .,()+-]{{1,{LONGEST_TITLE}}}", robot.get("name", ""))
+        tree = UrdfTree(title[0] if title else "", roots[0], masses, joints)
         if len(tree.frames) < len(masses):
             raise ValueError("joints form a loop; expected a tree")
     except (ValueError, RecursionError) as error:
@@ -211,11 +212,6 @@ def _name(element: ET.Element) -> str:
     if not (name := element.get("name", "")):
         raise ValueError(f"a <{element.tag}> has no name; expected an attribute 'name'")
     return name
-
-
-def _title(name: str) -> str:
-    """Return a robot's name as the title of a page; "" if the name is too long or needs escaping."""
-    return name if re.fullmatch(rf"[\w .,()+-]{{1,{LONGEST_TITLE}}}", name) else ""
 
 
 def _mass(link: ET.Element) -> tuple[float, Array]:

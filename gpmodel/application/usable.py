@@ -131,7 +131,8 @@ def placed_now(saved: SavedModel) -> SavedModel:
     """
     slots, effects = saved.mechanism.slots, saved.model.effects
     ends = ((slots[0],), (slots[-1],))
-    own = np.array([e.constant and e.slots in ends and _ended(e) for e in effects], dtype=bool)
+    ended = (e.constant and e.slots in ends and all(isinstance(t.basis, Ended) for t in e.terms) for e in effects)
+    own = np.fromiter(ended, dtype=bool)
     if branched(saved.mechanism) or not own.any():
         return saved
     at, (robot, tool) = States({"": np.zeros(1)}, {"": "1"}), np.zeros((2, 1, 6))
@@ -146,10 +147,6 @@ def placed_now(saved: SavedModel) -> SavedModel:
         saved.placement.anchors,
     )
     return replace(_only(saved, ~own), placement=placed)
-
-
-def _ended(effect: Effect) -> bool:
-    return all(isinstance(term.basis, Ended) for term in effect.terms)
 
 
 def _after_the_session(saved: SavedModel) -> SavedModel:

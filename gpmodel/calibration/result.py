@@ -201,7 +201,8 @@ def uncertainty(fitting: Fitting, fitted: Fitted, kept: Mask) -> Uncertainty:
     count = len(problem.columns) + belief.effect_rows
     rank = int(free.sum())
     if problem.reduced is not None:
-        rank = _rank(np.vstack([problem.columns[:, free], rows[: belief.effect_rows]]))
+        both = np.vstack([problem.columns[:, free], rows[: belief.effect_rows]])
+        rank = int(np.linalg.matrix_rank(both / _or_one(np.linalg.norm(both, axis=0)), 1e-9))
     left = float(np.sqrt(np.sum(problem.residual**2) / max(count - rank, 1)))
     sigma = left if fitting.model.noise is None else fitting.model.noise
     rows = np.vstack([rows, JointPriors.select(problem, rows, free, sigma).rows(problem)[:, free]])
@@ -252,11 +253,6 @@ def _add_unseen(whole: Array, fitting: Fitting, fitted: Fitted, kept: Mask, sigm
 def _or_one(norms: Array) -> Array:
     """Return the norms of columns with rounding errors replaced by 1."""
     return np.where(norms < ident.NEGLIGIBLE, 1.0, norms)
-
-
-def _rank(columns: Array) -> int:
-    """Return the numerical rank of columns, scaled to unit length."""
-    return int(np.linalg.matrix_rank(columns / _or_one(np.linalg.norm(columns, axis=0)), 1e-9))
 
 
 def placement_numbers(placement: Placement, problem: Linearised, covariance: Array) -> tuple[PlacementNumber, ...]:

@@ -56,18 +56,14 @@ def _changes(mechanism: Mechanism) -> list[tuple[int, Array]]:
     """
     count = len(mechanism.joints)
     turning = [i for i, joint in enumerate(mechanism.joints) if joint.kind == "revolute"]
-    own = np.eye(count, count + 1)
+    own = np.eye(count + 1)
     changes = []
     for i in range(count):
         zeros = QUARTERS if i in turning and 0 < i < count - 1 else QUARTERS[:1]
-        changes += [(i, s * own[i] + _zero(count, z)) for s, z in product((1.0, -1.0), zeros) if (s, z) != (1.0, 0.0)]
+        changes += [(i, s * own[i] + z * own[count]) for s, z in product((1.0, -1.0), zeros) if (s, z) != (1.0, 0.0)]
         near = [k for k in (i - 1, i + 1) if k in turning and i in turning]
         changes += [(i, own[i] + sign * own[k]) for k, sign in product(near, (1.0, -1.0))]
     return changes
-
-
-def _zero(count: int, zero: float) -> Array:
-    return np.append(np.zeros(count), zero)
 
 
 def _changed(formulas: Array, change: tuple[int, Array]) -> Array:

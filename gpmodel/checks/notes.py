@@ -105,12 +105,6 @@ def registered(frames: Array, position: Array) -> Registered:
     return Registered.of(frames, position, tool)
 
 
-def rms_misfit(mechanism: Mechanism, q: Array, position: Array) -> float:
-    """Return the RMS residual, m, of registration and one tool point. q: joint values. position: (poses, 3), m."""
-    frames = flange(mechanism, q)
-    return root_mean_square(registered(frames, position).errors(frames, position))
-
-
 def least_misfit(frames: Array, position: Array) -> Array:
     """Return a lower bound, m, of the RMS residual of any registration and tool point.
 

@@ -133,7 +133,7 @@ def _elements(finer: int = 1) -> Iterator[Element]:
     yield from (Element("exp({k}*{q})", np.exp, sign * k, float(sign > 0)) for k, sign in product(growth, (1, -1)))
     for name, d in product(("sqrt", "log", "reciprocal"), OUTSIDE):
         yield Element(name + "({q} - {a})", apply[name], 1.0, -d)
-        yield Element(name + "({a} - {q})", partial(_of_opposite, apply[name]), 1.0, 1.0 + d)
+        yield Element(name + "({a} - {q})", partial(lambda f, x: f(-x), apply[name]), 1.0, 1.0 + d)
 
 
 def _cubics() -> Iterator[Element]:
@@ -145,26 +145,14 @@ def _cubics() -> Iterator[Element]:
 def _powers() -> Iterator[Element]:
     """Yield powers with real exponents, odd or even about their root."""
     for c, p in product(_inside(ALONE), EXPONENTS):
-        yield Element(f"({{q}} - {{a}})*power(abs({{q}} - {{a}}), {p})", partial(_odd_power, p), c=c)
-        yield Element(f"power(abs({{q}} - {{a}}), {p + 1.0})", partial(_even_power, p + 1.0), c=c)
+        yield Element(f"({{q}} - {{a}})*power(abs({{q}} - {{a}}), {p})", partial(lambda e, x: x * abs(x) ** e, p), c=c)
+        yield Element(f"power(abs({{q}} - {{a}}), {p + 1.0})", partial(lambda e, x: abs(x) ** e, p + 1.0), c=c)
 
 
 def _rectified() -> Iterator[Element]:
     """Yield rectified waves. As compositions, rectified waves start too far from the rate in the data."""
     for c, k in product(_inside(ALONE), _in_proportion(TURNS, ALONE)):
         yield Element("abs(sin({k}*({q} - {a})))", lambda x: np.abs(np.sin(x)), 0.5 * k, c)
-
-
-def _odd_power(exponent: float, x: Array) -> Array:
-    return np.asarray(x * np.abs(x) ** exponent)
-
-
-def _even_power(exponent: float, x: Array) -> Array:
-    return np.asarray(np.abs(x) ** exponent)
-
-
-def _of_opposite(function: Callable[[Array], Array], x: Array) -> Array:
-    return function(-x)
 
 
 class Elements:

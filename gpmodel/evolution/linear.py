@@ -64,7 +64,6 @@ class Linear:
         )  # fmt: skip
 
     def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> "SequenceBreeding":
-        """Return the object that creates and varies sequences. start: inputs with which the registers start."""
         first: list[str | None] = [*start]
         if not first and self.start_inputs:
             first = [inputs.names[k % len(inputs.names)] for k in range(self.registers)]
@@ -87,15 +86,12 @@ class Sequences:
         return len(self.genes)
 
     def take(self, rows: NDArray[np.intp]) -> "Sequences":
-        """Return the programs with the given row numbers."""
         return Sequences(self.genes[rows], self.constants[rows])
 
     def join(self, other: "Sequences") -> "Sequences":
-        """Return the programs of both populations, those of `self` first."""
         return Sequences(np.concatenate([self.genes, other.genes]), np.concatenate([self.constants, other.constants]))
 
     def decoder(self, layout: Layout) -> Callable[[slice], Code]:
-        """Return a function from a slice of programs to their effective code."""
         return partial(self._decoded, layout)
 
     def _decoded(self, layout: Layout, part: slice) -> Code:
@@ -111,15 +107,12 @@ class Sequences:
         return code
 
     def program(self, row: int, layout: Layout) -> Program:
-        """Return the sequence at `row` as a program."""
         return program_of(self.genes[row], self.constants[row], layout)
 
     def constants_of(self, row: int) -> Array:
-        """Return the constants that the program at `row` carries."""
         return np.array(self.constants[row])
 
     def with_constants(self, row: int, values: Array) -> "Sequences":
-        """Return a population of the program at ``row`` alone, with `values` as the constants that it carries."""
         return Sequences(self.genes[row : row + 1], values[None, :])
 
 
@@ -145,7 +138,6 @@ class SequenceBreeding:
     def offspring(
         self, parents: Population, mothers: NDArray[np.intp], fathers: NDArray[np.intp], rng: np.random.Generator
     ) -> Sequences:
-        """Return one child per pair of parents, each with its own random stream."""
         assert isinstance(parents, Sequences), "sequences are bred from sequences"
         from gpmodel.evolution.kernels.breeding import breed_sequences
 

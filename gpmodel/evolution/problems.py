@@ -95,7 +95,6 @@ class CartesianProblem:
 
     @property
     def can_stop_early(self) -> bool:
-        """True if the scoring of a program may stop at a limit, as for the maximum over many poses."""
         return self.norm == "max" and not self.parsimony and self.measured.shape[1] > BLOCK
 
     def initial_norm(self) -> float:

@@ -48,7 +48,6 @@ class Tree:
         return Tree(12, 3, "thesis", TABLE_CONSTANTS, own_constants=0, style="thesis", crossover=0.8)
 
     def breeding(self, inputs: Inputs, start: tuple[str, ...], threads: int) -> "TreeBreeding":
-        """Return the object that creates and varies trees over given inputs."""
         from gpmodel.evolution.tree_breeding import TreeBreeding
 
         layout = Layout(

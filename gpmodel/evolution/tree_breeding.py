@@ -90,7 +90,6 @@ class TreeBreeding:
         return toolbox
 
     def initial(self, population: int, rng: np.random.Generator) -> Trees:
-        """Return a random population of trees."""
         with _deap_random(rng):
             return Trees(
                 tuple(
@@ -102,7 +101,6 @@ class TreeBreeding:
     def offspring(
         self, parents: Population, mothers: NDArray[np.intp], fathers: NDArray[np.intp], rng: np.random.Generator
     ) -> Trees:
-        """Return one child per pair of parents, by crossover or a mutation."""
         assert isinstance(parents, Trees), "trees are bred from trees"
         children = []
         with _deap_random(rng):

@@ -114,27 +114,21 @@ class Trees:
             one.codes = (*one.codes[:k], code, *one.codes[k + 1 :])
 
     def take(self, rows: NDArray[np.intp]) -> "Trees":
-        """Return the individuals with the given row numbers."""
         return Trees(tuple(self.individuals[row] for row in rows))
 
     def join(self, other: "Trees") -> "Trees":
-        """Return the individuals of this population followed by the individuals of ``other``."""
         return Trees(self.individuals + other.individuals)
 
     def decoder(self, layout: Layout) -> Callable[[slice], Code]:
-        """Return a function from a slice of individuals to their effective code; prefix codes are computed once."""
         return partial(self.forest.decoded, layout)
 
     def program(self, row: int, layout: Layout) -> Program:
-        """Return the individual at `row` as a program."""
         return program_of(self.individuals[row], layout)
 
     def constants_of(self, row: int) -> Array:
-        """Return the constants that the individual at `row` carries."""
         return np.array(self.individuals[row].constants)
 
     def with_constants(self, row: int, values: Array) -> "Trees":
-        """Return a population of the individual at ``row`` alone, with `values` as the constants that it carries."""
         remaining = iter(values.tolist())
         trees = []
         for tree in self.individuals[row].trees:

@@ -8,7 +8,7 @@ import numpy as np
 from gpmodel.families.angle import SMOOTH, harmonics, spectrum, wave
 from gpmodel.families.candidate import Candidate, loaded, one, relative, revolute, share_of_rows
 from gpmodel.formula.expression import Expression
-from gpmodel.mechanism.protocol import AXES, Joint, Mechanism
+from gpmodel.mechanism.protocol import AXES, Mechanism
 from gpmodel.model.effect import Effect, effect_at
 from gpmodel.model.sites import Site, sites_of
 from gpmodel.model.states import States
@@ -63,16 +63,12 @@ def following(mechanism: Mechanism, states: States) -> Iterator[Candidate]:
     joints = revolute(mechanism)
     for site in sites_of(mechanism):
         for j in joints:
-            if not _own(site, j):
+            if site.slot != f"{j.name}.moving":
                 name = f"{site.name} following {j.name}"
                 yield Candidate(
                     name, harmonics(name, site, j.name, "following", spectrum(*FOLLOWING)), "following", 7.0
                 )
     yield from _following_columns(mechanism, states)
-
-
-def _own(site: Site, joint: Joint) -> bool:
-    return site.slot == f"{joint.name}.moving"
 
 
 def wander(mechanism: Mechanism, states: States) -> Iterator[Candidate]:

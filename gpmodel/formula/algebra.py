@@ -204,17 +204,14 @@ def simplify(program: Program) -> Program:
             candidate = from_sympy([change(expression) for expression in outputs], changed)
         except (ValueError, TypeError, RecursionError):
             continue
-        best = best if _is_written(candidate) else min(best, candidate, key=_operators_then_size)
+        if not _is_written(candidate):
+            best = min(best, candidate, key=lambda one: (sum(one.operator_counts.values()), one.complexity))
     return best
 
 
 def _is_written(program: Program) -> bool:
     """Return whether a program has an operator that is written by users and never evolved."""
     return any(BY_NAME[name].code >= WRITTEN for name in program.operator_counts)
-
-
-def _operators_then_size(program: Program) -> tuple[int, int]:
-    return sum(program.operator_counts.values()), program.complexity
 
 
 def _unchanged(expression: sympy.Expr) -> sympy.Expr:

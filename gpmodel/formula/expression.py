@@ -200,7 +200,6 @@ class Expression:
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the state columns in the expression, in the order of first use."""
         return tuple(str(node.value) for node in self.program.nodes if node.operator == "input")
 
     @cached_property

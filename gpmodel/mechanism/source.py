@@ -86,7 +86,7 @@ class MechanismChoice:
         if self.description:
             name = str(_unpacked(self.name, self.description))
         elif self.description is None and os.path.isfile(name):
-            choice = replace(self, description=_text(Path(name)))
+            choice = replace(self, description=read_text(Path(name), LARGEST_FILE, "the description of a mechanism"))
         elif self.description is not None and Path(name).suffix.lower() in FILES:
             raise InputError(f"mechanism '{name}' is a file, and its description is missing")
         try:
@@ -120,11 +120,6 @@ def _unpacked(name: str, description: str) -> Path:
     except (OSError, UnicodeEncodeError) as error:
         raise InputError(f"mechanism '{name}': cannot be unpacked ({error})") from None
     return path
-
-
-def _text(path: Path) -> str:
-    """Read the file of a mechanism. Raises InputError if it is too large or no text."""
-    return read_text(path, LARGEST_FILE, "the description of a mechanism")
 
 
 @dataclass(frozen=True, repr=False)

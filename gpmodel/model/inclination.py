@@ -55,7 +55,6 @@ class Inclination:
 
     @property
     def readings(self) -> Mask:
-        """Mask of the measured inclinations about two axes, (poses, 2)."""
         return np.isfinite(self.values)
 
     def subset(self, rows: IntArray) -> "Inclination":

@@ -240,7 +240,6 @@ class Pixels:
 
     @property
     def readings(self) -> Mask:
-        """Mask of the measured pixel coordinates, (rows, 2)."""
         return np.isfinite(self.values)
 
     def subset(self, rows: IntArray) -> "Pixels":

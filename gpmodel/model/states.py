@@ -360,7 +360,8 @@ def _remembering(
     if same:
         past, weights, seen, turned, rows = same.past, same.weights, same.seen, same.turned, same.rows
     else:
-        past, weights, seen, rows = None, link_weights(mechanism, dataset.q), _seen(dataset), None
+        past, weights, rows, measured = None, link_weights(mechanism, dataset.q), None, np.isfinite(dataset.position)
+        seen = Seen(dataset.position, dataset.instrument) if measured.all(axis=1).any() else None
         turned = ball_angles(mechanism, dataset.q)
     clock = None if past else memory.clock_of(dataset)
     if clock is not None:
@@ -371,7 +372,3 @@ def _remembering(
             if whole is not None and name not in columns:
                 columns[name], units[name] = whole if rows is None else whole[rows], past.unit(name)
     return States(MappingProxyType(columns), MappingProxyType(units), past, weights, seen, turned=turned, rows=rows)
-
-
-def _seen(dataset: Dataset) -> Seen | None:
-    return Seen(dataset.position, dataset.instrument) if np.isfinite(dataset.position).all(axis=1).any() else None

@@ -157,7 +157,6 @@ class DOptimal:
     """D-optimality: minimise the volume of the confidence region of the unknowns, -log det of their information."""
 
     def value(self, information: Array) -> float:
-        """Return -log of the determinant of the information matrix."""
         return -float(np.linalg.slogdet(information)[1])
 
     def change(self, information: Array, columns: Array, sign: float) -> Array:
@@ -170,7 +169,6 @@ class EOptimal:
     """E-optimality: minimise the variance of the least determined combination of unknowns."""
 
     def value(self, information: Array) -> float:
-        """Return -log of the smallest eigenvalue of the information matrix."""
         return -float(np.log(max(np.linalg.eigvalsh(information)[0], 1e-300)))
 
     def change(self, information: Array, columns: Array, sign: float) -> Array:
@@ -191,7 +189,6 @@ class LOptimal:
     weight: Array
 
     def value(self, information: Array) -> float:
-        """Return log trace(weight M⁻¹) for the information matrix M."""
         return float(np.log(np.trace(linalg.solve(information, self.weight, assume_a="pos"))))
 
     def change(self, information: Array, columns: Array, sign: float) -> Array:

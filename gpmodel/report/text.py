@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from gpmodel import wording
 from gpmodel.report import verdict, words
-from gpmodel.report.schema import ErrorsMm, Report
+from gpmodel.report.schema import Report
 from gpmodel.report.schema_search import EffectRecord
 from gpmodel.wording import NAME, WIDTH, wrapped
 
@@ -35,9 +35,8 @@ def _ladder(report: Report) -> Iterator[str]:
     if not report.ladder:
         return
     sides = ("held out", "training") if report.held else ("training",)
-    rows = [
-        [v for e in ((r.heldout, r.train) if report.held else (r.train,)) for v in _cells(e)] for r in report.ladder
-    ]
+    errors = [(r.heldout, r.train) if report.held else (r.train,) for r in report.ladder]
+    rows = [[wording.millimetres(v) for e in row for v in (e.mean_mm, e.rms_mm, e.max_mm)] for row in errors]
     turns = [report.turn_mrad(rung) for rung in report.ladder]
     width = max(7, 2 + max(len(cell) for row in rows for cell in row))
     name = min(NAME, WIDTH - 4 - 10 - 8 * any(turns) - len(rows[0]) * width)
@@ -52,10 +51,6 @@ def _ladder(report: Report) -> Iterator[str]:
         cells = "".join(f"{cell:>{width}}" for cell in row)
         angle = "" if turn is None else f"{wording.significant(turn, 3):>8}"
         yield f"    {title:<{name}}{cells}{'' if rung.rank is None else rung.rank:>10}{angle}"
-
-
-def _cells(errors: ErrorsMm) -> tuple[str, ...]:
-    return tuple(wording.millimetres(v) for v in (errors.mean_mm, errors.rms_mm, errors.max_mm))
 
 
 def _readings(report: Report) -> Iterator[str]:

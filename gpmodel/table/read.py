@@ -58,6 +58,7 @@ def dataset_from(
     q = np.column_stack([_complete(values, f"{path.name}, column '{joint}'") for joint, values in joints.items()])
     _check_measurement(path, cells, need_measurement)
     _check_near(path, cells)
+    tools = {"tool": cells.labels["tip"]} if branched(mechanism) and "tip" in cells.labels else {}
     dataset = Dataset(
         joints=tuple(j.name for j in mechanism.joints),
         kinds=tuple(j.kind for j in mechanism.joints),
@@ -68,15 +69,10 @@ def dataset_from(
         columns=tuple(joints),
         empty_rows=int(frame.attrs.get("empty_rows", 0)),
         joints_approximate=not all(j.measured for j in mechanism.joints),
-        **vars(cells) | {"labels": _with_tools(cells.labels, mechanism), "ignored": tuple(cells.ignored)},
+        **vars(cells) | {"labels": tools | cells.labels, "ignored": tuple(cells.ignored)},
     )
     check_repeats(dataset)
     return dataset
-
-
-def _with_tools(labels: dict[str, NDArray[np.str_]], mechanism: Mechanism) -> dict[str, NDArray[np.str_]]:
-    """Return labels in which every arm has a separate tool, unless the table has a tool column."""
-    return {"tool": labels["tip"], **labels} if branched(mechanism) and "tip" in labels else labels
 
 
 @dataclass
@@ -105,7 +101,7 @@ class _Cells:
             self.rotation[:, "xyz".index(name[1])] = numbers(column, where) * factor(unit or "1", "angle", where)
         elif name.startswith("distance_"):
             self.distances[name] = _not_negative(numbers(column, where) * factor(unit or "1", "length", where), where)
-        elif name in READINGS and _is_reading(name, unit):
+        elif name in READINGS and (READINGS[name] != "px" or unit in (None, "px", "pixel", "pixels")):
             dimension = {"m": "length", "rad": "angle"}.get(READINGS[name])
             self.readings[name] = numbers(column, where) * (factor(unit or "1", dimension, where) if dimension else 1.0)
         elif name == "payload":
@@ -264,11 +260,6 @@ def _example(name: str, cells: pd.Series, joints: dict[str, Joint]) -> str:
     if name.startswith("distance_"):
         dimension = "length"
     return _EXAMPLES[dimension] if dimension else "unit" * _has_numbers(cells)
-
-
-def _is_reading(name: str, unit: str | None) -> bool:
-    """Return True if a column with a reserved name was measured by an instrument; `u [V]` is an input."""
-    return unit is None or READINGS[name] != "px" or unit in ("px", "pixel", "pixels")
 
 
 def _has_numbers(column: pd.Series) -> bool:

@@ -133,7 +133,8 @@ def _check_drives(mechanism: Mechanism, q: Array) -> None:
     def rate(slot: int, axis: str) -> Array:
         if loops:
             return tool @ _twisted(loops.carried(frames, slot)[:, :, AXES.index(axis)])
-        return _rate(frames[slot], axis) @ tool
+        turned: Array = frames[slot] @ _twisted(np.eye(6)[None, AXES.index(axis)])
+        return turned @ np.linalg.inv(frames[slot]) @ tool
 
     for column, joint in enumerate(mechanism.joints):
         numeric = _slope(lambda at: chain(mechanism.transforms(at))[-1], q, column)
@@ -223,11 +224,6 @@ def _slope(function: Callable[[Array], Array], q: Array, column: int) -> Array:
     step = np.zeros(q.shape[1])
     step[column] = 1e-6
     return (function(q + step) - function(q - step)) / 2e-6
-
-
-def _rate(frame: Array, axis: str) -> Array:
-    """Return the change, in the root frame, of the poses of later frames by a unit twist of `frame`, one per pose."""
-    return frame @ _twisted(np.eye(6)[None, AXES.index(axis)]) @ np.linalg.inv(frame)
 
 
 def _twisted(twists: Array) -> Array:

@@ -10,12 +10,13 @@ from instances import some
 
 from gpmodel.checks.judge import check_dataset, refuse
 from gpmodel.checks.mixed_up import mixed_up
-from gpmodel.checks.notes import flange, least_misfit, rms_misfit, unknowns
+from gpmodel.checks.notes import flange, least_misfit, registered, unknowns
 from gpmodel.errors import InputError
 from gpmodel.mechanism.protocol import Mechanism
 from gpmodel.model.effect import effect_at
 from gpmodel.model.error_model import ErrorModel, observe, prepare
 from gpmodel.model.sites import geometric_effects
+from gpmodel.numerics.least_squares import root_mean_square
 from gpmodel.numerics.se3 import exp, rotation_vector
 from gpmodel.planning.simulate import Simulation
 from gpmodel.table.dataset import Dataset
@@ -244,8 +245,9 @@ def test_two_tools_are_no_misreading() -> None:
 def test_no_registration_and_tool_come_below_the_least_misfit(arm: str) -> None:
     mechanism, made = robot(40, name=arm)
     position = made.dataset.position + np.random.default_rng(0).normal(0.0, 0.01, (40, 3))
-    bound = least_misfit(flange(mechanism, made.dataset.q), position)
-    reached = rms_misfit(mechanism, made.dataset.q, position)
+    frames = flange(mechanism, made.dataset.q)
+    bound = least_misfit(frames, position)
+    reached = root_mean_square(registered(frames, position).errors(frames, position))
     assert 0.5 * reached < bound <= reached
 
 
